@@ -62,12 +62,12 @@ def _subdivide_long_triangles(corners: Array, longest: float) -> Array:
     """Return the same surface with no edge above ``longest`` m, up to MAX_TRIANGLES: triangles (F, 3, 3) are halved
     repeatedly.
     """
-    done, made = [corners[:0]], 0
+    done, count = [corners[:0]], 0
     while len(corners):
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # from each corner to the next
         long = edges.max(axis=1) > longest
-        made += int(long.sum())
-        if made > MAX_TRIANGLES:
+        count += int(long.sum())
+        if count > MAX_TRIANGLES:
             break
         done.append(corners[~long])
         first = edges[long].argmax(axis=1)
@@ -104,15 +104,15 @@ def _build_tree(corners: Array, normals: Array) -> BoxTreeMesh:
     low, high = np.empty((most, 3)), np.empty((most, 3))
     child, first, count = (np.empty(most, np.int64) for _ in range(3))
     order = np.arange(len(corners))
-    made = _fill_tree(corners, low, high, child, first, count, order, np.empty(len(corners)))
+    box_count = _fill_tree(corners, low, high, child, first, count, order, np.empty(len(corners)))
     return BoxTreeMesh(
         corners=corners,
         normals=normals,
-        low=low[:made],
-        high=high[:made],
-        child=child[:made],
-        first=first[:made],
-        count=count[:made],
+        low=low[:box_count],
+        high=high[:box_count],
+        child=child[:box_count],
+        first=first[:box_count],
+        count=count[:box_count],
         order=order,
     )
 
@@ -122,8 +122,8 @@ def _fill_tree(
     corners: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints, middle: Array
 ) -> int:
     """Fill the arrays of the boxes, level by level, and sort ``order``; return the number of boxes."""
-    first[0], count[0], made, k = 0, len(corners), 1, 0
-    while k < made:
+    first[0], count[0], box_count, k = 0, len(corners), 1, 0
+    while k < box_count:
         a, n = first[k], count[k]
         for c in range(3):
             low[k, c], high[k, c] = np.inf, -np.inf
@@ -141,10 +141,10 @@ def _fill_tree(
             for m in range(a, a + n):
                 of = order[m]
                 middle[m] = corners[of, 0, side] + corners[of, 1, side] + corners[of, 2, side]
-            child[k], half = made, n // 2
+            child[k], half = box_count, n // 2
             _partition_by_median(middle, order, a, a + n - 1, a + half)
-            first[made], count[made] = a, half
-            first[made + 1], count[made + 1] = a + half, n - half
-            made += 2
+            first[box_count], count[box_count] = a, half
+            first[box_count + 1], count[box_count + 1] = a + half, n - half
+            box_count += 2
         k += 1
-    return made
+    return box_count

@@ -140,32 +140,32 @@ class CollisionModel:
         self._lines, self.clearance = MachineLines.build(cell, machine, still=still), clearance
         carriers = LinkCarriers(cell, machine)
         self._bodies = [*build_robot_bodies(carriers, shapes), *build_cell_bodies(cell, carriers)]
-        wanted = [(i, j, False) for i, j in list_candidate_pairs(self._bodies)]
+        candidates = [(i, j, False) for i, j in list_candidate_pairs(self._bodies)]
         if cell.tool.cutter is not None:
             cutter, drawn_in = (
                 build_cutter_body(cell, machine, cell.tool.cutter, s) for s in (0.0, CONTACT_TOLERANCE_M)
             )
             for i, body in enumerate(self._bodies):
                 if body.kind == "workpiece":
-                    wanted.append((i, len(self._bodies) + 1, True))
+                    candidates.append((i, len(self._bodies) + 1, True))
                 elif body.kind == "obstacle" or (body.kind == "link" and body.link <= machine.base_link + 5):
-                    wanted.append((i, len(self._bodies), False))
+                    candidates.append((i, len(self._bodies), False))
             self._bodies += [cutter, drawn_in]
         by_cell = list_allowed_contacts(cell)
-        told = tuple(
+        exclusions = tuple(
             self._describe_exclusions(pair[:2], why)
-            for pair in wanted
+            for pair in candidates
             if (why := by_cell.get(self._names(*pair[:2]))) is not None
         )
-        wanted = [pair for pair in wanted if self._names(*pair[:2]) not in by_cell]
+        candidates = [pair for pair in candidates if self._names(*pair[:2]) not in by_cell]
         self.adjacent: tuple[ExcludedCollisionPair, ...] = tuple(
             self._describe_exclusions(pair, "adjacent: one hangs on the other")
             for pair in list_adjacent_pairs(self._bodies)
         )
         self.surfaces = FclSurfaces(self._bodies)
         self.outlines = map_in_threads(build_outline, self._bodies)
-        self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
-        self.excluded: tuple[ExcludedCollisionPair, ...] = (*self._exclude(wanted), *told)
+        self._take([(i, j) for i, j, _ in candidates], [touch for *_, touch in candidates])
+        self.excluded: tuple[ExcludedCollisionPair, ...] = (*self._exclude(candidates), *exclusions)
         self._told_nothing = self._find_constant_pairs()
         at_home = self._check_pairs(np.append(cell.home, cell.external_home)[None, : self._lines.columns])
         self.suspicious: tuple[str, ...] = tuple(
@@ -191,8 +191,10 @@ class CollisionModel:
         near = rows.bound < self._required
         near[cutting] &= ~self._spared
         for p in np.flatnonzero(near.any(axis=0)).tolist():
-            asked = np.flatnonzero(near[:, p] & ~contacts.hit)
-            hit = asked[self._is_near(p, rows.compute_relative_motion(p)[asked])] if len(asked) else asked
+            undecided = np.flatnonzero(near[:, p] & ~contacts.hit)
+            hit = (
+                undecided[self._is_near(p, rows.compute_relative_motion(p)[undecided])] if len(undecided) else undecided
+            )
             contacts.hit[hit], contacts.pair[hit], contacts.row[hit] = True, p, hit
         return contacts
 
@@ -265,9 +267,9 @@ class CollisionModel:
         for start in range(0, len(self.pairs), block):
             some = slice(start, start + block)
             margin = rows.bound[:, some] - self._required[some]
-            asked = ~(cutting[:, None] & self._spared[some])
+            checked = ~(cutting[:, None] & self._spared[some])
             doubt, near = margin < 0.0, margin[1:] + margin[:-1] < rows.reach[:, None]
-            doubt, near = doubt & asked, near & asked[1:]
+            doubt, near = doubt & checked, near & checked[1:]
             for k in np.flatnonzero(doubt.any(axis=0) | near.any(axis=0)).tolist():
                 ways = np.flatnonzero(near[:, k])
                 if len(ways):
@@ -287,13 +289,13 @@ class CollisionModel:
             cutting: (S,) the cutter may touch the workpiece.
             cap: m, distances above it are not measured.
         """
-        asked = ~(np.asarray(cutting, bool)[:, None] & self._spared) & ~self._told_nothing
+        checked = ~(np.asarray(cutting, bool)[:, None] & self._spared) & ~self._told_nothing
         return find_nearest_pairs(
             self.stack,
             self.surfaces,
             [o.mesh for o in self.outlines],
             self._lines.compute_line_positions(q),
-            asked,
+            checked,
             cap,
         )
 
@@ -320,8 +322,8 @@ class CollisionModel:
 
     def _is_distance_constant(self, p: int, q: Array) -> bool:
         """Return whether pair p has the same distance at each q (S, n), within the cap and without contact."""
-        asked = np.broadcast_to(np.arange(len(self.pairs)) == p, (len(q), len(self.pairs)))
-        found = find_nearest_pairs(self.stack, self.surfaces, [o.mesh for o in self.outlines], q, asked).distance
+        checked = np.broadcast_to(np.arange(len(self.pairs)) == p, (len(q), len(self.pairs)))
+        found = find_nearest_pairs(self.stack, self.surfaces, [o.mesh for o in self.outlines], q, checked).distance
         return bool(found.min() > 0.0 and found.max() < MAX_DISTANCE_M and np.ptp(found) < UNCHANGED)
 
     def _names(self, i: int, j: int) -> frozenset[str]:
@@ -349,7 +351,7 @@ class CollisionModel:
         list.
         """
         lines, bodies = self._lines, self._bodies
-        asked = [
+        sampled = [
             n
             for n, (i, j, _) in enumerate(wanted)
             if bodies[i].kind == bodies[j].kind == "link"
@@ -359,17 +361,17 @@ class CollisionModel:
         rng = np.random.default_rng(0)  # the same poses for every run of a robot
         few = slice(0, lines.columns)
         q = lines.lower[few] + (lines.upper - lines.lower)[few] * rng.random((RANDOM_POSES, lines.columns))
-        quick = self._check_pairs(q[: RANDOM_POSES // 10], asked)[:, asked].mean(axis=0)
-        asked = [n for n, share in zip(asked, quick, strict=True) if share > TWO_APART_CONTACT_SHARE / 2]
-        share = self._check_pairs(q, asked).mean(axis=0)
+        quick = self._check_pairs(q[: RANDOM_POSES // 10], sampled)[:, sampled].mean(axis=0)
+        sampled = [n for n, share in zip(sampled, quick, strict=True) if share > TWO_APART_CONTACT_SHARE / 2]
+        share = self._check_pairs(q, sampled).mean(axis=0)
         dropped: dict[int, str] = {}
         near = f"in touch or nearer than {1e3 * self.clearance:g} mm in {{:.0%}} of {RANDOM_POSES} random poses"
-        two_apart = [n for n in asked if count_links_between(*(bodies[k] for k in wanted[n][:2])) == 2]
+        two_apart = [n for n in sampled if count_links_between(*(bodies[k] for k in wanted[n][:2])) == 2]
         some = [n for n in two_apart if TWO_APART_CONTACT_SHARE < share[n] <= ADJACENT_CONTACT_SHARE]
         if some:  # a large clearance does not indicate a coarse mesh: only true contact excludes a pair
             self._take([(i, j) for i, j, _ in wanted], [True] * len(wanted))
             share[some] = self._check_pairs(q, some)[:, some].mean(axis=0)
-        for n in asked:
+        for n in sampled:
             a, b = (bodies[k] for k in wanted[n][:2])
             of_one = (
                 a.link >= lines.machine.world_link or b.link <= lines.machine.world_link
@@ -384,8 +386,8 @@ class CollisionModel:
             ExcludedCollisionPair(bodies[wanted[n][0]].name, bodies[wanted[n][1]].name, reason, float(share[n]))
             for n, reason in dropped.items()
         )
-        kept = [pair for n, pair in enumerate(wanted) if n not in dropped]
-        self._take([(i, j) for i, j, _ in kept], [touch for *_, touch in kept])
+        remaining = [pair for n, pair in enumerate(wanted) if n not in dropped]
+        self._take([(i, j) for i, j, _ in remaining], [touch for *_, touch in remaining])
         return out
 
     def check_single_pairs(self, q: Array, pair: NDArray[np.integer[Any]]) -> Bools:
@@ -401,8 +403,10 @@ class CollisionModel:
         for p in np.unique(pair).tolist():
             rows = np.flatnonzero(pair == p)
             i, j = self.stack.links[p]
-            far = np.abs(np.diff(q[rows, i:j], axis=0)).sum() > SORTING_STRIP_RAD * len(rows)
-            if j - i <= 2 and far:  # with two joints in between, neighbours in these are neighbouring placements
+            is_scattered = np.abs(np.diff(q[rows, i:j], axis=0)).sum() > SORTING_STRIP_RAD * len(rows)
+            if (
+                j - i <= 2 and is_scattered
+            ):  # with two joints in between, neighbours in these are neighbouring placements
                 rows = rows[np.lexsort((q[rows, j - 1], np.round(q[rows, i] / SORTING_STRIP_RAD)))]
             out[rows] = self._is_near(p, self.stack.compute_relative_motion(p, q[rows]))
         return out

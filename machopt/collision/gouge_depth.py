@@ -151,12 +151,14 @@ class _GuidedPoints:
         """
         from scipy.spatial import cKDTree  # imported here: not available where a wheel is built
 
-        beside, leader = cKDTree(leaders).query(others) if len(others) else (np.zeros(0), np.zeros(0, np.int64))
+        leader_distance, leader = (
+            cKDTree(leaders).query(others) if len(others) else (np.zeros(0), np.zeros(0, np.int64))
+        )
         n = len(leaders)
         return cls(
             np.ascontiguousarray(np.concatenate([leaders, others])),
             np.concatenate([np.full(n, -1, np.int64), leader.astype(np.int64)]),
-            np.concatenate([np.zeros(n), beside]),
+            np.concatenate([np.zeros(n), leader_distance]),
         )
 
 
@@ -209,7 +211,7 @@ def _list_mesh_arrays(mesh: BoxTreeMesh) -> tuple[Array, Array, Array, Ints, Int
 def _compute_row_depths(
     points: Array,
     leader: Ints,
-    beside: Array,
+    leader_distance: Array,
     T: Array,
     corners: Array,
     low: Array,
@@ -239,7 +241,7 @@ def _compute_row_depths(
             )  # the deepest point of the previous row first: most others are known to be less deep
             if begin < 0 and n == which[m - 1]:
                 continue
-            if leader[k] >= 0 and n >= 0 and left[leader[k]] > beside[k]:
+            if leader[k] >= 0 and n >= 0 and left[leader[k]] > leader_distance[k]:
                 continue
             square = 0.0
             for c in range(3):
@@ -386,11 +388,11 @@ def _count_ray_crossings(
     while depth:
         depth -= 1
         k = waiting[depth]
-        near, far = 0.0, np.inf
+        entry_length, exit_length = 0.0, np.inf
         for c in range(3):
             a, b = (low[k, c] - x[c]) / ray[c], (high[k, c] - x[c]) / ray[c]
-            near, far = max(near, min(a, b)), min(far, max(a, b))
-        if near > far + 1e-9:
+            entry_length, exit_length = max(entry_length, min(a, b)), min(exit_length, max(a, b))
+        if entry_length > exit_length + 1e-9:
             continue
         if child[k] >= 0:
             waiting[depth], waiting[depth + 1] = child[k], child[k] + 1

@@ -185,8 +185,8 @@ def compute_distances_along_rows(
     u = np.empty(3)
     known, last, i, j = 0.0, -1, order[0], sequence[0]
     for n in rows:
-        gone = abs(way[n] - way[last]) + ROUNDING_M if last >= 0 else np.inf
-        if bound[n] >= most[n] or (last >= 0 and known - gone >= most[n]):
+        motion = abs(way[n] - way[last]) + ROUNDING_M if last >= 0 else np.inf
+        if bound[n] >= most[n] or (last >= 0 and known - motion >= most[n]):
             continue
         _move_triangles(T[n], b, nb, moved, turned)
         _update_boxes(moved, inner, begin, number, sequence, lo, hi)
@@ -214,7 +214,7 @@ def compute_distances_along_rows(
             work,
             u,
         )
-        fresh[n] = last < 0 or max(d, known) <= gone
+        fresh[n] = last < 0 or max(d, known) <= motion
         out[n], known, last = d, d, n
     return out, fresh
 

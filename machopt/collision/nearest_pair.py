@@ -66,11 +66,11 @@ def find_nearest_pairs(
 
 
 def _find_nearest_in_block(
-    stack: BodyPairs, surfaces: FclSurfaces, meshes: list[BoxTreeMesh], q: Array, asked: Bools, cap: float
+    stack: BodyPairs, surfaces: FclSurfaces, meshes: list[BoxTreeMesh], q: Array, requested: Bools, cap: float
 ) -> tuple[Array, NDArray[np.int32]]:
     rows = MotionRows(stack, q)
     best, which = np.full(len(q), cap), np.full(len(q), -1, np.int32)
-    bound = np.where(asked, rows.bound, np.inf)
+    bound = np.where(requested, rows.bound, np.inf)
     least = _tighten_bound(_PairDistances(stack, surfaces, meshes, rows), bound, cap)
     for p in np.argsort(np.median(bound, axis=0), kind="stable").tolist():
         most = np.minimum(best, least)
@@ -99,10 +99,10 @@ def _tighten_bound(measure: _PairDistances, bound: Array, cap: float) -> Array:
             continue
         nth = np.searchsorted(known, every)
         for near in (known[np.minimum(nth, len(known) - 1)], known[np.maximum(nth - 1, 0)]):
-            gone = np.abs(way - way[near]) + ROUNDING_M
+            motion = np.abs(way - way[near]) + ROUNDING_M
             wanted = np.isfinite(bound[:, p])
-            bound[:, p] = np.where(wanted, np.maximum(bound[:, p], d[near] - gone), np.inf)
-            least = np.where(wanted, np.minimum(least, d[near] + gone), least)
+            bound[:, p] = np.where(wanted, np.maximum(bound[:, p], d[near] - motion), np.inf)
+            least = np.where(wanted, np.minimum(least, d[near] + motion), least)
     return least
 
 

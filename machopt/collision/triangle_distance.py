@@ -149,8 +149,8 @@ def compute_separation_along(A: Array, B: Array, u: Array) -> float:
         B: (3, 3) m, second triangle.
         u: (3,) unit vector.
     """
-    far, near = -np.inf, np.inf
+    a_end, b_start = -np.inf, np.inf
     for k in range(3):
-        far = max(far, A[k, 0] * u[0] + A[k, 1] * u[1] + A[k, 2] * u[2])
-        near = min(near, B[k, 0] * u[0] + B[k, 1] * u[1] + B[k, 2] * u[2])
-    return float(near - far)
+        a_end = max(a_end, A[k, 0] * u[0] + A[k, 1] * u[1] + A[k, 2] * u[2])
+        b_start = min(b_start, B[k, 0] * u[0] + B[k, 1] * u[1] + B[k, 2] * u[2])
+    return float(b_start - a_end)

@@ -144,7 +144,7 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
     import pinocchio as pin
 
     full = pin.buildModelFromXML(_replace_continuous_joints(cell))
-    wanted = set(cell.arm_joints)
+    arm_joints = set(cell.arm_joints)
     missing = [name for name in cell.arm_joints if not full.existJointName(name)]
     if missing:
         raise InputError(
@@ -152,7 +152,7 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
             file=cell.urdf,
             where="robot.arm_joints",
         )
-    locked = [full.getJointId(name) for name in full.names[1:] if name not in wanted]
+    locked = [full.getJointId(name) for name in full.names[1:] if name not in arm_joints]
     model = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
     if model.nq != model.nv or model.nv != len(cell.arm_joints) or list(model.names[1:]) != list(cell.arm_joints):
         raise InputError(

@@ -194,7 +194,7 @@ def build_encoder_correction(kinematics: KinematicCorrections | None) -> Encoder
             raise ValueError(f"{c.effect!r} is no kinematic correction")
         law = laws[c.effect][1]
         values, shape, _ = parameter_conversion.read_law_parameters(law, ParameterReader(c.parameters, c.effect))
-        said = format_effect_at_place(c.effect, c.location)
+        label = format_effect_at_place(c.effect, c.location)
         by, moved = parse_joint_location(c.location)
         stated = angle_range.read_angle_range(c.parameters)
         parts.append(
@@ -205,7 +205,7 @@ def build_encoder_correction(kinematics: KinematicCorrections | None) -> Encoder
                 values=values,
                 shape=shape,
                 range_limits=stated,
-                label=said,
+                label=label,
             )
         )
     return EncoderCorrection(tuple(parts)) if parts else None

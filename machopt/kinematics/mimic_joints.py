@@ -131,8 +131,8 @@ def _find_driven_neighbour(
     axis, point = lines[joints[n]]
     for j in joints[n + 1 :]:
         other, place = lines[j]
-        beside = np.linalg.norm(np.cross(other, point - place))
-        if np.linalg.norm(np.cross(axis, other)) > SAME_RAD or beside > SAME_M:
+        line_distance = np.linalg.norm(np.cross(other, point - place))
+        if np.linalg.norm(np.cross(axis, other)) > SAME_RAD or line_distance > SAME_M:
             break
         if j in arm:
             return j, float(np.sign(axis @ other))

@@ -160,14 +160,16 @@ class PlacementSite:
         Args:
             place: assessed place.
         """
-        begun = time.perf_counter()
+        start_time = time.perf_counter()
         worst, mean, cycle, softest = [], [], 0.0, []
         for toolpath, job in zip(self.toolpaths, self.jobs, strict=True):
             stints = [task.stint for task in job]
             one, seconds, why = plan_at_placement(stints, self.moved_bodies, place.shift, self.options)
             if why:
                 return PlannedPlacement(
-                    place=place, refused=f"no motion for {toolpath.source}: {why}", seconds=time.perf_counter() - begun
+                    place=place,
+                    refused=f"no motion for {toolpath.source}: {why}",
+                    seconds=time.perf_counter() - start_time,
                 )
             worst.append(one.chosen.objective.worst * one.scores.scale)
             mean.append(one.chosen.objective.mean * one.scores.scale)
@@ -182,7 +184,7 @@ class PlacementSite:
             point=softest[hardest][0],
             shares=softest[hardest][1],
             cycle_time=cycle,
-            seconds=time.perf_counter() - begun,
+            seconds=time.perf_counter() - start_time,
         )
 
 
@@ -238,8 +240,8 @@ def find_best_placement(
         if time.monotonic() - start_time > search.seconds and values:
             stopped = f"after {search.seconds / 60:.3g} min"
             break
-        told = f", best so far {1e3 * values[0]:.4g}" if values else ""
-        progress(f"plan {len(planned) + 1} of at most {search.plans}: {place.shift.text}{told}")
+        best_text = f", best so far {1e3 * values[0]:.4g}" if values else ""
+        progress(f"plan {len(planned) + 1} of at most {search.plans}: {place.shift.text}{best_text}")
         whole(place, queue[turn + 1 :])
     remaining = min((p.bound for p in queue if p.number not in planned), default=np.inf)
     grid = PlacementSearchResult(
@@ -273,18 +275,18 @@ def _evaluate_grid(
     search: PlacementOptions,
     journal: SearchJournal,
     progress: Progress,
-    begun: float,
-    hands: PlacementExecutor,
+    start_time: float,
+    executor: PlacementExecutor,
 ) -> list[PlacementCandidate]:
     refusal = site.supports.build_shift_check(site.moved_bodies.names, base=search.base)
     every = build_shift_grid(search)
     known = {k: place for k, shift in enumerate(every) if (place := journal.find_candidate(k, shift)) is not None}
     todo = [k for k in range(len(every)) if k not in known]
     size = 1  # the first alone: after an installation it compiles the kernels for the others
-    while todo and not (known and time.monotonic() - begun > search.seconds):
+    while todo and not (known and time.monotonic() - start_time > search.seconds):
         now, todo = todo[:size], todo[size:]
-        size = 1 if hands.worker_count == 1 else 4 * hands.worker_count
-        asked = [
+        size = 1 if executor.worker_count == 1 else 4 * executor.worker_count
+        queries = [
             CandidateQuery(
                 k,
                 every[k],
@@ -293,7 +295,8 @@ def _evaluate_grid(
             for k in now
         ]
         known |= {
-            place.number: journal.append(place) for place in hands.map_items(PlacementSite.evaluate_candidate, asked)
+            place.number: journal.append(place)
+            for place in executor.map_items(PlacementSite.evaluate_candidate, queries)
         }
         if now[-1] % 10 == 0 or size > 1 or not todo:
             progress(f"place {len(known)} of {len(every)}, {sum(p.is_feasible for p in known.values())} within reach")
@@ -302,7 +305,7 @@ def _evaluate_grid(
 
 
 def _refine_best(
-    site: PlacementSite, best: PlacementCandidate, search: PlacementOptions, number: int, hands: PlacementExecutor
+    site: PlacementSite, best: PlacementCandidate, search: PlacementOptions, number: int, executor: PlacementExecutor
 ) -> PlacementCandidate | None:
     """Return a better place near the best of the grid, by the grid's best sequence there; None: there is none.
 
@@ -317,7 +320,7 @@ def _refine_best(
                 clip_shift(search, replace(now.shift, **{axis: getattr(now.shift, axis) + sign * size}))
                 for sign in ((-1.0, 1.0) if size else ())
             ]
-            asked = [
+            queries = [
                 CandidateQuery(
                     number, shift, refusal.find_refusal_reason(shift, shift.build_matrix(site.moved_bodies.centre))
                 )
@@ -326,7 +329,7 @@ def _refine_best(
             ]
             better = (
                 p
-                for p in hands.map_items(PlacementSite.evaluate_candidate, asked)
+                for p in executor.map_items(PlacementSite.evaluate_candidate, queries)
                 if p.is_feasible and p.worst < now.worst
             )
             now = next(better, now)
@@ -334,22 +337,24 @@ def _refine_best(
 
 
 def _evaluate_neighbours(
-    site: PlacementSite, best: list[PlacementCandidate], search: PlacementOptions, hands: PlacementExecutor
+    site: PlacementSite, best: list[PlacementCandidate], search: PlacementOptions, executor: PlacementExecutor
 ) -> dict[int, tuple[NearbyPlacement, ...]]:
     refusal = site.supports.build_shift_check(site.moved_bodies.names, base=search.base)
-    asked, moved_by = [], []
+    queries, moved_by = [], []
     for place in best:
         for axis in "xyz":
             for sign in (-1.0, 1.0):
                 shift = replace(place.shift, **{axis: getattr(place.shift, axis) + sign * NEIGHBOUR_DISTANCE_M})
-                asked.append(
+                queries.append(
                     CandidateQuery(
                         -1, shift, refusal.find_refusal_reason(shift, shift.build_matrix(site.moved_bodies.centre))
                     )
                 )
                 moved_by.append((place.number, f"{axis} {sign * 1e3 * NEIGHBOUR_DISTANCE_M:+.0f} mm"))
     out: dict[int, tuple[NearbyPlacement, ...]] = {place.number: () for place in best}
-    for (number, way), found in zip(moved_by, hands.map_items(PlacementSite.evaluate_candidate, asked), strict=True):
+    for (number, way), found in zip(
+        moved_by, executor.map_items(PlacementSite.evaluate_candidate, queries), strict=True
+    ):
         out[number] += (NearbyPlacement(found.shift, way, found.refused, found.worst),)
     return out
 

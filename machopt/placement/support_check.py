@@ -82,13 +82,15 @@ class SupportModel:
         start, other = (BASE, PART) if base else (PART, BASE)
         graph = self._build_contact_graph()
         lowest = {name: min(self._get_lowest_point(b) for b in bodies) for name, bodies in self.bodies.items()}
-        kept = set(graph) - self.links - {other} - graph.get(other, set()) | {start}
+        movable = set(graph) - self.links - {other} - graph.get(other, set()) | {start}
         while True:
-            kept = _find_connected_bodies(graph, start, kept)
-            stays = {m for m in kept - {start} for n in graph[m] - kept if lowest[n] > lowest[m] + HEIGHT_TOLERANCE_M}
+            movable = _find_connected_bodies(graph, start, movable)
+            stays = {
+                m for m in movable - {start} for n in graph[m] - movable if lowest[n] > lowest[m] + HEIGHT_TOLERANCE_M
+            }
             if not stays:
-                return frozenset(kept - {start})
-            kept -= stays
+                return frozenset(movable - {start})
+            movable -= stays
 
     def build_shift_check(self, moving: frozenset[str], *, base: bool) -> ShiftCheck:
         """Return the check of shifts.

@@ -339,11 +339,11 @@ class ArmElasticity:
                 where="terms",
             )
         for term in compiled:
-            lacking = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
-            lacking += term.missing_keys
-            if lacking:
+            missing = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
+            missing += term.missing_keys
+            if missing:
                 raise InputError(
-                    f"{term.effect} at {term.location} lacks values for {', '.join(lacking)}", file=file, where="terms"
+                    f"{term.effect} at {term.location} lacks values for {', '.join(missing)}", file=file, where="terms"
                 )
         compiled, wrong = _limit_to_springs(compiled, stiffness, limits)
         if wrong is not None:
@@ -438,8 +438,8 @@ def _limit_to_springs(
     k = stiffness.joints[None]
     if stiffness.grid is not None:
         k = np.concatenate([k, stiffness.grid.joints])
-    held = limit_to_spring_range(compiled, k, limits)
-    return held, stiffness_find_unstable_term(held, k, limits)
+    limited = limit_to_spring_range(compiled, k, limits)
+    return limited, stiffness_find_unstable_term(limited, k, limits)
 
 
 def _build_diagonal(k: Array) -> Array:

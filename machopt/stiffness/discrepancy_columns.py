@@ -120,7 +120,7 @@ class DiscrepancyColumns:
         if weight is None:
             weight = self.compute_weight_torque(state)
         out = np.empty((len(load), 6, len(self.names)))
-        held: dict[int, Array] = {}
+        cached: dict[int, Array] = {}
         for n, name in enumerate(self.names):
             part = parse_discrepancy_name(name)
             word = part.kind
@@ -134,11 +134,11 @@ class DiscrepancyColumns:
                 out[:, :, n] = J[:, :, i] * load[:, j, None] + J[:, :, j] * load[:, i, None]
             elif word == TERM:
                 t, p = part.numbers
-                if t not in held:
-                    held[t] = np.asarray(
+                if t not in cached:
+                    cached[t] = np.asarray(
                         self.terms[t].compute_response_under_weight(state, wrench, weight, small=small)
                     )
-                out[:, :, n] = held[t][:, :, p]
+                out[:, :, n] = cached[t][:, :, p]
             elif word == LOADED:
                 out[:, :, n] = self._compute_load_coupling(state, k, wrench, weight, small=small)
             else:
@@ -165,7 +165,7 @@ class DiscrepancyColumns:
         turn = np.einsum("mci,mc->mi", J, wrench) / k
         if self.geometric and not small:
             turn = turn + np.einsum("mij,mj->mi", compute_geometric_stiffness(J, wrench), turn) / k
-        told = np.einsum("mci,mi->mc", J, turn)
+        rotated = np.einsum("mci,mi->mc", J, turn)
         H = np.zeros((len(k), 6, 6))
         if self.masses is not None:
             state = self.robot.compute_state(state.q + weight / k, self.T_flange_tcp, bodies=True)
@@ -175,7 +175,7 @@ class DiscrepancyColumns:
             H = H + compute_geometric_stiffness(J, wrench)
         turn = np.einsum("mci,mc->mi", J, wrench) / k
         turn = turn + np.einsum("mij,mj->mi", H, turn) / k
-        return np.asarray(np.einsum("mci,mi->mc", J, turn) - told)
+        return np.asarray(np.einsum("mci,mi->mc", J, turn) - rotated)
 
     def _compute_joint_rotation(self, word: str, j: int, load: Array, weight: Array, q: Array, *, small: bool) -> Array:
         """Return the (M,) rotation of joint j in rad per unit."""

@@ -159,11 +159,11 @@ class ExternalJointCompliance:
         out = np.zeros((len(p), 3))
         for part in self.list_parts(external, p):
             rail = part.line >= m.positioner
-            held = arm_at_tcp if rail else np.zeros_like(arm)
+            carried_weight = arm_at_tcp if rail else np.zeros_like(arm)
             for line, weight in weights.items():
                 if m.positioner <= part.line <= line if rail else line <= part.line:  # this spring carries the body too
-                    held = held + weight
-            moved = np.einsum("mij,mj->mi", part.matrix[:, :3], held)
+                    carried_weight = carried_weight + weight
+            moved = np.einsum("mij,mj->mi", part.matrix[:, :3], carried_weight)
             out += moved if rail else -moved
         return np.asarray(np.einsum("mji,mj->mi", R, out))
 

@@ -203,7 +203,7 @@ def compute_geometric_influence(J: Array, k: Array, K_C: Array, wrench: Array) -
 
 
 def compute_directional_stiffness(
-    J: Array, k: Array, direction: Array, held: Literal["nothing", "position", "pose"]
+    J: Array, k: Array, direction: Array, constrained: Literal["nothing", "position", "pose"]
 ) -> Array:
     """Return the stiffness along a direction, with different constraints of the other motions.
 
@@ -216,7 +216,7 @@ def compute_directional_stiffness(
         J: (..., 6, 6) at the TCP.
         k: (..., 6) N·m/rad.
         direction: (..., 3) unit, base axes.
-        held: constrained motions.
+        constrained: constrained motions.
 
     Returns:
         (...,) N/m; inf where a singularity blocks that motion (for ``pose`` this is a property of the
@@ -225,13 +225,13 @@ def compute_directional_stiffness(
     Source: tian2025 eqs. 9 and 11 (either may be meant in its sections 4.2–4.4); dumas2011 eq. 13.
     """
     e = np.asarray(direction, float)
-    rows = J if held == "pose" else J[..., :3, :]
+    rows = J if constrained == "pose" else J[..., :3, :]
     spring = rows / np.sqrt(np.asarray(k, float))[..., None, :]
-    if held == "nothing":
+    if constrained == "nothing":
         compliance = np.sum(np.einsum("...ci,...c->...i", spring, e) ** 2, axis=-1)
         gives = compliance > 0.0
         return np.where(gives, 1.0 / np.where(gives, compliance, 1.0), np.inf)
-    if held == "pose":
+    if constrained == "pose":
         e = np.concatenate([e, np.zeros_like(e)], axis=-1)
     U, s, _ = np.linalg.svd(spring, full_matrices=False)  # C = U s² Uᵀ
     share = np.einsum("...cj,...c->...j", U, e) ** 2

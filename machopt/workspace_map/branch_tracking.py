@@ -140,12 +140,12 @@ def _rank_chain(q: Array, branch: NDArray[np.int64], value: Array, home: Array, 
     """Return the sort key of chains of one rotation, best first: samples covered (negative), ``pick``, travel from
     home.
     """
-    held = np.flatnonzero(np.isfinite(q[:, 0]))
-    if not len(held) or (isinstance(pick, int) and branch[held[0]] != pick):
+    covered = np.flatnonzero(np.isfinite(q[:, 0]))
+    if not len(covered) or (isinstance(pick, int) and branch[covered[0]] != pick):
         return 0.0, np.inf, np.inf
-    far = float(np.abs(q[held[0]] - home).max())
+    start_distance = float(np.abs(q[covered[0]] - home).max())
     least = _round_value(float(np.nanmin(value)))
-    return float(-len(held)), {"best": -least, "worst": least}.get(str(pick), far), far
+    return float(-len(covered)), {"best": -least, "worst": least}.get(str(pick), start_distance), start_distance
 
 
 def _round_value(value: float) -> float:

@@ -256,9 +256,9 @@ def _format_verdict(
         centre, radius = compute_farthest_reach(arm.robot, arm.T_flange_tcp)
         T = invert_transform(options.T_base_frame)
         middle = (T[:3, :3] @ centre + T[:3, 3]) * MM
-        told = f"none of {len(samples):,} samples has a posture; most are {REASON_TEXTS[worst]}"
+        verdict = f"none of {len(samples):,} samples has a posture; most are {REASON_TEXTS[worst]}"
         if samples.q is not None:
-            return f"{told}: the joint limits are {_format_limit_note(setting)}"
+            return f"{verdict}: the joint limits are {_format_limit_note(setting)}"
         short = most.postures.shortfall[most.postures.shortfall > 0]
         miss = (
             f", the nearest by {short.min() * MM:.0f} mm"
@@ -266,7 +266,7 @@ def _format_verdict(
             else ""
         )
         return (
-            f"{told}{miss}; the tool tip never gets further than {radius * MM:.0f} mm from x {middle[0]:.0f}, "
+            f"{verdict}{miss}; the tool tip never gets further than {radius * MM:.0f} mm from x {middle[0]:.0f}, "
             f"y {middle[1]:.0f}, z {middle[2]:.0f} mm of {options.frame}"
         )
     unit, factor = COLUMN_SUFFIXES[criterion.unit]
@@ -302,7 +302,7 @@ def _list_hints(samples: MapSamples, layers: list[MapLayerResult], setting: MapS
     else:
         out += setting.elasticity.warnings
         d = setting.elasticity.stiffness.discrepancy
-        out += [said] if d is not None and (said := d.describe_misfit("Stiffness and deflection")) else []
+        out += [misfit] if d is not None and (misfit := d.describe_misfit("Stiffness and deflection")) else []
         out += _format_external_joints(setting)
     for layer in layers:
         if "deflection" not in layer.values.value:

@@ -81,14 +81,14 @@ def compare_with_measured(
     axes = tuple(table.stiffness)
     measured = np.column_stack([table.stiffness[axis] for axis in axes])
     position, q, warnings = _locate_readings(table, options, arm, setting, criterion)
-    model, held = np.full(measured.shape, np.nan), np.full(measured.shape, np.nan)
+    model, constrained = np.full(measured.shape, np.nan), np.full(measured.shape, np.nan)
     there = np.flatnonzero(np.isfinite(q).all(axis=1))
     if len(there):
         at = setting.evaluate_states(q[there])
         for f, axis in enumerate(axes):
             direction = at.compute_axis("xyz".index(axis))
             model[there, f] = 1.0 / at.elasticity.compute_compliance_along(direction)
-            held[there, f] = at.compute_held_stiffness(direction)
+            constrained[there, f] = at.compute_held_stiffness(direction)
     known = np.isfinite(places).all(axis=1)
     value, inside = np.full((len(places), len(axes)), np.nan), np.zeros(len(places), bool)
     nearest = np.full(len(places), np.nan)
@@ -108,7 +108,7 @@ def compare_with_measured(
         measured=measured,
         left_out=predict_leave_one_out(position, measured, request.power, request.neighbours),
         model=model,
-        held_stiffness=held,
+        held_stiffness=constrained,
         spread=InterpolatedValues(value, inside, nearest),
         power=request.power,
         neighbours=request.neighbours,

@@ -75,7 +75,7 @@ def build_map_settings(cell: Cell, robot: Robot, options: MapOptions) -> MapSett
         elasticity = ArmElasticity(robot, tool, cell.stiffness, (lower, upper), load_masses(cell), counted=True)
     length = options.length or compute_characteristic_length(robot, tool).length
     frame, springs = options.T_base_frame[:3, :3], () if cell.stiffness is None else cell.stiffness.external
-    beside = ExternalJointCompliance.build(load_machine(cell, robot), springs) if springs else None
+    external_compliance = ExternalJointCompliance.build(load_machine(cell, robot), springs) if springs else None
     return MapSettings(
         robot=robot,
         T_flange_tcp=tool,
@@ -85,7 +85,7 @@ def build_map_settings(cell: Cell, robot: Robot, options: MapOptions) -> MapSett
         upper=upper,
         R_base_frame=frame,
         load=options.load,
-        external_compliance=beside,
+        external_compliance=external_compliance,
         external=cell.external_home,
     )
 

@@ -179,14 +179,14 @@ def _choose_block(
     ok = np.asarray(reason == InfeasibilityReason.OK)
     allowed = ok & (np.arange(B) == pick) if isinstance(pick, int) else ok.copy()
     rotations = np.asarray(allowed.any(axis=2).mean(axis=1))
-    far = np.where(allowed, np.abs(q - home).max(axis=-1, initial=0.0), np.inf)
+    home_distance = np.where(allowed, np.abs(q - home).max(axis=-1, initial=0.0), np.inf)
     good = np.full(ok.shape, -np.inf)
     good[allowed] = goodness(q[allowed])
     rotation, branch = np.zeros(n, np.intp), np.zeros(n, np.intp)
     usable = np.zeros(n, bool)
     todo = np.arange(n)
     while len(todo):
-        some, rotation[todo], branch[todo] = _pick_one(good[todo], allowed[todo], far[todo], pick)
+        some, rotation[todo], branch[todo] = _pick_one(good[todo], allowed[todo], home_distance[todo], pick)
         usable[todo] = some
         todo = todo[some]
         if collides is None or not len(todo):
@@ -209,14 +209,14 @@ def _choose_block(
 
 
 def _pick_one(
-    good: Array, allowed: NDArray[np.bool_], far: Array, pick: BranchPick
+    good: Array, allowed: NDArray[np.bool_], home_distance: Array, pick: BranchPick
 ) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
     """Whether anything is allowed, and which rotation and branch, for (n, R, B) candidates."""
     n, R, _ = good.shape
     if pick in ("best", "worst"):
-        branch = _find_nearest_of_equal(-good if pick == "worst" else good, allowed, far)
+        branch = _find_nearest_of_equal(-good if pick == "worst" else good, allowed, home_distance)
     else:
-        branch = np.asarray(np.argmin(np.where(allowed, far, np.inf), axis=-1))
+        branch = np.asarray(np.argmin(np.where(allowed, home_distance, np.inf), axis=-1))
     i, r = np.indices((n, R))
     there = np.asarray(allowed[i, r, branch])
     value = np.where(there, good[i, r, branch], -np.inf)
@@ -226,7 +226,7 @@ def _pick_one(
     return np.asarray(there.any(axis=1)), rotation, branch[np.arange(n), rotation]
 
 
-def _find_nearest_of_equal(score: Array, allowed: NDArray[np.bool_], far: Array) -> NDArray[np.intp]:
+def _find_nearest_of_equal(score: Array, allowed: NDArray[np.bool_], home_distance: Array) -> NDArray[np.intp]:
     """Return the index along the last axis of the highest score; of those within TIE_TOLERANCE of it, the nearest
     one.
     """
@@ -234,7 +234,7 @@ def _find_nearest_of_equal(score: Array, allowed: NDArray[np.bool_], far: Array)
     top = score.max(axis=-1, keepdims=True)
     with np.errstate(invalid="ignore"):
         close = allowed & (score >= top - TIE_TOLERANCE * np.abs(top))
-    return np.asarray(np.argmin(np.where(close, far, np.inf), axis=-1))
+    return np.asarray(np.argmin(np.where(close, home_distance, np.inf), axis=-1))
 
 
 def check_given_postures(q: Array, lower: Array, upper: Array, collides: CollisionCheck | None = None) -> MapPostures:

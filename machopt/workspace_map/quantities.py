@@ -65,8 +65,8 @@ class MapSettings:
             elastic = self.elasticity.evaluate(q)
         else:
             place = self.robot.compute_fk(q, self.T_flange_tcp)[..., :3, 3]
-            stands = np.tile(self.external, (len(q), 1))
-            elastic = self.elasticity.evaluate(q, beside=self.external_compliance.compute_compliance(stands, place))
+            external = np.tile(self.external, (len(q), 1))
+            elastic = self.elasticity.evaluate(q, beside=self.external_compliance.compute_compliance(external, place))
         return PostureStates(self, elastic.state, elastic)
 
 

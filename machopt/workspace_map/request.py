@@ -169,16 +169,16 @@ def parse_numbers(text: str, count: int, where: str, example: str) -> tuple[floa
 
 
 def _select_kind(request: MapRequest) -> MapKind:
-    asked = {
+    requested = {
         "--slice": request.slice is not None,
         "--volume": request.volume,
         "--joints": request.joints is not None,
         "--line": request.line is not None,
     }
-    given = [name for name, there in asked.items() if there]
-    if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} cannot be mapped at once; one of them would work", where=given[1])
-    return cast(MapKind, given[0][2:] if given else "slice")
+    options = [name for name, there in requested.items() if there]
+    if len(options) > 1:
+        raise InputError(f"{' and '.join(options)} cannot be mapped at once; one of them would work", where=options[1])
+    return cast(MapKind, options[0][2:] if options else "slice")
 
 
 def _parse_plane(text: str) -> str:

@@ -92,11 +92,11 @@ def refine_branches(axis: Array, point: Array, zero: Array, T: Array, q: Array) 
                 there = off < POSE_TOLERANCE
                 if off < CONVERGENCE or not solve_newton_step(J[0], A):
                     break
-                far = 0.0
+                distance = 0.0
                 for i in range(6):
                     at[0, i] += A[i, 6]
-                    far = max(far, abs(at[0, i] - start[i]))
-                if not far < MAX_BRANCH_DISTANCE_RAD:
+                    distance = max(distance, abs(at[0, i] - start[i]))
+                if not distance < MAX_BRANCH_DISTANCE_RAD:
                     there = False
                     break
             for i in range(6):

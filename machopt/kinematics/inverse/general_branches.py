@@ -112,8 +112,8 @@ def _compute_three_parallel_margins(vectors: tuple[Vector, ...], q: Array, margi
                 continue
             c3, s3 = math.cos(q[m, b, 2]), math.sin(q[m, b, 2])
             fore = rotate_vector(h3, c3, s3, link)
-            beside = dot_product(fore, h2)
-            fore = (fore[0] - beside * h2[0], fore[1] - beside * h2[1], fore[2] - beside * h2[2])
+            parallel_part = dot_product(fore, h2)
+            fore = (fore[0] - parallel_part * h2[0], fore[1] - parallel_part * h2[1], fore[2] - parallel_part * h2[2])
             x = _rotate_point(h4, p4, math.cos(q[m, b, 3]), math.sin(q[m, b, 3]), p5)  # where axes 5 and 6 meet
             x = _rotate_point(h2, p2, math.cos(q[m, b, 1]), math.sin(q[m, b, 1]), _rotate_point(h3, p3, c3, s3, x))
             margin[m, 0, b] = abs(dot_product((x[0] - p1[0], x[1] - p1[1], x[2] - p1[2]), normal))

@@ -171,8 +171,8 @@ class GeneralSolver:
         rough, pose = elimination.find_candidates(T)
         shared = np.unique(elimination.find_shared_eigenvalues(rough, pose))
         if len(shared):
-            beside, nearby = elimination.find_candidates(T[shared] @ OFFSET_FLANGE_POSE)
-            rough, pose = np.concatenate([rough, beside]), np.concatenate([pose, shared[nearby]])
+            nearby_q, nearby_pose = elimination.find_candidates(T[shared] @ OFFSET_FLANGE_POSE)
+            rough, pose = np.concatenate([rough, nearby_q]), np.concatenate([pose, shared[nearby_pose]])
         q, error = self._refine_by_newton(T, pose, rough)
         return remove_duplicate_solutions(q, pose, error, len(T), self.branches, SAME_SOLUTION_RAD)
 

@@ -126,39 +126,39 @@ def label_grid(q: Array) -> Array:
 @jit_compile
 def _label_branches(q: Array, out: Array, jump: float) -> None:
     N, R, B = q.shape[:3]
-    taken = np.zeros(B, np.bool_)
+    is_taken = np.zeros(B, np.bool_)
     used = np.zeros(B, np.bool_)
     empty = np.full((B, 6), np.nan)
     for n in range(N):
         for r in range(R):
-            taken[:] = False
+            is_taken[:] = False
             used[:] = False
             before = out[n - 1, r] if n > 0 else empty
-            beside = out[n, r - 1] if r > 0 else empty
-            _continue_branches(q[n, r], before, out[n, r], taken, used, jump)
-            _continue_branches(q[n, r], beside, out[n, r], taken, used, jump)
+            neighbour = out[n, r - 1] if r > 0 else empty
+            _continue_branches(q[n, r], before, out[n, r], is_taken, used, jump)
+            _continue_branches(q[n, r], neighbour, out[n, r], is_taken, used, jump)
             # new solution: an index that was free at both neighbours, else any
             for strict in (True, False):
                 for b in range(B):
-                    if taken[b] or np.isnan(q[n, r, b, 0]):
+                    if is_taken[b] or np.isnan(q[n, r, b, 0]):
                         continue
                     for c in range(B):
-                        free = np.isnan(before[c, 0]) and np.isnan(beside[c, 0])
+                        free = np.isnan(before[c, 0]) and np.isnan(neighbour[c, 0])
                         if not used[c] and (free or not strict):
                             out[n, r, c] = q[n, r, b]
-                            taken[b] = used[c] = True
+                            is_taken[b] = used[c] = True
                             break
 
 
 @jit_compile
 def _continue_branches(
-    q: Array, neighbour: Array, out: Array, taken: NDArray[np.bool_], used: NDArray[np.bool_], jump: float
+    q: Array, neighbour: Array, out: Array, is_taken: NDArray[np.bool_], used: NDArray[np.bool_], jump: float
 ) -> None:
     """Assign each solution the index of the nearest solution of a neighbour, closest pair first."""
     B = len(q)
     gap = np.full((B, B), np.inf)
     for b in range(B):
-        if taken[b] or np.isnan(q[b, 0]):
+        if is_taken[b] or np.isnan(q[b, 0]):
             continue
         for c in range(B):
             if used[c] or np.isnan(neighbour[c, 0]):
@@ -177,6 +177,6 @@ def _continue_branches(
         if bi < 0:
             return
         out[ci] = q[bi]
-        taken[bi] = used[ci] = True
+        is_taken[bi] = used[ci] = True
         gap[bi, :] = np.inf
         gap[:, ci] = np.inf

@@ -183,7 +183,7 @@ def compute_spherical_branches(vectors: ArmVectors, numbers: ArmConstants, T: Ar
         margin: (3, 8) filled: shoulder in m, elbow in rad, wrist in rad, as in :class:`KinematicBranches`.
     """
     h1, h2, h3, h4, h5, h6, p1, p21, a, b, W, axis6, zx, zy, zz = vectors
-    h12, w2, links, reach, centre3, h456, n5, centre5, far, near = numbers
+    h12, w2, links, reach, centre3, h456, n5, centre5, longest, shortest = numbers
     q[:] = np.nan
     margin[:] = np.nan
     X, Y, Z = (T[0, 0], T[0, 1], T[0, 2]), (T[1, 0], T[1, 1], T[1, 2]), (T[2, 0], T[2, 1], T[2, 2])
@@ -206,7 +206,7 @@ def compute_spherical_branches(vectors: ArmVectors, numbers: ArmConstants, T: Ar
         square = dot_product(v, v)
         half3 = _compute_half_angle(square / 2 - links, reach)
         # the chord |v| compared with the longest and the shortest of the two links
-        short = min(short, max(math.sqrt(square) - far, near - math.sqrt(square)) if math.isnan(half3) else 0.0)
+        short = min(short, max(math.sqrt(square) - longest, shortest - math.sqrt(square)) if math.isnan(half3) else 0.0)
         for e in range(2):
             first = 4 * s + 2 * e
             margin[0, first] = margin[0, first + 1] = shoulder

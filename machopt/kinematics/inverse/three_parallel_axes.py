@@ -155,8 +155,8 @@ def _compute_branches(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G
             e = rotate_vector(h6, c6, -s6, rotate_vector(h5, c5, -s5, across))
             e = rotate_vector(h1, c1, -s1, (dot_product(X, e), dot_product(Y, e), dot_product(Z, e)))
             total = compute_angle_about_axis(h, across, e)  # q2 ± q3 ± q4
-            beside = dot_product(x, h)
-            half3 = _compute_half_angle(0.5 * (dot_product(x, x) - beside * beside - links), n3)
+            parallel_part = dot_product(x, h)
+            half3 = _compute_half_angle(0.5 * (dot_product(x, x) - parallel_part * parallel_part - links), n3)
             if math.isnan(half3):
                 continue
             for elbow in range(2):

@@ -99,9 +99,9 @@ class ContactLookahead:
         none = np.zeros(S, bool)
         out, which = [], []
         for p in np.unique(pair).tolist():
-            asked = self.asked.setdefault(p, np.zeros(S * R * B, bool))
-            spared = self.may_touch if self.model.pairs[p].unless_cutting else none
-            along = np.sort(_neighbours(vertices[pair == p], asked, feasible, spared, R, B))
+            checked = self.asked.setdefault(p, np.zeros(S * R * B, bool))
+            skipped = self.may_touch if self.model.pairs[p].unless_cutting else none
+            along = np.sort(_neighbours(vertices[pair == p], checked, feasible, skipped, R, B))
             out.append(along % S * (R * B) + along // S % R * B + along // (S * R))
             which.append(np.full(len(along), p, np.int32))
         return np.concatenate(out), np.concatenate(which)

@@ -143,11 +143,11 @@ class PathCollisionChecker:
             return np.asarray((1 - g) * values[a] + g * values[b])
 
         R = compute_tool_rotation(normalise_vectors(between(path.axis)), between(path.reference), phi)
-        stands = between(path.external)
-        pose = self.arm.in_base(stands, build_transform(R, between(path.position)))
+        external = between(path.external)
+        pose = self.arm.in_base(external, build_transform(R, between(path.position)))
         exact, error = refine_by_newton(self.robot, pose, seed, self.arm.T_flange_tcp, iterations=6)
         bad = ~((error <= CONVERGED) & (np.abs(exact - seed).max(axis=1) <= SAME_BRANCH))
-        return np.hstack([np.where(bad[:, None], seed, exact), stands]), bad
+        return np.hstack([np.where(bad[:, None], seed, exact), external]), bad
 
     def on_the_way(
         self, row: int, phi: tuple[Array, Array], q: tuple[Array, Array], wanted: Array

@@ -52,8 +52,8 @@ def add_corner_points(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
     if len(path.index) == len(old.index):
         return plan
     rows = np.searchsorted(path.index, old.index)
-    stands = [np.interp(path.index, old.index, column) for column in old.external.T]  # added points lie inside runs
-    external = np.array(stands).T.reshape(len(path.index), -1)
+    columns = [np.interp(path.index, old.index, column) for column in old.external.T]  # added points lie inside runs
+    external = np.array(columns).T.reshape(len(path.index), -1)
     path = replace(path, stations=rows[old.stations].astype(np.int32), external=external)
     setup = plan.setup
     refined = replace(

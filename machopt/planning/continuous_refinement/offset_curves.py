@@ -96,9 +96,9 @@ def _intervals(path: PlanningPath, points: NDArray[np.intp], most: int, shortest
     return max(count, 1)
 
 
-def _off(basis: Array, held: Bools) -> Array:
+def _off(basis: Array, is_fixed: Bools) -> Array:
     """Return the curves (n, k) that are zero at all of some places (n,)."""
-    return np.asarray(basis[:, ~(basis[held] != 0.0).any(axis=0)])
+    return np.asarray(basis[:, ~(basis[is_fixed] != 0.0).any(axis=0)])
 
 
 def _basis(along: Array, intervals: int) -> Array:

@@ -116,9 +116,9 @@ class AbsoluteValueTerms:
         below, above = -low <= room, high <= room
         for near, end in ((below, low), (above, high)):
             out.append((near, stations, alone, np.where(near, -end, 0.0), np.full(end.shape, 0.5 * BEYOND)))
-        beside = 0.5 * BEYOND * np.einsum("nm,nmd->nd", above.astype(float) - below, slopes)
+        linear_part = 0.5 * BEYOND * np.einsum("nm,nmd->nd", above.astype(float) - below, slopes)
         row, lean, at, price = (np.concatenate([one[i][one[0]] for one in out]) for i in range(1, 5))
-        return cls(row.astype(np.int64), lean, at, price, beside)
+        return cls(row.astype(np.int64), lean, at, price, linear_part)
 
 
 class QuadraticModel:
@@ -163,12 +163,12 @@ class QuadraticModel:
             mu: target of the products.
         """
         k = self.kinks
-        gradient, own, beside, dyad, curvature, multiplier_offset, index_slope, residual = compute_newton_terms(
+        gradient, own, below_diagonal, dyad, curvature, multiplier_offset, index_slope, residual = compute_newton_terms(
             self.offsets(c), on.top, self.gradient, self.hessian, *self.index, self.counted, self.worst,
             k.row, k.lean, k.at, on.plus, on.minus, on.above, on.below, on.slack, on.share, mu,
         )  # fmt: skip
         slope, across = self.curves.summed(gradient.ravel()) + self.ridge * c, self.curves.summed(dyad.ravel())
-        found = self.curves.solved(own, beside, self.ridge, RIDGE, np.column_stack([-slope, across]))
+        found = self.curves.solved(own, below_diagonal, self.ridge, RIDGE, np.column_stack([-slope, across]))
         if found is None:
             return None
         step, along = found.T

@@ -112,19 +112,19 @@ class PlanRefinement:
         own = [np.isin(plan.path.run, group.runs) for group in groups]
         groups = [g.around(plan.path.external[rows][0]) for g, rows in zip(groups, own, strict=True)]
         self.range = np.empty_like(plan.path.external), np.empty_like(plan.path.external)  # (P, E) each, m or rad
-        room, held = (
+        room, is_fixed = (
             np.zeros_like(plan.path.external),
             np.zeros((len(plan.path.index), 1 + plan.path.external.shape[1]), bool),
         )
-        held[list(find_fixed_rotations(plan.path, plan.options)), 0] = True
+        is_fixed[list(find_fixed_rotations(plan.path, plan.options)), 0] = True
         for group, rows in zip(groups, own, strict=True):
             self.range[0][rows], self.range[1][rows] = group.low, group.high
             room[rows] = np.where(group.moving, ROOM, 0.0) * (group.high - group.low)
-            self._wished(group, rows, held)
-        self.held = held
+            self._wished(group, rows, is_fixed)
+        self.held = is_fixed
         self.inner = self.range[0] + room, self.range[1] - room
         self.low, self.high = (bound[self.rows] for bound in self.inner)
-        self.curves = OffsetCurves.of(self.path, groups, held)
+        self.curves = OffsetCurves.of(self.path, groups, is_fixed)
         self.tied = BorderedSystem(self.curves.at_stations, 1 + plan.path.external.shape[1], self.curves.shared)
         self.terms = ObjectiveTerms.at_stations(self.path, plan.setup.velocity, plan.options)
         self.across = compute_sideways_directions(self.path)
@@ -134,16 +134,16 @@ class PlanRefinement:
     def _wished(self, group: OperationGroup, own: Bools, held: Bools) -> None:
         """Apply the user's requests about moving joints of a group: pins fix a value, a zone keeps them on one side."""
         at = np.arange(len(own))
-        for stand in group.stands:
-            k = stand.joint
-            rows = own & (at >= stand.rows[0]) & (at <= stand.rows[1])
+        for wish in group.stands:
+            k = wish.joint
+            rows = own & (at >= wish.rows[0]) & (at <= wish.rows[1])
             if not group.moving[k] or not rows.any():
                 continue  # fixed joints are restricted by ``allowed``
-            if stand.at is not None:
+            if wish.at is not None:
                 held[rows, 1 + k] = True
                 self.range[0][rows, k] = self.range[1][rows, k] = self.plan.path.external[rows, k]
                 continue
-            low, high = compute_allowed_side(stand, self.plan.path.external[rows, k])
+            low, high = compute_allowed_side(wish, self.plan.path.external[rows, k])
             self.range[0][rows, k] = np.maximum(self.range[0][rows, k], low)
             self.range[1][rows, k] = np.minimum(self.range[1][rows, k], high)
 
@@ -159,9 +159,9 @@ class PlanRefinement:
         if here is None:
             return None
         first, trust = here.merit, np.full((len(rows), 1 + len(self.per)), self.trust)
-        begun = self._begun(RefinementStart(phi, external, q) if start is None else start)
-        if begun is not None:
-            here, phi, external = begun
+        initial = self._begun(RefinementStart(phi, external, q) if start is None else start)
+        if initial is not None:
+            here, phi, external = initial
         elif start is not None:
             return None
         coefficients = np.zeros(self.curves.at_points.shape[1])
@@ -185,7 +185,7 @@ class PlanRefinement:
         if here.merit >= first:
             return None
         moved = (self.curves.at_points @ coefficients).reshape(len(phi), -1)
-        external = np.clip(external + moved[:, 1:] / self.per, *(self.range if begun is None else self.inner))
+        external = np.clip(external + moved[:, 1:] / self.per, *(self.range if initial is None else self.inner))
         return RefinementResult(
             phi + moved[:, 0], external, interpolate_between_stations(self.path, here.q), first - here.merit
         )
@@ -295,9 +295,9 @@ class PlanRefinement:
         w, share, preferred = self.options.weights, self.terms.share, self.worth.preferred
         gradient, own = w.mean * share[:, None] * cost[:, 0], w.mean * share[:, None, None] * hessian
         away = np.nan_to_num(here.e * self.per - preferred)
-        wanted = np.isfinite(preferred).astype(float)
+        is_preferred = np.isfinite(preferred).astype(float)
         gradient[:, 1:] += 2 * PREFERRED * share[:, None] * away
-        own[:, 1:, 1:] += 2 * PREFERRED * share[:, None, None] * np.diag(wanted)
+        own[:, 1:, 1:] += 2 * PREFERRED * share[:, None, None] * np.diag(is_preferred)
         if self.terms.liking is not None:
             off = here.phi + self.terms.offset - self.terms.liking.rotation
             half = 0.5 * self.terms.liking.weight * share
@@ -373,8 +373,8 @@ class PlanRefinement:
         if lost.any():
             run = self.path.run[self.rows]
             for k in np.flatnonzero(lost):
-                beside = slice(max(k - NEAR, 0), k + NEAR + 1)
-                rows = np.arange(len(run))[beside][run[beside] == run[k]]
+                neighbours = slice(max(k - NEAR, 0), k + NEAR + 1)
+                rows = np.arange(len(run))[neighbours][run[neighbours] == run[k]]
                 trust[rows] = np.minimum(trust[rows], 0.3 * np.abs(z[rows]).max(initial=LEAST_TRUST))
             return None
         merit = self._merit(phi, e, found.q, cost)

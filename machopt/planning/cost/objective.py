@@ -52,15 +52,15 @@ class PlanObjective:
 # --- the formulas --------------------------------------------------------------------------------------------------
 
 
-def compute_node_cost(cost: Any, liked: Any, mean: Any) -> Any:
+def compute_node_cost(cost: Any, preference_price: Any, mean: Any) -> Any:
     """Return the contribution of a place to J per unit of its share.
 
     Args:
         cost: c/c₀, dimensionless.
-        liked: price of the rotation and of crowding at the place.
+        preference_price: price of the rotation and of crowding at the place.
         mean: weight of the mean index.
     """
-    return mean * cost + liked
+    return mean * cost + preference_price
 
 
 def compute_transition_cost(length: Any, turn: Any, late: Any, travel: Any, rotation: Any, feed: Any) -> Any:
@@ -227,8 +227,8 @@ class ObjectiveTerms:
             rows: (k,) indices of the places, or a mask (n,).
         """
         names = ("share", "counted", "travel", "rotation", "lost", "seconds", "offset")
-        taken = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, liking=None if self.liking is None else self.liking.take(rows), **taken)
+        columns = {name: getattr(self, name)[rows] for name in names}
+        return replace(self, liking=None if self.liking is None else self.liking.take(rows), **columns)
 
     @property
     def weights(self) -> ObjectiveWeights:
@@ -253,8 +253,8 @@ class ObjectiveTerms:
             phi: (…, n) rad, rotations.
             crowded: (…, n) :func:`compute_crowding`.
         """
-        liked = self.liked(phi) + self.weights.clearance * crowded
-        return np.asarray(self.share * compute_node_cost(cost, liked, self.weights.mean))
+        preference_price = self.liked(phi) + self.weights.clearance * crowded
+        return np.asarray(self.share * compute_node_cost(cost, preference_price, self.weights.mean))
 
     def steps(self, q: Array, phi: Array) -> Array:
         """Return the (…, n − 1) price of the steps between places.

@@ -111,7 +111,7 @@ def compute_load_directions(
     place = arm.places(e, path.position)
     joint = compute_joint_stiffness(elasticity.stiffness, place)
     carried = ExternalJointCompliance.build(arm.machine, elasticity.stiffness.external)
-    beside = None if carried is None else carried.compute_compliance(e, place)
+    external_compliance = None if carried is None else carried.compute_compliance(e, place)
     unsure = None if carried is None else carried.compute_uncertain_twists(e, place)
     return LoadDirections(
         axial=axial,
@@ -120,7 +120,7 @@ def compute_load_directions(
         k=joint.k,
         in_grid=joint.is_in_grid,
         drilling=path.is_drilling,
-        beside=beside,
+        beside=external_compliance,
         unsure=unsure,
     )
 

@@ -36,8 +36,8 @@ def resolve_axis_options(cell: Cell, options: PlanOptions) -> tuple[ExternalJoin
                 where=f"external.{axis.joint}",
             )
         # both "rail" (name in the cell) and "e1": the later option overrides the earlier one
-        given = {f.name: getattr(axis, f.name) for f in fields(axis) if getattr(axis, f.name) != f.default}
-        by_name[name] = replace(by_name[name], **given)
+        changed = {f.name: getattr(axis, f.name) for f in fields(axis) if getattr(axis, f.name) != f.default}
+        by_name[name] = replace(by_name[name], **changed)
         now = by_name[name]
         if now.at is not None and not now.mode and not now.locks:
             raise InputError(

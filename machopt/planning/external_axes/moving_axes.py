@@ -113,11 +113,11 @@ def compute_moving_axis_path(
     for g, value in zip(groups, fixed_values, strict=True):
         if g.moves.any():
             rows = list_run_points(path, g.runs)
-            sides = [_side(g, stand, float(value[stand.joint])) for stand in g.stands]
+            sides = [_side(g, wish, float(value[wish.joint])) for wish in g.stands]
             low, high = _narrowed(g, sides)
             home = g.snapped(setup.cell.external_home)
             bounds = tuple(
-                _bound(rows, stand, side) for stand, side in zip(g.stands, sides, strict=True) if g.moving[stand.joint]
+                _bound(rows, wish, side) for wish, side in zip(g.stands, sides, strict=True) if g.moving[wish.joint]
             )
             group = GroupAxisRange(
                 runs=g.runs,
@@ -134,10 +134,10 @@ def compute_moving_axis_path(
     return out
 
 
-def _side(group: OperationGroup, stand: AxisPositionWish, at: float) -> Interval:
+def _side(group: OperationGroup, wish: AxisPositionWish, at: float) -> Interval:
     """Return the interval a wish leaves to a moving joint; of a zone the side that contains the best fixed value."""
-    whole = (float(group.least[stand.joint]), float(group.most[stand.joint]))
-    return min(stand.allowed((whole,)), key=lambda side: abs(find_nearest_allowed((side,), at) - at))
+    whole = (float(group.least[wish.joint]), float(group.most[wish.joint]))
+    return min(wish.allowed((whole,)), key=lambda side: abs(find_nearest_allowed((side,), at) - at))
 
 
 def _narrowed(group: OperationGroup, sides: Sequence[Interval]) -> tuple[Array, Array]:
@@ -147,12 +147,12 @@ def _narrowed(group: OperationGroup, sides: Sequence[Interval]) -> tuple[Array, 
     low, high = group.low.copy(), group.high.copy()
     room = ROOM * (group.most - group.least)
     for k in np.flatnonzero(group.moving):
-        own = [side for stand, side in zip(group.stands, sides, strict=True) if stand.joint == k]
+        own = [side for wish, side in zip(group.stands, sides, strict=True) if wish.joint == k]
         low[k] = min([group.least[k] + room[k], *(b for _, b in own)])
         high[k] = max([group.most[k] - room[k], *(a for a, _ in own)])
     return low, high
 
 
-def _bound(rows: NDArray[np.intp], stand: AxisPositionWish, side: Interval) -> AxisBound:
-    own = np.flatnonzero((rows >= stand.rows[0]) & (rows <= stand.rows[1]))
-    return AxisBound(stand.joint, (int(own[0]), int(own[-1])), *side)
+def _bound(rows: NDArray[np.intp], wish: AxisPositionWish, side: Interval) -> AxisBound:
+    own = np.flatnonzero((rows >= wish.rows[0]) & (rows <= wish.rows[1]))
+    return AxisBound(wish.joint, (int(own[0]), int(own[-1])), *side)

@@ -21,7 +21,7 @@ def compute_transition_costs(
     R: int,
     B: int,
     joined: Bools,
-    kept: Bools,
+    is_plunge: Bools,
     winds: Bools,
     seconds: Array,
     slowness: Array,
@@ -42,7 +42,7 @@ def compute_transition_costs(
         R: number of rotations.
         B: number of branches.
         joined: (S,) the step into the station is inside a run.
-        kept: (S,) value and rotation are kept into it: the tool drills or plunges.
+        is_plunge: (S,) value and rotation are kept into it: the tool drills or plunges.
         winds: (6,) joints whose whole turns are not counted: they may pass from one end of ``q`` to the other.
         seconds: (S,) s, time of the step at the programmed feed.
         slowness: (6 + E,) s/rad, inverse of the usable speed of each axis.
@@ -71,11 +71,11 @@ def compute_transition_costs(
                         way += weight[c] * d
                         slow = max(slow, d * slowness[6 + c])
                 for dr in range(-1, 2):
-                    if h < 0 or (kept[s] and (k > 0 or dr != 0)):
+                    if h < 0 or (is_plunge[s] and (k > 0 or dr != 0)):
                         out[s, 3 * k + dr + 1, v] = np.inf
                         continue
                     u = (h * R + (r + dr) % R) * B + b
-                    length, late, far = way, slow, 0.0
+                    length, late, largest_step = way, slow, 0.0
                     for c in range(6):
                         d = q[s, v, c] - q[s - 1, u, c]
                         if winds[c]:
@@ -83,13 +83,13 @@ def compute_transition_costs(
                         d = abs(d)
                         length += d
                         late = max(late, d * slowness[c])
-                        far = max(far, d)
+                        largest_step = max(largest_step, d)
                     if np.isnan(length):  # an unreachable place has its own price
-                        length, late, far = way, slow, 0.0
+                        length, late, largest_step = way, slow, 0.0
                     price = edge_price_compiled(
                         length, turn * abs(dr), late_compiled(late, seconds[s]), travel[s], rotation[s], feed[s]
                     )
-                    out[s, 3 * k + dr + 1, v] = price + (lost if far > most else 0.0)
+                    out[s, 3 * k + dr + 1, v] = price + (lost if largest_step > most else 0.0)
     return out
 
 

@@ -129,12 +129,12 @@ def compute_axis_curve(
         cost, at = _best_way(setup, opts, part, stood(u, part.stations), near, scale, weight, group.share, clear, winds)
         return cost, np.asarray(u[np.arange(len(u)), at])
 
-    def coarse(held: Array) -> tuple[float, Array]:
-        grid = _offsets(free, of_each, held)
+    def coarse(fixed_values: Array) -> tuple[float, Array]:
+        grid = _offsets(free, of_each, fixed_values)
         return way(np.broadcast_to(grid, (len(part.stations), *grid.shape)))
 
-    tries = [(*coarse(held), held) for held in _held(group)]  # of joints that keep one value
-    _, stairs, held = min(tries, key=lambda found: found[0])
+    tries = [(*coarse(fixed_values), fixed_values) for fixed_values in _held(group)]  # of joints that keep one value
+    _, stairs, fixed_values = min(tries, key=lambda found: found[0])
     found = _smooth(part, stairs, group, WAVE)
     for level in range(1, FINER + 1):
         if float((step * setup.per_rad[6:]).max()) <= FINEST:
@@ -144,9 +144,9 @@ def compute_axis_curve(
         around = _offsets(free, [np.arange(-side, side + 1) * step[k] for k in free], np.zeros(len(group.fixed)))
         around = found[part.stations][:, None] + around
         near = _neighbours([2 * side + 1] * len(free))
-        _, stairs = way(np.where(group.moving, np.clip(around, group.low, group.high), held))
+        _, stairs = way(np.where(group.moving, np.clip(around, group.low, group.high), fixed_values))
         found = _smooth(part, stairs, group, WAVE / 1.5**level)
-    return np.where(group.moving, stood(found, slice(None)), held)
+    return np.where(group.moving, stood(found, slice(None)), fixed_values)
 
 
 def _counts(setup: PlanningSetup, free: NDArray[np.intp], size: Array, *, clear: bool, turns: bool) -> list[int]:
@@ -233,7 +233,7 @@ def _best_way(
     lost = LOST / S
     joined = np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
     still: Bools = part.is_drilling | part.plunge
-    kept = still[part.stations]
+    is_plunge = still[part.stations]
     edges = compute_transition_costs(
         np.stack(q, axis=1).reshape(S, -1, 6),
         values * per,
@@ -241,7 +241,7 @@ def _best_way(
         R,
         B,
         joined,
-        kept,
+        is_plunge,
         winds,
         terms.seconds,
         terms.slowness,

@@ -91,7 +91,7 @@ def build_operation_groups(
     Raises:
         InputError: operations that share a run request two modes or places, or no place satisfies all wishes.
     """
-    stands = build_axis_position_wishes(cell, path, wishes)
+    position_wishes = build_axis_position_wishes(cell, path, wishes)
     labels = [o.label for o in toolpath.operations]
     for axis in axes:
         for label, _ in (*axis.operations, *axis.at_operations):
@@ -112,26 +112,28 @@ def build_operation_groups(
         runs = tuple(k for k, (first, _) in enumerate(path.runs) if group[of_row[first]] == g)
         low, high, moving = np.empty(len(axes)), np.empty(len(axes)), np.zeros(len(axes), bool)
         mine = tuple(
-            s for s in stands if any(s.rows[0] <= path.runs[r][1] and path.runs[r][0] <= s.rows[1] for r in runs)
+            s
+            for s in position_wishes
+            if any(s.rows[0] <= path.runs[r][1] and path.runs[r][0] <= s.rows[1] for r in runs)
         )
         least, most, must = low.copy(), high.copy(), moving.copy()
         allowed: list[tuple[Interval, ...]] = []
         for k, axis in enumerate(axes):
             modes = {dict(axis.operations).get(labels[o], axis.mode or MOVING): labels[o] for o in operations}
             if len(modes) > 1:
-                told = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
+                message = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
                 raise InputError(
-                    f"{told}: they share a run without a rapid move, so they share a mode; one mode would work",
+                    f"{message}: they share a run without a rapid move, so they share a mode; one mode would work",
                     file="options",
                     where=f"external.{axis.joint}.operations",
                 )
             mode = next(iter(modes))
             moving[k] = mode == MOVING
-            given = _given(axis, [labels[o] for o in operations])
-            asked = axis if given is None else replace(axis, at=given)
-            locked = mode == "locked" or given is not None
-            moving[k] &= given is None
-            left = _room(cell, k, asked, [s for s in mine if s.joint == k], locked=locked, moves=bool(moving[k]))
+            requested = _given(axis, [labels[o] for o in operations])
+            axis_options = axis if requested is None else replace(axis, at=requested)
+            locked = mode == "locked" or requested is not None
+            moving[k] &= requested is None
+            left = _room(cell, k, axis_options, [s for s in mine if s.joint == k], locked=locked, moves=bool(moving[k]))
             must[k], allowed_here, (least[k], most[k]) = left
             allowed.append(allowed_here)
             low[k], high[k] = allowed_here[0][0], allowed_here[-1][1]
@@ -165,25 +167,25 @@ def build_operation_groups(
 
 
 def _room(
-    cell: Cell, k: int, axis: ExternalJointOptions, stands: Sequence[AxisPositionWish], *, locked: bool, moves: bool
+    cell: Cell, k: int, axis: ExternalJointOptions, wishes: Sequence[AxisPositionWish], *, locked: bool, moves: bool
 ) -> tuple[bool, tuple[Interval, ...], Interval]:
     """Return whether joint ``k`` has to move, the places allowed where it does not, and its range where it does.
 
     A pin overrides the place of a locked joint, and the general range of the options.
     """
     low, high = compute_axis_range(cell, k, axis, locked=locked)
-    pins = [s.at for s in stands if s.at is not None]
+    pins = [s.at for s in wishes if s.at is not None]
     base = (min([low, *pins]), max([high, *pins]))
-    check_compatible_wishes(stands, base)
+    check_compatible_wishes(wishes, base)
     whole = (low, high) if not pins or not locked else (min(pins), max(pins))
-    left = intersect_wishes(stands, (base if pins else whole,))
+    left = intersect_wishes(wishes, (base if pins else whole,))
     if left:
         return False, left, base
     if moves:
         return True, (whole,), base
-    told = " and ".join(s.said for s in stands) or f"{axis.joint!r} locked"
+    origin = " and ".join(s.said for s in wishes) or f"{axis.joint!r} locked"
     raise InputError(
-        f"{told}: they are in operations that share a run without a rapid move, where {cell.external_joints[k]!r} "
+        f"{origin}: they are in operations that share a run without a rapid move, where {cell.external_joints[k]!r} "
         "stands in one place, and none keeps all of that; one of them, or mode: moving, would work",
         file="options",
         where="steer",
@@ -194,12 +196,12 @@ def _given(axis: ExternalJointOptions, labels: Sequence[str]) -> float | None:
     """Return the requested value of a joint in operations that share it, m or rad; None where the plan is free to
     choose.
     """
-    asked = {value: label for label, value in axis.at_operations if label in labels}
-    if len(asked) > 1:
-        told = " and ".join(repr(label) for label in asked.values())
+    requested = {value: label for label, value in axis.at_operations if label in labels}
+    if len(requested) > 1:
+        message = " and ".join(repr(label) for label in requested.values())
         raise InputError(
-            f"{told} share a run without a rapid move, so the joint stands in one place; one value would work",
+            f"{message} share a run without a rapid move, so the joint stands in one place; one value would work",
             file="options",
             where=f"external.{axis.joint}.at_operations_{axis.unit}",
         )
-    return next(iter(asked), None)
+    return next(iter(requested), None)

@@ -39,8 +39,8 @@ class AxisPlanRanking:
             axes: options of each external joint.
         """
         per = setup.per_rad[6:]
-        asked = np.array([np.nan if axis.preferred is None else axis.preferred for axis in axes])
-        return cls(per, np.array([axis.weight for axis in axes]), asked * per)
+        preferred = np.array([np.nan if axis.preferred is None else axis.preferred for axis in axes])
+        return cls(per, np.array([axis.weight for axis in axes]), preferred * per)
 
     def plan(self, plan: Plan) -> float:
         """Return the value of a whole plan; less is better, infinite where a cut point is lost.

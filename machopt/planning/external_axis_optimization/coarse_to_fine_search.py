@@ -119,33 +119,33 @@ def find_best_external_axis_plan(
     clock = timings or StageTimings()
     axes = resolve_axis_options(cell, options)
     check_known_axes_and_places(cell, options.steer)
-    asked = _Asked(cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale)
-    if options.method != "global" or options.rotation_step >= STEP or _stand_still(asked):
-        return _refined(asked)
-    coarse = _refined(replace(asked, options=replace(options, rotation_step=STEP)))
+    request = _Asked(cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale)
+    if options.method != "global" or options.rotation_step >= STEP or _stand_still(request):
+        return _refined(request)
+    coarse = _refined(replace(request, options=replace(options, rotation_step=STEP)))
     found = plan_on_other_grid(
         coarse, toolpath, options.rotation_step, AxisPlanRanking.of(coarse.setup, axes), clock, before
     )
     if not _lost(found):
-        return found if found.over_external is not None else _led_on(found, asked)
+        return found if found.over_external is not None else _led_on(found, request)
     # Where few rotations are feasible, a finer grid may find some that the coarse one misses.
-    other = _refined(asked)
+    other = _refined(request)
     return min(found, other, key=_key_of(found.setup, axes))
 
 
-def _refined(asked: _Asked) -> Plan:
+def _refined(request: _Asked) -> Plan:
     """The best plan on one grid of rotations."""
-    toolpath, clock, before = asked.toolpath, asked.clock, asked.before
-    starts = _coarse_to_fine(asked)
+    toolpath, clock, before = request.toolpath, request.clock, request.before
+    starts = _coarse_to_fine(request)
     found = starts[0]
-    groups = build_operation_groups(asked.cell, toolpath, found.path, asked.axes, found.options.steer)
+    groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
     if _locked(groups):
         return found
-    worth, key = AxisPlanRanking.of(found.setup, asked.axes), _key_of(found.setup, asked.axes)
+    worth, key = AxisPlanRanking.of(found.setup, request.axes), _key_of(found.setup, request.axes)
     # The best fixed plan is a local optimum of its own, so that the moving plan is never worse.
     still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
     best, rivals, every = found, starts[1:], list[Plan]()
-    stands: Plan | None = None
+    fixed_plan: Plan | None = None
     long = len(found.path.index) > SHORT
     passes = ONCE if long and not (found.options.fixed or found.options.steer) else PASSES
     for trust in FAR if long else TRUSTS:
@@ -156,7 +156,7 @@ def _refined(asked: _Asked) -> Plan:
             every.append(refine_plan(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best), trust))
             if worth.plan(every[-1]) < AS_GOOD * worth.plan(best):
                 near.append(other)
-                stands = every[-1] if stands is None else min(stands, every[-1], key=key)
+                fixed_plan = every[-1] if fixed_plan is None else min(fixed_plan, every[-1], key=key)
             best = min(best, every[-1], key=key)
         rivals = near
     led = _leapt(best, toolpath, groups, worth, clock, before)
@@ -164,8 +164,8 @@ def _refined(asked: _Asked) -> Plan:
         further = refine_plan(best, toolpath, groups, worth, clock, before, trust=FAR[0])
         led += [] if further is best else _leapt(further, toolpath, groups, worth, clock, before)
     every += led
-    if stands is not None and worth.plan(stands) <= AS_GOOD * worth.plan(every[-1]):
-        every += [replace(p, over_external=None) for p in _leapt(stands, toolpath, still, worth, clock, before)]
+    if fixed_plan is not None and worth.plan(fixed_plan) <= AS_GOOD * worth.plan(every[-1]):
+        every += [replace(p, over_external=None) for p in _leapt(fixed_plan, toolpath, still, worth, clock, before)]
     for one in sorted(every, key=lambda one: (key(one), one.over_external is None)):
         if one.chosen is found.chosen or (key(one) < key(found) and is_drivable(one, toolpath, clock)):
             return one
@@ -206,21 +206,21 @@ def _leapt(
     return out
 
 
-def _led_on(found: Plan, asked: _Asked) -> Plan:
+def _led_on(found: Plan, request: _Asked) -> Plan:
     """Return the improvement by sequences of a plan that a finer rotation grid has made better."""
-    toolpath, clock = asked.toolpath, asked.clock
-    groups = build_operation_groups(asked.cell, toolpath, found.path, asked.axes, found.options.steer)
-    led = _leapt(found, toolpath, groups, AxisPlanRanking.of(found.setup, asked.axes), clock, asked.before)
-    for one in sorted(led[1:], key=_key_of(found.setup, asked.axes)):
+    toolpath, clock = request.toolpath, request.clock
+    groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
+    led = _leapt(found, toolpath, groups, AxisPlanRanking.of(found.setup, request.axes), clock, request.before)
+    for one in sorted(led[1:], key=_key_of(found.setup, request.axes)):
         if is_drivable(one, toolpath, clock):
             return one
     return led[0]
 
 
-def _stand_still(asked: _Asked) -> bool:
-    options = resolve_steering(asked.options, asked.toolpath)
-    path = build_planning_path(asked.toolpath, list_constrained_points(options))
-    return _locked(build_operation_groups(asked.cell, asked.toolpath, path, asked.axes, options.steer))
+def _stand_still(request: _Asked) -> bool:
+    options = resolve_steering(request.options, request.toolpath)
+    path = build_planning_path(request.toolpath, list_constrained_points(options))
+    return _locked(build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer))
 
 
 def _locked(groups: Sequence[OperationGroup]) -> bool:
@@ -232,24 +232,24 @@ def _key_of(setup: PlanningSetup, axes: Sequence[ExternalJointOptions]) -> Calla
     return lambda one: (_lost(one), worth.plan(one))
 
 
-def _coarse_to_fine(asked: _Asked) -> list[Plan]:
+def _coarse_to_fine(request: _Asked) -> list[Plan]:
     """Return the best plan over grids of values, and along a curve between them where the joints may move.
 
     Where they may move, the best plan with fixed joints follows, which may be the same.
     """
-    asked = replace(asked, options=resolve_steering(asked.options, asked.toolpath))
-    options, before = asked.options, asked.before
-    with asked.clock.stage("prepare"):
-        setup = prepare_planning(asked.cell, options) if before is None else before.setup
-        path = build_planning_path(asked.toolpath, list_constrained_points(options))
-        groups = build_operation_groups(asked.cell, asked.toolpath, path, asked.axes, options.steer)
+    request = replace(request, options=resolve_steering(request.options, request.toolpath))
+    options, before = request.options, request.before
+    with request.clock.stage("prepare"):
+        setup = prepare_planning(request.cell, options) if before is None else before.setup
+        path = build_planning_path(request.toolpath, list_constrained_points(options))
+        groups = build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer)
     if _locked(groups):
         at = _spread(path, groups, [g.low for g in groups])
-        return [asked.planned(asked.scale, setup, at)]
-    with asked.clock.stage("external"):
-        search = FixedValueSearch(setup, options, path, groups, asked.axes, asked.scale)
+        return [request.planned(request.scale, setup, at)]
+    with request.clock.stage("external"):
+        search = FixedValueSearch(setup, options, path, groups, request.axes, request.scale)
         search.judge()
-    tries = _Tries(asked=asked, setup=setup, path=path, groups=groups, search=search)
+    tries = _Tries(asked=request, setup=setup, path=path, groups=groups, search=search)
     moves = any(g.moves.any() for g in groups)
     return tries.moving() if moves else [tries.fixed(TRIED)[1]]
 
@@ -265,8 +265,8 @@ class _Tries:
     search: FixedValueSearch
 
     def _planned(self, external: Array, options: PlanOptions | None = None) -> tuple[Key, Plan]:
-        asked = self.asked if options is None else replace(self.asked, options=options)
-        found = asked.planned(self.search.scale, self.setup, external)
+        request = self.asked if options is None else replace(self.asked, options=options)
+        found = request.planned(self.search.scale, self.setup, external)
         return (_lost(found), self.search.worth.plan(found)), found
 
     def fixed(self, tried: int) -> tuple[Key, Plan]:
@@ -309,17 +309,17 @@ class _Tries:
         best = None if search.out_of_reach else self.fixed(MOVES_TRIED)
         if best is None:
             with self.asked.clock.stage("external"):
-                stands = search.chain() or search.at_home()
+                fixed_values = search.chain() or search.at_home()
         else:
-            stands = [best[1].path.external[list_run_points(self.path, g.runs)[0]] for g in self.groups]
-        ways = list_moving_subsets(self.groups, stands, self.asked.cell.external_home)
-        key, found = self._along(ways, stands)
+            fixed_values = [best[1].path.external[list_run_points(self.path, g.runs)[0]] for g in self.groups]
+        ways = list_moving_subsets(self.groups, fixed_values, self.asked.cell.external_home)
+        key, found = self._along(ways, fixed_values)
         if any(not b.pair for b in found.breaks) and (best is None or best[0][0]):
-            wound = self._along([*ways, *list_partly_fixed_groups(self.groups)], stands, turns=True)
+            wound = self._along([*ways, *list_partly_fixed_groups(self.groups)], fixed_values, turns=True)
             key, found = min((key, found), wound, key=lambda one: one[0])
         contacts = _unreached(found) or any(b.pair for b in found.breaks)
         if contacts and (best is None or best[0][0]) and self.setup.collision is not None:
-            key, found = min((key, found), self._clear_of_contacts(stands), key=lambda one: one[0])
+            key, found = min((key, found), self._clear_of_contacts(fixed_values), key=lambda one: one[0])
         if any(g.must.any() for g in self.groups) or (best is None and not key[0]):
             return [found]  # no position satisfies the requests, or reaches all of the path
         best = best or self.fixed(MOVES_TRIED)
@@ -378,10 +378,10 @@ class _Tries:
                 ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
         looks = replace(self.asked.options, rotation_step=max(self.asked.options.rotation_step, STEP))
         if len(ways) > 1:
-            looked = [self._planned(at, looks) for at in ways]
-            k = min(range(len(ways)), key=lambda k: looked[k][0])
+            assessed = [self._planned(at, looks) for at in ways]
+            k = min(range(len(ways)), key=lambda k: assessed[k][0])
             if looks.rotation_step == self.asked.options.rotation_step:
-                return looked[k]
+                return assessed[k]
             ways = [ways[k]]
         return self._planned(ways[0])
 

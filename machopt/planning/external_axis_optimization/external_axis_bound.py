@@ -328,8 +328,8 @@ def build_value_grid_sequences(
     terms, w, S = ObjectiveTerms.at_stations(part, setup.velocity, options), options.weights, len(st)
     c = np.stack(index, axis=1)  # (S, G, R, B)
     q, more = unwrap_to_lower_limits(np.stack(joints, axis=1).reshape(S, -1, 6), setup.arm.lower, setup.arm.upper)
-    liked = terms.liked(phi.T).T[:, None, :, None]
-    node = terms.share[:, None, None, None] * compute_node_cost(c, liked, w.mean)
+    preference_price = terms.liked(phi.T).T[:, None, :, None]
+    node = terms.share[:, None, None, None] * compute_node_cost(c, preference_price, w.mean)
     same_run = np.r_[False, np.diff(part.run[st]) == 0]
     plunged = np.r_[0, np.cumsum(~part.plunge)]
     still = np.r_[False, plunged[st[1:] + 1] == plunged[st[:-1] + 1]]  # plunges only

@@ -77,11 +77,11 @@ def build_group_value_grid(
     value = np.vstack([*rows, own])
     keeps = np.zeros(len(own), bool)
     keeps[free] = ~group.moving[free]
-    _, held = np.unique(value[:, keeps], axis=0, return_inverse=True)
+    _, position_number = np.unique(value[:, keeps], axis=0, return_inverse=True)
     value[-1] = np.nan
     return GroupValueGrid(
         value,
         np.vstack([*offsets, np.zeros(len(own))]),
-        np.asarray(held, np.int64).reshape(-1),
+        np.asarray(position_number, np.int64).reshape(-1),
         np.ones(len(value), bool),
     )

@@ -64,7 +64,7 @@ def _turns(phi: Array, last: Array, out: Array) -> None:
 def _ways(
     e: Array,
     last: Array,
-    held: NDArray[np.int64],
+    position_number: NDArray[np.int64],
     before: NDArray[np.int64],
     same: bool,
     slowness: Array,
@@ -81,7 +81,7 @@ def _ways(
                 d = abs(e[g, c] - last[h, c])
                 total += d
                 most = max(most, d * slowness[6 + c])
-            way[g, h] = np.inf if same and held[g] != before[h] else total
+            way[g, h] = np.inf if same and position_number[g] != before[h] else total
             slow[g, h] = most
 
 
@@ -92,7 +92,7 @@ def compute_reach_costs(
     more: NDArray[np.int8],
     e: Array,
     phi: Array,
-    held: NDArray[np.int64],
+    position_number: NDArray[np.int64],
     branches: int,
     stable: bool,
     kind: Bools,
@@ -111,7 +111,7 @@ def compute_reach_costs(
         more: (S, V, 6) whole turns that the limits leave beyond that; each step uses them independently of the next.
         e: (S, G, E) external joints, lengths in equivalent rad.
         phi: (S, R) rad, rotations.
-        held: (S, G) number of the position of the joints that keep one value.
+        position_number: (S, G) number of the position of the joints that keep one value.
         branches: number of branches B.
         stable: the branch is an assembly mode, which no motion leaves inside a run.
         kind: (S, 3) of the step into each station. SAME: its operations share their values with the previous ones;
@@ -134,7 +134,7 @@ def compute_reach_costs(
         if onward[0, v] <= limit:
             out[0, v] = node[0, v]
     for s in range(1, S):
-        before, kept = out[s - 1], kind[s, KEPT]
+        before, is_plunge = out[s - 1], kind[s, KEPT]
         every = not (stable and kind[s, JOINED])
         for b in range(B):
             count[b] = 0
@@ -142,10 +142,10 @@ def compute_reach_costs(
                 if before[k * B + b] < np.inf:
                     order[b, count[b]] = k * B + b
                     count[b] += 1
-            if not kept:
+            if not is_plunge:
                 _sort(before, order[b, : count[b]])
         _turns(phi[s], phi[s - 1], turn)
-        _ways(e[s], e[s - 1], held[s], held[s - 1], kind[s, SAME], slowness, way, slow)
+        _ways(e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow)
         for v in range(V):
             if not node[s, v] < np.inf:
                 continue
@@ -153,7 +153,7 @@ def compute_reach_costs(
             most = np.nextafter(limit - onward[s, v], np.inf)  # a price equal to the limit is permitted
             value = most
             for u in range(
-                v % same if kept else v, V if kept else v + 1, same
+                v % same if is_plunge else v, V if is_plunge else v + 1, same
             ):  # near values first, so that few others are examined
                 h = u // (B * R)
                 if before[u] < value and way[g, h] < np.inf:
@@ -169,7 +169,7 @@ def compute_reach_costs(
                         priced[s],
                     )
                     value = min(value, before[u] + price)
-            if not kept:
+            if not is_plunge:
                 for a in range(0 if every else b, B if every else b + 1):
                     for k in range(count[a]):
                         u = order[a, k]
@@ -202,7 +202,7 @@ def trace_cheapest_sequence(
     more: NDArray[np.int8],
     e: Array,
     phi: Array,
-    held: NDArray[np.int64],
+    position_number: NDArray[np.int64],
     branches: int,
     stable: bool,
     kind: Bools,
@@ -218,7 +218,7 @@ def trace_cheapest_sequence(
         more: as there.
         e: as there.
         phi: as there.
-        held: as there.
+        position_number: as there.
         branches: as there.
         stable: as there.
         kind: as there.
@@ -233,7 +233,7 @@ def trace_cheapest_sequence(
     turn, way, slow = np.empty((R, R)), np.empty((G, G)), np.empty((G, G))
     for s in range(S - 1, 0, -1):
         _turns(phi[s], phi[s - 1], turn)
-        _ways(e[s], e[s - 1], held[s], held[s - 1], kind[s, SAME], slowness, way, slow)
+        _ways(e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow)
         v, least = out[s], np.inf
         b, r, g = v % B, (v // B) % R, v // (B * R)
         for u in range(V):

@@ -115,17 +115,17 @@ class ValueGridSequences:
     def _reach(
         self, node: Array, kind: Bools, priced: Array, onward: Array, limit: float, reverse: bool = False
     ) -> Array:
-        q, more, e, phi, held = self.q, self.more, self.e, self.phi, self.held
+        q, more, e, phi, position_number = self.q, self.more, self.e, self.phi, self.held
         if reverse:
             q, e, phi = (np.ascontiguousarray(a[::-1]) for a in (q, e, phi))
-            more, held = np.ascontiguousarray(more[::-1]), np.ascontiguousarray(held[::-1])
+            more, position_number = np.ascontiguousarray(more[::-1]), np.ascontiguousarray(position_number[::-1])
         found: Array = compute_reach_costs(
             node,
             q,
             more,
             e,
             phi,
-            held,
+            position_number,
             self.branches,
             self.stable,
             kind,

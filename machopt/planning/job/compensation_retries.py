@@ -76,12 +76,12 @@ def _zones(plan: Plan, first: int, half: float) -> tuple[SteeringRule, ...]:
     rows = np.flatnonzero(plan.compensation.lost)
     if len(rows) > MOST:
         return ()
-    taken = compute_gamma(plan)
+    gamma = compute_gamma(plan)
     out: dict[tuple[int, int], tuple[float, float]] = {}
     for p in rows.tolist():
         ends = first + floor(plan.path.index[p] + 1e-9), first + ceil(plan.path.index[p] - 1e-9)
-        low, high = out.get(ends, (taken[p], taken[p]))
-        g = low + float(wrap_angle(taken[p] - low))
+        low, high = out.get(ends, (gamma[p], gamma[p]))
+        g = low + float(wrap_angle(gamma[p] - low))
         out[ends] = min(low, g), max(high, g)
     return tuple(
         SteeringRule(points=ends, forbid=(low - half, high + half))

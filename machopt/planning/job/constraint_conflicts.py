@@ -65,10 +65,10 @@ def add_constraint_conflict(
         if not possible(()):
             return plan
         least = find_minimal_conflict(wishes, possible)
-    told = ", ".join(describe_constraint(w) for w in least)
+    description = ", ".join(describe_constraint(w) for w in least)
     alone = "No plan keeps" if len(least) == 1 else "No plan keeps together:"
     end = "without it there is one." if len(least) == 1 else "without any one of them this conflict ends."
-    return replace(plan, conflict=f"{alone} {told}; {end}")
+    return replace(plan, conflict=f"{alone} {description}; {end}")
 
 
 def add_undrivable_conflict(
@@ -144,16 +144,16 @@ def restrict_to_constraints(options: PlanOptions, wishes: Sequence[Wish]) -> Pla
         options: plan options.
         wishes: constraints to keep.
     """
-    kept = set(wishes)
+    allowed = set(wishes)
 
     def stands(axis: ExternalJointOptions) -> ExternalJointOptions:
-        at = tuple((k, v) for k, v in axis.at_operations if AxisPositionPin(axis.joint, k, v, axis.unit) in kept)
+        at = tuple((k, v) for k, v in axis.at_operations if AxisPositionPin(axis.joint, k, v, axis.unit) in allowed)
         return replace(axis, at_operations=at)
 
     return replace(
         options,
-        fixed=tuple(f for f in options.fixed if f in kept),
-        steer=tuple(w for w in options.steer if w in kept or w not in list_constraints(options)),
+        fixed=tuple(f for f in options.fixed if f in allowed),
+        steer=tuple(w for w in options.steer if w in allowed or w not in list_constraints(options)),
         external=tuple(stands(axis) for axis in options.external),
     )
 

@@ -105,9 +105,9 @@ def _whole_job(
 ) -> DrivenToolSegment:
     """A job of one tool; with fewer external joints free where it has no complete motion with all of them."""
 
-    def done(asked: PlanOptions, lent: Plan | None = None) -> DrivenToolSegment:
-        first = _planned(stint, asked, timings, 1, lent)
-        return _done(stint, first, asked, timings, lambda o: _planned(stint, o, timings, 1))
+    def done(locked_options: PlanOptions, lent: Plan | None = None) -> DrivenToolSegment:
+        first = _planned(stint, locked_options, timings, 1, lent)
+        return _done(stint, first, locked_options, timings, lambda o: _planned(stint, o, timings, 1))
 
     subsets = (
         list(iterate_locked_subsets(stint.cell, stint.restrict_options(options))) if stint.cell.external_joints else []
@@ -118,9 +118,9 @@ def _whole_job(
         free = done(options, before)
     if has_trajectory(free):
         return free
-    for names, asked in subsets:
+    for names, locked_options in subsets:
         with limit_search(SearchBudget()):
-            found = done(replace(options, external=asked.external))
+            found = done(replace(options, external=locked_options.external))
         if has_trajectory(found):
             return add_locked_axes_note(found, names, options)
     return free
@@ -165,7 +165,7 @@ def _done(
 
 
 def _rounded_less(
-    planned: Plan, taken: Plan, timeline: MotionTimeline, motion: Callable[[Plan], tuple[Plan, MotionTimeline | None]]
+    planned: Plan, driven: Plan, timeline: MotionTimeline, motion: Callable[[Plan], tuple[Plan, MotionTimeline | None]]
 ) -> tuple[Plan, Plan, MotionTimeline | None]:
     """Drive a plan whose rounded corners violate a margin with smaller corner rounding in the affected runs.
 
@@ -173,18 +173,18 @@ def _rounded_less(
     that
     fails, the motion is dropped where a margin is violated.
     """
-    the_plan, first = planned, find_lost_margin(planned, taken)
+    the_plan, first = planned, find_lost_margin(planned, driven)
     for rounding in ROUNDINGS:
-        stop = find_lost_margin(the_plan, taken)
+        stop = find_lost_margin(the_plan, driven)
         if stop is None:
-            return the_plan, taken, timeline
-        runs = {**the_plan.rounding, **dict.fromkeys(find_runs_with_lost_margins(the_plan, taken), rounding)}
+            return the_plan, driven, timeline
+        runs = {**the_plan.rounding, **dict.fromkeys(find_runs_with_lost_margins(the_plan, driven), rounding)}
         the_plan, narrower = motion(replace(the_plan, rounding=runs))
         if narrower is None or narrower.trajectory is None:
             break
-        timeline, taken = narrower, apply_driven_rotation(the_plan, narrower.phi)
-    if first is None or find_lost_margin(the_plan, taken) is None:
-        return the_plan, taken, timeline
+        timeline, driven = narrower, apply_driven_rotation(the_plan, narrower.phi)
+    if first is None or find_lost_margin(the_plan, driven) is None:
+        return the_plan, driven, timeline
     return planned, planned, replace(timeline, trajectory=None, obstructions=(first,))
 
 
@@ -210,13 +210,13 @@ def drive_tool_segment(
         the_plan, timeline = reroute_blocked_rapids(the_plan, motion, timings)
         if timeline is None or timeline.trajectory is None:
             return the_plan, the_plan, timeline
-        taken = apply_driven_rotation(the_plan, timeline.phi)
-        stop = find_lost_margin(the_plan, taken)
+        driven = apply_driven_rotation(the_plan, timeline.phi)
+        stop = find_lost_margin(the_plan, driven)
         if stop is None:
-            return the_plan, taken, timeline
-        reserved = add_margin_reserve(reserved, the_plan, taken)
+            return the_plan, driven, timeline
+        reserved = add_margin_reserve(reserved, the_plan, driven)
         alternative = again(reserved) if tries_left else None
         if alternative is None or not (is_whole(alternative) or options.allow_gaps):
-            return _rounded_less(the_plan, taken, timeline, motion)
+            return _rounded_less(the_plan, driven, timeline, motion)
         the_plan = restore_requested_margins(alternative, options, arm)
     raise AssertionError("the last try returns")

@@ -75,7 +75,7 @@ def join_timelines(parts: Sequence[DrivenToolSegment]) -> MotionTimeline | None:
     before = np.cumsum([0, *(len(p.stretch.plan.path.index) for p in parts)]).tolist()
     row = dict(zip([id(p) for p in parts], before, strict=False))
     cut = np.array([float((t.move == MoveKind.CUT).sum()) for t in driven]) if whole else np.ones(1)
-    held = np.array([one.held_share for _, one in found]) if whole else np.ones(1)
+    held_shares = np.array([one.held_share for _, one in found]) if whole else np.ones(1)
     return MotionTimeline(
         trajectory=_one_after_the_other(parts, driven) if whole else None,
         dips=tuple(d.at(np.array([d.first, d.last]) + p.stretch.first) for p, one in found for d in one.dips),
@@ -86,7 +86,7 @@ def join_timelines(parts: Sequence[DrivenToolSegment]) -> MotionTimeline | None:
             for text in one.detours
         ),
         legs=(),
-        held_share=float(cut @ held / cut.sum()) if cut.sum() > 0 else 1.0,
+        held_share=float(cut @ held_shares / cut.sum()) if cut.sum() > 0 else 1.0,
         phi=np.concatenate([one.phi for _, one in found]),
         driven=tuple((a + row[id(p)], b + row[id(p)]) for p, one in found for a, b in one.driven),
         given_up={(a + row[id(p)], b + row[id(p)]): text for p, one in found for (a, b), text in one.given_up.items()},

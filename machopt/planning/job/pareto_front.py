@@ -138,7 +138,7 @@ def describe_better_plans(points: Sequence[FrontPlan]) -> tuple[str, ...]:
 
 
 def measure_front_plan(
-    name: str, changed: str, the_plan: Plan, timeline: MotionTimeline, points: PointResults, asked: Plan
+    name: str, changed: str, the_plan: Plan, timeline: MotionTimeline, points: PointResults, requested_plan: Plan
 ) -> FrontPlan:
     """Return the criteria of one driven plan, with the objective by the weights of the requested plan.
 
@@ -148,7 +148,7 @@ def measure_front_plan(
         the_plan: plan to measure.
         timeline: its motion.
         points: its point results.
-        asked: requested plan.
+        requested_plan: requested plan.
 
     Raises:
         ValueError: the plan has no motion.
@@ -156,7 +156,7 @@ def measure_front_plan(
     motion, o = timeline.trajectory, the_plan.chosen.objective
     if motion is None:
         raise ValueError("a plan without a motion is no point of the front")
-    unit, share = 1e3 * the_plan.scores.scale, the_plan.scores.scale / asked.scores.scale
+    unit, share = 1e3 * the_plan.scores.scale, the_plan.scores.scale / requested_plan.scores.scale
     in_its_units = replace(o, mean=share * o.mean, worst=share * o.worst)
     clearance = points.table.clearance
     return FrontPlan(
@@ -167,7 +167,7 @@ def measure_front_plan(
         cycle_time_s=float(motion.time[-1]),
         joint_travel_deg=float(np.degrees(np.abs(np.diff(motion.q, axis=0)).sum())),
         clearance_mm=1e3 * float(np.nanmin(clearance)) if np.isfinite(clearance).any() else None,
-        objective=compute_total(in_its_units, asked.options.weights),
+        objective=compute_total(in_its_units, requested_plan.options.weights),
     )
 
 

@@ -68,7 +68,7 @@ def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) ->
         return first
     driven, timeline = first
     B = plan.candidates.q.shape[2]
-    shut, told = _Shut(np.zeros((B, B), bool), frozenset(), ()), dict[str, str]()
+    shut, descriptions = _Shut(np.zeros((B, B), bool), frozenset(), ()), dict[str, str]()
     for _ in range(TRIES):
         stops = _stops(timeline)
         if timeline is None or timeline.trajectory is not None or not stops or is_used_up():
@@ -80,12 +80,12 @@ def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) ->
                 if turned is None:
                     stuck.append(stop)
                 else:
-                    plan, told[stop.where] = turned
+                    plan, descriptions[stop.where] = turned
         if stuck:
             more = _shut_by(driven, stuck, shut)
             if plan.found is None or not plan.candidates.stable or not more.more_than(shut):
                 return first
-            shut, told = more, {}
+            shut, descriptions = more, {}
             with timings.stage("choose"):
                 plan = search_without_branch_changes(plan, plan.found, shut.between, sorted(shut.ends), timings)
             if not is_complete(plan):
@@ -93,7 +93,7 @@ def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) ->
         driven, timeline = motion(plan)
     if timeline is None or timeline.trajectory is None:
         return first
-    return driven, replace(timeline, detours=(*timeline.detours, *shut.told, *told.values()))
+    return driven, replace(timeline, detours=(*timeline.detours, *shut.told, *descriptions.values()))
 
 
 def _stops(timeline: MotionTimeline | None) -> list[SequenceBreak]:
@@ -187,19 +187,19 @@ def _free(plan: Plan, a: Array, b: Array) -> bool:
 
 def _shut_by(plan: Plan, stops: list[SequenceBreak], shut: _Shut) -> _Shut:
     """Return the set extended by the blocked moves of one more motion."""
-    between, ends, told = shut.between.copy(), set(shut.ends), list(shut.told)
+    between, ends, descriptions = shut.between.copy(), set(shut.ends), list(shut.told)
     for stop in stops:
         a, b = (_branch(plan, place) for place in (stop.before, stop.after))
         if a == b or (a >= 0 and b >= 0 and between[a, b]):
             continue
         if a >= 0 and b >= 0:
             between[a, b] = between[b, a] = True
-            told.append(_words(stop, f"between branches {a} and {b}"))
+            descriptions.append(_words(stop, f"between branches {a} and {b}"))
         else:
             row = _row(plan, stop.after if a < 0 else stop.before)
             ends.add((min(int(np.searchsorted(plan.path.stations, row)), len(plan.path.stations) - 1), max(a, b)))
-            told.append(_words(stop, f"{'to' if a < 0 else 'from'} branch {max(a, b)}"))
-    return _Shut(between, frozenset(ends), tuple(told))
+            descriptions.append(_words(stop, f"{'to' if a < 0 else 'from'} branch {max(a, b)}"))
+    return _Shut(between, frozenset(ends), tuple(descriptions))
 
 
 def _row(plan: Plan, place: float) -> int:

@@ -37,8 +37,8 @@ def check_length_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: boo
     """
     robot = load_robot(cell)
     machine = load_machine(cell, robot)
-    stands = machine.compute_T_base_workpiece(_corners(cell))
-    why = [explain_wrong_unit(toolpath, robot, T, cell.tool.T_flange_tcp, stated=stated) for T in stands]
+    workpiece_poses = machine.compute_T_base_workpiece(_corners(cell))
+    why = [explain_wrong_unit(toolpath, robot, T, cell.tool.T_flange_tcp, stated=stated) for T in workpiece_poses]
     if all(why):  # for all positions of the external joints
         raise InputError(why[0], file=file)
 
@@ -60,11 +60,11 @@ def add_reach_warning(cell: Cell, toolpath: Toolpath) -> Toolpath:
     beyond = int((distance > reach).sum())
     if not beyond:
         return toolpath
-    told = (
+    message = (
         f"{beyond} of {len(cuts)} cut points lie beyond the reach of the robot ({reach:.3g} m), the farthest at "
         f"{distance.max():.4g} m: are unit (--unit), decimals (--decimals) and the pose of the workpiece right?"
     )
-    return replace(toolpath, warnings=(*toolpath.warnings, told))
+    return replace(toolpath, warnings=(*toolpath.warnings, message))
 
 
 def _corners(cell: Cell) -> Array:

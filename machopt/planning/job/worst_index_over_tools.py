@@ -72,9 +72,9 @@ def plan_worst_index_over_tools(
             bound = common.bound
             if _whole([p.chosen.objective for p in best], share, w) <= (bound + ways) * (1 + CLOSED):
                 break
-            asked = [k for n, k in enumerate(cuts) if share[k] > LEAST and common.differs(n, best[k])]
+            searched = [k for n, k in enumerate(cuts) if share[k] > LEAST and common.differs(n, best[k])]
             tried = list(best)
-            for k in asked:
+            for k in searched:
                 found = grids[k].found
                 if found is None:
                     raise AssertionError("every stretch was searched")
@@ -111,8 +111,8 @@ class _Common:
         return own > self.worst * (1 + GAP) or value > self.values[n] + GAP * abs(one.choice.total)
 
 
-def _traded(grids: Sequence[Plan], share: Array, w: float, beside: float) -> _Common | None:
-    """The common cap of some stretches; ``beside`` is the worst index of the others."""
+def _traded(grids: Sequence[Plan], share: Array, w: float, worst_elsewhere: float) -> _Common | None:
+    """The common cap of some stretches; ``worst_elsewhere`` is the worst index of the others."""
     some = []
     for p in grids:
         if p.found is None:
@@ -129,12 +129,12 @@ def _traded(grids: Sequence[Plan], share: Array, w: float, beside: float) -> _Co
 
     def whole(answers: Sequence[WorstLimitedSequence]) -> WorstLimitedSequence:
         value = float(share @ [a.value for a in answers])
-        worst = max(beside, *(a.worst for a in answers))
+        worst = max(worst_elsewhere, *(a.worst for a in answers))
         found[value] = tuple(a.value for a in answers)
         return WorstLimitedSequence(np.empty((0, 3), np.int32), value, worst)
 
     def under(cap: float, limit: float) -> WorstLimitedSequence | None:
-        if cap < beside:
+        if cap < worst_elsewhere:
             return None
         answers: list[WorstLimitedSequence] = []
         left = limit - float(share @ least)
@@ -147,7 +147,7 @@ def _traded(grids: Sequence[Plan], share: Array, w: float, beside: float) -> _Co
         return whole(answers)
 
     free = whole([s.free for s in some])
-    done: WorstTradeResult = trade_worst_index(free, max(beside, *(s.floor for s in some)), w, under)
+    done: WorstTradeResult = trade_worst_index(free, max(worst_elsewhere, *(s.floor for s in some)), w, under)
     return _Common(done.bound, done.best.worst, found[done.best.value])
 
 

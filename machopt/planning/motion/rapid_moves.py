@@ -287,10 +287,10 @@ def _connect(
 def _extend(space: _Space, tree: _Tree, near: int, target: Array) -> int | None:
     """One step of at most REACH from entry ``near`` towards the target; None if it is not free."""
     away = target - tree.q[near]
-    far = float(np.abs(away * tree.measure).max())
-    q = target if far <= REACH else tree.q[near] + away * (REACH / far)
-    if far < STILL or not space.free(tree.q[near], q):
-        return None if far >= STILL else near
+    distance = float(np.abs(away * tree.measure).max())
+    q = target if distance <= REACH else tree.q[near] + away * (REACH / distance)
+    if distance < STILL or not space.free(tree.q[near], q):
+        return None if distance >= STILL else near
     return tree.add(q, near)
 
 

@@ -46,14 +46,14 @@ def limit_search(budget: SearchBudget) -> Iterator[None]:
         _BUDGET.reset(token)
 
 
-def allow_extensions(wanted: int) -> int:
+def allow_extensions(requested: int) -> int:
     """Return how many extensions a tree may have.
 
     Args:
-        wanted: number without a budget.
+        requested: number without a budget.
     """
     budget = _BUDGET.get()
-    return min(wanted, AFTERWARDS) if budget is not None and budget.used_up else wanted
+    return min(requested, AFTERWARDS) if budget is not None and budget.used_up else requested
 
 
 def count_in_vain(extensions: int) -> None:

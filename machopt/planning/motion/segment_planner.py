@@ -225,10 +225,10 @@ class SegmentPlanner:
         gamma = done.phi + self.path.offset[rows][below]
         self.phi[rows] = np.interp(np.arange(len(rows)), local, done.phi)
         phi = self.plan.chosen.assignment.phi[rows]
-        told = select_program_points(phi, self.path.is_point[rows], index, self.path.position[rows])
+        is_target = select_program_points(phi, self.path.is_point[rows], index, self.path.position[rows])
         if np.ptp(self.path.external[rows], axis=0).any():
-            told[:] = True  # between two targets the controller interpolates linearly
-        told[0] = False  # the move starts there
+            is_target[:] = True  # between two targets the controller interpolates linearly
+        is_target[0] = False  # the move starts there
         cutting = move == MoveKind.CUT
         self.cut_time += float(cutting.sum()) * self.options.sample
         self.held_time += float((cutting & done.held).sum()) * self.options.sample
@@ -240,11 +240,11 @@ class SegmentPlanner:
             move=move,
             operation=self._operation(rows[segment]),
             gamma=gamma,
-            waypoints=self._told(self.q[rows][told]),
-            waypoint_index=index[told],
-            waypoint_feed=feed[told],
+            waypoints=self._told(self.q[rows][is_target]),
+            waypoint_index=index[is_target],
+            waypoint_feed=feed[is_target],
             external=done.external,
-            waypoint_external=self.path.external[rows][told],
+            waypoint_external=self.path.external[rows][is_target],
         )
         for n, row in reversed(list(zip(rests, done.rests, strict=True))):
             leg = leg.standing(row, self.samples_at(first + n))

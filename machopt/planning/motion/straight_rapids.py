@@ -80,7 +80,10 @@ def get_known_rapids(model: CollisionModel, step: float) -> dict[Way, bool]:
 def _asked(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: float) -> dict[Way, bool]:
     rows = np.array([row for pair in ends for row in pair], float)
     starts = np.arange(len(rows)) % 2 == 0
-    begun = model.check_configurations(rows[starts], np.zeros(len(ends), bool)).hit
+    starts_in_contact = model.check_configurations(rows[starts], np.zeros(len(ends), bool)).hit
     # The contact at a start belongs to the move before it: the cutter may be in the part there.
     driven = model.check_motion(rows, starts, step).hit[~starts]
-    return {build_rapid_key(a, b): not blocked for (a, b), blocked in zip(ends, (begun | driven).tolist(), strict=True)}
+    return {
+        build_rapid_key(a, b): not blocked
+        for (a, b), blocked in zip(ends, (starts_in_contact | driven).tolist(), strict=True)
+    }

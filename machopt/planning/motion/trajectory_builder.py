@@ -92,8 +92,10 @@ class _Builder:
 
     def build(self) -> MotionTimeline:
         here, home = (
-            RestPose(rest, float("nan"), -1, told is not None)
-            for rest, told in zip(compute_rest_poses(self.plan), (self.plan.begin, self.plan.end), strict=True)
+            RestPose(rest, float("nan"), -1, encoder_angles is not None)
+            for rest, encoder_angles in zip(
+                compute_rest_poses(self.plan), (self.plan.begin, self.plan.end), strict=True
+            )
         )
         reason, breaks = self.plan.chosen.assignment.reason, self.plan.breaks
         pieces = find_driven_stretches(self.path, reason, breaks)
@@ -122,14 +124,14 @@ class _Builder:
         if not find_uncut_points(self.path, []).sum() > find_uncut_points(self.path, self.driven).sum():
             self.obstructions += [b for b in self.in_the_way if b not in self.obstructions]  # no cut remains
         trajectory = None if self.obstructions else self._joined()
-        held = self.made.held_time / self.made.cut_time if self.made.cut_time > 0 else 1.0
+        held_share = self.made.held_time / self.made.cut_time if self.made.cut_time > 0 else 1.0
         return MotionTimeline(
             trajectory=trajectory,
             dips=tuple(self.made.dips),
             obstructions=tuple(self.obstructions),
             detours=tuple(self.made.detours),
             legs=tuple(self.legs),
-            held_share=held,
+            held_share=held_share,
             phi=self.made.phi,
             driven=tuple(self.driven),
             given_up=self.given_up,
@@ -141,7 +143,7 @@ class _Builder:
         After a rapid move without a solution the remaining stretches are driven anyway, so that every obstruction is
         reported.
         """
-        wanted = (first, last)
+        requested = (first, last)
         while True:
             found = self._legs(here, first, last)
             if not isinstance(found, SequenceBreak):
@@ -156,9 +158,9 @@ class _Builder:
             self.in_the_way.append(found)
             shorter = self._shorter(found, first, last)
             if shorter is None:
-                self.given_up[wanted] = f"left out with the stretch it is in: {found.text} ({found.where})"
+                self.given_up[requested] = f"left out with the stretch it is in: {found.text} ({found.where})"
                 return None
-            self.given_up[wanted] = f"the cut to it is left out: {found.text} ({found.where})"
+            self.given_up[requested] = f"the cut to it is left out: {found.text} ({found.where})"
             first, last = shorter
         legs, end = found
         self.legs += legs
@@ -199,12 +201,12 @@ class _Builder:
         down = self.made.straight(start, self.x[first], first, MoveKind.APPROACH, lift_in) if lift_in else None
         up = self.made.straight(self.x[last], end, last, MoveKind.RETRACT, lift_out) if lift_out else None
         run: MotionSegment | SequenceBreak | None = None
-        held: MotionSegment | None = None
+        rapid_leg: MotionSegment | None = None
         if isinstance(down, SequenceBreak) or isinstance(up, SequenceBreak):
             return down if isinstance(down, SequenceBreak) else up  # type: ignore[return-value]  # one of them is a break
         if last > first and np.ptp(self.path.s[first : last + 1]) > 0:
             begin = self._stood_until(first, last)
-            held = self.made.touch(first, begin) if begin > first else None
+            rapid_leg = self.made.touch(first, begin) if begin > first else None
             run = self.made.run(begin, last)
         elif last > first or self.path.move[first] != MoveKind.RAPID:
             run = self.made.touch(first, last)
@@ -213,8 +215,8 @@ class _Builder:
         legs = [leg for leg in (to, down) if leg is not None]
         if run is not None and last > first:  # the rest at its start is before the run
             legs[-1] = legs[-1].standing(-1, self.made.samples_at(first))
-        if held is not None:
-            legs.append(held.standing(-1, self.made.samples_at(begin)))
+        if rapid_leg is not None:
+            legs.append(rapid_leg.standing(-1, self.made.samples_at(begin)))
         legs += [] if run is None else [run]
         legs[-1] = legs[-1].standing(-1, self.made.samples_at(last))
         return legs + ([] if up is None else [up]), RestPose(end, float(index[last]), last)
@@ -274,9 +276,9 @@ class _Builder:
 
         q = join("q")
         correction = self.plan.setup.correction
-        stands = q if correction is None else correction.compute_true_angles(q)
+        true_angles = q if correction is None else correction.compute_true_angles(q)
         external = join("external")
-        place = self._in_part(stands, external)
+        place = self._in_part(true_angles, external)
         speed = np.r_[0.0, np.linalg.norm(np.diff(place, axis=0), axis=1) / self.options.sample]
         return Trajectory(
             time=np.arange(len(q), dtype=float) * self.options.sample,

@@ -103,9 +103,9 @@ class CollisionFreeSearch:
         Args:
             found: result of the earlier search.
         """
-        struck = self.strikes
-        struck.pairs[:], struck.looked[:], self.chooser.wide[:] = found.pairs, found.looked, found.wide
-        struck.edges, struck.banned = found.edges, dict(found.banned)
+        exclusions = self.strikes
+        exclusions.pairs[:], exclusions.looked[:], self.chooser.wide[:] = found.pairs, found.looked, found.wide
+        exclusions.edges, exclusions.banned = found.edges, dict(found.banned)
 
     def begin(self) -> None:
         """Make the first choice, which needs no contact checks; :meth:`run` then starts with it."""
@@ -148,12 +148,12 @@ class CollisionFreeSearch:
                         if grid.free:
                             source, found, check = "grid", plain, grid
                     break
-                struck = self.strikes.along(choice, found, check)  # narrower corridor for the next curve
+                excluded = self.strikes.along(choice, found, check)  # narrower corridor for the next curve
                 if not self.strikes.chosen(choice) and not self.strikes.gone(choice):
                     grid = self._checked(plain, choice)
                     if grid.free:
                         grid_is_free = True
-                        if struck and smoothings < SMOOTHINGS:
+                        if excluded and smoothings < SMOOTHINGS:
                             smoothings += 1
                             continue
                         found, check, source = self._mixed(found, check, plain, grid)
@@ -276,9 +276,9 @@ def find_covered_points(path: PlanningPath, choice: SequenceChoice) -> NDArray[n
     """
     st = path.stations
     out = np.zeros(len(path.index), bool)
-    kept = ~choice.dropped
-    out[st[kept]] = True
-    for s in np.flatnonzero(kept[1:] & kept[:-1]) + 1:
+    has_vertex = ~choice.dropped
+    out[st[has_vertex]] = True
+    for s in np.flatnonzero(has_vertex[1:] & has_vertex[:-1]) + 1:
         if path.run[st[s]] == path.run[st[s - 1]] and s not in choice.broken:
             out[st[s - 1] : st[s]] = True
     return out

@@ -303,8 +303,8 @@ def _picked(
     """Return the result of a search, or a baseline that is better: the paper's first, then the CAM file's."""
     best = _Picked(scored(found.assignment), found.source, found.check, searched=True)
     for other, name in zip(others, (PAPER, DEFAULT), strict=False):
-        wanted = is_rotation_allowed(other.assignment.phi, path, options)
-        if wanted and other.objective.total < best.chosen.objective.total and _whole(other, path):
+        is_allowed = is_rotation_allowed(other.assignment.phi, path, options)
+        if is_allowed and other.objective.total < best.chosen.objective.total and _whole(other, path):
             best = _Picked(other, name, None)
     return best
 
@@ -444,10 +444,10 @@ def _grid_objective(
         crowded = np.interp(np.arange(len(path.index)), st, near)
     x = setup.in_rad(path, plain.seed)
     v = setup.velocity
-    told = compute_objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere)
+    objective = compute_objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere)
     crossed = compute_worst_index(
         scores.raw, path.counted[st], find_hidden_points(path), choice.rotation, choice.branch
     )
-    worst, beside = max(told.worst, crossed), scores.elsewhere
-    more = max(worst, beside) - max(told.worst, beside)
-    return replace(told, worst=worst, total=told.total + options.weights.worst * more)
+    worst, worst_elsewhere = max(objective.worst, crossed), scores.elsewhere
+    more = max(worst, worst_elsewhere) - max(objective.worst, worst_elsewhere)
+    return replace(objective, worst=worst, total=objective.total + options.weights.worst * more)

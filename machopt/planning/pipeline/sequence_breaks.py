@@ -197,8 +197,8 @@ def _break(
 
     if tally.why:
         most = max(tally.why, key=lambda k: (tally.why[k], k))
-        told = ", ".join(f"{n} {_SENTENCE[k]}" for k, n in tally.why.most_common())
-        of = f"of {sum(tally.why.values())} continuous ways {told}"
+        counts = ", ".join(f"{n} {_SENTENCE[k]}" for k, n in tally.why.most_common())
+        of = f"of {sum(tally.why.values())} continuous ways {counts}"
         if most == "limit":
             _, joint, value, limit = tally.over
             v, x = float(np.degrees(value)), float(np.degrees(limit))

@@ -54,8 +54,8 @@ def compute_collision_map(plan: Plan, full: bool = False, seconds: float = SECON
     if plan.parts:
         return _of_all(plan, [compute_collision_map(p.plan, full, seconds * p.share) for p in plan.parts])
     c = plan.candidates
-    looked = np.zeros(c.reason.shape, bool) if plan.found is None else plan.found.looked
-    known = looked & c.usable
+    checked = np.zeros(c.reason.shape, bool) if plan.found is None else plan.found.looked
+    known = checked & c.usable
     model = plan.setup.collision
     if not full or model is None:
         return CollisionMap(c, known, full)

@@ -45,20 +45,20 @@ def explain_external_axes(plan: Plan, point: int, *, out_of_reach: bool) -> Exte
         return ExternalAxisReason("", "", "")
     axes = resolve_axis_options(cell, plan.options)
     at = plan.path.external[point]
-    stands = "with " + " and ".join(_stands(plan, k, axis, float(at[k])) for k, axis in enumerate(axes))
+    positions = "with " + " and ".join(_stands(plan, k, axis, float(at[k])) for k, axis in enumerate(axes))
     if not out_of_reach:
-        return ExternalAxisReason(stands, "", "")
+        return ExternalAxisReason(positions, "", "")
     others = np.array(list(_others(plan, at)))
     within = np.flatnonzero(_reached(plan, point, others))
     if not len(within):
         names = " and ".join(_range(plan, k) for k in range(len(at)))
-        return ExternalAxisReason(stands, f"out of reach at every value tried of {names}", "")
+        return ExternalAxisReason(positions, f"out of reach at every value tried of {names}", "")
     found = others[within[0]]
     moved = [k for k in range(len(at)) if abs(found[k] - at[k]) > 1e-9]
     there = " and ".join(f"{cell.external_joints[k]} at {_value(plan, k, float(found[k]))}" for k in moved)
-    held = [_option(plan, k, axes[k], float(found[k])) for k in moved]
+    limiting_options = [_option(plan, k, axes[k], float(found[k])) for k in moved]
     return ExternalAxisReason(
-        stands, f"with {there} it would be in reach", " and ".join(dict.fromkeys(h for h in held if h))
+        positions, f"with {there} it would be in reach", " and ".join(dict.fromkeys(h for h in limiting_options if h))
     )
 
 
@@ -76,10 +76,10 @@ def list_overruled_pins(plan: Plan) -> list[str]:
             continue
         low, high = compute_axis_range(cell, k, axes[k], locked=not axes[k].moves)
         if not low - MET <= wish.at <= high + MET:
-            kept = f"the range {_value(plan, k, low)} to {_value(plan, k, high)}" if high > low else ""
-            kept = kept or f"its lock at {_value(plan, k, low)}"
+            range_text = f"the range {_value(plan, k, low)} to {_value(plan, k, high)}" if high > low else ""
+            range_text = range_text or f"its lock at {_value(plan, k, low)}"
             out.append(
-                f"The pin of {format_steering_rule(wish)} (steer) goes before {kept} "
+                f"The pin of {format_steering_rule(wish)} (steer) goes before {range_text} "
                 f"(external.{cell.external_joints[k]})."
             )
     return out

@@ -124,7 +124,7 @@ def _towards(plan: Plan, point: int) -> str:
     way = middle - at
     size = float(np.linalg.norm(way))
     moved = compute_reach_shift(plan, point)
-    far = f"the tip is {1e3 * size:,.0f} mm from the shoulder"
+    distance_text = f"the tip is {1e3 * size:,.0f} mm from the shoulder"
     extent = float(np.linalg.norm(np.ptp(plan.path.position, axis=0)))
     unit = "; is the workpiece frame in mm?" if size > FAR else ""
     if (
@@ -142,7 +142,7 @@ def _towards(plan: Plan, point: int) -> str:
     option = explain_external_axes(plan, point, out_of_reach=True).help
     if option:
         return f"{option} would help; so would {part}{' for' if whom else ''}{whom}"
-    return f"{part} would help{whom} ({far}{unit})"
+    return f"{part} would help{whom} ({distance_text}{unit})"
 
 
 def compute_reach_shortfall(plan: Plan, point: int) -> float:
@@ -187,25 +187,25 @@ def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> st
             "points without leaving the path: a retract between them, another rotation range or a smaller "
             "singularity margin would help"
         )
-    far = bool((rows == InfeasibilityReason.UNREACHABLE).all())
-    external = explain_external_axes(plan, point, out_of_reach=far)
-    stands = f" {external.stands}" if external.stands else ""
-    if far:
+    is_out_of_reach = bool((rows == InfeasibilityReason.UNREACHABLE).all())
+    external = explain_external_axes(plan, point, out_of_reach=is_out_of_reach)
+    positions = f" {external.stands}" if external.stands else ""
+    if is_out_of_reach:
         short = 1e3 * plan.candidates.shortfall[s]
         missing = f"{short:.0f}" if short >= 0.5 else "less than 1"
         elsewhere = f"{external.elsewhere}; " if external.elsewhere else ""
         if not short > 0.0:
             return (
-                f"no posture at any rotation{stands} brings the tool here with this axis, though it is not too far "
+                f"no posture at any rotation{positions} brings the tool here with this axis, though it is not too far "
                 f"away; {elsewhere}turning or moving the workpiece would help"
             )
         return (
-            f"out of reach at every rotation{stands}: the wrist centre lies {missing} mm outside the workspace; "
+            f"out of reach at every rotation{positions}: the wrist centre lies {missing} mm outside the workspace; "
             f"{elsewhere}moving the workpiece or the robot by that much would help"
         )
     parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]
     joint = _limiting_joint(plan, s) if (rotations == InfeasibilityReason.LIMIT).any() else ""
-    return f"no rotation works{stands}: of {len(rotations)} tried, " + ", ".join(parts) + joint + _touching(plan, s)
+    return f"no rotation works{positions}: of {len(rotations)} tried, " + ", ".join(parts) + joint + _touching(plan, s)
 
 
 def _touching(plan: Plan, s: int) -> str:
@@ -349,11 +349,11 @@ def list_hints(plan: Plan) -> tuple[str, ...]:
     if angle < NEARLY_PARALLEL:
         zero = robot.T_base_flange_zero
         tip = zero[:3, :3] @ arm.T_flange_tcp[:3, 3] + zero[:3, 3]
-        beside = float(np.linalg.norm(np.cross(tip - robot.point[5], robot.axis[5])))  # m, of the tip from axis 6
+        tip_offset = float(np.linalg.norm(np.cross(tip - robot.point[5], robot.axis[5])))  # m, of the tip from axis 6
         effect = (
             "so turning about it only turns joint 6 and hardly changes stiffness or reach"
-            if beside < BESIDE
-            else f"{1e3 * beside:.0f} mm beside it, so turning about it moves the wrist on so small a circle"
+            if tip_offset < BESIDE
+            else f"{1e3 * tip_offset:.0f} mm beside it, so turning about it moves the wrist on so small a circle"
         )
         out.append(
             f"The tool axis is {np.degrees(angle):.1f}° from axis 6, {effect}. What would help: another branch, "
@@ -379,8 +379,8 @@ def list_hints(plan: Plan) -> tuple[str, ...]:
     changes = _changes(plan)
     if changes:
         more = f"; and {len(changes) - 6} more" if len(changes) > 6 else ""
-        told = "; ".join(changes[:6]) + more
-        out.append(f"The arm changes its configuration between runs, where the tool is retracted: {told}")
+        changes_text = "; ".join(changes[:6]) + more
+        out.append(f"The arm changes its configuration between runs, where the tool is retracted: {changes_text}")
     return tuple(out)
 
 

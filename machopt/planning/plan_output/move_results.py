@@ -79,8 +79,8 @@ def add_slowdown_notes(table: PointsTable, dips: Sequence[FeedSlowdown]) -> Poin
     stretches = [
         SlowStretch(first=d.first, last=d.last, ratio=d.ratio, where=d.where, axis=d.joint, limit=d.limit) for d in dips
     ]
-    said = list(table.reason)
+    reasons = list(table.reason)
     for k, words in describe_slow_points(stretches, len(table)).items():
         if table.status[k] == InfeasibilityReason.OK.word:
-            said[k] = words
-    return replace(table, reason=tuple(said))
+            reasons[k] = words
+    return replace(table, reason=tuple(reasons))

@@ -62,7 +62,7 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
     n, a = len(rows), plan.chosen.assignment
     q = a.q[rows]  # true angles; the table has encoder angles
     known = plan.setup.correction
-    told = q if known is None else known.compute_encoder_angles(q)
+    encoder_angles = q if known is None else known.compute_encoder_angles(q)
     ok = np.flatnonzero(a.reason[rows] == InfeasibilityReason.OK)
     axial, normal, paper, bend = (np.full(n, np.nan) for _ in range(4))
     elasticity, d = plan.setup.elasticity, plan.directions
@@ -85,7 +85,7 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         for i, k in zip(ok, near.pair, strict=True):
             pairs[i] = model.pairs[k].name if k >= 0 else ""
     lower, upper = plan.setup.cell.limits.lower[:6], plan.setup.cell.limits.upper[:6]
-    margin = np.minimum(told - lower, upper - told).min(axis=1)
+    margin = np.minimum(encoder_angles - lower, upper - encoder_angles).min(axis=1)
     shoulder = np.arctan2(a.shoulder[rows], 1.0)  # as an angle over 1 m, to compare with the others
     singular = np.fmin(np.fmin(a.wrist[rows], a.elbow[rows]), shoulder)
     why = explain_points(plan)
@@ -97,7 +97,7 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         operations=tuple(o.label for o in toolpath.operations),
         gamma=np.where(a.reason[rows] == InfeasibilityReason.OK, compute_gamma(plan)[rows], np.nan),
         branch=a.branch[rows].astype(np.int8),
-        q=told,
+        q=encoder_angles,
         external=plan.path.external[rows],
         external_prismatic=plan.setup.cell.external_prismatic,
         k_axial=axial,
@@ -164,23 +164,23 @@ def _uncertainty(
         by_point[rows[some]] = elastic.compute_sensitivity(along, along, small=True)
         if doubt is not None and moved is not None:
             moved[rows[some]] = doubt.axial(elastic, q[some], along)
-    beside = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=True))
+    own_std = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=True))
     own = np.zeros(P)  # contribution of single poses
     if doubt is not None and moved is not None:
         own[at] = doubt.own(plan.directions, at, "stiffness")
-        beside = compute_reported_std(moved, beside**2 + own**2)
-    axial_std[ok] = beside[at] * axial[ok] ** 2  # of 1/c
+        own_std = compute_reported_std(moved, own_std**2 + own**2)
+    axial_std[ok] = own_std[at] * axial[ok] ** 2  # of 1/c
     if not plan.options.force.given:
         return None, axial_std
     for some in _blocks(ok):
         by_point[rows[some]] = compute_cost_gradient(elasticity, plan.directions, rows[some], q[some], "deflection")
         if doubt is not None and moved is not None:
             moved[rows[some]] = doubt.cost(elasticity, plan.directions, rows[some], q[some], "deflection")
-    beside = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=False))
+    own_std = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=False))
     if doubt is not None and moved is not None:
         own[at] = doubt.own(plan.directions, at, "deflection")
-        beside = compute_reported_std(moved, beside**2 + own**2)
-    bend_std[ok] = beside[at]
+        own_std = compute_reported_std(moved, own_std**2 + own**2)
+    bend_std[ok] = own_std[at]
     return bend_std, axial_std
 
 

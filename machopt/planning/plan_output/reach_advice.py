@@ -37,21 +37,21 @@ def compute_reach_shift(plan: Plan, point: int) -> ReachShift:
         plan: plan of one tool.
         point: planning point that the fallback refers to.
     """
-    path, lacks = plan.path, plan.candidates.shortfall
+    path, shortfall = plan.path, plan.candidates.shortfall
     centre = plan.setup.robot.point[1]  # axis 2, the shoulder
     at = plan.setup.arm.places(path.external, path.position) - centre
-    far = np.linalg.norm(at, axis=1)
-    station = np.minimum(np.searchsorted(path.stations, np.arange(len(far))), len(path.stations) - 1)
+    distance = np.linalg.norm(at, axis=1)
+    station = np.minimum(np.searchsorted(path.stations, np.arange(len(distance))), len(path.stations) - 1)
     unreached = (plan.candidates.reason[station] == InfeasibilityReason.UNREACHABLE).all(axis=(1, 2))
-    radius = far - lacks[station]
+    radius = distance - shortfall[station]
     own = _shift(at[[point]], radius[[point]])
     out = unreached & path.is_point
     count = int(out.sum())
     if count <= 1:
         return ReachShift(own, max(count, 1), True)
     least = float(radius[out].min())
-    others = np.flatnonzero(path.is_point & ~unreached & (far <= least))
-    some = np.concatenate([_few(np.flatnonzero(out), far - radius), _few(others, far)])
+    others = np.flatnonzero(path.is_point & ~unreached & (distance <= least))
+    some = np.concatenate([_few(np.flatnonzero(out), distance - radius), _few(others, distance)])
     limit = np.where(unreached, radius, least)
     by = _shift(at[some], limit[some])
     good = bool((np.linalg.norm(at[some] + by, axis=1) <= limit[some] + NEAR).all())

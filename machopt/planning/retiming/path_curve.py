@@ -227,9 +227,9 @@ def _carried(axis: Array, reference: Array) -> tuple[Array, Array]:
     """Return a reference transported by minimal rotation, and the angle (m,) from it to the given one, unwrapped."""
     seed = reference[0] - (reference[0] @ axis[0]) * axis[0]
     base = _carry(axis, seed / np.linalg.norm(seed))
-    given = normalise_vectors(reference - np.sum(reference * axis, axis=1, keepdims=True) * axis)
+    projected = normalise_vectors(reference - np.sum(reference * axis, axis=1, keepdims=True) * axis)
     side = np.cross(-axis, base)
-    return base, np.unwrap(np.arctan2(np.sum(given * side, axis=1), np.sum(given * base, axis=1)))
+    return base, np.unwrap(np.arctan2(np.sum(projected * side, axis=1), np.sum(projected * base, axis=1)))
 
 
 @jit_compile
@@ -368,28 +368,28 @@ def _finest(u: Array, uk: Array, width: Array, share: float, spacing: Array) -> 
 @jit_compile
 def _spread(marks: Array, spacing: Array) -> Array:
     """Nodes from mark to mark; marks closer than half the spacing to the node before are left out."""
-    kept = np.empty(len(marks), np.int64)
-    kept[0], n, total = 0, 1, 1
+    kept_marks = np.empty(len(marks), np.int64)
+    kept_marks[0], n, total = 0, 1, 1
     fine = np.inf
     gap = np.empty(len(marks))
     for k in range(1, len(marks)):
         fine = min(fine, spacing[k - 1])
-        step = marks[k] - marks[kept[n - 1]]
+        step = marks[k] - marks[kept_marks[n - 1]]
         if step < 0.5 * fine and k == len(marks) - 1 and n > 1:  # the end replaces the last node
             n -= 1
             fine = min(fine, gap[n])
-            step = marks[k] - marks[kept[n - 1]]
+            step = marks[k] - marks[kept_marks[n - 1]]
             total += 1
         if step >= 0.5 * fine or k == len(marks) - 1:
             gap[n] = fine
-            kept[n] = k
+            kept_marks[n] = k
             total += math.ceil(step / fine)
             n += 1
             fine = np.inf
     out = np.empty(total)
     out[0], m = marks[0], 1
     for k in range(1, n):
-        a, b = marks[kept[k - 1]], marks[kept[k]]
+        a, b = marks[kept_marks[k - 1]], marks[kept_marks[k]]
         parts = math.ceil((b - a) / gap[k])
         for i in range(1, parts + 1):
             out[m] = b if i == parts else a + (b - a) * i / parts

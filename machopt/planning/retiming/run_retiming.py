@@ -224,7 +224,7 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
 
     point, q = join("point"), join("q")
     point[0], point[-1] = 0.0, n - 1.0
-    held = np.nan_to_num(join("ratio")) >= HELD
+    is_feed_kept = np.nan_to_num(join("ratio")) >= HELD
     dips = tuple(dip for part in parts for dip in part.dips)
     sample_of = np.cumsum([0, *(len(part.q) - 1 for part in parts)]).tolist()
     return RunTrajectory(
@@ -232,11 +232,11 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
         point=point,
         speed=join("speed"),
         phi=join("phi"),
-        held=held,
+        held=is_feed_kept,
         dips=dips,
         external=join("external"),
         duration=(len(q) - 1) * run.sample,
-        held_share=float(held[1:].mean()),
+        held_share=float(is_feed_kept[1:].mean()),
         rests=tuple(sample_of[k] for k in stop_of),
     )
 
@@ -320,8 +320,8 @@ def _sampled(
     t = np.minimum(np.arange(steps + 1) * run.sample, law.duration)
     at = np.maximum.accumulate(np.clip(law.at(t)[0], u[0], u[-1]))
     at[0], at[-1] = u[0], u[-1]
-    stands = run.stands(at)
-    pose, _, phi, _ = compute_poses_along_curve(curve, at, stands)
+    workpiece_jets = run.stands(at)
+    pose, _, phi, _ = compute_poses_along_curve(curve, at, workpiece_jets)
     k = np.clip(np.searchsorted(u, at, side="right") - 1, 0, len(u) - 2)
     h = (at - u[k])[:, None]
     seed = D[k, 0] + h * (D[k, 1] + h * (0.5 * D[k, 2] + h / 6.0 * D[k, 3]))
@@ -332,7 +332,9 @@ def _sampled(
         )
     if not run.moves:
         return law, at, pose[:, :3, 3], run.told(q), phi
-    place = np.einsum("mij,mi->mj", stands[:, 0, :3, :3], pose[:, :3, 3] - stands[:, 0, :3, 3])  # in the workpiece
+    place = np.einsum(
+        "mij,mi->mj", workpiece_jets[:, 0, :3, :3], pose[:, :3, 3] - workpiece_jets[:, 0, :3, 3]
+    )  # in the workpiece
     return law, at, place, np.hstack([run.told(q), run.external_along(at)[:, 0]]), phi
 
 

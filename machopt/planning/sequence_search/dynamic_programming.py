@@ -216,9 +216,9 @@ class SequenceGrid:
         mask = self.candidates.feasible[rows]
         if first >= 0 or last < S:  # otherwise there are no other stations
             only = np.zeros_like(mask)
-            kept = np.flatnonzero(old[rows, 0] >= 0)
-            r, b, t = old[rows][kept].T
-            only[kept, r, b, t] = True
+            has_vertex = np.flatnonzero(old[rows, 0] >= 0)
+            r, b, t = old[rows][has_vertex].T
+            only[has_vertex, r, b, t] = True
             _, before, stop, broken, _ = part.solve(only, _LARGE, ForbiddenTransitions.none())
             mask = mask.copy()
             for end in ([0] if first >= 0 else []) + ([-1] if last < S else []):
@@ -234,8 +234,8 @@ class SequenceGrid:
         elsewhere = np.ones(S, bool)
         elsewhere[rows] = False
         others = np.where(elsewhere, choice.rotation, -1).astype(np.int32)
-        beside = compute_worst_index(self.raw, self.counted, self.hidden, others, choice.branch)
-        part.worst_elsewhere = max(beside, self.elsewhere)
+        worst_elsewhere = compute_worst_index(self.raw, self.counted, self.hidden, others, choice.branch)
+        part.worst_elsewhere = max(worst_elsewhere, self.elsewhere)
         traded = part.traded(mask, WorstLimitedSequence(vertex, value + part.value_elsewhere, part.most(vertex)), gap)
         old[rows] = traded.best.vertex
         return self._made(old, (), traded.total, choice.bound, choice.reached)
@@ -381,11 +381,11 @@ class _Part:
             vertex: (S, 3) rotation, branch and turn.
         """
         c, rows = self.grid.candidates, self.rows
-        for asked in (
+        for turns in (
             compute_shortest_turns(c, rows, vertex),
             count_whole_turns(c.turns)[vertex[:, 2]],
         ):  # where travel has no price, avoid unnecessary turns
-            turned = fit_turns(c, rows, vertex, asked, c.feasible[rows], self.edges)
+            turned = fit_turns(c, rows, vertex, turns, c.feasible[rows], self.edges)
             if turned is not None:
                 return turned
         return vertex
@@ -412,8 +412,8 @@ class _Part:
             mask: (S, R, B, T) feasible vertices.
             free: cheapest sequence without a cap.
         """
-        kept = free.vertex[:, 0] >= 0
-        at = np.flatnonzero(kept & self.counted)
+        has_vertex = free.vertex[:, 0] >= 0
+        at = np.flatnonzero(has_vertex & self.counted)
         some = compute_any_last(mask)
 
         def under(cap: float, limit: float) -> WorstLimitedSequence | None:
@@ -421,7 +421,7 @@ class _Part:
                 return None
             allowed = (self.raw <= cap) | ~self.counted[:, None, None]
             found = self.below(mask, some, allowed, limit - self.value_elsewhere)
-            if found is None or ((found[0][:, 0] < 0) & kept).any():
+            if found is None or ((found[0][:, 0] < 0) & has_vertex).any():
                 return None
             vertex, value = found
             return WorstLimitedSequence(vertex, value + self.value_elsewhere, self.most(vertex))

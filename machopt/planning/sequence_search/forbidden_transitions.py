@@ -62,12 +62,12 @@ class ForbiddenTransitions:
             vertex: (S,) as ``target``.
             turns: number of turns T.
         """
-        gone = np.zeros(len(vertex), bool)
+        is_forbidden = np.zeros(len(vertex), bool)
         s = self.station
-        gone[s[(vertex[s - 1] == self.source) & (vertex[s] == self.target)]] = True
+        is_forbidden[s[(vertex[s - 1] == self.source) & (vertex[s] == self.target)]] = True
         (s, u, v), plain = self.closed.T, vertex // turns
-        gone[s[(plain[s - 1] == u) & (plain[s] == v)]] = True
-        return gone
+        is_forbidden[s[(plain[s - 1] == u) & (plain[s] == v)]] = True
+        return is_forbidden
 
     def taken(self, rows: slice, vertex: NDArray[np.int_], turns: int) -> bool:
         """Return whether a sequence over the stations ``rows`` uses one of the edges.
@@ -77,9 +77,9 @@ class ForbiddenTransitions:
             vertex: (S,) as ``target``, −1 where a station is skipped.
             turns: number of turns T.
         """
-        kept = np.flatnonzero(vertex >= 0)
+        with_vertex = np.flatnonzero(vertex >= 0)
         before = np.full(len(vertex), -1)
-        before[kept[1:]] = vertex[kept[:-1]]
+        before[with_vertex[1:]] = vertex[with_vertex[:-1]]
         for station, source, target, among in (
             (self.station, self.source, self.target, 1),
             (*self.closed.T, turns),

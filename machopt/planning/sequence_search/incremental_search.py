@@ -64,8 +64,8 @@ class IncrementalSequenceSearch:
         _, _, B, T = self.candidates.feasible.shape
         vertex = (choice.rotation.astype(int) * B + choice.branch) * T + choice.turn
         s = np.arange(len(vertex))
-        gone = ~self.candidates.feasible[s, choice.rotation, choice.branch, choice.turn]
-        return np.flatnonzero(gone | e.into(vertex, T))
+        is_lost = ~self.candidates.feasible[s, choice.rotation, choice.branch, choice.turn]
+        return np.flatnonzero(is_lost | e.into(vertex, T))
 
     def _stretches(self, lost: Rows) -> list[tuple[int, int]]:
         """Return (first, last) stations that keep their vertices around changed ones, with room for a detour

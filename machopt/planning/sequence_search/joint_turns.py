@@ -31,11 +31,11 @@ def compute_shortest_turns(c: CandidateGrid, rows: slice, vertex: Ints) -> Count
         rows: stations of the sequence.
         vertex: (S, 3) rotation, branch and turn at the stations ``rows``, −1 where one is skipped.
     """
-    kept = np.flatnonzero(vertex[:, 0] >= 0)
-    q = c.q[rows][kept, vertex[kept, 0], vertex[kept, 1]]
+    with_vertex = np.flatnonzero(vertex[:, 0] >= 0)
+    q = c.q[rows][with_vertex, vertex[with_vertex, 0], vertex[with_vertex, 1]]
     out = np.zeros((len(vertex), 6), int)
-    if len(kept):
-        out[kept[1:]] = -np.cumsum(count_whole_turns(np.diff(q, axis=0)), axis=0)
+    if len(with_vertex):
+        out[with_vertex[1:]] = -np.cumsum(count_whole_turns(np.diff(q, axis=0)), axis=0)
     return out
 
 
@@ -55,24 +55,24 @@ def fit_turns(
     Returns:
         Among the allowed ones the sequence whose end is nearest to zero, or None.
     """
-    kept = np.flatnonzero(vertex[:, 0] >= 0)
-    if not len(kept):
+    with_vertex = np.flatnonzero(vertex[:, 0] >= 0)
+    if not len(with_vertex):
         return vertex
     turns = count_whole_turns(c.turns)
     index = np.full((3,) * 6, -1)
     index[tuple((turns + 1).T)] = np.arange(len(turns))
-    (r, b), requested = vertex[kept, :2].T, requested[kept]
+    (r, b), requested = vertex[with_vertex, :2].T, requested[with_vertex]
     moved = turns - requested[-1]  # shift of the whole sequence, for each turn of its end
     inside = ((requested.min(axis=0) + moved >= -1) & (requested.max(axis=0) + moved <= 1)).all(axis=1)
-    end = c.q[rows][kept[-1], r[-1], b[-1]] + c.turns
+    end = c.q[rows][with_vertex[-1], r[-1], b[-1]] + c.turns
     away = np.ceil((end - np.pi) / TWO_PI - 1e-12).astype(int)  # (T, 6) turns from (−π, π]
     for t in sorted(np.flatnonzero(inside).tolist(), key=lambda t: (int(np.abs(away[t]).sum()), *(-away[t] % 3))):
         turn = index[tuple((requested + moved[t] + 1).T)]
-        if (turn >= 0).all() and mask[kept, r, b, turn].all():
+        if (turn >= 0).all() and mask[with_vertex, r, b, turn].all():
             out = vertex.copy()
-            out[kept, 2] = turn
+            out[with_vertex, 2] = turn
             flat = np.full(len(vertex), -1)
-            flat[kept] = np.ravel_multi_index((r, b, turn), mask.shape[1:])
+            flat[with_vertex] = np.ravel_multi_index((r, b, turn), mask.shape[1:])
             if not edges.taken(rows, flat, mask.shape[3]):
                 return out
     return None

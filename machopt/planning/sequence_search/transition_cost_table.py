@@ -36,7 +36,7 @@ class TransitionCostTable:
         """
         steps = np.where(window >= 0, 2 * window.astype(np.int64) + 1, 0) * (1 if stable else branches)
         end = np.cumsum(steps * rotations * branches)
-        kept = (steps > 0) & (end <= MOST)
-        n = int(end[kept][-1]) if kept.any() else 0
-        start = np.where(kept, end - steps * rotations * branches, -1)
+        is_stored = (steps > 0) & (end <= MOST)
+        n = int(end[is_stored][-1]) if is_stored.any() else 0
+        start = np.where(is_stored, end - steps * rotations * branches, -1)
         return cls(start, np.zeros(n), np.zeros(n, np.int16))

@@ -97,7 +97,9 @@ def vertex_price(terms: ObjectiveTerms, candidates: CandidateGrid, scores: Candi
         scores: cost of the candidates.
     """
     cost = np.where(np.isfinite(scores.cost), scores.cost, 0.0) / scores.scale
-    liked = terms.liked(candidates.phi_at().T).T[:, :, None]
+    preference_price = terms.liked(candidates.phi_at().T).T[:, :, None]
     if scores.crowded is not None:
-        liked = liked + terms.weights.clearance * scores.crowded
-    return np.ascontiguousarray(compute_node_cost(cost, liked, terms.weights.mean) * terms.share[:, None, None])
+        preference_price = preference_price + terms.weights.clearance * scores.crowded
+    return np.ascontiguousarray(
+        compute_node_cost(cost, preference_price, terms.weights.mean) * terms.share[:, None, None]
+    )

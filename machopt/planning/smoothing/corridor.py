@@ -299,5 +299,5 @@ def _pins(path: PlanningPath, rows: NDArray[np.intp], phi: Array, options: PlanO
     """Return the user's fixed rotations in this run: row to exact offset from the grid's phi."""
     points = path.stations[rows]
     row_of = {int(point): i for i, point in enumerate(points)}
-    asked = find_fixed_rotations(path, options).items()
-    return {row_of[row]: float(wrap_angle(target - phi[row_of[row]])) for row, target in asked if row in row_of}
+    fixed = find_fixed_rotations(path, options).items()
+    return {row_of[row]: float(wrap_angle(target - phi[row_of[row]])) for row, target in fixed if row in row_of}

@@ -122,9 +122,9 @@ def interpolate_monotone(x: Array, y: Array, places: Array) -> Array:
     return np.asarray(c[3, k] + c[2, k] * t + c[1, k] * (t * t) + c[0, k] * (t * t * t))
 
 
-def _end(h: float, beside: float, slope: float, inner: float) -> float:
+def _end(h: float, neighbour_h: float, slope: float, inner: float) -> float:
     """Return the slope at an end: of the parabola through three points, limited so that the curve is monotone."""
-    s = ((2.0 * h + beside) * slope - h * inner) / (h + beside)
+    s = ((2.0 * h + neighbour_h) * slope - h * inner) / (h + neighbour_h)
     if np.sign(s) != np.sign(slope):
         return 0.0
     if np.sign(slope) != np.sign(inner) and abs(s) > 3.0 * abs(slope):

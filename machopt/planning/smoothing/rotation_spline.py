@@ -77,9 +77,9 @@ def _through_pins(B: Any, coefficients: Array, part: SmoothingStretch) -> Array:
     is assessed.
     """
     rows = list(part.pins)
-    wanted = part.band.phi[rows] + np.array(list(part.pins.values()))
+    pinned = part.band.phi[rows] + np.array(list(part.pins.values()))
     at = B[rows].toarray()
-    return np.asarray(coefficients + np.linalg.lstsq(at, wanted - at @ coefficients, rcond=None)[0])
+    return np.asarray(coefficients + np.linalg.lstsq(at, pinned - at @ coefficients, rcond=None)[0])
 
 
 def _through_plateaus(x: Array, phi: Array) -> Array:

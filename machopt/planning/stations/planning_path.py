@@ -273,11 +273,11 @@ def compute_any_normal(axis: Array) -> Array:
     return np.asarray(pick - np.sum(pick * axis, axis=1, keepdims=True) * axis)
 
 
-def _natural_reference(given: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
+def _natural_reference(file_reference: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
     """Return the direction of gamma = 0: the file's own, else travel (trajectories) or workpiece x (points)."""
     ref = np.where(drilling[:, None], compute_any_normal(axis), travel)
-    own = given - np.sum(given * axis, axis=1, keepdims=True) * axis
-    size = np.linalg.norm(given, axis=1, keepdims=True)
+    own = file_reference - np.sum(file_reference * axis, axis=1, keepdims=True) * axis
+    size = np.linalg.norm(file_reference, axis=1, keepdims=True)
     with np.errstate(invalid="ignore"):  # a direction along the tool axis defines no rotation
         useful = np.linalg.norm(own, axis=1, keepdims=True) > np.sin(np.radians(1.0)) * size
     ref = np.where(useful, own, ref)

@@ -72,12 +72,12 @@ def describe_settlement(plan: Plan) -> list[str]:
     moved = compute_settlement(plan)
     if moved is None:
         return []
-    far = np.where(plan.path.counted, np.linalg.norm(moved, axis=1), np.nan)
-    if not np.nanmax(far, initial=0.0) > TOLD:
+    size = np.where(plan.path.counted, np.linalg.norm(moved, axis=1), np.nan)
+    if not np.nanmax(size, initial=0.0) > TOLD:
         return []
-    worst = int(np.nanargmax(far))
+    worst = int(np.nanargmax(size))
     return [
         f"Weight on the springs of the external joints (stiffness.yaml) moves the tool against the part by up to "
-        f"{1e3 * far[worst]:.3g} mm (point {plan.path.index[worst]:g}) otherwise than at home: what process forces do "
+        f"{1e3 * size[worst]:.3g} mm (point {plan.path.index[worst]:g}) otherwise than at home: what process forces do "
         "comes on top of it, so that no index counts it, and nothing compensates it."
     ]

@@ -138,8 +138,8 @@ class DiscrepancyModel:
         if index == "jiao2022":
             return self._held(elastic, q, axial)
         normal = d.normal[points]
-        out, beside = (self._along(elastic, q, e, e, small=True) for e in (axial, normal))
-        return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + beside)))
+        out, normal_change = (self._along(elastic, q, e, e, small=True) for e in (axial, normal))
+        return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + normal_change)))
 
     def own(self, d: LoadDirections, points: NDArray[np.integer[Any]], index: StiffnessIndex) -> Array:
         """Return the (M,) 1 σ of a cost from the error of single poses.

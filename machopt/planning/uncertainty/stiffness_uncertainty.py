@@ -191,8 +191,8 @@ def compute_carrier_sensitivity(
         return along(bend / np.maximum(size, np.finfo(float).tiny), d.force[points])
     if index == "jiao2022":
         return d.elastic(elasticity, q, points).compute_jiao_sensitivity(axial, np.swapaxes(s, 1, 2))
-    out, beside = along(axial, axial), along(normal, normal)
-    return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + beside)))
+    out, normal_part = along(axial, axial), along(normal, normal)
+    return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + normal_part)))
 
 
 def build_compliance_covariance(plan: Plan) -> ComplianceCovariance:

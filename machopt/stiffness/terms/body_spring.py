@@ -64,12 +64,12 @@ def locate_spring(
         location: link:i, base or tool.
         parameters: parameters of the file; None: none.
     """
-    given = ParameterReader({}, location) if parameters is None else parameters
+    reader = ParameterReader({}, location) if parameters is None else parameters
     if location == "base":
-        return _locate_in_base(given, location)
+        return _locate_in_base(reader, location)
     if location == "tool":
-        return _locate_in_tool(robot, T_flange_tcp, given, location)
-    return _locate_in_link(robot, given, location)
+        return _locate_in_tool(robot, T_flange_tcp, reader, location)
+    return _locate_in_link(robot, reader, location)
 
 
 def build_spring(effect: str, place: SpringLocation, law: BodyLaw, values: Array, shape: Array) -> BodySpring:
@@ -208,14 +208,16 @@ def _locate_in_link(robot: Robot, parameters: ParameterReader, location: str) ->
     points = [*robot.point, robot.T_base_flange_zero[:3, 3]]
     start = parameters.read_array("from_mm", (3,), points[link - 1] * 1e3) / 1e3
     end = parameters.read_array("to_mm", (3,), points[link] * 1e3) / 1e3
-    given = {k: parameters.read_array(k, (3,)).tolist() for k in ("from_mm", "to_mm") if parameters.has_key(k)}
+    file_parameters = {
+        k: parameters.read_array(k, (3,)).tolist() for k in ("from_mm", "to_mm") if parameters.has_key(k)
+    }
     length = float(np.linalg.norm(end - start))
     if length < LEAST_LENGTH:
-        return SpringLocation(location, link, end, CompliantBody(axes=np.eye(3)), given)
+        return SpringLocation(location, link, end, CompliantBody(axes=np.eye(3)), file_parameters)
     body = CompliantBody(
         axes=build_beam_axes(end - start), length=length, normal=_compute_plane_normal(robot, (end - start) / length)
     )
-    return SpringLocation(location, link, end, body, given)
+    return SpringLocation(location, link, end, body, file_parameters)
 
 
 def _check_beam_length(parameters: ParameterReader, place: SpringLocation) -> None:
@@ -254,8 +256,8 @@ def _compute_plane_normal(robot: Robot, along: Array) -> Array:
 
 def _locate_in_base(parameters: ParameterReader, location: str) -> SpringLocation:
     at = parameters.read_array("at_mm", (3,), np.zeros(3)) / 1e3
-    given = {"at_mm": (at * 1e3).tolist()} if parameters.has_key("at_mm") else {}
-    return SpringLocation(location, BASE, at, CompliantBody(axes=np.eye(3)), given)
+    file_parameters = {"at_mm": (at * 1e3).tolist()} if parameters.has_key("at_mm") else {}
+    return SpringLocation(location, BASE, at, CompliantBody(axes=np.eye(3)), file_parameters)
 
 
 def _locate_in_tool(robot: Robot, T_flange_tcp: Array, parameters: ParameterReader, location: str) -> SpringLocation:
@@ -264,11 +266,15 @@ def _locate_in_tool(robot: Robot, T_flange_tcp: Array, parameters: ParameterRead
     reach = abs(float(axis @ (T_base_tcp[:3, 3] - robot.T_base_flange_zero[:3, 3])))
     reach = reach if reach > LEAST_LENGTH else 0.0
     length = parameters.read_number("length_mm", reach * 1e3, positive=reach > 0.0) / 1e3
-    given = {"length_mm": length * 1e3} if parameters.has_key("length_mm") else {}
+    file_parameters = {"length_mm": length * 1e3} if parameters.has_key("length_mm") else {}
     S = build_transform(build_beam_axes(axis), T_base_tcp[:3, 3])  # at the TCP, x out of the tool
     root = invert_transform(S) @ robot.T_base_flange_zero
     return SpringLocation(
-        location, TOOL, S[:3, 3], CompliantBody(axes=S[:3, :3], length=length, root=root, uses_own_axes=True), given
+        location,
+        TOOL,
+        S[:3, 3],
+        CompliantBody(axes=S[:3, :3], length=length, root=root, uses_own_axes=True),
+        file_parameters,
     )
 
 

@@ -83,9 +83,9 @@ def build_body_spring(term: StiffnessTerm, robot: Robot, T_flange_tcp: Array) ->
     """
     _check_location(term, "terms", None)
     parameters = ParameterReader(term.parameters, "terms.parameters", None)
-    made = body_spring.build_body_term(term.effect, robot, T_flange_tcp, parameters, term.location)
+    spring = body_spring.build_body_term(term.effect, robot, T_flange_tcp, parameters, term.location)
     parameters.refuse_unread_keys()
-    return made
+    return spring
 
 
 def _check_location(term: StiffnessTerm, where: str, file: Any) -> None:

@@ -63,24 +63,24 @@ def find_unstable_term(terms: Sequence[LinearTerm], k: Array, limits: JointLimit
     weakest = k + _compute_parallel_stiffness(terms, limits, most=False)
     if (weakest <= MIN_COMPLIANCE_SHARE * k).any():
         row, i = np.argwhere(weakest <= MIN_COMPLIANCE_SHARE * k)[0]
-        said = (
+        message = (
             f"gravity_compensator takes up to {k[row, i] - weakest[row, i]:.3g} N·m/rad from joint {i + 1}, which has "
             f"{k[row, i]:.3g}; less than that would work"
         )
-        return UnstableTerm("gravity_compensator", format_joint_location(i + 1), said)
+        return UnstableTerm("gravity_compensator", format_joint_location(i + 1), message)
     own = 1.0 / (k + _compute_parallel_stiffness(terms, limits, most=True))
-    taken = _list_compliance_bounds(terms, limits)
-    least = sum((take for _, take, _ in taken), np.zeros(6))
+    bounds = _list_compliance_bounds(terms, limits)
+    least = sum((take for _, take, _ in bounds), np.zeros(6))
     lost = own + least <= MIN_COMPLIANCE_SHARE * own
     if lost.any():
         row, i = np.argwhere(lost)[0]
-        effect, take, where = min(taken, key=lambda part: float(part[1][i]))
+        effect, take, where = min(bounds, key=lambda part: float(part[1][i]))
         together = "" if np.isclose(take[i], least[i]) else f", {-least[i]:.3g} with the joint's other terms,"
-        said = (
+        message = (
             f"{effect} takes {-take[i]:.3g} rad/(N·m){together} from joint {i + 1}{where}, which has "
             f"{own[row, i]:.3g} (1/stiffness); less than that would work"
         )
-        return UnstableTerm(effect, format_joint_location(i + 1), said)
+        return UnstableTerm(effect, format_joint_location(i + 1), message)
     coupling = np.zeros((6, 6))
     for term in terms:
         if term.coupled_joints is not None:
