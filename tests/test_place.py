@@ -306,7 +306,7 @@ def test_the_best_place_is_the_best_of_all_and_stopping_changes_nothing(tmp_path
     assert [(p.place, p.worst, p.shares) for p in again.planned] == [
         (p.place, p.worst, p.shares) for p in found.planned
     ]
-    many = find_best_placement(site, search, SearchJournal(None, ""), hands=_Eager(site))
+    many = find_best_placement(site, search, SearchJournal(None, ""), executor=_Eager(site))
     assert [(p.place, p.worst, p.shares) for p in many.planned] == [(p.place, p.worst, p.shares) for p in found.planned]
     assert (many.places, many.around, many.open_bound) == (found.places, found.around, found.open_bound)
     few = find_best_placement(site, replace(search, plans=1), SearchJournal(None, ""))

@@ -1,11 +1,10 @@
-"""Collision bodies as triangles: one list in base_link at zero, with a box and a few spheres around each.
+"""Collision bodies as triangle meshes in base_link at zero, each with a box and a few spheres around it.
 
-Each moves with a link of the machine's chain (:mod:`machopt.kinematics.machine`); of an arm alone, link 0 is base_link
-and
-everything that stands still. At zero all joints are zero.
+Each body moves with a link of the machine's chain (:mod:`machopt.kinematics.machine`). For an arm alone, link 0 is
+base_link with everything that is fixed. At zero all joints are zero.
 
 Boxes, cylinders and spheres become triangles too (round ones circumscribed, so never smaller than they are):
-triangle–triangle distances are exact and have no iteration that could fail, and one code path serves all.
+triangle–triangle distances are exact and need no iteration, and one code path serves all.
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ BodyKind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
 
 CYLINDER_SIDES = 48  # circumscribed: at most 0.22 % outside the true radius
 SPHERE_SUBDIVISIONS = 3  # 1,280 faces, at most 0.7 % outside the true radius
-SPHERE_SLABS = 6  # most spheres around one body
-CONTACT_TOLERANCE_M = 1e-4  # m, by which the cutter shrinks in the cutter–workpiece test of moves that do not cut
+SPHERE_SLABS = 6  # maximum number of spheres around one body
+CONTACT_TOLERANCE_M = 1e-4  # m, reduction of the cutter in the cutter–workpiece test of moves that do not cut
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,11 +47,16 @@ class CollisionBody:
     box_half: Array  # (3,) m
     sphere_centres: Array  # (K, 3) m; K spheres that cover the box
     sphere_radius: float  # m, of each
-    unattached_links: tuple[int, ...] = ()  # links next to its own in the chain that do not hang on it
+    unattached_links: tuple[int, ...] = ()  # adjacent links in the chain that are not attached to it
 
 
 def build_robot_bodies(carriers: LinkCarriers, shapes: tuple[LinkShape, ...]) -> list[CollisionBody]:
-    """The URDF's collision shapes."""
+    """Return the URDF's collision shapes as bodies.
+
+    Args:
+        carriers: links of the chain that carry the links of the URDF.
+        shapes: collision shapes of the URDF.
+    """
     out = []
     for s in shapes:
         by = carriers.find_for_shape(s)
@@ -63,7 +67,12 @@ def build_robot_bodies(carriers: LinkCarriers, shapes: tuple[LinkShape, ...]) ->
 
 
 def build_cell_bodies(cell: Cell, carriers: LinkCarriers) -> list[CollisionBody]:
-    """Tool, workpiece and obstacles of the cell (the cutter apart, see :func:`build_cutter_body`)."""
+    """Return tool, workpiece and obstacles of the cell (without the cutter, see :func:`build_cutter_body`).
+
+    Args:
+        cell: robot cell.
+        carriers: links of the chain that carry the links of the URDF.
+    """
     machine = carriers.machine
     T_base_world = invert_transform(machine.T_world_base_zero)
     flange = machine.robot.T_base_flange_zero
@@ -77,7 +86,14 @@ def build_cell_bodies(cell: Cell, carriers: LinkCarriers) -> list[CollisionBody]
 
 
 def build_cutter_body(cell: Cell, machine: Machine, cutter: CutterGeometry, shrink: float = 0.0) -> CollisionBody:
-    """The cutter as a cylinder from the TCP back along −z, ``shrink`` m smaller at its radius and its tip."""
+    """Return the cutter as a cylinder from the TCP back along −z.
+
+    Args:
+        cell: robot cell with the tool frame.
+        machine: chain of the cell.
+        cutter: dimensions of the cutter.
+        shrink: m, reduction of its radius and its length at the tip.
+    """
     radius = max(cutter.diameter / 2 - shrink, cutter.diameter / 4)
     length = max(cutter.length - shrink, cutter.length / 2)
     T = machine.robot.T_base_flange_zero @ cell.tool.T_flange_tcp
@@ -92,12 +108,20 @@ def build_cutter_body(cell: Cell, machine: Machine, cutter: CutterGeometry, shri
 
 
 def build_tool_bodies(cell: Cell) -> list[CollisionBody]:
-    """The tool's bodies by themselves, in the flange frame."""
+    """Return the tool's bodies alone, in the flange frame.
+
+    Args:
+        cell: robot cell with the tool.
+    """
     return [_build_body(s, "tool", 0, s.T_parent_shape) for s in cell.tool.geometry]
 
 
 def list_candidate_pairs(bodies: list[CollisionBody]) -> list[tuple[int, int]]:
-    """Pairs (lower link first) that could touch, without the cutter's."""
+    """Return the pairs (lower link first) that could touch, without the cutter's.
+
+    Args:
+        bodies: all bodies.
+    """
     out = []
     for i, a in enumerate(bodies):
         for j, b in enumerate(bodies):
@@ -110,16 +134,24 @@ def list_candidate_pairs(bodies: list[CollisionBody]) -> list[tuple[int, int]]:
 
 
 def list_adjacent_pairs(bodies: list[CollisionBody]) -> list[tuple[int, int]]:
-    """Pairs that are not compared because one hangs on the other: links next to each other, the last one and the tool.
+    """Return the pairs that are not compared because one is attached to the other: adjacent links, the last one and the
+    tool.
 
-    What is fixed to one another does not count.
+    Bodies fixed to each other are not included.
+
+    Args:
+        bodies: all bodies.
     """
     moving = [(i, b) for i, b in enumerate(bodies) if b.kind in ("link", "tool")]
     return [(i, j) for i, a in moving for j, b in moving if a.link < b.link and is_directly_attached(a, b)]
 
 
 def list_allowed_contacts(cell: Cell) -> dict[frozenset[str], str]:
-    """Pairs of body names that the cell lets touch, and where it says so."""
+    """Return the pairs of body names that the cell allows to touch, with the place in the file.
+
+    Args:
+        cell: robot cell with ``may_touch``.
+    """
     return {
         frozenset((a, b)): f"may touch: {pair.source} ({pair.a} ~ {pair.b})"
         for pair in cell.may_touch
@@ -129,35 +161,54 @@ def list_allowed_contacts(cell: Cell) -> dict[frozenset[str], str]:
 
 
 def is_directly_attached(a: CollisionBody, b: CollisionBody) -> bool:
-    """Whether two bodies of the machine hang on each other directly."""
+    """Return whether two bodies of the machine are directly attached to each other.
+
+    Args:
+        a: first body.
+        b: second body.
+    """
     return count_links_between(a, b) == 1 and b.link not in a.unattached_links and a.link not in b.unattached_links
 
 
 def count_links_between(a: CollisionBody, b: CollisionBody) -> int:
-    """Steps along the chain; the tool is one beyond the last link."""
+    """Return the number of steps along the chain; the tool is one beyond the last link.
+
+    Args:
+        a: first body.
+        b: second body.
+    """
     return abs((a.link + (a.kind == "tool")) - (b.link + (b.kind == "tool")))
 
 
 def is_possibly_contained(a: CollisionBody, b: CollisionBody, T: Array) -> Bools:
-    """(S,) whether a's first vertex lies in b's box or the other way round, with b moved by T (S, 4, 4) seen from a.
+    """Return (S,) whether a's first vertex lies in b's box or the other way round.
 
     Elsewhere neither is wholly inside the other.
+
+    Args:
+        a: first body.
+        b: second body.
+        T: (S, 4, 4) motion of b relative to a.
     """
     R, t = T[:, :3, :3], T[:, :3, 3]
     there = R @ b.vertices[0] + t
     here = np.einsum("sji,sj->si", R, a.vertices[0] - t)
-    held = [
+    inside = [
         (np.abs((x - body.box_centre) @ body.box_rotation) <= body.box_half).all(axis=1)
         for body, x in ((a, there), (b, here))
     ]
-    return np.asarray(held[0] | held[1])
+    return np.asarray(inside[0] | inside[1])
 
 
 def is_point_inside(body: CollisionBody, point: Array) -> bool:
-    """Whether a point (3,) lies in the solid that a closed, outward-oriented surface bounds.
+    """Return whether a point lies in the solid bounded by a closed, outward-oriented surface.
 
-    Sums the solid angles of the triangles (Van Oosterom and Strackee 1983, eq. 8); open surfaces bound
-    nothing, and a room drawn with its normals inwards is hollow.
+    Sums the solid angles of the triangles (Van Oosterom and Strackee 1983, eq. 8). Open surfaces bound
+    nothing, and a room with inward normals is hollow.
+
+    Args:
+        body: body with the surface.
+        point: (3,) m, in base_link at zero.
     """
     local = body.box_rotation.T @ (point - body.box_centre)
     if (np.abs(local) > body.box_half).any() or not is_closed_surface(body.faces):
@@ -171,7 +222,11 @@ def is_point_inside(body: CollisionBody, point: Array) -> bool:
 
 
 def is_closed_surface(faces: NDArray[np.int64]) -> bool:
-    """Every edge is run through once in each direction."""
+    """Return whether every edge occurs once in each direction.
+
+    Args:
+        faces: (F, 3) vertex indices.
+    """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     n = int(faces.max()) + 1
     forth, back = edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0]
@@ -205,7 +260,10 @@ def _build_body(shape: CollisionShape, kind: BodyKind, link: int, T_base_shape: 
 
 
 def triangulate_shape(shape: CollisionShape) -> tuple[Array, NDArray[np.int64]]:
-    """Vertices (V, 3) m and faces (F, 3) of a shape in its own frame; round ones circumscribed.
+    """Return vertices (V, 3) m and faces (F, 3) of a shape in its own frame; round ones circumscribed.
+
+    Args:
+        shape: mesh, box, cylinder or sphere.
 
     Raises:
         InputError: a mesh cannot be read.
@@ -237,7 +295,7 @@ def _load_mesh(shape: CollisionShape) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _load_with_trimesh(shape: CollisionShape, path: Path) -> triangle_meshes.TriangleMesh:
-    """Of any format that trimesh reads."""
+    """Load a mesh of any format that trimesh reads."""
     import trimesh
 
     try:
@@ -250,7 +308,7 @@ def _load_with_trimesh(shape: CollisionShape, path: Path) -> triangle_meshes.Tri
 
 
 def _add_bounding_volumes(body: CollisionBody) -> CollisionBody:
-    """Put a box (own or principal axes, the smaller) and spheres along its longest side around the body."""
+    """Add a box (own or principal axes, the smaller) and spheres along its longest side to the body."""
     v = body.vertices
     principal = np.linalg.eigh(np.cov((v - v.mean(0)).T))[1]
     boxes = []

@@ -1,6 +1,6 @@
-"""A surface's triangles, the long ones divided, and a tree of boxes around them (compiled).
+"""Tree of boxes around a surface's triangles, with long triangles subdivided (compiled).
 
-It is made once a body and gone down by :mod:`machopt.collision.mesh_distance` and
+It is built once per body and traversed by :mod:`machopt.collision.mesh_distance` and
 :mod:`machopt.collision.proximity_test`.
 """
 
@@ -14,9 +14,9 @@ from machopt.collision.bodies import CollisionBody
 from machopt.numerics.array_types import Array, Ints
 from machopt.numerics.compiled_functions import jit_compile
 
-LEAF_TRIANGLES = 2  # triangles in a box that is not divided any more
-EDGE_LENGTH_SHARE = 0.1  # of a body's size: triangles with longer edges are divided
-MAX_TRIANGLES = 20_000  # most triangles that dividing makes
+LEAF_TRIANGLES = 2  # maximum number of triangles of a leaf
+EDGE_LENGTH_SHARE = 0.1  # share of a body's size: triangles with longer edges are subdivided
+MAX_TRIANGLES = 20_000  # maximum number of triangles after subdivision
 DEGENERATE_AREA = 1e-24  # m⁴, squared double area below which a triangle is a line
 
 
@@ -35,12 +35,21 @@ class BoxTreeMesh:
 
 
 def build_box_tree(body: CollisionBody) -> BoxTreeMesh:
-    """Boxes around a body's triangles, the long ones divided: a box around a long triangle holds little of it."""
+    """Return the tree of a body's triangles, with long ones subdivided: a box around a long triangle is mostly empty.
+
+    Args:
+        body: collision body.
+    """
     return build_box_tree_of_triangles(body.vertices, body.faces)
 
 
 def build_box_tree_of_triangles(vertices: Array, faces: Ints) -> BoxTreeMesh:
-    """The same of vertices (V, 3) m and faces (F, 3)."""
+    """Return the tree of some triangles.
+
+    Args:
+        vertices: (V, 3) m.
+        faces: (F, 3) vertex indices.
+    """
     corners = _subdivide_long_triangles(
         vertices[faces], EDGE_LENGTH_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     )
@@ -50,13 +59,15 @@ def build_box_tree_of_triangles(vertices: Array, faces: Ints) -> BoxTreeMesh:
 
 
 def _subdivide_long_triangles(corners: Array, longest: float) -> Array:
-    """The same surface with no edge above ``longest`` m, where PIECES allow: triangles (F, 3, 3) halved, and halved."""
-    done, made = [corners[:0]], 0
+    """Return the same surface with no edge above ``longest`` m, up to MAX_TRIANGLES: triangles (F, 3, 3) are halved
+    repeatedly.
+    """
+    done, count = [corners[:0]], 0
     while len(corners):
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # from each corner to the next
         long = edges.max(axis=1) > longest
-        made += int(long.sum())
-        if made > MAX_TRIANGLES:
+        count += int(long.sum())
+        if count > MAX_TRIANGLES:
             break
         done.append(corners[~long])
         first = edges[long].argmax(axis=1)
@@ -68,7 +79,7 @@ def _subdivide_long_triangles(corners: Array, longest: float) -> Array:
 
 @jit_compile
 def _partition_by_median(value: Array, order: Ints, low: int, high: int, at: int) -> None:
-    """Bring the least of value[low … high] before place ``at``, and ``order`` with them (Hoare 1961, Find)."""
+    """Move the least of value[low … high] before place ``at``, and ``order`` with them (Hoare 1961, Find)."""
     while low < high:
         pivot, i, j = value[(low + high) // 2], low, high
         while i <= j:
@@ -88,20 +99,20 @@ def _partition_by_median(value: Array, order: Ints, low: int, high: int, at: int
 
 
 def _build_tree(corners: Array, normals: Array) -> BoxTreeMesh:
-    """Triangles in boxes, divided at the median along the longest side down to LEAF of them."""
-    most = max(2 * len(corners), 1)  # halves hold two triangles or more, before they are divided
+    """Build the tree of boxes, divided at the median along the longest side down to LEAF_TRIANGLES."""
+    most = max(2 * len(corners), 1)  # divided boxes contain at least two triangles
     low, high = np.empty((most, 3)), np.empty((most, 3))
     child, first, count = (np.empty(most, np.int64) for _ in range(3))
     order = np.arange(len(corners))
-    made = _fill_tree(corners, low, high, child, first, count, order, np.empty(len(corners)))
+    box_count = _fill_tree(corners, low, high, child, first, count, order, np.empty(len(corners)))
     return BoxTreeMesh(
         corners=corners,
         normals=normals,
-        low=low[:made],
-        high=high[:made],
-        child=child[:made],
-        first=first[:made],
-        count=count[:made],
+        low=low[:box_count],
+        high=high[:box_count],
+        child=child[:box_count],
+        first=first[:box_count],
+        count=count[:box_count],
         order=order,
     )
 
@@ -110,9 +121,9 @@ def _build_tree(corners: Array, normals: Array) -> BoxTreeMesh:
 def _fill_tree(
     corners: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints, middle: Array
 ) -> int:
-    """Fill the boxes' arrays, level by level, and sort ``order``; returns how many boxes there are."""
-    first[0], count[0], made, k = 0, len(corners), 1, 0
-    while k < made:
+    """Fill the arrays of the boxes, level by level, and sort ``order``; return the number of boxes."""
+    first[0], count[0], box_count, k = 0, len(corners), 1, 0
+    while k < box_count:
         a, n = first[k], count[k]
         for c in range(3):
             low[k, c], high[k, c] = np.inf, -np.inf
@@ -130,10 +141,10 @@ def _fill_tree(
             for m in range(a, a + n):
                 of = order[m]
                 middle[m] = corners[of, 0, side] + corners[of, 1, side] + corners[of, 2, side]
-            child[k], half = made, n // 2
+            child[k], half = box_count, n // 2
             _partition_by_median(middle, order, a, a + n - 1, a + half)
-            first[made], count[made] = a, half
-            first[made + 1], count[made + 1] = a + half, n - half
-            made += 2
+            first[box_count], count[box_count] = a, half
+            first[box_count + 1], count[box_count + 1] = a + half, n - half
+            box_count += 2
         k += 1
-    return made
+    return box_count

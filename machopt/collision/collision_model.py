@@ -1,18 +1,17 @@
-"""Does anything touch, and how near is it: robot, tool, cutter, workpiece, obstacles.
+"""Collision model of a cell: contacts and distances of robot, tool, cutter, workpiece, obstacles.
 
-Exact triangle distances cost 0.05–5 ms, so they are computed only where cheap bounds leave doubt, and what they find
-too near on a way is so by fcl's word:
+Exact triangle distances cost 0.05–5 ms, so they are computed only where cheap bounds are not sufficient. Contacts
+found along a motion are confirmed by fcl:
 
-1. Spheres around one body against a box around the other bound every pair's distance from below, for all rows
+1. Spheres around one body and a box around the other bound every pair's distance from below, for all rows
    at once in NumPy.
-2. A distance once known holds on: the joint step bounds the relative motion of the bodies, so
+2. A known distance stays useful: the joint step bounds the relative motion of the bodies, so
    d(later) ≥ d(known) − motion since. The same bound proves the motion *between* two rows free: it is when
-   d(a) + d(b) − 2·clearance exceeds it (each free ball covers its share of the way); otherwise the segment is
-   halved until it does or a contact shows.
+   d(a) + d(b) − 2·clearance exceeds it (each free ball covers its share of the motion); otherwise the segment is
+   halved until it does or a contact is found.
 
-Both bounds are in :mod:`machopt.collision.distance_bounds`. With external axes everything is seen from the part: bodies
-ride on the
-links of the machine's chain (:mod:`machopt.kinematics.machine`), and what stands in the hall is one of them.
+Both bounds are in :mod:`machopt.collision.distance_bounds`. With external axes everything is relative to the part:
+bodies move with the links of the machine's chain (:mod:`machopt.kinematics.machine`), and the hall is one of them.
 """
 
 from __future__ import annotations
@@ -52,12 +51,12 @@ from machopt.numerics.worker_threads import map_in_threads
 Bools = NDArray[np.bool_]
 
 RANDOM_POSES = 400  # random poses that decide which link pairs are worth checking
-ADJACENT_CONTACT_SHARE = 0.95  # share of poses in touch from which a pair is taken to be built touching
+ADJACENT_CONTACT_SHARE = 0.95  # share of poses in contact from which a pair counts as in contact by construction
 TWO_APART_CONTACT_SHARE = 0.50  # the same for links two apart, whose meshes often overlap where the real links do not
-MAX_BOUNDED_STEP_RAD = 0.1  # rad, joint step above which the motion bound is of no use
-SORTING_STRIP_RAD = np.radians(2.0)  # of a joint, in which poses are taken in the order of the next one
-MAX_BLOCK_ROWS = 50_000  # rows of a motion that are looked at together, for the sake of memory (some 5 kB each)
-PLACES, UNCHANGED = 49, 1e-6  # of an external joint, and m by which the distance of a pair that tells nothing varies
+MAX_BOUNDED_STEP_RAD = 0.1  # rad, joint step above which the motion bound is useless
+SORTING_STRIP_RAD = np.radians(2.0)  # strip of a joint in which poses are sorted by the next one
+MAX_BLOCK_ROWS = 50_000  # rows of a motion per block, limited by memory (some 5 kB each)
+PLACES, UNCHANGED = 49, 1e-6  # number of places of an external joint, and m, maximum variation of a constant distance
 MAX_BOUND_ARRAY_SIZE = 2_000_000  # rows × pairs whose bounds are compared in one array
 
 
@@ -73,12 +72,13 @@ class CollisionPair:
 
     @property
     def name(self) -> str:
+        """Name of the pair, "a ~ b"."""
         return f"{self.a} ~ {self.b}"
 
 
 @dataclass(frozen=True)
 class ExcludedCollisionPair:
-    """Two bodies that are not checked, and why."""
+    """Two bodies that are not checked, with the reason."""
 
     a: str
     b: str
@@ -88,14 +88,15 @@ class ExcludedCollisionPair:
 
 @dataclass(frozen=True)
 class CollisionContacts:
-    """Where something collides or is nearer than its clearance."""
+    """Rows with a collision or a distance below the clearance."""
 
     hit: Bools  # (S,)
     pair: NDArray[np.int32]  # (S,) index into CollisionModel.pairs of the first pair found, −1 where free
-    row: Array  # (S,) fractional row of the contact (on the way from the row before), NaN where free
+    row: Array  # (S,) fractional row of the contact (on the motion from the previous row), NaN where free
 
     @property
     def any(self) -> bool:
+        """Whether any row is hit."""
         return bool(self.hit.any())
 
     @property
@@ -107,12 +108,12 @@ class CollisionContacts:
 class CollisionModel:
     """Machine, tool, cutter, workpiece and obstacles of a cell, checked at joint positions.
 
-    Joint positions x are (S, 6 + E): the joints of the arm in rad, then the external joints in rad or m as the cell
-    lists them.
-
-    ``cutting`` (S,) marks moves in which the cutter may touch the workpiece; entry n speaks of the move that
-    ends in row n. In the other moves the cutter, drawn in by 0.1 mm at radius and tip, must not touch the
-    workpiece: a rapid move may start or end where the cutter just touches. ``clearance`` holds for every
+    Joint positions x are (S, 6 + E): the joints of the arm in rad, then the external joints in rad or m in the order of
+    the
+    cell.
+    ``cutting`` (S,) marks moves in which the cutter may touch the workpiece; entry n refers to the move that
+    ends in row n. In the other moves the cutter, reduced by 0.1 mm at radius and tip, must not touch the
+    workpiece: a rapid move may start or end where the cutter just touches. ``clearance`` applies to every
     other pair.
 
     Args:
@@ -120,16 +121,16 @@ class CollisionModel:
         robot: kinematics of the arm.
         shapes: the URDF's collision bodies, from :func:`machopt.kinematics.robot.load_chain`.
         clearance: m, required distance.
-        still: the external joints stand at home, and x is (S, 6): the arm's joints alone.
+        still: the external joints are fixed at home, and x is (S, 6): the arm's joints alone.
 
     Attributes:
-        pairs: what is checked.
-        excluded: what is not, and why: built touching, or the cell lets it.
-        adjacent: links next to each other, which are not compared either.
-        suspicious: pairs in touch at the home pose, in words (a model error or a too coarse mesh).
+        pairs: checked pairs.
+        excluded: unchecked pairs with the reason: contact by construction, or allowed by the cell.
+        adjacent: adjacent links, which are not compared either.
+        suspicious: messages about pairs in contact at the home pose (a model error or a too coarse mesh).
 
     Raises:
-        InputError: a mesh cannot be read, or the external joints make no chain.
+        InputError: a mesh cannot be read, or the external joints form no chain.
     """
 
     def __init__(
@@ -139,32 +140,32 @@ class CollisionModel:
         self._lines, self.clearance = MachineLines.build(cell, machine, still=still), clearance
         carriers = LinkCarriers(cell, machine)
         self._bodies = [*build_robot_bodies(carriers, shapes), *build_cell_bodies(cell, carriers)]
-        wanted = [(i, j, False) for i, j in list_candidate_pairs(self._bodies)]
+        candidates = [(i, j, False) for i, j in list_candidate_pairs(self._bodies)]
         if cell.tool.cutter is not None:
             cutter, drawn_in = (
                 build_cutter_body(cell, machine, cell.tool.cutter, s) for s in (0.0, CONTACT_TOLERANCE_M)
             )
             for i, body in enumerate(self._bodies):
                 if body.kind == "workpiece":
-                    wanted.append((i, len(self._bodies) + 1, True))
+                    candidates.append((i, len(self._bodies) + 1, True))
                 elif body.kind == "obstacle" or (body.kind == "link" and body.link <= machine.base_link + 5):
-                    wanted.append((i, len(self._bodies), False))
+                    candidates.append((i, len(self._bodies), False))
             self._bodies += [cutter, drawn_in]
         by_cell = list_allowed_contacts(cell)
-        told = tuple(
+        exclusions = tuple(
             self._describe_exclusions(pair[:2], why)
-            for pair in wanted
+            for pair in candidates
             if (why := by_cell.get(self._names(*pair[:2]))) is not None
         )
-        wanted = [pair for pair in wanted if self._names(*pair[:2]) not in by_cell]
+        candidates = [pair for pair in candidates if self._names(*pair[:2]) not in by_cell]
         self.adjacent: tuple[ExcludedCollisionPair, ...] = tuple(
             self._describe_exclusions(pair, "adjacent: one hangs on the other")
             for pair in list_adjacent_pairs(self._bodies)
         )
         self.surfaces = FclSurfaces(self._bodies)
         self.outlines = map_in_threads(build_outline, self._bodies)
-        self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
-        self.excluded: tuple[ExcludedCollisionPair, ...] = (*self._exclude(wanted), *told)
+        self._take([(i, j) for i, j, _ in candidates], [touch for *_, touch in candidates])
+        self.excluded: tuple[ExcludedCollisionPair, ...] = (*self._exclude(candidates), *exclusions)
         self._told_nothing = self._find_constant_pairs()
         at_home = self._check_pairs(np.append(cell.home, cell.external_home)[None, : self._lines.columns])
         self.suspicious: tuple[str, ...] = tuple(
@@ -175,14 +176,14 @@ class CollisionModel:
 
     @property
     def bodies(self) -> tuple[CollisionBody, ...]:
-        """What is checked; a cutter stands in it twice, the second time drawn in."""
+        """Checked bodies; a cutter occurs twice, the second time reduced."""
         return tuple(self._bodies)
 
     def check_configurations(self, q: Array, cutting: Bools) -> CollisionContacts:
-        """Which rows collide or are nearer than the clearance; rows are taken by themselves.
+        """Return which rows collide or are nearer than the clearance; each row by itself.
 
         Args:
-            q: (S, 6 + E) rad or m, quickest where neighbouring rows are neighbouring poses.
+            q: (S, 6 + E) rad or m, fastest where neighbouring rows are neighbouring poses.
             cutting: (S,) the cutter may touch the workpiece.
         """
         rows = MotionRows(self.stack, self._lines.compute_line_positions(q))
@@ -190,28 +191,32 @@ class CollisionModel:
         near = rows.bound < self._required
         near[cutting] &= ~self._spared
         for p in np.flatnonzero(near.any(axis=0)).tolist():
-            asked = np.flatnonzero(near[:, p] & ~contacts.hit)
-            hit = asked[self._is_near(p, rows.compute_relative_motion(p)[asked])] if len(asked) else asked
+            undecided = np.flatnonzero(near[:, p] & ~contacts.hit)
+            hit = (
+                undecided[self._is_near(p, rows.compute_relative_motion(p)[undecided])] if len(undecided) else undecided
+            )
             contacts.hit[hit], contacts.pair[hit], contacts.row[hit] = True, p, hit
         return contacts
 
     def check_motion(self, q: Array, cutting: Bools, step: float, *, first_only: bool = False) -> CollisionContacts:
-        """Like :meth:`check`, and the motion from each row to the next too, linear in joint space.
+        """Check rows like :meth:`check_configurations`, and the motion from each row to the next, linear in joint
+        space.
 
-        Row n speaks of the way from row n − 1 to row n and of row n itself. A contact shallower than half of
+        Row n refers to the motion from row n − 1 to row n and to row n itself. A contact shallower than half of
         0.1 mm between rows may be missed; nothing deeper.
 
         Args:
             q: (S, 6 + E) rad or m.
             cutting: (S,) the cutter may touch the workpiece in the move to the row.
-            step: rad, greatest joint step at which the bounds are renewed (0.1 rad at most is used); a joint that
-                slides may go as far as a body is moved by such a turn.
-            first_only: stop at the first pair that hits (for planners that only want yes or no).
+            step: rad, greatest joint step at which the bounds are renewed (0.1 rad at most is used); for a sliding
+                joint
+                the displacement equivalent to the motion of a body by such a rotation.
+            first_only: stop at the first pair that hits (for planners that only need yes or no).
         """
         q = self._lines.compute_line_positions(q)
         dense, owner, at = refine_motion(q, min(step, MAX_BOUNDED_STEP_RAD), self.stack.scale)
         contacts = _build_no_contacts(len(q))
-        for start in range(0, len(dense), MAX_BLOCK_ROWS):  # a block goes on from the last row of the one before
+        for start in range(0, len(dense), MAX_BLOCK_ROWS):  # a block starts at the last row of the previous one
             some = slice(max(start - 1, 0), start + MAX_BLOCK_ROWS)
             self._check_dense_rows(dense[some], cutting, owner[some], at[some], contacts, first_only)
             if first_only and contacts.any:
@@ -227,7 +232,7 @@ class CollisionModel:
         contacts: CollisionContacts,
         first_only: bool,
     ) -> None:
-        """Fill in the contacts of some dense rows (D, n); owner, at (D,) as :func:`refine_motion` tells them."""
+        """Fill in the contacts of some dense rows (D, n); owner, at (D,) as :func:`refine_motion` returns them."""
         rows = MotionRows(self.stack, dense)
         for p, doubt in self._find_unproven_pairs(rows, cutting[owner]):
             walk = self._check_pair_motion(rows, p)
@@ -257,14 +262,14 @@ class CollisionModel:
         )
 
     def _find_unproven_pairs(self, rows: MotionRows, cutting: Bools) -> Iterator[tuple[int, Bools]]:
-        """Pairs whose bounds do not prove every row and way free, each with the rows (M,) that they leave in doubt."""
+        """Yield the pairs whose bounds do not prove every row and motion free, each with the undecided rows (M,)."""
         block = max(MAX_BOUND_ARRAY_SIZE // max(len(rows.q), 1), 1)
         for start in range(0, len(self.pairs), block):
             some = slice(start, start + block)
             margin = rows.bound[:, some] - self._required[some]
-            asked = ~(cutting[:, None] & self._spared[some])
+            checked = ~(cutting[:, None] & self._spared[some])
             doubt, near = margin < 0.0, margin[1:] + margin[:-1] < rows.reach[:, None]
-            doubt, near = doubt & asked, near & asked[1:]
+            doubt, near = doubt & checked, near & checked[1:]
             for k in np.flatnonzero(doubt.any(axis=0) | near.any(axis=0)).tolist():
                 ways = np.flatnonzero(near[:, k])
                 if len(ways):
@@ -273,34 +278,36 @@ class CollisionModel:
                 yield start + k, doubt[:, k]
 
     def find_nearest_pair(self, q: Array, cutting: Bools, cap: float = MAX_DISTANCE_M) -> NearestPairs:
-        """Least distance over the pairs at each row, and whose it is; 0 in contact.
+        """Return the least distance over the pairs at each row, and its pair; 0 in contact.
 
-        Without those whose distance nothing changes, as of a carriage over its own bed: they would hide what a plan
-        can do something about.
+        Pairs with a constant distance, like a carriage and its own bed, are left out: they would hide the distances
+        that a plan
+        can change.
 
         Args:
-            q: (S, 6 + E) rad or m, quickest where neighbouring rows are neighbouring poses.
+            q: (S, 6 + E) rad or m, fastest where neighbouring rows are neighbouring poses.
             cutting: (S,) the cutter may touch the workpiece.
             cap: m, distances above it are not measured.
         """
-        asked = ~(np.asarray(cutting, bool)[:, None] & self._spared) & ~self._told_nothing
+        checked = ~(np.asarray(cutting, bool)[:, None] & self._spared) & ~self._told_nothing
         return find_nearest_pairs(
             self.stack,
             self.surfaces,
             [o.mesh for o in self.outlines],
             self._lines.compute_line_positions(q),
-            asked,
+            checked,
             cap,
         )
 
     def _find_constant_pairs(self) -> Bools:
-        """(P,) pairs that only one external joint lies between, and that are as near wherever it stands.
+        """Return (P,) the pairs with only one external joint between them and a constant distance.
 
-        The rule, which :func:`machopt.verification.motion.collision.clearance_column.list_varying_pairs` follows by its
-        own means: the joint stands at both ends
-        of its range and at even steps of a 48th between. A pair tells nothing if it never touches, is always within CAP
-        and varies by less than UNCHANGED. Fixed places, as random ones would find an end stop in one program and miss
-        it in the other.
+        :func:`machopt.verification.motion.collision.clearance_column.list_varying_pairs` implements the same rule
+        independently: the joint is placed at both ends of its range and at 1/48 steps in between. A pair is constant if
+        it
+        never touches, is always within the cap and varies by less than UNCHANGED. The places are fixed, because random
+        ones
+        would find an end stop in one program and miss it in the other.
         """
         lines, out = self._lines, np.zeros(len(self.pairs), bool)
         if lines.fixed_external_joints is not None:
@@ -310,13 +317,13 @@ class CollisionModel:
             if j - i == 1 and i < lines.machine.base_link:
                 out[p] = self._is_distance_constant(p, q[[0, -1]]) and self._is_distance_constant(
                     p, q
-                )  # the ends tell most pairs at once
+                )  # the ends decide most pairs at once
         return out
 
     def _is_distance_constant(self, p: int, q: Array) -> bool:
-        """Pair p is as near at each q (S, n), within CAP and without touching."""
-        asked = np.broadcast_to(np.arange(len(self.pairs)) == p, (len(q), len(self.pairs)))
-        found = find_nearest_pairs(self.stack, self.surfaces, [o.mesh for o in self.outlines], q, asked).distance
+        """Return whether pair p has the same distance at each q (S, n), within the cap and without contact."""
+        checked = np.broadcast_to(np.arange(len(self.pairs)) == p, (len(q), len(self.pairs)))
+        found = find_nearest_pairs(self.stack, self.surfaces, [o.mesh for o in self.outlines], q, checked).distance
         return bool(found.min() > 0.0 and found.max() < MAX_DISTANCE_M and np.ptp(found) < UNCHANGED)
 
     def _names(self, i: int, j: int) -> frozenset[str]:
@@ -332,7 +339,7 @@ class CollisionModel:
             for (a, b), t in zip(((bodies[i], bodies[j]) for i, j in indices), touch, strict=True)
         )
         self._required = np.array([pair.clearance for pair in self.pairs])  # (P,) m
-        self._spared = np.array(touch, bool)  # (P,) not asked for in moves that cut
+        self._spared = np.array(touch, bool)  # (P,) not checked in moves that cut
         self.stack = BodyPairs(self._lines, bodies, indices)
         self._memory: list[DistanceMemory | None] = [
             DistanceMemory(self._lines, i, bodies[pair[1]]) if j - i <= 2 else None
@@ -340,9 +347,11 @@ class CollisionModel:
         ]
 
     def _exclude(self, wanted: list[tuple[int, int, bool]]) -> tuple[ExcludedCollisionPair, ...]:
-        """Drop pairs that touch by construction, and tell them; sampled, so it needs no list made by hand."""
+        """Remove pairs that touch by construction, and return them; they are found by sampling, without a manual
+        list.
+        """
         lines, bodies = self._lines, self._bodies
-        asked = [
+        sampled = [
             n
             for n, (i, j, _) in enumerate(wanted)
             if bodies[i].kind == bodies[j].kind == "link"
@@ -352,17 +361,17 @@ class CollisionModel:
         rng = np.random.default_rng(0)  # the same poses for every run of a robot
         few = slice(0, lines.columns)
         q = lines.lower[few] + (lines.upper - lines.lower)[few] * rng.random((RANDOM_POSES, lines.columns))
-        quick = self._check_pairs(q[: RANDOM_POSES // 10], asked)[:, asked].mean(axis=0)
-        asked = [n for n, share in zip(asked, quick, strict=True) if share > TWO_APART_CONTACT_SHARE / 2]
-        share = self._check_pairs(q, asked).mean(axis=0)
+        quick = self._check_pairs(q[: RANDOM_POSES // 10], sampled)[:, sampled].mean(axis=0)
+        sampled = [n for n, share in zip(sampled, quick, strict=True) if share > TWO_APART_CONTACT_SHARE / 2]
+        share = self._check_pairs(q, sampled).mean(axis=0)
         dropped: dict[int, str] = {}
         near = f"in touch or nearer than {1e3 * self.clearance:g} mm in {{:.0%}} of {RANDOM_POSES} random poses"
-        two_apart = [n for n in asked if count_links_between(*(bodies[k] for k in wanted[n][:2])) == 2]
+        two_apart = [n for n in sampled if count_links_between(*(bodies[k] for k in wanted[n][:2])) == 2]
         some = [n for n in two_apart if TWO_APART_CONTACT_SHARE < share[n] <= ADJACENT_CONTACT_SHARE]
-        if some:  # a large clearance is no coarse mesh: only true touch lets two links be near all along
+        if some:  # a large clearance does not indicate a coarse mesh: only true contact excludes a pair
             self._take([(i, j) for i, j, _ in wanted], [True] * len(wanted))
             share[some] = self._check_pairs(q, some)[:, some].mean(axis=0)
-        for n in asked:
+        for n in sampled:
             a, b = (bodies[k] for k in wanted[n][:2])
             of_one = (
                 a.link >= lines.machine.world_link or b.link <= lines.machine.world_link
@@ -377,21 +386,27 @@ class CollisionModel:
             ExcludedCollisionPair(bodies[wanted[n][0]].name, bodies[wanted[n][1]].name, reason, float(share[n]))
             for n, reason in dropped.items()
         )
-        kept = [pair for n, pair in enumerate(wanted) if n not in dropped]
-        self._take([(i, j) for i, j, _ in kept], [touch for *_, touch in kept])
+        remaining = [pair for n, pair in enumerate(wanted) if n not in dropped]
+        self._take([(i, j) for i, j, _ in remaining], [touch for *_, touch in remaining])
         return out
 
     def check_single_pairs(self, q: Array, pair: NDArray[np.integer[Any]]) -> Bools:
-        """Whether the one pair asked of each row touches or is nearer than its clearance; no other is looked at.
+        """Return whether one given pair per row touches or is nearer than its clearance; no other pair is checked.
 
-        Much quicker than :meth:`check` where most do. q (S, 6 + E) rad or m; pair (S,) index into ``pairs``.
+        Much faster than :meth:`check_configurations` where most pairs do.
+
+        Args:
+            q: (S, 6 + E) rad or m.
+            pair: (S,) index into ``pairs``.
         """
         out, q = np.zeros(len(q), bool), self._lines.compute_line_positions(q)
         for p in np.unique(pair).tolist():
             rows = np.flatnonzero(pair == p)
             i, j = self.stack.links[p]
-            far = np.abs(np.diff(q[rows, i:j], axis=0)).sum() > SORTING_STRIP_RAD * len(rows)
-            if j - i <= 2 and far:  # two joints decide: neighbours in these are neighbouring placements
+            is_scattered = np.abs(np.diff(q[rows, i:j], axis=0)).sum() > SORTING_STRIP_RAD * len(rows)
+            if (
+                j - i <= 2 and is_scattered
+            ):  # with two joints in between, neighbours in these are neighbouring placements
                 rows = rows[np.lexsort((q[rows, j - 1], np.round(q[rows, i] / SORTING_STRIP_RAD)))]
             out[rows] = self._is_near(p, self.stack.compute_relative_motion(p, q[rows]))
         return out
@@ -420,7 +435,11 @@ def _build_no_contacts(count: int) -> CollisionContacts:
 
 
 def suggest_remedy(pair: CollisionPair) -> str:
-    """What would let two bodies touch that the robot itself is built of."""
+    """Return what would allow two bodies of the robot itself to touch; empty for other pairs.
+
+    Args:
+        pair: pair in contact.
+    """
     if not set(pair.kinds) <= {"link", "tool"}:
         return ""
     return f" (if they are built so, `ignore_pairs: [[{pair.a}, {pair.b}]]` in cell.yaml would let them)"

@@ -1,15 +1,14 @@
 """Cheap bounds on distances and motions of pairs of bodies, for many rows at once (NumPy only).
 
-Two facts carry the collision check. Spheres that cover one body and a box around the other bound their
+The collision check uses two facts. Spheres that cover one body and a box around the other bound their
 distance from below. And while the joints move by Δq, no point of one body moves relative to the other by more
 than D = Σ_k |Δq_k| (ρ_k + D), with ρ_k the largest distance of the body from axis k at the start (a lever
 cannot grow by more than the motion itself), hence D = Σ|Δq_k| ρ_k / (1 − Σ|Δq_k|); half the joint step has
-half the bound. A joint that slides adds |Δq_k| as it is (ρ_k = 1) and makes no lever of its own grow, so it does not
+half the bound. A sliding joint adds |Δq_k| directly (ρ_k = 1) and lengthens no lever of its own, so it does not
 count in the denominator.
 
-Rows hold θ, one value a line of the chain (:class:`machopt.kinematics.machine_lines.MachineLines`): between links i < j
-lie the lines
-i … j − 1, as between links 0 and 3 of an arm its joints 1 to 3.
+Rows contain θ, one value per line of the chain (:class:`machopt.kinematics.machine_lines.MachineLines`): between links
+i < j are the lines i … j − 1, as between links 0 and 3 of an arm its joints 1 to 3.
 """
 
 from __future__ import annotations
@@ -26,10 +25,8 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.numerics.worker_threads import map_in_threads
 
-BLOCK_ROWS = (
-    256  # rows bounded at once, in one thread; keeps the work arrays in cache, and the threads' own memory small
-)
-MAX_REMEMBERED = 3000  # distances remembered of one pair
+BLOCK_ROWS = 256  # rows per block and thread; the work arrays fit the cache, and the threads need little memory
+MAX_REMEMBERED = 3000  # maximum number of stored distances of one pair
 UNKNOWN_MOTION_M = 1e3  # m, the motion bound of joint steps too large for one
 
 
@@ -47,7 +44,7 @@ class BodyPairs:
         self.links = [(bodies[i].link, bodies[j].link) for i, j in index]
         self.groups = sorted(set(self.links))
         self.group = np.array([self.groups.index(g) for g in self.links], int)
-        # Spheres around the body they fit better, a box around the other.
+        # Spheres around the body that they fit better, a box around the other.
         self.flip = np.array([bodies[i].sphere_radius < bodies[j].sphere_radius for i, j in index], bool)
         boxed = [bodies[j if f else i] for (i, j), f in zip(index, self.flip, strict=True)]
         balls = [bodies[i if f else j] for (i, j), f in zip(index, self.flip, strict=True)]
@@ -62,15 +59,25 @@ class BodyPairs:
 
     @property
     def robot(self) -> Robot:
-        """The arm, every line by itself."""
+        """The arm with independent lines."""
         return self.lines.machine.robot.uncoupled_robot
 
     def compute_relative_motion(self, p: int, q: Array) -> Array:
-        """(S, 4, 4) motion of pair p's second body from zero to θ = q (S, n), seen from the first body's link."""
+        """Return the (S, 4, 4) motion of a pair's second body from zero, relative to the first body's link.
+
+        Args:
+            p: index of the pair.
+            q: (S, n) θ, rad or m.
+        """
         return self.lines.compute_relative_motion(*self.links[p], q)
 
     def compute_lever(self, p: int) -> float:
-        """m, how far pair p's second body reaches from the axis of the one joint between the two; 1 where it slides."""
+        """Return the largest distance in m of a pair's second body from the axis of the joint between the two; 1 if it
+        slides.
+
+        Args:
+            p: index of a pair with one joint in between.
+        """
         body, lines = self.bodies[self.index[p][1]], self.lines
         k = body.link - 1
         if lines.slides[k]:
@@ -119,12 +126,20 @@ class MotionRows:
         return bound
 
     def compute_relative_motion(self, p: int) -> Array:
-        """(S, 4, 4) motion of pair p's second body from q = 0, seen from the first body's link."""
+        """Return the (S, 4, 4) motion of a pair's second body from q = 0, relative to the first body's link.
+
+        Args:
+            p: index of the pair.
+        """
         T: Array = self._relative[self.pairs.group[p]]
         return T
 
     def bound_motion(self, p: int) -> Array:
-        """(S − 1,) m, bound on how far any point of pair p's second body moves relative to the first."""
+        """Return (S − 1,) m, upper bound of the motion of any point of a pair's second body relative to the first.
+
+        Args:
+            p: index of the pair.
+        """
         i, j = self.pairs.index[p]
         low = self.pairs.bodies[i].link
         if (low, j) not in self._travel:
@@ -144,12 +159,12 @@ class MotionRows:
 
 
 class DistanceMemory:
-    """Distances found earlier of a pair with one or two joints in between, wherever the arm came from.
+    """Earlier distances of a pair with one or two joints in between, for any other pose of the arm.
 
-    Straight through joint space no point of the second body moves by more than Σ_k |Δq_k| ρ_k, ρ_k being its
+    On a straight line in joint space no point of the second body moves by more than Σ_k |Δq_k| ρ_k, ρ_k being its
     largest distance from axis k in any pose; so every distance d found at q' bounds that at q by d − Σ|Δq_k| ρ_k.
-    Neighbouring links are always near each other, so without it they would cost a distance at every pose. A line that
-    slides has ρ_k = 1 and makes the levers before it longer by its stroke.
+    Neighbouring links are always near each other, so without it they would need a distance at every pose. A sliding
+    line has ρ_k = 1 and lengthens the levers before it by its stroke.
     """
 
     def __init__(self, lines: MachineLines, low: int, body: CollisionBody) -> None:
@@ -159,7 +174,7 @@ class DistanceMemory:
             arm = body.vertices - lines.point[body.link - 1]
             if lines.slides[k]:
                 self._levers[n] = 1.0
-            elif k == body.link - 1:  # turns with this joint alone: the distance from its axis stays
+            elif k == body.link - 1:  # moved by this joint alone: the distance from its axis is constant
                 self._levers[n] = np.linalg.norm(np.cross(arm, lines.axis[k]), axis=1).max()
             else:
                 self._levers[n] = _bound_chain_length(lines, k, body.link) + np.linalg.norm(arm, axis=1).max()
@@ -168,25 +183,35 @@ class DistanceMemory:
         self._count = 0
 
     def bound_distance(self, q: Array) -> float:
-        """m, never above the distance at θ = q (n,)."""
+        """Return a lower bound of the distance in m.
+
+        Args:
+            q: (n,) θ, rad or m.
+        """
         n = min(self._count, MAX_REMEMBERED)
         if n == 0:
             return -np.inf
         return float((self._distance[:n] - np.abs(self._at[:n] - q[self.joints]) @ self._levers).max())
 
     def add_distance(self, q: Array, distance: float) -> None:
+        """Store a measured distance.
+
+        Args:
+            q: (n,) θ, rad or m.
+            distance: m.
+        """
         self._at[self._count % MAX_REMEMBERED] = q[self.joints]
         self._distance[self._count % MAX_REMEMBERED] = distance
         self._count += 1
 
 
 def refine_motion(q: Array, step: float, scale: Array | None = None) -> tuple[Array, NDArray[np.int64], Array]:
-    """Rows at most ``step`` apart in every joint, the row each leads to, and its fractional row.
+    """Return rows at most ``step`` apart in every joint, the row each leads to, and its fractional row.
 
     Args:
         q: (S, n) θ of the lines.
         step: rad.
-        scale: (n,) what a unit of each line counts; None: 1.
+        scale: (n,) equivalent rad per unit of each line; None: 1.
     """
     if len(q) == 0:
         return q.reshape(0, q.shape[-1]), np.zeros(0, np.int64), np.zeros(0)
@@ -201,13 +226,13 @@ def refine_motion(q: Array, step: float, scale: Array | None = None) -> tuple[Ar
 
 
 def _bound_chain_length(lines: MachineLines, k: int, end: int) -> float:
-    """m, no farther apart are the points of line k and of the last line before link ``end`` ever."""
+    """Return an upper bound in m of the distance between points of line k and of the last line before link ``end``."""
     between = np.linalg.norm(np.diff(lines.point[k:end], axis=0), axis=1).sum()
     return float(between + lines.stroke[k + 1 : end].sum()) if lines.slides.any() else float(between)
 
 
 def _bound_reach(lines: MachineLines, bodies: list[CollisionBody]) -> Array:
-    """(n,) m: no body point is ever farther from axis k than this; 1 for a line that slides, whatever it carries."""
+    """Return (n,) m, an upper bound of the distance of any body point from axis k; 1 for a sliding line."""
     point = lines.point
     out = np.zeros(lines.count)
     for body in bodies:
@@ -218,7 +243,7 @@ def _bound_reach(lines: MachineLines, bodies: list[CollisionBody]) -> Array:
 
 
 def _compute_joint_scale(lines: MachineLines, reach: Array) -> Array | None:
-    """(n,) rad per unit of each line: a shift counts as a turn that moves bodies as far; None: all turn."""
+    """Return (n,) equivalent rad per unit of each line: the rotation that moves bodies as far; None: all rotate."""
     if not lines.slides.any():
         return None
     return np.where(lines.slides, 1.0 / max(float(reach[~lines.slides].max()), 1e-3), 1.0)

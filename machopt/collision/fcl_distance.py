@@ -11,7 +11,7 @@ from machopt.numerics.array_types import Array
 
 
 class FclSurfaces:
-    """Bodies as fcl triangle meshes; each query places the second one only, seen from the first one's link.
+    """Bodies as fcl triangle meshes; each query places only the second one, relative to the first one's link.
 
     Args:
         bodies: with vertices in base_link at q = 0.
@@ -22,13 +22,23 @@ class FclSurfaces:
         self._objects: dict[int, tuple[Any, Any]] = {}
 
     def compute_distance(self, pair: tuple[int, int], T: Array) -> float:
-        """m, of the surfaces with the second body moved by T (4, 4); ≤ 0 where they cross."""
+        """Return the distance of the surfaces in m; ≤ 0 where they cross.
+
+        Args:
+            pair: indices of the two bodies.
+            T: (4, 4) motion of the second body relative to the first.
+        """
         import fcl
 
         return float(fcl.distance(*self._place_body(pair, T), fcl.DistanceRequest(), fcl.DistanceResult()))
 
     def is_contained(self, pair: tuple[int, int], T: Array) -> bool:
-        """One body is wholly inside the other, given that the surfaces do not cross: one vertex decides."""
+        """Return whether one body is wholly inside the other, given that the surfaces do not cross: one vertex decides.
+
+        Args:
+            pair: indices of the two bodies.
+            T: (4, 4) motion of the second body relative to the first.
+        """
         a, b = (self._bodies[k] for k in pair)
         R, t = T[:3, :3], T[:3, 3]
         return is_point_inside(a, R @ b.vertices[0] + t) or is_point_inside(b, R.T @ (a.vertices[0] - t))
@@ -41,7 +51,7 @@ class FclSurfaces:
         return self._build_object(pair[0])[0], moving
 
     def _build_object(self, k: int) -> tuple[Any, Any]:
-        """The body standing still, and to be moved: made when first asked for, as most pairs never come that near."""
+        """Return the fixed and the moving object of a body, built at first use, because most pairs never come near."""
         import fcl
 
         if k not in self._objects:

@@ -1,11 +1,13 @@
-"""How deep a cutter is in the part: over points of its surface, the farthest from the part's surface from inside.
+"""Penetration depth of a cutter in the part: largest distance of its surface points from the part's surface, from
+inside.
 
-A point inside a solid is as deep as the nearest place of its surface is far; of several bodies the one it is deepest in
-counts. Boxes, cylinders and spheres are taken as they are, meshes by their triangles.
+The depth of a point inside a solid is its distance from the nearest place of the surface; of several bodies the
+deepest counts. Boxes, cylinders and spheres are exact, meshes use their triangles.
 
-From row to row a point moves little. One that was found outside by d cannot be deeper than the limit before it has
-moved by d and the limit together, one inside by d is not deeper than d and the way since, so most points of a path are
-asked for once in many rows: the deepest one of the row before goes first, and most others cannot be deeper than that.
+From row to row a point moves little. A point found outside by d cannot be deeper than the limit before it has
+moved by d plus the limit. A point inside by d is not deeper than d plus its motion since. Most points of a path are
+therefore checked once in many rows. The deepest one of the previous row is checked first, and most others cannot be
+deeper.
 """
 
 from __future__ import annotations
@@ -23,20 +25,22 @@ from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.numerics.worker_threads import map_in_threads
 
-BLOCK_ROWS = 256  # of one task, whatever the number of cores
-MAX_TREE_DEPTH = 128  # boxes waiting on the way down a tree
+BLOCK_ROWS = 256  # rows of one task, independent of the number of cores
+MAX_TREE_DEPTH = 128  # stack size of the tree traversal
 MIN_SPACING_M, MAX_SPACING_M = 5e-4, 3e-3  # m between points of the cutter's surface; between, a quarter of its radius
-CHORD_TOLERANCE_M = 2e-5  # m that a depth may be told too small between two points of a ring, as paths may be off
-GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0  # of a step around from ring to ring: any few rings cover the step evenly
+CHORD_TOLERANCE_M = 2e-5  # m, maximum underestimate of a depth between two points of a ring, like the path tolerance
+GOLDEN_RATIO = (
+    np.sqrt(5.0) - 1.0
+) / 2.0  # rotation from ring to ring, as a share of a step: a few rings cover the step evenly
 RING_POINT_LIMITS = 24, 96  # fewest and most points of a circle
 SPIRAL_SPACING_M = (
     3e-4,
     1.2e-3,
-)  # m between points of the spiral, a ninth of the radius in between: what is thin lies between rings
+)  # m between points of the spiral, a ninth of the radius in between, for thin features between rings
 ROUNDING_M = 1e-12  # m
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))  # rad from one point of it to the next
-PROFILE_SAMPLES = 4001  # places along the profile that it is wound by
-# Directions no CAM file draws its edges along: the majority of three says whether a point is inside.
+PROFILE_SAMPLES = 4001  # samples along the profile of the spiral
+# Directions that avoid typical edge directions of CAM files: the majority of three decides whether a point is inside.
 RAY_DIRECTIONS = np.array([[0.5381, 0.3127, 0.7827], [-0.2911, 0.8713, -0.3951], [0.7219, -0.6037, 0.3389]])
 
 
@@ -49,7 +53,11 @@ class GougeDepth:
 
 
 def build_cutter_points(cutter: CutterGeometry) -> Array:
-    """(K, 3) m, points of the cutter's surface in the TCP's frame: tip, corner and side, rings along the axis."""
+    """Return (K, 3) m, points of the cutter's surface in the TCP frame: tip, corner and side, rings along the axis.
+
+    Args:
+        cutter: dimensions of the cutter.
+    """
     radius, corner = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0)
     step = float(np.clip(radius / 4.0, MIN_SPACING_M, MAX_SPACING_M))
     flat = np.linspace(0.0, radius - corner, int(np.ceil((radius - corner) / step)) + 1)
@@ -61,14 +69,18 @@ def build_cutter_points(cutter: CutterGeometry) -> Array:
     out = []
     for n, (r, height) in enumerate(profile):
         count = _count_ring_points(r, step) if r > 0.0 else 1
-        # Each ring is turned against the one before it, so that no wall lies between the points of all of them.
+        # Each ring is rotated relative to the previous one, so that no wall lies between the points of all of them.
         angle = 2.0 * np.pi * (np.arange(count) + (n - len(flat) + 1) * GOLDEN_RATIO % 1.0) / count
         out.append(np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(count, -height)]))
     return np.concatenate(out)
 
 
 def build_spiral_points(cutter: CutterGeometry) -> Array:
-    """(K, 3) m, evenly over the cutter's surface, on a spiral from the tip up: for what lies between the rings."""
+    """Return (K, 3) m, even points of the cutter's surface on a spiral from the tip up, for features between the rings.
+
+    Args:
+        cutter: dimensions of the cutter.
+    """
     radius, corner, length = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0), cutter.length
     step = float(np.clip(radius / 9.0, *SPIRAL_SPACING_M))
     flat, bend = radius - corner, corner * np.pi / 2.0
@@ -84,7 +96,7 @@ def build_spiral_points(cutter: CutterGeometry) -> Array:
 
 
 def _count_ring_points(radius: float, step: float) -> int:
-    """Points of a ring: ``step`` apart or less, and few enough degrees that no chord leaves its circle by SAGITTA."""
+    """Return the number of points of a ring: at most ``step`` apart, with a sagitta of at most CHORD_TOLERANCE_M."""
     shallow = np.pi / np.arccos(max(1.0 - CHORD_TOLERANCE_M / radius, 0.0))
     return int(np.clip(np.ceil(max(2.0 * np.pi * radius / step, shallow)), *RING_POINT_LIMITS))
 
@@ -92,14 +104,14 @@ def _count_ring_points(radius: float, step: float) -> int:
 def compute_gouge_depth(
     shapes: tuple[CollisionShape, ...], points: Array, T_part_tool: Array, limit: float, between: Array | None = None
 ) -> GougeDepth:
-    """Where the points go deeper than ``limit`` into the part.
+    """Return the places where the points penetrate the part deeper than ``limit``.
 
     Args:
         shapes: closed bodies of the part, in its frame.
         points: (K, 3) m, on the tool.
-        T_part_tool: (M, 4, 4), quickest where neighbouring rows are neighbouring poses.
+        T_part_tool: (M, 4, 4), fastest where neighbouring rows are neighbouring poses.
         limit: m.
-        between: (B, 3) m, further ones, which are asked for where the next of the first is near to the surface.
+        between: (B, 3) m, additional points, checked only where the nearest of the first is near to the surface.
 
     Raises:
         InputError: a mesh is open, so nothing is inside it.
@@ -123,27 +135,37 @@ def compute_gouge_depth(
 
 @dataclass(frozen=True)
 class _GuidedPoints:
-    """Points, each asked for where the one that leads it is near to the surface."""
+    """Points, some of which are checked only where their leading point is near to the surface."""
 
-    points: Array  # (K, 3) m, those that lead first
-    leader: Ints  # (K,) −1 where none leads it
+    points: Array  # (K, 3) m, leading points first
+    leader: Ints  # (K,) leading point, −1 for none
     leader_distance: Array  # (K,) m, how far the leader is
 
     @classmethod
     def build(cls, leaders: Array, others: Array) -> _GuidedPoints:
-        from scipy.spatial import cKDTree  # not there where a wheel is built, and the kernel below is compiled
+        """Assign each other point its nearest leading point.
 
-        beside, leader = cKDTree(leaders).query(others) if len(others) else (np.zeros(0), np.zeros(0, np.int64))
+        Args:
+            leaders: (K, 3) m.
+            others: (L, 3) m.
+        """
+        from scipy.spatial import cKDTree  # imported here: not available where a wheel is built
+
+        leader_distance, leader = (
+            cKDTree(leaders).query(others) if len(others) else (np.zeros(0), np.zeros(0, np.int64))
+        )
         n = len(leaders)
         return cls(
             np.ascontiguousarray(np.concatenate([leaders, others])),
             np.concatenate([np.full(n, -1, np.int64), leader.astype(np.int64)]),
-            np.concatenate([np.zeros(n), beside]),
+            np.concatenate([np.zeros(n), leader_distance]),
         )
 
 
 def _compute_depth_in_solid(shape: CollisionShape, points: Array, T: Array) -> tuple[Array, Ints]:
-    """(M,) greatest depth in m in a box, cylinder or sphere, below zero outside, and (M,) which point's."""
+    """Return (M,) greatest depth in m in a box, cylinder or sphere, negative outside, and (M,) the point that has
+    it.
+    """
     depth, which = np.empty(len(T)), np.empty(len(T), np.int64)
     for start in range(0, len(T), BLOCK_ROWS):
         some = T[start : start + BLOCK_ROWS]
@@ -189,7 +211,7 @@ def _list_mesh_arrays(mesh: BoxTreeMesh) -> tuple[Array, Array, Array, Ints, Int
 def _compute_row_depths(
     points: Array,
     leader: Ints,
-    beside: Array,
+    leader_distance: Array,
     T: Array,
     corners: Array,
     low: Array,
@@ -201,20 +223,25 @@ def _compute_row_depths(
     rays: Array,
     limit: float,
 ) -> tuple[Array, Ints]:
-    """(M,) greatest depth m above ``limit``, 0 where none is, and (M,) which point's; rows T (M, 4, 4) of a mesh."""
+    """Return (M,) greatest depth in m above ``limit``, else 0, and (M,) its point; rows T (M, 4, 4) of a mesh."""
     depth, which = np.zeros(len(T)), np.zeros(len(T), np.int64)
-    room, last = np.zeros(len(points)), np.zeros((len(points), 3))  # m that a point may move and be found no other
-    left = np.zeros(len(points))  # m by which it is clear of the part, in this row
-    deep = np.full(len(points), -1.0)  # m, how deep it was where it was last; below 0 where it was not
-    near = np.full(len(points), order[0])  # the triangle that was the nearest then
+    room, last = (
+        np.zeros(len(points)),
+        np.zeros((len(points), 3)),
+    )  # m, motion of a point before it must be checked again
+    left = np.zeros(len(points))  # m, distance from the part in this row
+    deep = np.full(len(points), -1.0)  # m, last known depth; negative outside
+    near = np.full(len(points), order[0])  # nearest triangle at that time
     waiting, gaps, x = np.empty(MAX_TREE_DEPTH, np.int64), np.empty(MAX_TREE_DEPTH), np.empty(3)
     for m in range(len(T)):
         begin = -1 if m > 0 and depth[m - 1] > 0.0 else 0
         for n in range(begin, len(points)):
-            k = which[m - 1] if n < 0 else n  # what was the deepest before: most others are known to be less deep
+            k = (
+                which[m - 1] if n < 0 else n
+            )  # the deepest point of the previous row first: most others are known to be less deep
             if begin < 0 and n == which[m - 1]:
                 continue
-            if leader[k] >= 0 and n >= 0 and left[leader[k]] > beside[k]:
+            if leader[k] >= 0 and n >= 0 and left[leader[k]] > leader_distance[k]:
                 continue
             square = 0.0
             for c in range(3):
@@ -280,7 +307,9 @@ def _find_nearest_triangle(
     gaps: Array,
     guess: int,
 ) -> tuple[float, int]:
-    """m² to the nearest triangle, and which; any that is below ``enough`` will do, and a first guess may help."""
+    """Return m² to the nearest triangle and its index; any distance below ``enough`` suffices, ``guess`` is tried
+    first.
+    """
     best, found = _compute_triangle_distance(x, corners[guess]), guess
     if best <= enough:
         return best, found
@@ -300,7 +329,7 @@ def _find_nearest_triangle(
             continue
         k1, k2 = child[k], child[k] + 1
         g1, g2 = _compute_box_distance(x, low, high, k1), _compute_box_distance(x, low, high, k2)
-        if g1 < g2:  # the nearer one is looked into first
+        if g1 < g2:  # the nearer one is examined first
             k1, k2, g1, g2 = k2, k1, g2, g1
         waiting[depth], gaps[depth], waiting[depth + 1], gaps[depth + 1] = k1, g1, k2, g2
         depth += 2
@@ -353,17 +382,17 @@ def _count_ray_crossings(
     order: Ints,
     waiting: Ints,
 ) -> int:
-    """How often a ray from a point goes through the surface (Möller and Trumbore 1997)."""
+    """Return how often a ray from a point crosses the surface (Möller and Trumbore 1997)."""
     hits = 0
     waiting[0], depth = 0, 1
     while depth:
         depth -= 1
         k = waiting[depth]
-        near, far = 0.0, np.inf
+        entry_length, exit_length = 0.0, np.inf
         for c in range(3):
             a, b = (low[k, c] - x[c]) / ray[c], (high[k, c] - x[c]) / ray[c]
-            near, far = max(near, min(a, b)), min(far, max(a, b))
-        if near > far + 1e-9:
+            entry_length, exit_length = max(entry_length, min(a, b)), min(exit_length, max(a, b))
+        if entry_length > exit_length + 1e-9:
             continue
         if child[k] >= 0:
             waiting[depth], waiting[depth + 1] = child[k], child[k] + 1

@@ -1,9 +1,9 @@
-"""Least distance between two triangle surfaces that move against each other, row after row (compiled).
+"""Least distance between two moving triangle surfaces, row after row (compiled).
 
 Both surfaces have a tree of boxes along common axes. The smaller one is moved into the other's frame and its boxes are
-drawn anew, so that boxes are compared by six subtractions (van den Bergen 1997); the two trees are gone down together,
-the nearer boxes first, and left where they are farther apart than the least distance found. That begins with the
-distance of the two triangles that were the nearest in the row before: along a path they mostly still are, or nearly.
+recomputed, so that boxes are compared by six subtractions (van den Bergen 1997). The two trees are traversed together,
+the nearer boxes first; boxes farther apart than the least distance found are skipped. The initial value is the
+distance of the two triangles that were nearest in the previous row: along a path they usually still are, or nearly.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from machopt.numerics.array_types import Array, Ints
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import invert_transform
 
-MAX_STACK_SIZE = 512  # pairs of boxes waiting on the way down the trees
-ROUNDING_M = 1e-9  # m, by which sums of motions may be off
+MAX_STACK_SIZE = 512  # stack size of the tree traversal
+ROUNDING_M = 1e-9  # m, rounding error of sums of motions
 
 
 @jit_compile
 def _move_triangles(T: Array, corners: Array, normals: Array, out: Array, turned: Array) -> None:
-    """All triangles moved by T (4, 4), and their normals."""
+    """Move all triangles and their normals by T (4, 4)."""
     for f in range(len(corners)):
         for v in range(3):
             x, y, z = corners[f, v, 0], corners[f, v, 1], corners[f, v, 2]
@@ -36,7 +36,7 @@ def _move_triangles(T: Array, corners: Array, normals: Array, out: Array, turned
 
 @jit_compile
 def _update_boxes(corners: Array, child: Ints, first: Ints, count: Ints, order: Ints, low: Array, high: Array) -> None:
-    """The boxes around moved triangles; those inside come after the one around them."""
+    """Recompute the boxes around moved triangles; inner boxes come after their outer one."""
     for box in range(len(child) - 1, -1, -1):
         k = child[box]
         for c in range(3):
@@ -85,7 +85,9 @@ def _find_nearest_triangles(
     work: Array,
     u: Array,
 ) -> tuple[float, int, int]:
-    """m between two surfaces with boxes in one frame, and the two triangles; i and j are a first guess of these."""
+    """Return the distance in m between two surfaces with boxes in one frame, and the two triangles; i and j are a
+    first guess.
+    """
     best, _ = compute_triangle_distance(a[i], na[i], b[j], nb[j], np.inf, work)
     for c in range(3):
         u[c] = work[6, c] / best if best > 0.0 else 0.0
@@ -101,7 +103,7 @@ def _find_nearest_triangles(
                     v, w = order[s], sequence[t]
                     if (
                         compute_separation_along(a[v], b[w], u) >= best - TIE_TOLERANCE
-                    ):  # what is nearest shows the way in which others are farther
+                    ):  # the nearest pair gives the direction in which others are farther
                         continue
                     d, exact = compute_triangle_distance(a[v], na[v], b[w], nb[w], best, work)
                     if exact and d < best:
@@ -115,7 +117,7 @@ def _find_nearest_triangles(
         else:
             k1, k2, m1, m2 = k, k, inner[m], inner[m] + 1
         g1, g2 = _compute_box_distance(low, high, k1, lo, hi, m1), _compute_box_distance(low, high, k2, lo, hi, m2)
-        if g1 < g2:  # the nearer one is looked into first
+        if g1 < g2:  # the nearer one is examined first
             k1, k2, m1, m2, g1, g2 = k2, k1, m2, m1, g2, g1
         waiting[depth, 0], waiting[depth, 1], gaps[depth] = k1, m1, g1
         waiting[depth + 1, 0], waiting[depth + 1, 1], gaps[depth + 1] = k2, m2, g2
@@ -145,19 +147,36 @@ def compute_distances_along_rows(
     bound: Array,
     most: Array,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Distances of two surfaces at some rows, where they can be below ``most``.
+    """Return the distances of two surfaces at some rows, where they can be below ``most``.
+
+    The first eight arguments are the fixed surface, the next seven the moving one, see :class:`BoxTreeMesh`. It is
+    fastest
+    if the moving one has fewer triangles, and if successive rows are near each other.
 
     Args:
-        a … order: the surface that stands still, see :class:`BoxTreeMesh`.
-        b … sequence: the one that moves, quickest where it has fewer triangles.
-        rows: (K,) the rows that are asked for, quickest where the next is near the last.
-        T: (S, 4, 4) motion of b seen from a.
-        way: (S,) m: no point of b moves against a by more than the difference of two of them.
-        bound: (S,) m, known to be below the distance.
-        most: (S,) m, distances above it are of no interest.
+        a: (F, 3, 3) m, triangles of the fixed surface.
+        na: (F, 3) their normals.
+        low: (B, 3) m, boxes of the fixed surface.
+        high: (B, 3) m.
+        child: (B,) first inner box, −1 for none.
+        first: (B,) first triangle in ``order``.
+        count: (B,) number of triangles.
+        order: (F,) triangles.
+        b: (G, 3, 3) m, triangles of the moving surface.
+        nb: (G, 3) their normals.
+        inner: ``child`` of the moving surface.
+        begin: ``first`` of the moving surface.
+        number: ``count`` of the moving surface.
+        sequence: ``order`` of the moving surface.
+        rows: (K,) rows to measure.
+        T: (S, 4, 4) motion of b relative to a.
+        way: (S,) m: no point of b moves relative to a by more than the difference of two of them.
+        bound: (S,) m, known lower bound of the distance.
+        most: (S,) m, larger distances are not needed.
 
     Returns:
-        (S,) m, infinite where not measured; (S,) whether b might have gone through a since the row measured before.
+        (S,) m, infinite where not measured; (S,) whether b might have passed through a since the previously measured
+        row.
     """
     out, fresh = np.full(len(T), np.inf), np.zeros(len(T), np.bool_)
     moved, turned = np.empty_like(b), np.empty_like(nb)
@@ -166,8 +185,8 @@ def compute_distances_along_rows(
     u = np.empty(3)
     known, last, i, j = 0.0, -1, order[0], sequence[0]
     for n in rows:
-        gone = abs(way[n] - way[last]) + ROUNDING_M if last >= 0 else np.inf
-        if bound[n] >= most[n] or (last >= 0 and known - gone >= most[n]):
+        motion = abs(way[n] - way[last]) + ROUNDING_M if last >= 0 else np.inf
+        if bound[n] >= most[n] or (last >= 0 and known - motion >= most[n]):
             continue
         _move_triangles(T[n], b, nb, moved, turned)
         _update_boxes(moved, inner, begin, number, sequence, lo, hi)
@@ -195,16 +214,19 @@ def compute_distances_along_rows(
             work,
             u,
         )
-        fresh[n] = last < 0 or max(d, known) <= gone
+        fresh[n] = last < 0 or max(d, known) <= motion
         out[n], known, last = d, d, n
     return out, fresh
 
 
 def compute_distance(a: BoxTreeMesh, b: BoxTreeMesh, T: Array, guess: tuple[int, int]) -> tuple[float, tuple[int, int]]:
-    """m between two surfaces, b moved by T (4, 4) seen from a, 0 where they cross; and which triangles are that near.
+    """Return the distance in m between two surfaces, 0 where they cross, and the two nearest triangles.
 
     Args:
-        guess: a triangle of each that may be near the other: what the last question of them told.
+        a: fixed surface.
+        b: moving surface.
+        T: (4, 4) motion of b relative to a.
+        guess: one triangle of each that may be near the other, e.g. the result of the previous call.
     """
     turn = len(a.corners) < len(b.corners)  # the smaller one is moved
     x, y, k, m = (b, a, guess[1], guess[0]) if turn else (a, b, *guess)
@@ -250,7 +272,7 @@ def _compute_placed_distance(
     i: int,
     j: int,
 ) -> tuple[float, int, int]:
-    """As :func:`compute_distance` says; a … sequence as for :func:`compute_distances_along_rows`."""
+    """Return the result of :func:`compute_distance`; a … sequence as for :func:`compute_distances_along_rows`."""
     moved, turned = np.empty_like(b), np.empty_like(nb)
     lo, hi = np.empty((len(inner), 3)), np.empty((len(inner), 3))
     _move_triangles(T, b, nb, moved, turned)

@@ -1,7 +1,7 @@
-"""Which pair of bodies is nearest, and how near: at every row of a long path, on all cores.
+"""Nearest pair of bodies and its distance at every row of a long path, on all cores.
 
-Pair by pair, the one with the least bounds first: a row asks for a distance only where neither the spheres' bound nor
-the distance known from a row before proves that another pair is nearer.
+The pair with the least bounds is processed first. A row needs a distance only where neither the spheres' bound nor
+the distance known from an earlier row proves that another pair is nearer.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.numerics.worker_threads import map_in_threads
 
-MAX_DISTANCE_M = 0.5  # m, beyond which nothing is measured
-BLOCK_ROWS = 4096  # rows of one task, whatever the number of cores: what is found must not depend on it
+MAX_DISTANCE_M = 0.5  # m, largest measured distance
+BLOCK_ROWS = 4096  # rows of one task, independent of the number of cores, so that the result is too
 MIN_BLOCK_ROWS = 256
 MEASURED_ROW_INTERVAL = 32  # rows between those at which every near pair is measured
-ROUNDING_M = 1e-9  # m, by which sums of motions may be off
+ROUNDING_M = 1e-9  # m, rounding error of sums of motions
 
 
 @dataclass(frozen=True)
@@ -39,16 +39,17 @@ def find_nearest_pairs(
     surfaces: FclSurfaces,
     meshes: list[BoxTreeMesh],
     q: Array,
-    asked: Bools,
+    requested: Bools,
     cap: float = MAX_DISTANCE_M,
 ) -> NearestPairs:
-    """Least distance over all pairs at each row, and whose it is; 0 in contact.
+    """Return the least distance over all pairs at each row, and its pair; 0 in contact.
 
     Args:
         stack: the pairs.
-        surfaces, meshes: of the same bodies.
-        q: (S, 6) rad, quickest where neighbouring rows are neighbouring poses.
-        asked: (S, P) which pairs count in which rows.
+        surfaces: fcl meshes of the bodies.
+        meshes: box trees of the same bodies.
+        q: (S, n) θ, fastest where neighbouring rows are neighbouring poses.
+        requested: (S, P) which pairs count in which rows.
         cap: m, distances above it are not measured.
     """
     size = min(BLOCK_ROWS, max(MIN_BLOCK_ROWS, len(q) // 4))
@@ -56,7 +57,7 @@ def find_nearest_pairs(
 
     def block(start: int) -> tuple[Array, NDArray[np.int32]]:
         some = slice(start, start + size)
-        return _find_nearest_in_block(stack, surfaces, meshes, q[some], asked[some], cap)
+        return _find_nearest_in_block(stack, surfaces, meshes, q[some], requested[some], cap)
 
     found = map_in_threads(block, starts)
     if not found:
@@ -65,11 +66,11 @@ def find_nearest_pairs(
 
 
 def _find_nearest_in_block(
-    stack: BodyPairs, surfaces: FclSurfaces, meshes: list[BoxTreeMesh], q: Array, asked: Bools, cap: float
+    stack: BodyPairs, surfaces: FclSurfaces, meshes: list[BoxTreeMesh], q: Array, requested: Bools, cap: float
 ) -> tuple[Array, NDArray[np.int32]]:
     rows = MotionRows(stack, q)
     best, which = np.full(len(q), cap), np.full(len(q), -1, np.int32)
-    bound = np.where(asked, rows.bound, np.inf)
+    bound = np.where(requested, rows.bound, np.inf)
     least = _tighten_bound(_PairDistances(stack, surfaces, meshes, rows), bound, cap)
     for p in np.argsort(np.median(bound, axis=0), kind="stable").tolist():
         most = np.minimum(best, least)
@@ -81,9 +82,9 @@ def _find_nearest_in_block(
 
 
 def _tighten_bound(measure: _PairDistances, bound: Array, cap: float) -> Array:
-    """(S,) m, a bound above the least distance, from every STATION-th row; ``bound`` (S, P) below is raised in place.
+    """Return (S,) m, an upper bound of the least distance, from every MEASURED_ROW_INTERVAL-th row.
 
-    No distance changes by more than the bodies move.
+    ``bound`` (S, P) below is raised in place. No distance changes by more than the bodies move.
     """
     count = len(bound)
     stations = np.unique(np.append(np.arange(0, count, MEASURED_ROW_INTERVAL), count - 1))
@@ -98,10 +99,10 @@ def _tighten_bound(measure: _PairDistances, bound: Array, cap: float) -> Array:
             continue
         nth = np.searchsorted(known, every)
         for near in (known[np.minimum(nth, len(known) - 1)], known[np.maximum(nth - 1, 0)]):
-            gone = np.abs(way - way[near]) + ROUNDING_M
+            motion = np.abs(way - way[near]) + ROUNDING_M
             wanted = np.isfinite(bound[:, p])
-            bound[:, p] = np.where(wanted, np.maximum(bound[:, p], d[near] - gone), np.inf)
-            least = np.where(wanted, np.minimum(least, d[near] + gone), least)
+            bound[:, p] = np.where(wanted, np.maximum(bound[:, p], d[near] - motion), np.inf)
+            least = np.where(wanted, np.minimum(least, d[near] + motion), least)
     return least
 
 
@@ -113,15 +114,22 @@ class _PairDistances:
     rows: MotionRows
 
     def measure_rows(self, p: int, rows: NDArray[np.intp], bound: Array, most: Array) -> tuple[Array, Array, bool]:
-        """Distances of pair p at some rows, where they can be below ``most``.
+        """Return distances of a pair at some rows, where they can be below ``most``.
+
+        Args:
+            p: index of the pair.
+            rows: rows to measure.
+            bound: (S,) m, known lower bound of the distance.
+            most: (S,) m, larger distances are not needed.
 
         Returns:
-            (S,) m, infinite where not measured; (S,) m of motion, no point of one body moves against the other by more
+            (S,) m, infinite where not measured; (S,) m of motion, no point of one body moves relative to the other by
+            more
             than the difference of two of them; whether the bodies are outside each other in all of these rows.
         """
         (i, j), (low, high), T = self.stack.index[p], self.stack.links[p], self.rows.compute_relative_motion(p)
         order = rows[bound[rows] < most[rows]]
-        if high - low == 1:  # one joint alone moves them: rows with neighbouring values of it are neighbours
+        if high - low == 1:  # moved by one joint alone: rows with neighbouring values of it are neighbours
             angle = self.rows.q[:, low]
             order = order[np.argsort(angle[order], kind="stable")]
             way = angle * self.stack.compute_lever(p)

@@ -1,4 +1,4 @@
-"""How near two bodies come along a motion: measured where it may matter, elsewhere bounded by how far they moved."""
+"""Distance of two bodies along a motion: measured where necessary, elsewhere bounded by their relative motion."""
 
 from __future__ import annotations
 
@@ -13,17 +13,22 @@ from machopt.collision.mesh_distance import compute_distance
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
 
-MIN_SEGMENT_MOTION_M = 1e-4  # m, motion below which a segment between two free rows is not halved any more
+MIN_SEGMENT_MOTION_M = 1e-4  # m, motion below which a segment between two free rows is no longer halved
 
 
 def is_too_near(distance: float, clearance: float) -> bool:
-    """Both in m; surfaces that meet are too near whatever the clearance."""
+    """Return whether a distance is below the clearance; surfaces in contact always are.
+
+    Args:
+        distance: m.
+        clearance: m.
+    """
     return distance <= 0.0 or distance < clearance
 
 
 @dataclass(kw_only=True)
 class PairMotionCheck:
-    """One pair followed along the rows: an exact distance and how far the bodies have moved since."""
+    """Check of one pair along the rows: an exact distance and the relative motion since it was measured."""
 
     rows: MotionRows
     p: int  # of the pair
@@ -37,27 +42,39 @@ class PairMotionCheck:
 
     def __post_init__(self) -> None:
         travel = self.rows.bound_motion(self.p)
-        self._travel: list[float] = travel.tolist()  # asked for once a row: Python's own numbers are read quickest
+        self._travel: list[float] = travel.tolist()  # read once per row: Python floats are faster
         self._way: list[float] = np.append(0.0, np.cumsum(travel)).tolist()
         self._near = 0, 0  # triangles, one of each body
 
     def bound_motion(self, n: int) -> float:
-        """m, bound on the relative motion between row ``last`` and row n."""
+        """Return an upper bound of the relative motion in m since the measured row.
+
+        Args:
+            n: row.
+        """
         return abs(self._way[n] - self._way[self.measured_row])
 
     def bound_distance(self, n: int) -> float:
-        """m, what is known of the distance at row n without measuring it."""
+        """Return a lower bound of the distance in m at a row, without measuring it.
+
+        Args:
+            n: row.
+        """
         since = -np.inf if self.measured_row < 0 else self.known_distance - self.bound_motion(n)
         if self.memory is None or since > self.clearance:
             return since
         return max(since, self.memory.bound_distance(self.rows.q[n]))
 
     def measure_distance(self, n: int) -> float:
-        """Exact distance (m) at row n; 0 where one body is inside the other."""
+        """Return the exact distance in m at a row; 0 where one body is inside the other.
+
+        Args:
+            n: row.
+        """
         if n != self.measured_row:
             T = self.rows.compute_relative_motion(self.p)[n]
             d = self._measure_surfaces(T)
-            # Surfaces apart by more than the way since a row known to be outside cannot have been crossed.
+            # Surfaces farther apart than the motion since a row known to be outside cannot have crossed.
             fresh = (
                 self.measured_row < 0
                 or self.known_distance <= 0.0
@@ -71,15 +88,26 @@ class PairMotionCheck:
         return self.known_distance
 
     def _measure_surfaces(self, T: Array) -> float:
-        """m between the surfaces with the second body moved by T (4, 4); what is too near is so by fcl's word."""
+        """Return the distance in m of the surfaces with the second body moved by T (4, 4); contacts are confirmed by
+        fcl.
+        """
         d, self._near = compute_distance(*self.meshes, T, self._near)
         return self.surfaces.compute_distance(self.pair, T) if is_too_near(d, self.clearance) else d
 
     def is_colliding(self, n: int) -> bool:
+        """Return whether the bodies are too near at a row.
+
+        Args:
+            n: row.
+        """
         return is_too_near(self.measure_distance(n), self.clearance)
 
     def find_first_contact(self, m: int) -> float:
-        """Fractional row of a contact in row m or on the way to it, NaN if free."""
+        """Return the fractional row of a contact in a row or on the motion to it, NaN if free.
+
+        Args:
+            m: row.
+        """
         if m == 0:
             return 0.0 if self.is_colliding(0) else np.nan
         way = self._travel[m - 1]
@@ -97,7 +125,7 @@ class PairMotionCheck:
         return m - 1.0 + inner
 
     def _find_contact_between(self, qa: Array, qb: Array, da: float, db: float, way: float) -> float:
-        """Fraction of the way from qa to qb where a contact is, NaN if there is none."""
+        """Return the fraction of the motion from qa to qb where a contact is, NaN if there is none."""
         if way < MIN_SEGMENT_MOTION_M or da + db - 2.0 * self.clearance >= way:
             return np.nan
         middle = 0.5 * (qa + qb)

@@ -1,10 +1,9 @@
-"""Which of many placements bring two surfaces nearer than a limit: yes or no, without the distance (compiled).
+"""Proximity test of two surfaces at many placements: nearer than a limit or not, without the distance (compiled).
 
-Mostly a plane between the boxes around the two shows that they are apart; it is looked for along the shortest way
-between these (Gilbert 1966), which a few steps come near enough to. Else the two trees of boxes
-(:mod:`machopt.collision.mesh_distance`) are gone down. The second surface is not moved first: a box of it is placed
-when it is
-looked at, and compared along the axes of either; and triangles are, in boxes that are near each other.
+Usually a plane between the boxes around the two separates them. It is searched along the shortest line
+between them (Gilbert 1966), which a few steps approximate well enough. Otherwise the two trees of boxes
+(:mod:`machopt.collision.mesh_distance`) are traversed. The second surface is not moved first: a box of it is placed
+when it is needed, and compared along the axes of either; the same applies to triangles in boxes near each other.
 """
 
 from __future__ import annotations
@@ -24,28 +23,29 @@ from machopt.numerics.worker_threads import map_in_threads
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-FEW, BLOCK = 64, 512  # placements of one task at least and at most, whatever the number of cores
+FEW, BLOCK = 64, 512  # minimum and maximum placements of one task, independent of the number of cores
 CONTACT_TOLERANCE_M = 1e-9  # m, below which surfaces cross
-MAX_GILBERT_STEPS = 10  # towards the shortest way between two bodies
-SEARCH_MARGIN_FACTOR = (
-    8.0  # times the motion between two rows: how far beyond the limit the distance of a free row is looked for,
-)
+MAX_GILBERT_STEPS = 10  # iterations towards the shortest line between two bodies
+SEARCH_MARGIN_FACTOR = 8.0  # times the motion between two rows: search margin beyond the limit for a free row,
 MIN_SEARCH_MARGIN_M = 2e-3  # m, where that is less than this
-ROUNDING_M = 1e-9  # m, by which motions may be off
+ROUNDING_M = 1e-9  # m, rounding error of motions
 
 
 @dataclass(frozen=True)
 class BodyOutline:
-    """A body's triangles, and corners (V, 3) m of a convex body around them, in base_link at q = 0."""
+    """A body's triangles, and the corners (V, 3) m of a convex body around them, in base_link at q = 0."""
 
     mesh: BoxTreeMesh
     hull_corners: Array
 
 
 def build_outline(body: CollisionBody) -> BodyOutline:
-    """Boxes around a body's triangles, and the corners of the one around all of them that lies along the body.
+    """Return the box tree of a body's triangles, and the corners of its oriented bounding box.
 
-    Its convex hull parts no more pairs in the time that its many corners take.
+    Its convex hull would separate no more pairs in the same time, because it has many corners.
+
+    Args:
+        body: collision body.
     """
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
     corners = body.box_centre + (signs * body.box_half) @ body.box_rotation.T
@@ -53,9 +53,15 @@ def build_outline(body: CollisionBody) -> BodyOutline:
 
 
 def is_nearer_than(a: BodyOutline, b: BodyOutline, T: Array, limit: float) -> Bools:
-    """(S,) whether the surfaces cross or are nearer than ``limit`` m, with b moved by T (S, 4, 4) seen from a.
+    """Return (S,) whether the surfaces cross or are nearer than a limit; a body wholly inside the other is not near.
 
-    Quickest where neighbouring rows are neighbouring placements. What is wholly inside is apart.
+    Fastest where neighbouring rows are neighbouring placements.
+
+    Args:
+        a: first body.
+        b: second body.
+        T: (S, 4, 4) motion of b relative to a.
+        limit: m.
     """
     T = np.ascontiguousarray(T, float)
     limit = max(limit, CONTACT_TOLERANCE_M)
@@ -91,7 +97,9 @@ def is_nearer_than(a: BodyOutline, b: BodyOutline, T: Array, limit: float) -> Bo
 
 @jit_compile
 def _find_extreme_points(a: Array, b: Array, M: Array, v: Array, turned: Array) -> tuple[float, int, int]:
-    """By how much the points a (V, 3) lie beyond b (W, 3), moved by M, along v, times its length; the two nearest."""
+    """Return the distance of the points a (V, 3) beyond b (W, 3), moved by M, along v, times its length; and the two
+    nearest.
+    """
     low, high, i, j = np.inf, -np.inf, 0, 0
     for k in range(len(a)):
         along = a[k, 0] * v[0] + a[k, 1] * v[1] + a[k, 2] * v[2]
@@ -108,11 +116,12 @@ def _find_extreme_points(a: Array, b: Array, M: Array, v: Array, turned: Array) 
 
 @jit_compile
 def _find_separating_distance(a: Array, b: Array, M: Array, limit: float, v: Array, turned: Array) -> float:
-    """m by which a plane parts the points a (V, 3) and b (W, 3), moved by M, where one was found that does by ``limit``
-    m; below zero elsewhere.
+    """Return the separation in m of the points a (V, 3) and b (W, 3), moved by M, by a plane, if it is at least
+    ``limit``;
+    else a negative value.
 
     Args:
-        v: (3,) changed: the normal of such a plane. The last row's is tried first.
+        v: (3,) normal of such a plane; changed. The last row's is tried first.
     """
     length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     if length > CONTACT_TOLERANCE_M:
@@ -152,9 +161,9 @@ def _place_triangle(T: Array, triangle: Array, normal: Array, out: Array, turned
 
 @jit_compile
 def _compute_box_separation(low: Array, high: Array, k: int, lo: Array, hi: Array, m: int, T: Array) -> float:
-    """m² by which box k is apart, at least, from box m moved by T: along the axes of the one or of the other.
+    """Return m², a lower bound of the distance of box k from box m moved by T, along the axes of either.
 
-    Where none of these axes parts them: m, below zero, by how much it fails to.
+    Where no axis separates them: the penetration in m, as a negative value.
     """
     x = 0.5 * (lo[m, 0] + hi[m, 0]), 0.5 * (lo[m, 1] + hi[m, 1]), 0.5 * (lo[m, 2] + hi[m, 2])
     h = 0.5 * (hi[m, 0] - lo[m, 0]), 0.5 * (hi[m, 1] - lo[m, 1]), 0.5 * (hi[m, 2] - lo[m, 2])
@@ -181,8 +190,10 @@ def _compute_box_separation(low: Array, high: Array, k: int, lo: Array, hi: Arra
 
 @jit_compile
 def _bound_box_motion(low: Array, high: Array, T: Array, S: Array) -> float:
-    """m by which no point of a box (3,), (3,) is moved farther by T than by S: what its corners show, since how far a
-    point is moved is convex over it."""
+    """Return an upper bound in m of the difference of the motions T and S over a box (3,), (3,): its value at the
+    corners,
+    because it is convex over the box.
+    """
     most = 0.0
     for corner in range(8):
         x = high[0] if corner & 1 else low[0]
@@ -219,17 +230,19 @@ def _check_rows(
     T: Array,
     limit: float,
 ) -> NDArray[np.bool_]:
-    """As :func:`is_nearer_than` says, ``limit`` at least TOUCH; a … order and b … sequence as in :class:`BoxTreeMesh`;
-    their corners.
+    """Return the result of :func:`is_nearer_than`, ``limit`` at least CONTACT_TOLERANCE_M; a … order and b … sequence
+    as in
+    :class:`BoxTreeMesh`; around and other are the outline corners.
 
-    A row that is free tells by how much: as a plane shows, or as far as BEYOND. The rows that follow are free as long
-    as nothing has moved so far since; and two triangles that are near stay so as long.
+    A free row has a margin: that of the separating plane, or SEARCH_MARGIN_FACTOR times the motion. The following rows
+    are
+    free until the motion exceeds it; two triangles that are near stay near as long.
     """
     out = np.zeros(len(T), np.bool_)
     waiting, gaps, work = np.empty((MAX_STACK_SIZE, 2), np.int64), np.empty(MAX_STACK_SIZE), np.empty((7, 3))
     moved, turned = np.empty((3, 3)), np.empty(3)
     i, j = -1, -1  # the two triangles that were near in the row before
-    hit, sure = -1, 0.0  # a row that is not, and m by which those two are nearer than the limit
+    hit, sure = -1, 0.0  # a row with contact, and m by which those two triangles are nearer than the limit
     free, room = -1, 0.0  # a row that is free, and m by which its distance is above the limit
     across = np.zeros(3)  # along which the two were apart last
     for n in range(len(T)):
@@ -248,8 +261,8 @@ def _check_rows(
         if gap > 0.0:
             free, room = n, gap - limit - ROUNDING_M
             continue
-        best = limit  # nothing farther away is looked for
-        if free == n - 1 >= 0:  # what comes next is likely to be free too
+        best = limit  # larger distances are not needed
+        if free == n - 1 >= 0:  # the next row is likely to be free too
             step = _bound_box_motion(lo[0], hi[0], T[n], T[n - 1])
             best += SEARCH_MARGIN_FACTOR * step if SEARCH_MARGIN_FACTOR * step < MIN_SEARCH_MARGIN_M else 0.0
         waiting[0, 0], waiting[0, 1], gaps[0], depth = 0, 0, 0.0, 1
@@ -274,7 +287,7 @@ def _check_rows(
                     if out[n]:
                         break
                 continue
-            # the box with more triangles is divided, and the half that lies deeper in the other is looked into first
+            # the box with more triangles is divided, and the half deeper in the other one is examined first
             if inner[m] < 0 or (child[k] >= 0 and count[k] >= number[m]):
                 k1, k2, m1, m2 = child[k], child[k] + 1, m, m
             else:

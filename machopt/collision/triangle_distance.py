@@ -1,4 +1,4 @@
-"""The distance of two triangles, and what bounds it from below (compiled)."""
+"""Distance of two triangles, and lower bounds of it (compiled)."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 
-TIE_TOLERANCE = 1e-12  # m, by which equal distances may differ in their last digits
+TIE_TOLERANCE = 1e-12  # m, rounding difference of equal distances
 
 
 @jit_compile
 def _compute_segment_distance(p: Array, u: Array, q: Array, v: Array, best: float, apart: Array) -> float:
-    """m² between the segments p … p + u and q … q + v (Ericson 2005, section 5.1.9), and how the second lies off the
-    first, where that is less than ``best``."""
+    """Return m² between the segments p … p + u and q … q + v (Ericson 2005, section 5.1.9), and their connecting
+    vector,
+    where that is less than ``best``.
+    """
     rx, ry, rz = p[0] - q[0], p[1] - q[1], p[2] - q[2]
     a = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
     e = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -46,7 +48,7 @@ def _compute_segment_distance(p: Array, u: Array, q: Array, v: Array, best: floa
 
 @jit_compile
 def _is_foot_inside(A: Array, n: Array, x: float, y: float, z: float) -> bool:
-    """The foot of a point on the plane of the triangle A with normal n lies inside it."""
+    """Return whether the foot of a point on the plane of the triangle A with normal n lies inside it."""
     for k in range(3):
         m = (k + 1) % 3
         ex, ey, ez = A[m, 0] - A[k, 0], A[m, 1] - A[k, 1], A[m, 2] - A[k, 2]
@@ -58,7 +60,9 @@ def _is_foot_inside(A: Array, n: Array, x: float, y: float, z: float) -> bool:
 
 @jit_compile
 def _compute_plane_separation(A: Array, n: Array, B: Array) -> float:
-    """m by which the triangle B at least lies off the plane of A, whose unit normal is n; 0 where it crosses it."""
+    """Return a lower bound in m of the distance of triangle B from the plane of A with unit normal n; 0 if it
+    crosses it.
+    """
     c = A[0, 0] * n[0] + A[0, 1] * n[1] + A[0, 2] * n[2]
     x = B[0, 0] * n[0] + B[0, 1] * n[1] + B[0, 2] * n[2] - c
     y = B[1, 0] * n[0] + B[1, 1] * n[1] + B[1, 2] * n[2] - c
@@ -68,7 +72,9 @@ def _compute_plane_separation(A: Array, n: Array, B: Array) -> float:
 
 @jit_compile
 def _compute_corner_distance(A: Array, n: Array, B: Array, sign: float, best: float, apart: Array) -> float:
-    """m² of the corners of B over the inside of A, and ``sign`` times how, where that is less than ``best``."""
+    """Return m² of the corners of B over the inside of A, and ``sign`` times the connecting vector, where less than
+    ``best``.
+    """
     if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
         return best
     for k in range(3):
@@ -81,7 +87,7 @@ def _compute_corner_distance(A: Array, n: Array, B: Array, sign: float, best: fl
 
 @jit_compile
 def _is_edge_crossing(A: Array, n: Array, B: Array) -> bool:
-    """An edge of B goes through A."""
+    """Return whether an edge of B passes through A."""
     for k in range(3):
         m = (k + 1) % 3
         x = (B[k, 0] - A[0, 0]) * n[0] + (B[k, 1] - A[0, 1]) * n[1] + (B[k, 2] - A[0, 2]) * n[2]
@@ -101,18 +107,21 @@ def _is_edge_crossing(A: Array, n: Array, B: Array) -> bool:
 
 @jit_compile
 def compute_triangle_distance(A: Array, na: Array, B: Array, nb: Array, most: float, work: Array) -> tuple[float, bool]:
-    """m between two triangles (3, 3); 0 where they cross.
+    """Return the distance in m between two triangles; 0 where they cross.
 
     The least distance is that of two edges, or of a corner of one over the inside of the other. The planes of both
-    bound it from below: faces that lie parallel over each other are settled by that.
+    bound it from below, which is sufficient for faces that are parallel over each other.
 
     Args:
-        na, nb: (3,) their unit normals.
-        most: m; where the planes tell that the distance is not below it, their bound is returned.
-        work: (7, 3) overwritten; its last row becomes the shortest way from A to B where True is returned.
+        A: (3, 3) m, first triangle.
+        na: (3,) its unit normal.
+        B: (3, 3) m, second triangle.
+        nb: (3,) its unit normal.
+        most: m; where the planes show that the distance is not below it, their bound is returned.
+        work: (7, 3) overwritten; its last row becomes the shortest vector from A to B where True is returned.
 
     Returns:
-        The distance and True, or a bound below it and False.
+        The distance and True, or a lower bound and False.
     """
     bound = max(_compute_plane_separation(A, na, B), _compute_plane_separation(B, nb, A))
     if bound >= most - TIE_TOLERANCE:
@@ -133,9 +142,15 @@ def compute_triangle_distance(A: Array, na: Array, B: Array, nb: Array, most: fl
 
 @jit_compile
 def compute_separation_along(A: Array, B: Array, u: Array) -> float:
-    """m by which the triangle B lies beyond A along the unit vector u; it is farther away than that."""
-    far, near = -np.inf, np.inf
+    """Return a lower bound in m of the distance of triangle B from A, along a direction.
+
+    Args:
+        A: (3, 3) m, first triangle.
+        B: (3, 3) m, second triangle.
+        u: (3,) unit vector.
+    """
+    a_end, b_start = -np.inf, np.inf
     for k in range(3):
-        far = max(far, A[k, 0] * u[0] + A[k, 1] * u[1] + A[k, 2] * u[2])
-        near = min(near, B[k, 0] * u[0] + B[k, 1] * u[1] + B[k, 2] * u[2])
-    return float(near - far)
+        a_end = max(a_end, A[k, 0] * u[0] + A[k, 1] * u[1] + A[k, 2] * u[2])
+        b_start = min(b_start, B[k, 0] * u[0] + B[k, 1] * u[1] + B[k, 2] * u[2])
+    return float(b_start - a_end)

@@ -1,4 +1,4 @@
-"""Torques of the arm's own weight and tool at its joints, and how they change as the arm moves; batched NumPy."""
+"""Joint torques of the weight of arm and tool, and their change with the joint angles; batched NumPy."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from machopt.numerics.array_types import Array
 
 
 def compute_gravity_torque(robot: Robot, masses: RobotMasses, state: ArmState) -> tuple[Array, Array]:
-    """Joint torques of gravity and their derivative.
+    """Return joint torques of gravity and their derivative.
 
     g_i = z_i · Σ_{b ≥ i} (p_b − o_i) × m_b a, and ∂g_i/∂θ_j = (z_l × V_h)·a with l = min(i, j), h = max(i, j) and
-    V_h = z_h × Σ_{b ≥ h} m_b (p_b − o_h): the Hessian of the potential, hence symmetric. Where the lines turn by C q
-    that is Cᵀ g and Cᵀ (∂g/∂θ) C. Of a line that shifts V_h is z_h Σ m_b, and ∂g_i/∂θ_j is zero where l shifts.
+    V_h = z_h × Σ_{b ≥ h} m_b (p_b − o_h): the Hessian of the potential, hence symmetric. Where the lines rotate by C q
+    this is Cᵀ g and Cᵀ (∂g/∂θ) C. For a sliding line V_h is z_h Σ m_b, and ∂g_i/∂θ_j is zero where l slides.
 
     Args:
-        robot: the arm.
+        robot: kinematic model.
         masses: of its links and tool.
         state: M configurations with bodies.
 
     Returns:
-        g (M, 6) N·m, what gravity does to the joints (springs bear it: K (θ − θ_cmd) = g), and ∂g/∂θ (M, 6, 6).
+        g (M, 6) N·m, torque of gravity on the joints (supported by springs: K (θ − θ_cmd) = g), and ∂g/∂θ (M, 6, 6).
 
     Raises:
         ValueError: a state without bodies.
@@ -29,20 +29,28 @@ def compute_gravity_torque(robot: Robot, masses: RobotMasses, state: ArmState) -
     z, V, torque = _compute_carried_weight(robot, masses, state)
     low, high = np.minimum.outer(range(6), range(6)), np.maximum.outer(range(6), range(6))
     slope = np.cross(z[..., low, :], V[..., high, :]) @ masses.gravity
-    if robot.slides is not None:  # what shifts all that it carries changes no weight's lever
+    if robot.slides is not None:  # a sliding joint that moves all its load changes no lever
         slope = np.where(robot.slides[low], 0.0, slope)
     C = robot.coupling
     return (torque, np.asarray(slope)) if C is None else (torque @ C, C.T @ slope @ C)
 
 
 def compute_weight_torque(robot: Robot, masses: RobotMasses, state: ArmState) -> Array:
-    """g of :func:`compute_gravity_torque` alone, in a third of the time."""
+    """Return g of :func:`compute_gravity_torque` alone, in a third of the time.
+
+    Args:
+        robot: kinematic model.
+        masses: of its links and tool.
+        state: M configurations with bodies.
+    """
     torque = _compute_carried_weight(robot, masses, state)[2]
     return torque if robot.coupling is None else np.asarray(torque @ robot.coupling)
 
 
 def _compute_carried_weight(robot: Robot, masses: RobotMasses, state: ArmState) -> tuple[Array, Array, Array]:
-    """z and V (..., 6, 3) of :func:`compute_gravity_torque`, and what weight does to the lines (..., 6)."""
+    """Return z and V (..., 6, 3) of :func:`compute_gravity_torque`, and the torque of the weight about the lines
+    (..., 6).
+    """
     if state.R_bodies is None or state.p_bodies is None:
         raise ValueError("an ArmState with bodies is needed")
     R, p = state.R_bodies[..., masses.body, :, :], state.p_bodies[..., masses.body, :]

@@ -1,4 +1,4 @@
-"""Torques of an arm in motion: rigid-body dynamics from the URDF's inertias and the cell's tool, through pinocchio.
+"""Torques of a moving arm: rigid-body dynamics from the URDF's inertias and the cell's tool, through pinocchio.
 
 Any chain of one-degree joints, revolute or prismatic, so that a single axis on a test bench works too.
 """
@@ -22,31 +22,38 @@ _BLOCK = 10  # inertial parameters of a body: m, m c (3), Ixx Ixy Iyy Ixz Iyz Iz
 
 @dataclass(frozen=True, kw_only=True)
 class RigidBodyDynamics:
-    """The arm as pinocchio sees it: n joints, everything else of the URDF locked at zero."""
+    """Pinocchio model of the arm: n joints, all other joints of the URDF locked at zero."""
 
     model: Any  # pinocchio.Model, tool included
     bodies: tuple[int, ...]  # 0-based body (joint) indices that have mass in the URDF
     R_last_flange: Array  # (3, 3) flange axes in the last joint's frame
     p_last_flange: Array  # (3,) m
-    tool_com: Array  # (3,) m in flange; where a payload that the cell does not know is thought to be
+    tool_com: Array  # (3,) m in flange; assumed position of an unknown payload
     tool_mass: float  # kg
 
     @property
     def joints(self) -> int:
+        """Number of joints n."""
         return int(self.model.nv)
 
     def is_prismatic(self, joint: int) -> bool:
-        """Whether a joint (0-based) slides."""
+        """Return whether a joint slides.
+
+        Args:
+            joint: joint, 0-based.
+        """
         return "P" in str(self.model.joints[joint + 1].shortname()).removeprefix("JointModel")[:1]
 
     def compute_torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Inverse dynamics τ = M(q) a + c(q, v) + g(q).
+        """Return the inverse dynamics τ = M(q) a + c(q, v) + g(q).
 
         Args:
-            q, v, a: (N, n) rad, rad/s, rad/s² (m … of a prismatic joint).
+            q: (N, n) rad, or m for a prismatic joint.
+            v: (N, n) rad/s or m/s.
+            a: (N, n) rad/s² or m/s².
 
         Returns:
-            (N, n) N·m (N of a prismatic joint) that the joints must give.
+            (N, n) N·m (N of a prismatic joint) that the joints must provide.
 
         Source:
             Recursive Newton–Euler, Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5.
@@ -60,7 +67,11 @@ class RigidBodyDynamics:
         return out
 
     def compute_own_inertia(self, q: Array) -> Array:
-        """Diagonal of the mass matrix, (N, n) kg·m²: what each joint feels of the arm behind it."""
+        """Return the diagonal of the mass matrix, (N, n) kg·m²: inertia of the arm at each joint.
+
+        Args:
+            q: (N, n) rad or m.
+        """
         import pinocchio as pin
 
         data = self.model.createData()
@@ -70,15 +81,18 @@ class RigidBodyDynamics:
         return out
 
     def compute_regressors(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """How torques change with inertias, exactly linear but for the payload's inertia about its own place.
+        """Return the derivatives of the torques by inertias, exactly linear except for the payload's inertia about its
+        own centre.
 
         Args:
-            q, v, a: (N, n).
+            q: (N, n) rad or m.
+            v: (N, n) rad/s or m/s.
+            a: (N, n) rad/s² or m/s².
 
         Returns:
             payload (N, n, 4): per kg at the tool's centre of mass, and per kg·m of first moment along the flange's
             x, y, z (its inertia linearised there);
-            tool (N, n, 1): per kg·m² of a rotational inertia of the tool that is the same about every axis;
+            tool (N, n, 1): per kg·m² of a rotational inertia of the tool that is equal about every axis;
             links (N, n, B): per unit scale of each link that has mass (mass, moment and inertia together).
 
         Source:
@@ -112,14 +126,17 @@ class RigidBodyDynamics:
 
 
 class MissingInertiaError(InputError):
-    """The URDF states no masses and inertias of what moves."""
+    """Error for a URDF without masses and inertias of moving links."""
 
 
 def load_dynamics(cell: Cell) -> RigidBodyDynamics:
-    """The chain of the cell's arm joints with its inertias, gravity along −z of world, tool as a point mass.
+    """Read the chain of the cell's arm joints with its inertias, gravity along −z of world, tool as a point mass.
 
-    A cell states no rotational inertia of the tool about its own centre; it is left at zero here and is for whoever
-    fits to refit (``regressors``).
+    A cell has no rotational inertia of the tool about its own centre. It is zero here and can be identified
+    (``compute_regressors``).
+
+    Args:
+        cell: robot cell.
 
     Raises:
         InputError: a joint is missing, has more than one degree of freedom, or no moving link has mass.
@@ -127,7 +144,7 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
     import pinocchio as pin
 
     full = pin.buildModelFromXML(_replace_continuous_joints(cell))
-    wanted = set(cell.arm_joints)
+    arm_joints = set(cell.arm_joints)
     missing = [name for name in cell.arm_joints if not full.existJointName(name)]
     if missing:
         raise InputError(
@@ -135,7 +152,7 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
             file=cell.urdf,
             where="robot.arm_joints",
         )
-    locked = [full.getJointId(name) for name in full.names[1:] if name not in wanted]
+    locked = [full.getJointId(name) for name in full.names[1:] if name not in arm_joints]
     model = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
     if model.nq != model.nv or model.nv != len(cell.arm_joints) or list(model.names[1:]) != list(cell.arm_joints):
         raise InputError(
@@ -158,7 +175,7 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
         model.inertias[model.nv] = model.inertias[model.nv] + at.act(
             pin.Inertia(cell.tool.mass, np.asarray(cell.tool.com, float), np.zeros((3, 3)))
         )
-    # the chain's root may stand otherwise than base_link; base_link hangs on nothing that moves
+    # the chain's root may differ from base_link; base_link is not attached to a moving joint
     R_root_world = base.placement.rotation @ cell.T_world_base[:3, :3].T
     model.gravity.linear = R_root_world @ np.array([0.0, 0.0, -GRAVITY])
     com = np.asarray(cell.tool.com, float) if cell.tool.mass > 0.0 else 0.5 * cell.tool.T_flange_tcp[:3, 3]
@@ -173,7 +190,9 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
 
 
 def _replace_continuous_joints(cell: Cell) -> str:
-    """The URDF with joints that turn without end as joints with an angle: pinocchio has cos and sin for those."""
+    """Return the URDF with continuous joints as joints with an angle: pinocchio uses cos and sin for continuous
+    ones.
+    """
     root = ElementTree.fromstring(cell.urdf_text)
     for joint in root.iter("joint"):
         if joint.get("type") == "continuous":

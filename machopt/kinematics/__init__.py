@@ -1,1 +1,1 @@
-"""Physics and geometry, pure: (domain objects, joint positions) to numbers."""
+"""Kinematics of the arm, the external joints and their corrections."""

@@ -1,4 +1,4 @@
-"""Where the frames of an arm really are, by the geometry that the cell's kinematics.yaml holds.
+"""As-built geometry: actual frames of an arm from the measured geometry in the cell's kinematics.yaml.
 
 See :mod:`machopt.effects.structure.link_geometry` for the equation.
 """
@@ -19,14 +19,15 @@ BEHIND_FLANGE = 7  # entry of :func:`compute_link_displacements`
 
 
 def compute_link_displacements(origins: Array, kinematics: KinematicCorrections | None) -> Array | None:
-    """What takes each link, all joints at zero, from where it is drawn to where it is built.
+    """Return the displacement of each link from its nominal to its as-built pose, with all joints at zero.
 
     Args:
-        origins: (7, 3) m, of the six joints' frames and of the flange as drawn, base_link with all joints at zero.
-        kinematics: of the cell.
+        origins: (7, 3) m, nominal frames of the six joints and of the flange, in base_link with all joints at zero.
+        kinematics: corrections of the cell.
 
     Returns:
-        (8, 4, 4) G_0 … G_k: entry 0 base_link itself, k the link that joint k moves, 7 what the flange carries; None
+        (8, 4, 4) G_0 … G_k: entry 0 base_link itself, k the link that joint k moves, 7 the frame behind the flange;
+        None
         where no geometry is known.
     """
     known = {
@@ -42,7 +43,7 @@ def compute_link_displacements(origins: Array, kinematics: KinematicCorrections 
 
 
 def _compute_displacement(known: Mapping[str, KinematicCorrection], place: str, at: Array) -> Array:
-    """(4, 4) G of one place: turned about ``at``, then shifted."""
+    """Return (4, 4) G of one place: a rotation about ``at``, then a translation."""
     if place not in known:
         return np.eye(4)
     p = link_geometry.read_frame_offset(known[place].parameters)

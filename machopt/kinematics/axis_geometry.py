@@ -14,17 +14,29 @@ from machopt.numerics.array_types import Array
 PARALLEL_TOLERANCE_RAD = (
     1e-6  # URDFs print π/2 with six decimals or more; below this the closed form is within Newton's reach
 )
-INTERSECTION_TOLERANCE_M = 1e-6  # a micrometre: far under any machine's accuracy, far above rounding
+INTERSECTION_TOLERANCE_M = 1e-6  # one micrometre: far below any machine's accuracy, far above rounding
 
 
 def compute_axis_angle(robot: Robot, i: int, j: int) -> float:
-    """Angle in [0, π/2] rad between the lines of joints i and j (0-based) at q = 0."""
+    """Return the angle in [0, π/2] rad between the lines of two joints at q = 0.
+
+    Args:
+        robot: kinematic model.
+        i: first joint, 0-based.
+        j: second joint, 0-based.
+    """
     a, b = robot.axis[i], robot.axis[j]
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b)))
 
 
 def compute_axis_distance(robot: Robot, i: int, j: int) -> float:
-    """Shortest distance in m between the lines of joints i and j (0-based) at q = 0."""
+    """Return the shortest distance in m between the lines of two joints at q = 0.
+
+    Args:
+        robot: kinematic model.
+        i: first joint, 0-based.
+        j: second joint, 0-based.
+    """
     a, b, d = robot.axis[i], robot.axis[j], robot.point[j] - robot.point[i]
     normal = np.cross(a, b)
     length = float(np.linalg.norm(normal))
@@ -34,17 +46,36 @@ def compute_axis_distance(robot: Robot, i: int, j: int) -> float:
 
 
 def is_axis_pair_parallel(robot: Robot, i: int, j: int, tol: float = PARALLEL_TOLERANCE_RAD) -> bool:
-    """Whether axes i and j (0-based) are parallel to ``tol`` rad, in either sense."""
+    """Return whether two axes are parallel, in either sense.
+
+    Args:
+        robot: kinematic model.
+        i: first joint, 0-based.
+        j: second joint, 0-based.
+        tol: rad.
+    """
     return compute_axis_angle(robot, i, j) <= tol
 
 
 def has_axis_intersection(robot: Robot, i: int, j: int, tol: float = INTERSECTION_TOLERANCE_M) -> bool:
-    """Whether axes i and j (0-based) meet in one point to ``tol`` m; parallel axes never do."""
+    """Return whether two axes intersect in one point; parallel axes never do.
+
+    Args:
+        robot: kinematic model.
+        i: first joint, 0-based.
+        j: second joint, 0-based.
+        tol: m.
+    """
     return not is_axis_pair_parallel(robot, i, j) and compute_axis_distance(robot, i, j) <= tol
 
 
 def compute_common_point(robot: Robot, joints: tuple[int, ...]) -> tuple[Array, float]:
-    """Point nearest to the given axes (0-based) in the least-squares sense, (3,) m, and its largest distance in m."""
+    """Return the point nearest to the given axes in the least-squares sense, (3,) m, and its largest distance in m.
+
+    Args:
+        robot: kinematic model.
+        joints: joints, 0-based.
+    """
     P = [np.eye(3) - np.outer(robot.axis[i], robot.axis[i]) for i in joints]
     rhs = np.concatenate([Pi @ robot.point[i] for Pi, i in zip(P, joints, strict=True)])
     centre = np.linalg.lstsq(np.vstack(P), rhs, rcond=None)[0]
@@ -53,7 +84,12 @@ def compute_common_point(robot: Robot, joints: tuple[int, ...]) -> tuple[Array, 
 
 
 def is_spherical_wrist(robot: Robot, tol: float = INTERSECTION_TOLERANCE_M) -> bool:
-    """Whether axes 4, 5 and 6 pass within ``tol`` m of one point and axis 5 is parallel to neither neighbour."""
+    """Return whether axes 4, 5 and 6 intersect in one point and axis 5 is parallel to neither neighbour.
+
+    Args:
+        robot: kinematic model.
+        tol: m, maximum distance of an axis from the point.
+    """
     if is_axis_pair_parallel(robot, 3, 4) or is_axis_pair_parallel(robot, 4, 5):
         return False
     return compute_common_point(robot, (3, 4, 5))[1] <= tol
@@ -62,7 +98,14 @@ def is_spherical_wrist(robot: Robot, tol: float = INTERSECTION_TOLERANCE_M) -> b
 def is_three_parallel(
     robot: Robot, tol_rad: float = PARALLEL_TOLERANCE_RAD, tol_m: float = INTERSECTION_TOLERANCE_M
 ) -> bool:
-    """Whether the arm is of the UR family: 2∥3∥4 on separate lines, axes 5 and 6 meet, 1 and 5 not parallel to 2."""
+    """Return whether the arm is of the UR family: 2∥3∥4 on separate lines, axes 5 and 6 meet, 1 and 5 not parallel to
+    2.
+
+    Args:
+        robot: kinematic model.
+        tol_rad: rad, tolerance of parallel axes.
+        tol_m: m, tolerance of intersections and separate lines.
+    """
     parallel = is_axis_pair_parallel(robot, 1, 2, tol_rad) and is_axis_pair_parallel(robot, 1, 3, tol_rad)
     return (
         parallel

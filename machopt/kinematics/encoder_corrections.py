@@ -1,8 +1,8 @@
-"""Encoder angles and true angles: q_true = q + Δ(q), with Δ of the cell's kinematics.yaml.
+"""Conversion between encoder angles and true angles: q_true = q + Δ(q), with Δ of the cell's kinematics.yaml.
 
-Δ_j(q) = Σ_i f_ij(q_i): offsets, waves and couplings of :mod:`machopt.effects`, q what the encoders say. The planner
-thinks in true angles; what a robot is told, and what limits hold for, are encoder angles. The way back is the fixed
-point q = q_true − Δ(q), a contraction because |Δ'| < 1 (the reader of kinematics.yaml sees to that).
+Δ_j(q) = Σ_i f_ij(q_i): offsets, waves and couplings of :mod:`machopt.effects`, q the encoder angles. The planner
+uses true angles. Robot programs and joint limits use encoder angles. The inverse is the fixed
+point q = q_true − Δ(q), a contraction because |Δ'| < 1 (checked by the reader of kinematics.yaml).
 """
 
 from __future__ import annotations
@@ -22,24 +22,31 @@ from machopt.effects.structure import link_geometry
 from machopt.numerics.array_types import Array
 
 CONVERGENCE_RAD = 1e-15  # rad, round-off of an angle
-ANGLE_SAMPLES = 2001  # angles of a joint's range at which what it does to another one is looked at, its ends among them
-MAX_ITERATIONS = 100  # of the fixed point; |Δ'| = ½, the most that is let in, needs 50
+ANGLE_SAMPLES = 2001  # samples of a joint's range for the largest coupling, with its ends
+MAX_ITERATIONS = 100  # of the fixed point; |Δ'| = ½, the largest accepted, needs 50
 
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectionTerm:
-    """One entry of kinematics.yaml: by the angle of joint ``by`` joint ``moved`` stands elsewhere; both 0-based."""
+    """One entry of kinematics.yaml: correction of one joint by the angle of a source joint; both 0-based."""
 
     source_joint: int
     corrected_joint: int
     law: JointAngleLaw
     values: Array  # (P,) SI
     shape: Array  # (S,) SI
-    range_limits: angle_range.AngleRange | None = None  # angles of joint ``by`` that it is applied at; None: everywhere
+    range_limits: angle_range.AngleRange | None = (
+        None  # angles of the source joint at which it is applied; None: everywhere
+    )
     label: str = ""  # "transmission error of joint 2"
 
     def compute_angle(self, q: Array, derivative: int = 0) -> Array:
-        """(...,) rad at encoder angles q (..., 6) rad, or a derivative by the joint's angle."""
+        """Return the (...,) correction in rad, or its derivative with respect to the source joint's angle.
+
+        Args:
+            q: (..., 6) rad, encoder angles.
+            derivative: order of the derivative.
+        """
         at = q[..., self.source_joint]
         if self.range_limits is None:
             return self._evaluate_law(at, derivative)
@@ -57,19 +64,31 @@ class EncoderCorrection:
     parts: tuple[CorrectionTerm, ...]
 
     def compute_correction(self, q: Array) -> Array:
-        """Δ (..., 6) rad at encoder angles q (..., 6) rad."""
+        """Return Δ (..., 6) rad.
+
+        Args:
+            q: (..., 6) rad, encoder angles.
+        """
         out = np.zeros(np.shape(q))
         for part in self.parts:
             out[..., part.corrected_joint] += part.compute_angle(q)
         return out
 
     def compute_true_angles(self, q: Array) -> Array:
-        """(..., 6) rad that the arm stands at when the encoders say q; NaN stays NaN."""
+        """Return the (..., 6) true angles in rad; NaN stays NaN.
+
+        Args:
+            q: (..., 6) rad, encoder angles.
+        """
         q = np.asarray(q, float)
         return q + self.compute_correction(q)
 
     def compute_encoder_angles(self, q_true: Array) -> Array:
-        """(..., 6) rad that the encoders say when the arm stands at q_true; NaN stays NaN."""
+        """Return the (..., 6) encoder angles in rad; NaN stays NaN.
+
+        Args:
+            q_true: (..., 6) rad, true angles.
+        """
         q_true = np.asarray(q_true, float)
         q = q_true - self.compute_correction(q_true)
         for _ in range(MAX_ITERATIONS):
@@ -81,9 +100,10 @@ class EncoderCorrection:
         return np.asarray(q)
 
     def compute_encoder_path(self, derivatives: Array) -> Array:
-        """A path of true angles as one of encoder angles.
+        """Return a path of true angles as a path of encoder angles.
 
         With F_n the n-th derivatives of f_ij by q_i, J = 1 + F_1:
+
         q_t' = J q', q_t'' = J q'' + F_2 q'², q_t''' = J q''' + 3 F_2 q' q'' + F_3 q'³.
 
         Args:
@@ -104,10 +124,13 @@ class EncoderCorrection:
         return out
 
     def compute_true_limits(self, limits: JointLimits) -> JointLimits:
-        """Positions that true angles must keep to, so that the encoders keep to ``limits``; rates are left as they are.
+        """Return position limits of true angles that keep the encoder angles within ``limits``; rates are unchanged.
 
-        A joint that others pull along needs room for their whole range: the limits shrink by the most they do to it.
-        Monotonic in the joint's own angle, so the ends of the range stay the ends.
+        For a joint coupled with others the limits shrink by the largest coupling.
+        The map is monotonic in the joint's own angle, so the ends of the range remain the ends.
+
+        Args:
+            limits: limits of the encoder angles.
         """
         low, high = limits.lower.copy(), limits.upper.copy()
         away = np.zeros(6)
@@ -124,7 +147,11 @@ class EncoderCorrection:
         return JointLimits(low, high, limits.velocity, limits.acceleration, limits.jerk)
 
     def list_range_violations(self, q: Array) -> list[str]:
-        """What is not applied somewhere at encoder angles q (N, 6) rad, in words."""
+        """Return messages about corrections that are not applied at some of the angles.
+
+        Args:
+            q: (N, 6) rad, encoder angles.
+        """
         out = []
         for part in self.parts:
             at = np.degrees(q[:, part.source_joint])
@@ -141,7 +168,9 @@ class EncoderCorrection:
         return out
 
     def _by_angles(self, q: Array, order: int) -> Array:
-        """(M, 6, 6) derivative of what moves a joint (row) by the angle of another (column)."""
+        """Return the (M, 6, 6) derivative of each joint's correction (row) with respect to each joint angle
+        (column).
+        """
         out = np.zeros((*np.shape(q), 6))
         for part in self.parts:
             out[..., part.corrected_joint, part.source_joint] += part.compute_angle(q, order)
@@ -149,19 +178,23 @@ class EncoderCorrection:
 
 
 def build_encoder_correction(kinematics: KinematicCorrections | None) -> EncoderCorrection | None:
-    """The corrections as one map; None where there are none."""
+    """Return the corrections as one map; None where there are none.
+
+    Args:
+        kinematics: corrections of the cell.
+    """
     if not kinematics:
         return None
     laws = registry.list_angle_effects_by_word()
     parts = []
     for c in kinematics.corrections:
-        if c.effect == link_geometry.EFFECT.name:  # no angle: the arm itself is built otherwise
+        if c.effect == link_geometry.EFFECT.name:  # no angle: this changes the arm's geometry
             continue
         if c.effect not in laws:
             raise ValueError(f"{c.effect!r} is no kinematic correction")
         law = laws[c.effect][1]
         values, shape, _ = parameter_conversion.read_law_parameters(law, ParameterReader(c.parameters, c.effect))
-        said = format_effect_at_place(c.effect, c.location)
+        label = format_effect_at_place(c.effect, c.location)
         by, moved = parse_joint_location(c.location)
         stated = angle_range.read_angle_range(c.parameters)
         parts.append(
@@ -172,7 +205,7 @@ def build_encoder_correction(kinematics: KinematicCorrections | None) -> Encoder
                 values=values,
                 shape=shape,
                 range_limits=stated,
-                label=said,
+                label=label,
             )
         )
     return EncoderCorrection(tuple(parts)) if parts else None

@@ -5,13 +5,13 @@
     part ─(−e of the positioner, last joint first)→ hall ─(+e of the rail)→ base ─ q1 … q6 → flange → tool
     link 0   1 … P−1                                  P                     P+1 … P+L   P+L+1 … P+L+6
 
-Every joint is a line, given in base_link where all joints are zero, about which it turns or along which it shifts. A
-joint that carries the part counts backwards: seen from the part its line moves by −e. A body of link k that is at X
-(in base_link) at zero is then, seen from the part, at
+Every joint is a line, given in base_link where all joints are zero, about which it rotates or along which it
+translates. A joint that carries the part has a negative sign: relative to the part its line moves by −e. A body of
+link k that is at X (in base_link) at zero is, relative to the part, at
 
     E₁ E₂ … E_k X,    E_i = exp(ξ_i θ_i),    θ = sign · x[column]   (Lynch & Park 2017, section 4.1)
 
-with x = (q, e) the joints of the arm, then the external ones as the cell lists them. Without external joints this is
+with x = (q, e) the joints of the arm, then the external ones in the order of the cell. Without external joints this is
 the arm alone, and part, hall and base are one link.
 """
 
@@ -40,20 +40,25 @@ class Machine:
 
     robot: Robot
     axis: Array  # (n, 3) unit: direction of the line
-    point: Array  # (n, 3) m, on it; of no meaning where it shifts
-    slides: Bools  # (n,) it shifts along its line
-    column: Ints  # (n,) which entry of x = (q, e) moves it
-    sign: Array  # (n,) −1 where it carries the part
-    positioner: int  # P, joints that carry the part
-    rail: int  # L, joints that carry the base
+    point: Array  # (n, 3) m, on it; meaningless for sliding joints
+    slides: Bools  # (n,) the joint slides along its line
+    column: Ints  # (n,) entry of x = (q, e) that moves it
+    sign: Array  # (n,) −1 for joints that carry the part
+    positioner: int  # P, number of joints that carry the part
+    rail: int  # L, number of joints that carry the base
     T_base_workpiece_zero: Array  # (4, 4)
     T_world_base_zero: Array  # (4, 4)
     names: tuple[str, ...] = ()  # (E,) of the external joints, in the order of the chain
-    bodies: Array | None = None  # (E, 4, 4) the URDF links that these move, in base_link where all joints are zero
+    bodies: Array | None = None  # (E, 4, 4) the URDF links moved by these, in base_link where all joints are zero
 
     @classmethod
     def build_for_robot(cls, robot: Robot, T_base_workpiece: Array) -> Machine:
-        """An arm in the origin of the world, and a part that stands still."""
+        """Return the machine of an arm at the world origin with a fixed part.
+
+        Args:
+            robot: kinematic model.
+            T_base_workpiece: (4, 4) workpiece frame in base_link.
+        """
         return cls(
             robot=robot,
             axis=robot.axis,
@@ -69,12 +74,12 @@ class Machine:
 
     @property
     def external_count(self) -> int:
-        """E, how many external joints there are."""
+        """E, number of external joints."""
         return self.positioner + self.rail
 
     @property
     def world_link(self) -> int:
-        """Link of the chain that stands still in the world."""
+        """Link of the chain that is fixed in the world."""
         return self.positioner
 
     @property
@@ -83,13 +88,17 @@ class Machine:
         return self.external_count
 
     def compute_line_positions(self, x: Array) -> Array:
-        """θ (..., n): by how much each line moves at x (..., n) rad or m."""
+        """Return θ (..., n), the displacement of each line.
+
+        Args:
+            x: (..., n) rad or m, joints.
+        """
         x = np.asarray(x, float)
         both = np.concatenate([self.robot.compute_line_angles(x[..., :6]), x[..., 6:]], axis=-1)
         return np.asarray(both[..., self.column] * self.sign)
 
     def compute_links(self, x: Array) -> tuple[Array, Array]:
-        """Where the links are, seen from the part.
+        """Return the poses of the links relative to the part.
 
         Args:
             x: (M, n) rad or m.
@@ -107,17 +116,26 @@ class Machine:
         return R, p
 
     def compute_fk(self, x: Array, T_flange_tool: Array | None = None) -> Array:
-        """Pose of the flange, or of a frame fixed to it, in the workpiece frame: (M, 4, 4) at x (M, n)."""
+        """Return the pose of the flange, or of a frame fixed to it, in the workpiece frame: (M, 4, 4).
+
+        Args:
+            x: (M, n) rad or m, joints.
+            T_flange_tool: (4, 4) that frame relative to the flange; None: the flange.
+        """
         zero = self.robot.T_base_flange_zero if T_flange_tool is None else self.robot.T_base_flange_zero @ T_flange_tool
         R, p = self.compute_links(x)
         seen = build_transform(R[:, -1], p[:, -1]) @ zero
         return np.asarray(invert_transform(self.T_base_workpiece_zero) @ seen)
 
     def compute_fk_jacobian(self, x: Array, T_flange_tool: Array | None = None) -> tuple[Array, Array]:
-        """:meth:`fk`, and the Jacobian (M, 6, n) in the columns of x.
+        """Return :meth:`compute_fk`, and the Jacobian (M, 6, n) in the columns of x.
 
-        It maps joint velocity to the twist of the tool's origin seen from the part, in workpiece axes, linear part
-        first: what feed is measured in.
+        It maps joint velocity to the twist of the tool's origin relative to the part, in workpiece axes, linear part
+        first. The feed is measured in it.
+
+        Args:
+            x: (M, n) rad or m, joints.
+            T_flange_tool: (4, 4) frame relative to the flange; None: the flange.
         """
         R, p = self.compute_links(x)
         zero = self.robot.T_base_flange_zero if T_flange_tool is None else self.robot.T_base_flange_zero @ T_flange_tool
@@ -138,23 +156,28 @@ class Machine:
         return np.asarray(invert_transform(self.T_base_workpiece_zero) @ seen), J
 
     def compute_T_base_workpiece(self, external: Array) -> Array:
-        """(M, 4, 4) the workpiece frame in base_link where the external joints are at ``external`` (M, E) rad or m."""
+        """Return the (M, 4, 4) workpiece frame in base_link.
+
+        Args:
+            external: (M, E) rad or m, external joints.
+        """
         T = np.broadcast_to(self.T_base_workpiece_zero, (len(external), 4, 4))
         if self.positioner:
             T = self._compute_part_motion(external) @ T
         return np.asarray(invert_transform(self._compute_base_motion(external)) @ T if self.rail else T)
 
     def compute_T_base_workpiece_jets(self, external: Array) -> Array:
-        """(M, 4, 4, 4) :meth:`T_base_workpiece` and its derivatives 1 … 3 along a way, entry k the k-th one.
+        """Return (M, 4, 4, 4) :meth:`compute_T_base_workpiece` and its derivatives 1 … 3 along a path, entry k the k-th
+        one.
 
-        exp(ξ e(u)) turns with the angle's own derivatives, and a product has those of Leibniz.
+        exp(ξ e(u)) is differentiated with the angle's own derivatives, and a product by Leibniz's rule.
 
         Args:
             external: (M, 4, E) the joints and their derivatives.
         """
         out = np.zeros((len(external), 4, 4, 4))
         out[:, 0] = self.T_base_workpiece_zero
-        for k in range(self.positioner):  # part last: from the part's side on
+        for k in range(self.positioner):  # from the part's side on
             out = multiply_jets(self._exponential_jets(k, external, 1.0), out)
         for k in range(self.positioner, self.external_count):
             out = multiply_jets(self._exponential_jets(k, external, -1.0), out)
@@ -181,19 +204,27 @@ class Machine:
         return out
 
     def compute_T_world_base(self, external: Array) -> Array:
-        """(M, 4, 4) base_link in world."""
+        """Return (M, 4, 4) base_link in world.
+
+        Args:
+            external: (M, E) rad or m, external joints.
+        """
         return np.asarray(self.T_world_base_zero @ self._compute_base_motion(external))
 
     def compute_T_world_workpiece(self, external: Array) -> Array:
-        """(M, 4, 4) the workpiece frame in world."""
+        """Return the (M, 4, 4) workpiece frame in world.
+
+        Args:
+            external: (M, E) rad or m, external joints.
+        """
         return np.asarray(self.T_world_base_zero @ self._compute_part_motion(external) @ self.T_base_workpiece_zero)
 
     def _compute_part_motion(self, external: Array) -> Array:
-        """(M, 4, 4) the motion of what the positioner carries from where it is at zero, in base_link at zero."""
+        """Return the (M, 4, 4) motion of the positioner's load from its pose at zero, in base_link at zero."""
         return self._multiply_line_motions(external, range(self.positioner - 1, -1, -1))
 
     def _compute_base_motion(self, external: Array) -> Array:
-        """(M, 4, 4) the same of base_link."""
+        """Return the (M, 4, 4) motion of base_link from its pose at zero."""
         return self._multiply_line_motions(external, range(self.positioner, self.external_count))
 
     def _multiply_line_motions(self, external: Array, lines: range) -> Array:
@@ -208,7 +239,12 @@ class Machine:
 
 
 def multiply_jets(A: Array, B: Array) -> Array:
-    """(M, 4, 4, 4) jets of a product of matrices by the jets (M, 4, 4, 4) of its factors."""
+    """Return (M, 4, 4, 4) jets of a product of matrices.
+
+    Args:
+        A: (M, 4, 4, 4) jets of the first factor.
+        B: (M, 4, 4, 4) jets of the second factor.
+    """
     return np.stack(
         [
             A[:, 0] @ B[:, 0],
@@ -221,7 +257,14 @@ def multiply_jets(A: Array, B: Array) -> Array:
 
 
 def compute_line_exponential(axis: Array, point: Array, slides: bool, by: Array) -> Array:
-    """(M, 4, 4) of a turn by ``by`` (M,) rad about a line, or a shift along it in m."""
+    """Return the (M, 4, 4) rotations about a line, or translations along it.
+
+    Args:
+        axis: (3,) unit.
+        point: (3,) m, a point of the line.
+        slides: translation instead of rotation.
+        by: (M,) rad or m.
+    """
     out = np.tile(np.eye(4), (len(by), 1, 1))
     if slides:
         out[:, :3, 3] = by[:, None] * axis
@@ -233,13 +276,14 @@ def compute_line_exponential(axis: Array, point: Array, slides: bool, by: Array)
 
 
 def load_machine(cell: Cell, robot: Robot) -> Machine:
-    """The chain from the part to the tool.
+    """Read the chain from the part to the tool.
 
     Args:
+        cell: cell with the external joints.
         robot: the arm of the same cell.
 
     Raises:
-        InputError: an external joint moves base and part alike, or is not listed.
+        InputError: an external joint moves both base and part, or is not listed.
     """
     from_part, from_base, T_base_part, lines = _read_external_joints(cell)
     P, L = len(from_part), len(from_base)
@@ -263,7 +307,7 @@ def load_machine(cell: Cell, robot: Robot) -> Machine:
 
 @dataclass(frozen=True)
 class _ExternalLine:
-    """An external joint, in base_link where all joints are zero."""
+    """An external joint as a line, in base_link where all joints are zero."""
 
     axis: Array  # (3,) unit
     T_base_link: Array  # (4, 4) the link it moves, whose origin is on the line
@@ -271,8 +315,9 @@ class _ExternalLine:
 
 
 def _read_external_joints(cell: Cell) -> tuple[list[str], list[str], Array, dict[str, _ExternalLine]]:
-    """External joints that carry the part and those that carry the base, root first; ``T_base_workpiece`` at zero; the
-    line of each."""
+    """Return the external joints that carry the part and those that carry the base, root first; ``T_base_workpiece`` at
+    zero; the line of each.
+    """
     if not cell.external_joints and cell.workpiece.link == "world":  # no URDF need be read
         return [], [], np.asarray(invert_transform(cell.T_world_base) @ cell.workpiece.T_link_workpiece), {}
     import pinocchio as pin

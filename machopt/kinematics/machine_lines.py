@@ -1,4 +1,4 @@
-"""The lines that move the bodies of a machine, in the order of its chain, and which of them carries what."""
+"""Lines that move the bodies of a machine, in the order of its chain, and the link that carries each body."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from machopt.numerics.rigid_transforms import build_transform, invert_transform
 
 @dataclass(frozen=True, eq=False)
 class MachineLines:
-    """n lines from the part to the tool; θ (n,) rad or m says how far each moves, x (n,) where the joints are.
+    """n lines from the part to the tool; θ (n,) rad or m is the displacement of each, x (n,) are the joints.
 
     Between links i < j of the chain lie the lines i … j − 1, counted from 0.
     """
@@ -28,15 +28,17 @@ class MachineLines:
     lower: Array  # (6 + E,) rad or m, of the cell's joints
     upper: Array  # (6 + E,)
     fixed_external_joints: Array | None = (
-        None  # (E,) where external joints stand for good, x being the arm's alone; None: x has all
+        None  # (E,) fixed external joints, x has the arm's joints only; None: x has all
     )
 
     @classmethod
     def build(cls, cell: Cell, machine: Machine, *, still: bool = False) -> MachineLines:
-        """With the ranges of the robot's joints, and the cell's of external ones.
+        """Return the lines with the ranges of the robot's joints, and the cell's for external ones.
 
         Args:
-            still: the external joints stand at home.
+            cell: cell with the limits.
+            machine: chain of the cell.
+            still: the external joints are fixed at home.
         """
         robot, limits = machine.robot, cell.limits
         low, high = np.append(robot.lower, limits.lower[6:]), np.append(robot.upper, limits.upper[6:])
@@ -44,12 +46,12 @@ class MachineLines:
 
     @property
     def columns(self) -> int:
-        """How many joints x has."""
+        """Number of joints in x."""
         return len(self.lower) if self.fixed_external_joints is None else 6
 
     @property
     def count(self) -> int:
-        """n."""
+        """Number of lines n."""
         return len(self.machine.axis)
 
     @property
@@ -64,17 +66,21 @@ class MachineLines:
 
     @property
     def slides(self) -> Bools:
-        """(n,) moves along its line."""
+        """(n,) whether the joint moves along its line."""
         return self.machine.slides
 
     @cached_property
     def stroke(self) -> Array:
-        """(n,) m, how far a line that slides is ever shifted; 0 for those that turn."""
+        """(n,) m, largest displacement of a sliding line; 0 for rotating ones."""
         most = np.maximum(np.abs(self.lower), np.abs(self.upper))[self.machine.column]
         return np.where(self.slides, most, 0.0)
 
     def compute_line_positions(self, x: Array) -> Array:
-        """θ (..., n) at joints x (..., n or 6): with linkages, signs and the chain's order."""
+        """Return θ (..., n), with linkages, signs and the chain's order.
+
+        Args:
+            x: (..., n or 6) rad or m, joints.
+        """
         if self.fixed_external_joints is not None:
             x = np.concatenate(
                 [x, np.broadcast_to(self.fixed_external_joints, (*np.shape(x)[:-1], len(self.fixed_external_joints)))],
@@ -87,7 +93,11 @@ class MachineLines:
         )
 
     def compute_link_poses(self, theta: Array) -> Array:
-        """(..., n + 1, 4, 4) motion of each link from where it is at zero, seen from the part (link 0); θ (..., n)."""
+        """Return the (..., n + 1, 4, 4) motion of each link from its pose at zero, relative to the part (link 0).
+
+        Args:
+            theta: (..., n) rad or m.
+        """
         if not self.machine.external_count:
             return self.machine.robot.uncoupled_robot.compute_link_poses(theta)
         n, lead = self.count, np.shape(theta)[:-1]
@@ -100,7 +110,13 @@ class MachineLines:
         return build_transform(R, p).reshape(*lead, n + 1, 4, 4)
 
     def compute_relative_motion(self, i: int, j: int, theta: Array) -> Array:
-        """(S, 4, 4) motion of link j > i from where it is at zero, seen from link i; θ (S, n)."""
+        """Return the (S, 4, 4) motion of link j from its pose at zero, relative to link i.
+
+        Args:
+            i: first link.
+            j: second link, j > i.
+            theta: (S, n) rad or m.
+        """
         rows = np.array(theta, float, order="C")
         T = np.empty((len(rows), 4, 4))
         product_of_exponentials.compute_relative_motion(
@@ -111,17 +127,18 @@ class MachineLines:
 
 @dataclass(frozen=True)
 class LinkCarrier:
-    """What carries a body: a link of the chain, and which links next to it do not hang on it."""
+    """Link of the chain that carries a body, and the neighbouring links that are not attached to it."""
 
     link: int
     unattached_links: tuple[int, ...] = ()
 
 
 class LinkCarriers:
-    """Which link of a machine's chain carries the links of the URDF.
+    """Carriers of the links of the URDF in a machine's chain.
 
-    What no joint of the chain carries stands in the hall. On what stands there a positioner or the arm hangs only where
-    the URDF says so, link by link: the robot's base and the foot of a table are both of the hall.
+    A link that no joint of the chain carries is fixed in the hall. The URDF decides, link by link, whether a positioner
+    or
+    the arm is attached to it: the robot's base and the foot of a table both belong to the hall.
 
     Args:
         cell: URDF, and names of the joints.
@@ -137,7 +154,11 @@ class LinkCarriers:
         self._next = {k: order[line] for k, line in ((P - 1, P - 1), (P + 1, P)) if line >= 0}
 
     def find_for_shape(self, shape: LinkShape) -> LinkCarrier:
-        """What carries a collision body of the URDF."""
+        """Return the carrier of a collision body of the URDF.
+
+        Args:
+            shape: collision body.
+        """
         if not self.machine.external_count:
             return LinkCarrier(shape.link)
         link = self._find_carrier(shape.above)
@@ -146,7 +167,11 @@ class LinkCarriers:
         return LinkCarrier(link, tuple(k for k, above in self._above_next.items() if shape.part not in above))
 
     def locate_link(self, link: str) -> tuple[int, Array]:
-        """What carries a link of the URDF, and (4, 4) its frame in base_link with all joints at zero."""
+        """Return the carrier of a link of the URDF, and (4, 4) its frame in base_link with all joints at zero.
+
+        Args:
+            link: name of the link.
+        """
         import pinocchio as pin
 
         cell = self._cell
@@ -166,7 +191,7 @@ class LinkCarriers:
 
     @cached_property
     def _above_next(self) -> dict[int, set[str]]:
-        """Of each link next to the hall: the links of the URDF on which its joint hangs."""
+        """Links of the URDF to which the joint of each link next to the hall is attached."""
         root = ElementTree.fromstring(self._cell.urdf_text)
         parent, child = {}, {}
         for joint in root.findall("{*}joint"):

@@ -1,8 +1,8 @@
-"""Joints that follow another (``<mimic>``), folded into the six lines of an arm.
+"""Mimic joints (``<mimic>``), included in the six lines of an arm.
 
-A joint that turns about the line of the next one in the chain, with nothing that has a body between them, adds to that
-one's turn: with q_f = m q_s + o the neighbour's line turns by θ_n = q_n ± m q_s, o being part of the pose at q = 0. So
-θ = C q with whole numbers in C, and full turns of q stay full turns of θ.
+A joint on the line of the next one in the chain, with no body between them, adds to that
+joint's rotation: with q_f = m q_s + o the neighbour's line rotates by θ_n = q_n ± m q_s, o being part of the pose at
+q = 0. So θ = C q with integers in C, and full turns of q remain full turns of θ.
 """
 
 from __future__ import annotations
@@ -19,10 +19,14 @@ SAME_RAD, SAME_M = 1e-6, 1e-6  # two axes are one line below: URDFs print six de
 
 
 def check_no_mimic_joints(cell: Cell, command: str) -> None:
-    """For a command whose laws are those of six lines that turn by themselves.
+    """Refuse mimic joints for a command that supports only six independent joints.
+
+    Args:
+        cell: cell to check.
+        command: name of the command, for the message.
 
     Raises:
-        InputError: a joint follows one of the arm.
+        InputError: a joint mimics one of the arm.
     """
     for m in cell.mimics:
         if m.source in cell.arm_joints:
@@ -34,7 +38,12 @@ def check_no_mimic_joints(cell: Cell, command: str) -> None:
 
 
 def compute_rest_configuration(cell: Cell, model: Any) -> Array:
-    """Configuration of the whole URDF with every joint at zero, and those that follow another at their offset."""
+    """Return the configuration of the whole URDF with every joint at zero, and mimic joints at their offset.
+
+    Args:
+        cell: cell with the mimic joints.
+        model: pinocchio model of the whole URDF.
+    """
     import pinocchio as pin
 
     q: Array = pin.neutral(model)
@@ -50,7 +59,13 @@ def compute_rest_configuration(cell: Cell, model: Any) -> Array:
 
 
 def list_chain_joints(model: Any, last: int, base: int) -> list[int]:
-    """Moving joints from the frame ``base`` (exclusive) to the joint ``last``, in order."""
+    """Return the moving joints from a frame to a joint, in order.
+
+    Args:
+        model: pinocchio model.
+        last: last joint.
+        base: number of the frame (exclusive).
+    """
     out, first = [], int(model.frames[base].parentJoint)
     while last > 0 and last != first:
         out.append(int(last))
@@ -59,15 +74,16 @@ def list_chain_joints(model: Any, last: int, base: int) -> list[int]:
 
 
 def compute_coupling_matrix(cell: Cell, model: Any, joints: list[int], arm: list[int]) -> Array | None:
-    """C (6, 6) of θ = C q, None without a follower in the chain.
+    """Return C (6, 6) of θ = C q, None without a mimic joint in the chain.
 
     Args:
-        model: pinocchio's, of the whole URDF.
-        joints: of the chain from base to flange, followers among them.
-        arm: the six that are driven.
+        cell: cell with the mimic joints.
+        model: pinocchio model of the whole URDF.
+        joints: joints of the chain from base to flange, with mimic joints.
+        arm: the six driven joints.
 
     Raises:
-        InputError: a follower whose line is not that of its neighbour.
+        InputError: a mimic joint whose line differs from that of its neighbour.
     """
     import pinocchio as pin
 
@@ -107,15 +123,16 @@ def compute_coupling_matrix(cell: Cell, model: Any, joints: list[int], arm: list
 def _find_driven_neighbour(
     lines: dict[int, tuple[Array, Array]], joints: list[int], n: int, arm: list[int]
 ) -> tuple[int | None, float]:
-    """The driven joint behind follower n on the same line, and 1 or −1: whether it turns in the same sense.
+    """Return the driven joint after mimic joint n on the same line, and 1 or −1 for equal or opposite sense.
 
-    Only such followers may stand between. The joint before it would not do: its link would turn with the follower.
+    Only such mimic joints may be in between. The previous joint does not qualify: its link would rotate with the mimic
+    joint.
     """
     axis, point = lines[joints[n]]
     for j in joints[n + 1 :]:
         other, place = lines[j]
-        beside = np.linalg.norm(np.cross(other, point - place))
-        if np.linalg.norm(np.cross(axis, other)) > SAME_RAD or beside > SAME_M:
+        line_distance = np.linalg.norm(np.cross(other, point - place))
+        if np.linalg.norm(np.cross(axis, other)) > SAME_RAD or line_distance > SAME_M:
             break
         if j in arm:
             return j, float(np.sign(axis @ other))

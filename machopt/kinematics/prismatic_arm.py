@@ -1,4 +1,4 @@
-"""Batched kinematics of an arm some of whose joints shift along their line: nothing is planned with it."""
+"""Batched kinematics of an arm with prismatic joints; not used for planning."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ Slides = NDArray[np.bool_]
 
 
 def compute_link_motions_with_slides(slides: Slides, axis: Array, point: Array, rows: Array) -> tuple[Array, Array]:
-    """R (M, 7, 3, 3) and p (M, 7, 3) m of the links, as :func:`.chain.links` has them.
+    """Return R (M, 7, 3, 3) and p (M, 7, 3) m of the links, as
+    :func:`machopt.kinematics.product_of_exponentials.compute_link_motions` defines them.
 
     Args:
-        slides: (6,) which lines shift.
-        axis, point: (6, 3) the lines in base_link at q = 0.
-        rows: (M, 6) rad, m of those that shift.
+        slides: (6,) prismatic joints.
+        axis: (6, 3) unit, the lines in base_link at q = 0.
+        point: (6, 3) m, a point of each.
+        rows: (M, 6) rad, or m for prismatic joints.
     """
     R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
     product_of_exponentials.compute_chain_motions(axis, point, np.array(slides), rows, R, p)
@@ -28,7 +30,15 @@ def compute_link_motions_with_slides(slides: Slides, axis: Array, point: Array, 
 def compute_jacobians_with_slides(
     slides: Slides, axis: Array, point: Array, zero: Array, rows: Array
 ) -> tuple[Array, Array]:
-    """T (M, 4, 4) of a frame that is at ``zero`` (4, 4) at q = 0, and J (M, 6, 6): a line that shifts turns nothing."""
+    """Return the poses T (M, 4, 4) of a frame and the Jacobians J (M, 6, 6), with no angular part for prismatic joints.
+
+    Args:
+        slides: (6,) prismatic joints.
+        axis: (6, 3) unit, the lines in base_link at q = 0.
+        point: (6, 3) m, a point of each.
+        zero: (4, 4) the frame at q = 0.
+        rows: (M, 6) rad, or m for prismatic joints.
+    """
     R, p = compute_link_motions_with_slides(slides, axis, point, rows)
     T = build_transform(R[:, 6], p[:, 6]) @ zero
     z = np.einsum("mkij,kj->mki", R[:, :6], axis)

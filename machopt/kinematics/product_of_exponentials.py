@@ -1,4 +1,4 @@
-"""Where a 6R arm's joints take its links: the product of exponentials, compiled (Lynch & Park 2017, section 4.1)."""
+"""Forward kinematics of a 6R arm by the product of exponentials, compiled (Lynch & Park 2017, section 4.1)."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from machopt.numerics.compiled_functions import jit_compile
 
 @jit_compile
 def _rotate_about_line(R: Array, p: Array, h: Array, x: Array, angle: float) -> None:
-    """A motion (R, p), followed by a turn about the line through x along unit h: changed in place."""
+    """Multiply a motion (R, p) by a rotation about the line through x along unit h, in place."""
     c, s = math.cos(angle), math.sin(angle)
     v = 1.0 - c
     q00, q01, q02 = c + v * h[0] * h[0], v * h[0] * h[1] - s * h[2], v * h[0] * h[2] + s * h[1]
     q10, q11, q12 = v * h[1] * h[0] + s * h[2], c + v * h[1] * h[1], v * h[1] * h[2] - s * h[0]
     q20, q21, q22 = v * h[2] * h[0] - s * h[1], v * h[2] * h[1] + s * h[0], c + v * h[2] * h[2]
-    # what the turn leaves of the line's point: x − Q x
+    # translation part of the rotation about the line: x − Q x
     tx = x[0] - (q00 * x[0] + q01 * x[1] + q02 * x[2])
     ty = x[1] - (q10 * x[0] + q11 * x[1] + q12 * x[2])
     tz = x[2] - (q20 * x[0] + q21 * x[1] + q22 * x[2])
@@ -52,7 +52,15 @@ def _compute_pose(R: Array, p: Array, zero: Array, T: Array) -> None:
 
 @jit_compile
 def compute_poses(axis: Array, point: Array, zero: Array, q: Array, T: Array) -> None:
-    """Fill T (M, 4, 4) with the frame that is at ``zero`` (4, 4) where q (M, 6) rad is zero; lines (6, 3) each."""
+    """Compute the poses of a frame.
+
+    Args:
+        axis: (6, 3) unit, the lines in base_link at q = 0.
+        point: (6, 3) m, a point of each.
+        zero: (4, 4) the frame at q = 0.
+        q: (M, 6) rad.
+        T: (M, 4, 4) receives the poses.
+    """
     R, p = np.empty((3, 3)), np.empty(3)
     for m in range(len(q)):
         _set_identity(R, p)
@@ -63,7 +71,15 @@ def compute_poses(axis: Array, point: Array, zero: Array, q: Array, T: Array) ->
 
 @jit_compile
 def compute_link_motions(axis: Array, point: Array, q: Array, R: Array, p: Array) -> None:
-    """Fill R (M, 7, 3, 3) and p (M, 7, 3) m: a point x of link i at q = 0 goes to R[i] x + p[i]."""
+    """Compute the link motions: a point x of link i at q = 0 moves to R[i] x + p[i].
+
+    Args:
+        axis: (6, 3) unit, the lines in base_link at q = 0.
+        point: (6, 3) m, a point of each.
+        q: (M, 6) rad.
+        R: (M, 7, 3, 3) receives the rotations.
+        p: (M, 7, 3) m, receives the translations.
+    """
     for m in range(len(q)):
         _set_identity(R[m, 0], p[m, 0])
         for i in range(6):
@@ -78,8 +94,16 @@ def compute_link_motions(axis: Array, point: Array, q: Array, R: Array, p: Array
 def compute_chain_motions(
     axis: Array, point: Array, slides: NDArray[np.bool_], theta: Array, R: Array, p: Array
 ) -> None:
-    """As :func:`compute_link_motions` for n lines (n, 3) of which some shift: theta (M, n) rad or m, R (M, n + 1, 3, 3)
-    and p."""
+    """Compute the link motions of n lines, some of them prismatic, as :func:`compute_link_motions`.
+
+    Args:
+        axis: (n, 3) unit, the lines in base_link at zero.
+        point: (n, 3) m, a point of each.
+        slides: (n,) prismatic joints.
+        theta: (M, n) rad or m.
+        R: (M, n + 1, 3, 3) receives the rotations.
+        p: (M, n + 1, 3) m, receives the translations.
+    """
     n = len(axis)
     for m in range(len(theta)):
         _set_identity(R[m, 0], p[m, 0])
@@ -100,8 +124,17 @@ def compute_chain_motions(
 def compute_relative_motion(
     axis: Array, point: Array, slides: NDArray[np.bool_], first: int, last: int, theta: Array, T: Array
 ) -> None:
-    """Fill T (M, 4, 4) with what the lines ``first`` … ``last`` − 1 make of a body on the last of them: as
-    :func:`compute_chain_motions`, seen from link ``first``."""
+    """Compute the motion of link ``last`` relative to link ``first``, as :func:`compute_chain_motions`.
+
+    Args:
+        axis: (n, 3) unit, the lines in base_link at zero.
+        point: (n, 3) m, a point of each.
+        slides: (n,) prismatic joints.
+        first: first line of the product.
+        last: line after the last one of the product.
+        theta: (M, n) rad or m.
+        T: (M, 4, 4) receives the motions.
+    """
     R, p = np.empty((3, 3)), np.empty(3)
     for m in range(len(theta)):
         _set_identity(R, p)
@@ -121,8 +154,16 @@ def compute_relative_motion(
 
 @jit_compile
 def compute_jacobians(axis: Array, point: Array, zero: Array, q: Array, T: Array, J: Array) -> None:
-    """Fill the poses T (M, 4, 4) as :func:`compute_poses`, and J (M, 6, 6), linear part first, at the frame's
-    origin."""
+    """Compute poses as :func:`compute_poses`, and Jacobians at the frame's origin, linear part first.
+
+    Args:
+        axis: (6, 3) unit, the lines in base_link at q = 0.
+        point: (6, 3) m, a point of each.
+        zero: (4, 4) the frame at q = 0.
+        q: (M, 6) rad.
+        T: (M, 4, 4) receives the poses.
+        J: (M, 6, 6) receives the Jacobians.
+    """
     R, p, h, o = np.empty((3, 3)), np.empty(3), np.empty((6, 3)), np.empty((6, 3))
     for m in range(len(q)):
         _set_identity(R, p)

@@ -1,8 +1,9 @@
 """Batched kinematics of a serial 6R arm, read from a URDF through pinocchio (its only importer in the planner).
 
 The chain is reduced to the product of exponentials: each joint is a line in base_link at q = 0
-(``axis``, ``point``), the flange a fixed pose ``T_base_flange_zero`` after them. The kernels (:mod:`.chain`) are
-compiled, take any leading dimensions, and are tested against pinocchio.
+(``axis``, ``point``), the flange a fixed pose ``T_base_flange_zero`` after them. The kernels
+(:mod:`machopt.kinematics.product_of_exponentials`) are compiled, accept any leading dimensions, and are tested against
+pinocchio.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class LinkShape:
 
 @dataclass(frozen=True)
 class RobotMasses:
-    """What gravity pulls at: the links and the tool, each as a point mass (enough for torques at rest)."""
+    """Masses of the links and the tool for gravity, each as a point mass (sufficient for static torques)."""
 
     body: NDArray[np.int64]  # (B,) 1…6: the arm joint that moves it
     mass: Array  # (B,) kg
@@ -48,12 +49,12 @@ class RobotMasses:
 
 @dataclass(frozen=True)
 class ArmState:
-    """An arm at configurations q: what elastic terms are computed from. Everything in base_link."""
+    """Kinematic state of an arm at configurations q, the input of elastic terms. Everything in base_link."""
 
     q: Array  # (..., 6) rad
     T_base_tool: Array  # (..., 4, 4)
     J: Array  # (..., 6, 6) at the tool frame's origin
-    R_bodies: Array | None = None  # (..., 7, 3, 3) rotation of each link from its attitude at q = 0; 0: base_link
+    R_bodies: Array | None = None  # (..., 7, 3, 3) rotation of each link from its orientation at q = 0; 0: base_link
     p_bodies: Array | None = None  # (..., 7, 3) m; a point x of link i at q = 0 is at R_bodies[i] x + p_bodies[i]
 
 
@@ -61,8 +62,8 @@ class ArmState:
 class Robot:
     """A 6R arm as six lines and a flange pose at q = 0, all in base_link.
 
-    Joints that follow another (``<mimic>``) are in the lines: one that turns about the line of its neighbour adds to
-    that one's turn, so θ = C q, J_q = J_θ C, and torques of the joints are Cᵀ times those about the lines.
+    Mimic joints (``<mimic>``) are included in the lines: one on the line of its neighbour adds to
+    that one's rotation, so θ = C q, J_q = J_θ C, and torques of the joints are Cᵀ times those about the lines.
     """
 
     joints: tuple[str, ...]
@@ -71,45 +72,58 @@ class Robot:
     T_base_flange_zero: Array  # (4, 4)
     lower: Array  # (6,) rad
     upper: Array  # (6,) rad
-    coupling: Array | None = None  # (6, 6) whole numbers: the lines turn by C q (a parallel linkage); None: by q
-    nominal: Robot | None = None  # the arm of the drawing, where the cell knows how it is really built
-    slides: NDArray[np.bool_] | None = None  # (6,) joints that shift along their line, q in m: only in diagnoses
+    coupling: Array | None = None  # (6, 6) integers: the lines rotate by C q (a parallel linkage); None: by q
+    nominal: Robot | None = None  # the nominal arm, where the cell has as-built geometry
+    slides: NDArray[np.bool_] | None = None  # (6,) prismatic joints, q in m: only in diagnoses
 
     @cached_property
     def uncoupled_robot(self) -> Robot:
-        """The same lines, each turned by an angle of its own: what closed forms and levers are made of."""
+        """The same lines, each with an independent angle, as closed forms and levers need them."""
         if self.coupling is None:
             return self
         return replace(self, coupling=None, nominal=None if self.nominal is None else self.nominal.uncoupled_robot)
 
     @property
     def nominal_robot(self) -> Robot:
-        """The arm of the drawing, which a controller reckons with; mostly this very one."""
+        """The nominal arm, which a controller uses; usually this arm itself."""
         return self if self.nominal is None else self.nominal
 
     def compute_line_angles(self, q: Array) -> Array:
-        """θ = C q (..., 6) rad, by how much each line turns; exactly q without a linkage."""
+        """Return θ = C q (..., 6) rad, the rotation of each line; exactly q without a linkage.
+
+        Args:
+            q: (..., 6) rad.
+        """
         return np.asarray(q, float) if self.coupling is None else np.asarray(q, float) @ self.coupling.T
 
     def compute_joint_positions(self, theta: Array) -> Array:
-        """q = C⁻¹ θ (..., 6) rad, what the joints are told where the lines turn by θ."""
+        """Return q = C⁻¹ θ (..., 6) rad, the joints for given line rotations.
+
+        Args:
+            theta: (..., 6) rad.
+        """
         return np.asarray(theta, float) if self.coupling is None else np.asarray(theta) @ np.linalg.inv(self.coupling).T
 
     def compute_link_poses(self, q: Array) -> Array:
-        """Motion of each link from its pose at q = 0.
+        """Return the motion of each link from its pose at q = 0.
 
         Args:
             q: (..., 6) rad.
 
         Returns:
-            (..., 7, 4, 4): entry 0 the identity (base_link), entry i what joint 1…i make of a body fixed to
-            link i, in base_link. Multiply onto a pose at q = 0.
+            (..., 7, 4, 4): entry 0 the identity (base_link), entry i the motion by joints 1…i of a body fixed to
+            link i, in base_link. Multiply it onto a pose at q = 0.
         """
         rows, lead = _flatten_rows(self.compute_line_angles(q))
         return build_transform(*self._compute_link_motions(rows)).reshape(*lead, 7, 4, 4)
 
     def compute_fk(self, q: Array, T_flange_tool: Array | None = None) -> Array:
-        """Pose of the flange (or of a frame fixed to it) in base_link, (..., 4, 4), for q (..., 6) rad."""
+        """Return the pose of the flange (or of a frame fixed to it) in base_link, (..., 4, 4).
+
+        Args:
+            q: (..., 6) rad.
+            T_flange_tool: (4, 4) that frame relative to the flange; None: the flange.
+        """
         rows, lead = _flatten_rows(self.compute_line_angles(q))
         if self.slides is not None:
             return self.compute_state(q, T_flange_tool).T_base_tool
@@ -118,19 +132,23 @@ class Robot:
         return T.reshape(*lead, 4, 4)
 
     def compute_fk_jacobian(self, q: Array, T_flange_tool: Array | None = None) -> tuple[Array, Array]:
-        """Pose (..., 4, 4) and geometric Jacobian (..., 6, 6) of a frame fixed to the flange.
+        """Return pose (..., 4, 4) and geometric Jacobian (..., 6, 6) of a frame fixed to the flange.
 
         The Jacobian maps joint velocity to the twist of the frame's origin in base_link axes, linear part first.
+
+        Args:
+            q: (..., 6) rad.
+            T_flange_tool: (4, 4) that frame relative to the flange; None: the flange.
         """
         state = self.compute_state(q, T_flange_tool)
         return state.T_base_tool, state.J
 
     def compute_state(self, q: Array, T_flange_tool: Array | None = None, *, bodies: bool = False) -> ArmState:
-        """Pose and Jacobian of a frame fixed to the flange, and where the links are if ``bodies``.
+        """Return pose and Jacobian of a frame fixed to the flange, and the link motions if ``bodies``.
 
         Args:
             q: (..., 6) rad.
-            T_flange_tool: (4, 4) that frame in flange; None: the flange itself.
+            T_flange_tool: (4, 4) that frame relative to the flange; None: the flange.
             bodies: fill ``R_bodies`` and ``p_bodies``, at some cost for large batches.
         """
         rows, lead = _flatten_rows(self.compute_line_angles(q))
@@ -148,7 +166,7 @@ class Robot:
         return ArmState(np.asarray(q, float), T.reshape(*lead, 4, 4), J.reshape(*lead, 6, 6), R_bodies, p_bodies)
 
     def _compute_link_motions(self, rows: Array) -> tuple[Array, Array]:
-        """R (M, 7, 3, 3) and p (M, 7, 3) of the links whose lines are turned (or shifted) by ``rows`` (M, 6)."""
+        """Return R (M, 7, 3, 3) and p (M, 7, 3) of the links whose lines are displaced by ``rows`` (M, 6)."""
         if self.slides is not None:
             return prismatic_arm.compute_link_motions_with_slides(self.slides, *self._build_chain(None)[:2], rows)
         R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
@@ -166,27 +184,34 @@ class Robot:
 
 
 def _flatten_rows(q: Array) -> tuple[Array, tuple[int, ...]]:
-    """Joints as the kernels take them, (M, 6), and the leading dimensions that they had."""
+    """Return joints as the kernels need them, (M, 6), and their leading dimensions."""
     shape = np.shape(q)
     return _copy_array(q).reshape(-1, 6), shape[:-1]
 
 
 def _copy_array(array: Array) -> Array:
-    """A plain copy: a kernel is compiled anew for arrays that are read-only or lie otherwise in memory."""
+    """Return a plain copy: numba compiles a kernel again for read-only arrays or another memory layout."""
     return np.array(array, float, order="C")
 
 
 def load_robot(cell: Cell) -> Robot:
-    """Reduce the cell's URDF to a :class:`Robot`, as it is built; no mesh is read.
+    """Reduce the cell's URDF to a :class:`Robot` with as-built geometry; no mesh is read.
+
+    Args:
+        cell: cell with the URDF.
 
     Raises:
-        InputError: the chain from base_link to flange_link is not made of the six arm joints.
+        InputError: the chain from base_link to flange_link does not consist of the six arm joints.
     """
     return _build_as_built_robot(cell, _read_chain(cell)[0])[0]
 
 
 def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
-    """The arm's kinematics and its collision bodies, both read from the URDF at q = 0."""
+    """Return the arm's kinematics and its collision bodies, both read from the URDF at q = 0.
+
+    Args:
+        cell: cell with the URDF.
+    """
     robot, model, data, T_base_world, ids = _read_chain(cell)
     shapes = _read_link_shapes(cell, model, data, T_base_world, ids)
     robot, moved = _build_as_built_robot(cell, robot)
@@ -196,7 +221,9 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
 
 
 def _build_as_built_robot(cell: Cell, drawn: Robot) -> tuple[Robot, Array | None]:
-    """The arm whose lines and flange are where they are built, and where its links are (:func:`built.ways`)."""
+    """Return the arm with as-built lines and flange, and the displacements of its links
+    (:func:`machopt.kinematics.as_built_geometry.compute_link_displacements`).
+    """
     moved = compute_link_displacements(np.vstack([drawn.point, drawn.T_base_flange_zero[:3, 3]]), cell.kinematics)
     if moved is None:
         return drawn, None
@@ -240,7 +267,7 @@ def _read_chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
         way = column[:3] if cell.arm_prismatic[i : i + 1] == (True,) else column[3:]
         axis[i], point[i] = T[:3, :3] @ way, T[:3, 3]
         lower[i], upper[i] = cell.limits.lower[i], cell.limits.upper[i]
-        if model.nqs[j] == 1:  # one that turns without end has only the cell's limits
+        if model.nqs[j] == 1:  # a continuous joint has only the cell's limits
             lower[i], upper[i] = model.lowerPositionLimit[model.idx_qs[j]], model.upperPositionLimit[model.idx_qs[j]]
         if not np.isclose(np.linalg.norm(way), 1.0, atol=1e-9):
             raise InputError(f"arm joint {name!r} is not revolute", file=cell.urdf, where="robot.arm_joints")
@@ -266,10 +293,13 @@ def _read_chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
 
 
 def load_masses(cell: Cell) -> RobotMasses:
-    """The URDF's links and the cell's tool as masses; links without inertia are left out, base_link bears nothing.
+    """Return the URDF's links and the cell's tool as masses; links without inertia and base_link are left out.
 
-    Gravity acts along −z of world. Links on other branches count to the arm joint that carries them, at the pose
+    Gravity acts along −z of world. Links on other branches belong to the arm joint that carries them, at the pose
     of their own joints at zero.
+
+    Args:
+        cell: cell with the URDF and the tool.
     """
     import pinocchio as pin
 
@@ -304,7 +334,14 @@ def load_masses(cell: Cell) -> RobotMasses:
 
 
 def load_urdf_model(cell: Cell) -> Any:
-    """Pinocchio's model of the cell's URDF."""
+    """Return the pinocchio model of the cell's URDF.
+
+    Args:
+        cell: cell with the URDF.
+
+    Raises:
+        InputError: pinocchio cannot build the model.
+    """
     import pinocchio as pin
 
     try:
@@ -314,12 +351,21 @@ def load_urdf_model(cell: Cell) -> Any:
 
 
 def _shorten_message(problem: ValueError) -> str:
-    """The beginning of a loader's message, which may hold the rest of the file."""
+    """Return the beginning of a loader's message, which may contain the rest of the file."""
     return " ".join(str(problem).split())[:200]
 
 
 def find_frame(cell: Cell, model: object, name: str) -> int:
-    """Number of a link's frame in pinocchio's model."""
+    """Return the number of a link's frame in the pinocchio model.
+
+    Args:
+        cell: cell with the URDF, for the message.
+        model: pinocchio model.
+        name: name of the link.
+
+    Raises:
+        InputError: the link does not exist.
+    """
     if not model.existFrame(name):  # type: ignore[attr-defined]
         links = ", ".join(f.name for f in model.frames if str(f.type) == "BODY")  # type: ignore[attr-defined]
         raise InputError(f"link {name!r} is not in the URDF; it has {links}", file=cell.urdf)
@@ -338,7 +384,7 @@ def _read_link_shapes(
 
     text = cell.urdf_text
     for name, folder in cell.packages.items():  # a package's folder may have another name than the package
-        from xml.sax.saxutils import quoteattr  # it loads all of urllib
+        from xml.sax.saxutils import quoteattr  # imported here: it loads urllib
 
         text = text.replace(f"package://{name}/", quoteattr(f"{folder}/")[1:-1])
     folders = [str(cell.urdf.parent), str(cell.folder)]
@@ -349,7 +395,7 @@ def _read_link_shapes(
             f"its collision bodies cannot be loaded: {_shorten_message(problem)}", file=cell.urdf
         ) from None
     described = len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
-    if len(geometry.geometryObjects) != described:  # the parser drops what it cannot read, with a line on the log
+    if len(geometry.geometryObjects) != described:  # the parser skips what it cannot read, with a line in the log
         raise InputError(
             f"describes {described} collision bodies, of which the robot model has {len(geometry.geometryObjects)}; "
             "a body that is not there cannot be checked",

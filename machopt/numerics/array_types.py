@@ -1,4 +1,4 @@
-"""The one name for each kind of array; shape, unit and frame stand where it is used."""
+"""Names of array types; shape, unit and frame are documented where they are used."""
 
 from __future__ import annotations
 
@@ -13,18 +13,26 @@ Bools = NDArray[np.bool_]
 
 
 def make_arrays_read_only(found: object) -> None:
-    """Make the arrays of a noun read-only, from its ``__post_init__``: who wants others makes another noun."""
+    """Make the arrays of a dataclass read-only, called from its ``__post_init__``.
+
+    Args:
+        found: dataclass instance.
+    """
     for value in vars(found).values():
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
 
 
 WORDS = 8, 4, 2  # bytes
-SHORT = 32  # a last axis that is quicker gone through by its elements than reduced by NumPy
+SHORT = 32  # length of a last axis up to which a loop is faster than NumPy
 
 
 def compute_any_last(flags: Bools) -> Bools:
-    """(...,) ``flags.any(axis=-1)`` of (..., n) flags: NumPy takes 10 to 60 times as long where n is small."""
+    """Return (...,) ``flags.any(axis=-1)``: NumPy takes 10 to 60 times as long where n is small.
+
+    Args:
+        flags: (..., n).
+    """
     n = flags.shape[-1]
     if n > SHORT:
         return np.asarray(flags.any(axis=-1))

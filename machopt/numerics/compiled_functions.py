@@ -1,7 +1,7 @@
-"""Functions compiled by numba: found where the installation brought them, else stored on disk where there is a place
-for it, elsewhere compiled in each process.
+"""Functions compiled by numba, with caches: from the installation, else on disk where possible, else per process.
 
-They hold no interpreter lock, so that threads can run them side by side."""
+They release the interpreter lock, so that threads can run them in parallel.
+"""
 
 from __future__ import annotations
 
@@ -29,23 +29,32 @@ F = TypeVar("F", bound=Callable[..., Any])
 CompilationCallback = Callable[
     [bool], None
 ]  # called once, when something is compiled that was not stored; True: it will be stored
-INSTALLED_FOLDER = Path(__file__).parents[1] / "kernels"  # made while a wheel is built; a source tree has none
+INSTALLED_FOLDER = Path(__file__).parents[1] / "kernels"  # created while a wheel is built; a source tree has none
 
 
 class _CompilationListener(event.Listener):  # type: ignore[misc]  # numba has no types
-    """Hears of every function that numba really compiles; what it loads from disk makes no event."""
+    """Listener for functions that numba really compiles; loading from disk causes no event."""
 
     def __init__(self) -> None:
         self.told: CompilationCallback | None = None
         self.stored = True
 
     def on_start(self, event: Any) -> None:
+        """Call the callback once.
+
+        Args:
+            event: not used.
+        """
         if self.told is not None:
             told, self.told = self.told, None
             told(self.stored)
 
     def on_end(self, event: Any) -> None:
-        """Nothing: only the beginning is told."""
+        """Do nothing: only the start is reported.
+
+        Args:
+            event: not used.
+        """
 
 
 _LISTENER = _CompilationListener()
@@ -53,9 +62,13 @@ event.register("numba:compile", _LISTENER)
 
 
 @contextlib.contextmanager
-def call_on_compilation(told: CompilationCallback) -> Iterator[None]:
-    """Have ``told`` called when the next function is compiled in this block, and not after it."""
-    _LISTENER.told = told
+def call_on_compilation(callback: CompilationCallback) -> Iterator[None]:
+    """Call a function when the next function is compiled inside the block, once.
+
+    Args:
+        callback: callback; its argument is whether the compiled code will be stored.
+    """
+    _LISTENER.told = callback
     try:
         yield
     finally:
@@ -63,47 +76,66 @@ def call_on_compilation(told: CompilationCallback) -> Iterator[None]:
 
 
 def jit_compile(function: F) -> F:
-    """``numba.njit``, cached where a folder may be written: a read-only installation and home are none."""
-    made = numba.njit(nogil=True)(function)
+    """Compile a function with ``numba.njit``, cached where a folder is writable.
+
+    Args:
+        function: function to compile.
+    """
+    compiled = numba.njit(nogil=True)(function)
     try:
-        made._cache = _CallTreeCache(function)
-    except RuntimeError:  # numba finds no folder it may write to
+        compiled._cache = _CallTreeCache(function)
+    except RuntimeError:  # numba finds no writable folder
         _LISTENER.stored = False
     if INSTALLED_FOLDER.is_dir():
-        made._cache = _InstalledCache(made.py_func, made._cache, INSTALLED_FOLDER)
-    return made  # type: ignore[no-any-return]
+        compiled._cache = _InstalledCache(compiled.py_func, compiled._cache, INSTALLED_FOLDER)
+    return compiled  # type: ignore[no-any-return]
 
 
 def load_stored_kernel(kernel: Any, types: tuple[Any, ...]) -> bool:
-    """Have a kernel's machine code for such arguments at hand before it is called; False where none is stored.
+    """Load a kernel's machine code before its first call; return False where none is stored.
 
-    What the first call would do, from any thread; but it compiles nothing.
+    It does the same as the first call, from any thread, but compiles nothing.
+
+    Args:
+        kernel: compiled function.
+        types: numba types of its arguments.
     """
     with global_compiler_lock:
         if types in kernel.overloads:
             return True
-        made = kernel._cache.load_overload(types, kernel.targetctx)
-        if made is None:
+        loaded = kernel._cache.load_overload(types, kernel.targetctx)
+        if loaded is None:
             return False
         kernel._cache_hits[types] += 1
-        kernel.targetctx.insert_user_function(made.entry_point, made.fndesc, [made.library])
-        kernel.add_overload(made)
+        kernel.targetctx.insert_user_function(loaded.entry_point, loaded.fndesc, [loaded.library])
+        kernel.add_overload(loaded)
     return True
 
 
 def enable_kernel_storage(kernel: Any, folder: Path) -> None:
-    """From now on, write what is compiled of a kernel into a folder that an installation brings."""
+    """Write the compiled code of a kernel into a folder of an installation from now on.
+
+    Args:
+        kernel: compiled function.
+        folder: folder of the installation.
+    """
     kernel._cache = _InstallationWriter(kernel.py_func, NullCache(), folder)
 
 
 class _CallTreeCache(FunctionCache):  # type: ignore[misc]
-    """numba's own store, which looks at the source of the function alone: here those it calls must be the same too.
+    """numba's cache, which hashes only the source of the function; here the source of called functions counts too.
 
-    To load, it wants the memory of arrays alone, where numba takes in all that it compiles with (0.06 s of every
-    command); what is compiled after all takes that in itself.
+    Loading initialises the memory management of arrays only, while numba initialises its whole compiler (0.06 s per
+    command); a later compilation initialises the rest itself.
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load stored machine code; None where there is none.
+
+        Args:
+            sig: numba types of the arguments.
+            target_context: numba target context.
+        """
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
@@ -113,7 +145,7 @@ class _CallTreeCache(FunctionCache):  # type: ignore[misc]
 
 
 class _InstalledCache(NullCache):  # type: ignore[misc]
-    """What an installation brought of a function, and behind it where numba itself stores. Nothing is written here.
+    """Read-only cache of an installation, followed by numba's own cache.
 
     A file is found by all that its machine code depends on: types, numba, Python, the processor, and the source of the
     function and of those it calls.
@@ -127,6 +159,12 @@ class _InstalledCache(NullCache):  # type: ignore[misc]
         return self.behind.cache_path
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load machine code of the installation, else of numba's own cache.
+
+        Args:
+            sig: numba types of the arguments.
+            target_context: numba target context.
+        """
         rtsys.initialize(target_context)
         try:
             with self._file(sig, target_context.codegen()).open("rb") as file:
@@ -135,6 +173,12 @@ class _InstalledCache(NullCache):  # type: ignore[misc]
             return self.behind.load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
+        """Store machine code in numba's own cache.
+
+        Args:
+            sig: numba types of the arguments.
+            data: compiled code.
+        """
         self.behind.save_overload(sig, data)
 
     def _file(self, types: Any, codegen: Any) -> Path:
@@ -150,12 +194,26 @@ class _InstalledCache(NullCache):  # type: ignore[misc]
 
 
 class _InstallationWriter(_InstalledCache):
-    """Writes it, while a wheel is built. Nothing is read: what was has no machine code left to write."""
+    """Writer of the installation's cache while a wheel is built. It reads nothing, because loaded code cannot be
+    written.
+    """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load nothing; only refresh the target context.
+
+        Args:
+            sig: not used.
+            target_context: numba target context.
+        """
         target_context.refresh()
 
     def save_overload(self, sig: Any, data: Any) -> None:
+        """Write machine code into the folder of the installation.
+
+        Args:
+            sig: numba types of the arguments.
+            data: compiled code.
+        """
         file = self._file(sig, data.codegen)
         own = file.with_suffix(f".{os.getpid()}")  # two processes may compile the same
         own.write_bytes(dumps(data._reduce()))
@@ -163,7 +221,11 @@ class _InstallationWriter(_InstalledCache):
 
 
 def hash_kernel_sources(function: Any) -> list[str]:
-    """Hashes of the files with a function and the compiled functions it calls, and the numbers they take in."""
+    """Return hashes of the files with a function and the compiled functions it calls, and the constants they use.
+
+    Args:
+        function: Python function of a kernel.
+    """
     files: set[str] = set()
     numbers: set[str] = set()
     open_, seen = [function], {function}

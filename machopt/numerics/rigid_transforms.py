@@ -10,7 +10,11 @@ SAME_AXIS = 1e-12  # sine of the angle below which two axes are one
 
 
 def compute_rpy_matrix(rpy: Array) -> Array:
-    """Rotation Rz(yaw) Ry(pitch) Rx(roll) from (..., 3) roll, pitch, yaw in rad (URDF's fixed-axis convention)."""
+    """Return the rotation Rz(yaw) Ry(pitch) Rx(roll) (URDF's fixed-axis convention), (..., 3, 3).
+
+    Args:
+        rpy: (..., 3) roll, pitch, yaw in rad.
+    """
     rpy = np.asarray(rpy, dtype=float)
     cr, cp, cy = np.moveaxis(np.cos(rpy), -1, 0)
     sr, sp, sy = np.moveaxis(np.sin(rpy), -1, 0)
@@ -23,7 +27,12 @@ def compute_rpy_matrix(rpy: Array) -> Array:
 
 
 def build_transform(rotation: Array, translation: Array) -> Array:
-    """(..., 4, 4) homogeneous matrix from rotation (..., 3, 3) and translation (..., 3) in m."""
+    """Return the (..., 4, 4) homogeneous matrix.
+
+    Args:
+        rotation: (..., 3, 3).
+        translation: (..., 3) m.
+    """
     rotation, translation = np.asarray(rotation, float), np.asarray(translation, float)
     shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
     T = np.zeros((*shape, 4, 4))
@@ -34,13 +43,22 @@ def build_transform(rotation: Array, translation: Array) -> Array:
 
 
 def invert_transform(T: Array) -> Array:
-    """Inverse of rigid transforms (..., 4, 4)."""
+    """Return the inverse of rigid transforms.
+
+    Args:
+        T: (..., 4, 4).
+    """
     R = np.swapaxes(T[..., :3, :3], -1, -2)
     return build_transform(R, -np.einsum("...ij,...j->...i", R, T[..., :3, 3]))
 
 
 def compute_axis_rotation(axis: Array, angle: Array) -> Array:
-    """Rodrigues: rotation (..., 3, 3) by ``angle`` (...,) rad about unit ``axis`` (..., 3)."""
+    """Return the rotation (..., 3, 3) about an axis (Rodrigues).
+
+    Args:
+        axis: (..., 3) unit.
+        angle: (...,) rad.
+    """
     axis, angle = np.asarray(axis, float), np.asarray(angle, float)
     c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
     K = skew_matrix(axis)
@@ -48,7 +66,11 @@ def compute_axis_rotation(axis: Array, angle: Array) -> Array:
 
 
 def skew_matrix(v: Array) -> Array:
-    """Cross-product matrix (..., 3, 3) of v (..., 3)."""
+    """Return the cross-product matrix (..., 3, 3).
+
+    Args:
+        v: (..., 3).
+    """
     v = np.asarray(v, float)
     K = np.zeros((*v.shape[:-1], 3, 3))
     K[..., 2, 1], K[..., 0, 2], K[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
@@ -57,7 +79,12 @@ def skew_matrix(v: Array) -> Array:
 
 
 def compute_frame_motion_matrix(points: Array, about: Array) -> Array:
-    """(N, 6, 6) how points (N, 3) and axes there move with a frame: per unit of a shift and of a turn about (3,)."""
+    """Return (N, 6, 6) the motion of points and their axes per unit translation and rotation of a frame.
+
+    Args:
+        points: (N, 3) m.
+        about: (3,) m, centre of the rotation.
+    """
     out = np.zeros((len(points), 6, 6))
     out[:] = np.eye(6)
     out[:, :3, 3:] = -skew_matrix(points - about)
@@ -65,17 +92,21 @@ def compute_frame_motion_matrix(points: Array, about: Array) -> Array:
 
 
 def normalise_vectors(v: Array) -> Array:
-    """v / |v| along the last axis; zero vectors become NaN."""
+    """Return v / |v| along the last axis; zero vectors become NaN.
+
+    Args:
+        v: (..., n).
+    """
     n = np.linalg.norm(v, axis=-1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(n > 0, v / n, np.nan)
 
 
 def compute_tool_rotation(tool_axis: Array, reference: Array, gamma: Array) -> Array:
-    """TCP rotation from the CAM tool axis, a reference direction and gamma.
+    """Return the TCP rotation from the CAM tool axis, a reference direction and gamma.
 
     TCP z = −tool_axis; TCP x at gamma = 0 is ``reference`` projected on the plane normal to the axis;
-    gamma turns the TCP about its own z, right-handed.
+    gamma rotates the TCP about its own z, right-handed.
 
     Args:
         tool_axis: (..., 3) unit, tip to shank.
@@ -97,9 +128,10 @@ def compute_tool_rotation(tool_axis: Array, reference: Array, gamma: Array) -> A
 
 
 def interpolate_axis(start: Array, end: Array, share: Array) -> Array:
-    """Unit vectors that turn evenly from ``start`` to ``end``, in the plane of both (great circle; Shoemake 1985).
+    """Return unit vectors interpolated at constant angular rate in the plane of both ends (great circle; Shoemake
+    1985).
 
-    This is the rule of robot controllers for the tool axis between two points of a path.
+    Robot controllers interpolate the tool axis between two points of a path in this way.
 
     Args:
         start: (n, 3) unit.
@@ -120,14 +152,21 @@ def interpolate_axis(start: Array, end: Array, share: Array) -> Array:
 
 
 def wrap_angle(angle: Array) -> Array:
-    """Angle in (−π, π]."""
+    """Return the angle in (−π, π].
+
+    Args:
+        angle: (...,) rad.
+    """
     return -np.remainder(np.pi - np.asarray(angle, float), 2 * np.pi) + np.pi
 
 
 def convert_to_quaternion(R: Array) -> Array:
-    """Unit quaternion (..., 4), w x y z with the largest component positive, of a rotation (..., 3, 3).
+    """Return the unit quaternion (..., 4), w x y z with the largest component positive.
 
-    The rows of 4 q qᵀ are linear in R; the one with the largest pivot is taken, which is never a small one.
+    The rows of 4 q qᵀ are linear in R; the one with the largest pivot is used, which is never small.
+
+    Args:
+        R: (..., 3, 3) rotation.
     """
     R = np.asarray(R, float)
     (a, b, c), (d, e, f), (g, h, i) = (np.moveaxis(R[..., k, :], -1, 0) for k in range(3))
@@ -143,7 +182,11 @@ def convert_to_quaternion(R: Array) -> Array:
 
 
 def convert_quaternion_to_matrix(q: Array) -> Array:
-    """Rotation (..., 3, 3) of unit quaternions (..., 4), w x y z."""
+    """Return the rotation (..., 3, 3).
+
+    Args:
+        q: (..., 4) unit quaternion, w x y z.
+    """
     q = np.asarray(q, float)
     w, v = q[..., :1, None], q[..., 1:]
     K = skew_matrix(v)
@@ -151,7 +194,11 @@ def convert_quaternion_to_matrix(q: Array) -> Array:
 
 
 def convert_to_rotation_vector(R: Array) -> Array:
-    """Rotation vector (..., 3) in rad, angle in [0, π], of a rotation (..., 3, 3); to round-off at every angle."""
+    """Return the rotation vector (..., 3) in rad, angle in [0, π]; accurate to round-off at every angle.
+
+    Args:
+        R: (..., 3, 3) rotation.
+    """
     q = convert_to_quaternion(R)
     w, v = q[..., 0], q[..., 1:]
     s = np.linalg.norm(v, axis=-1)
@@ -161,7 +208,11 @@ def convert_to_rotation_vector(R: Array) -> Array:
 
 
 def convert_vector_to_rotation(v: Array) -> Array:
-    """Rotation (..., 3, 3) by the rotation vector (..., 3) rad; inverse of :func:`convert_to_rotation_vector`."""
+    """Return the rotation (..., 3, 3) of a rotation vector; inverse of :func:`convert_to_rotation_vector`.
+
+    Args:
+        v: (..., 3) rad.
+    """
     v = np.asarray(v, float)
     angle = np.linalg.norm(v, axis=-1)
     K = skew_matrix(v)

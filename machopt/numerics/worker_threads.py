@@ -1,4 +1,4 @@
-"""Work spread over the cores this process may use. Which core does what never shows in a result."""
+"""Distribution of work over the cores of this process; results never depend on the distribution."""
 
 from __future__ import annotations
 
@@ -13,34 +13,42 @@ B = TypeVar("B")
 THREAD_LIMIT_VARIABLES = (
     "NUMBA_NUM_THREADS",
     "OMP_NUM_THREADS",
-)  # what users and schedulers set where a process is not alone
+)  # set by users and schedulers to limit the threads of a process
 
 
 def count_threads() -> int:
-    """How many threads may run: the cores this process is bound to, or fewer where LIMITS in the environment say so."""
-    here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
-    asked = [int(value) for value in map(os.environ.get, THREAD_LIMIT_VARIABLES) if value and value.isdecimal()]
-    return max(min([here, *asked]), 1)
+    """Return how many threads may run: the available cores, or fewer by THREAD_LIMIT_VARIABLES in the environment."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+    limits = [int(value) for value in map(os.environ.get, THREAD_LIMIT_VARIABLES) if value and value.isdecimal()]
+    return max(min([cores, *limits]), 1)
 
 
 def map_in_threads(task: Callable[[A], B], parts: Iterable[A]) -> list[B]:
-    """``task`` of every part, in the order of the parts, on :func:`count_threads` threads.
+    """Return ``task`` of every part, in the order of the parts, on :func:`count_threads` threads.
 
-    It pays where the task leaves the interpreter's lock to others: compiled kernels, and NumPy on large arrays. The
+    It helps where the task releases the interpreter lock: compiled kernels, and NumPy on large arrays. The
     parts must not depend on the number of threads wherever a result depends on the parts.
+
+    Args:
+        task: function of one part.
+        parts: parts of the work.
     """
-    every = list(parts)
-    threads = min(count_threads(), len(every))
+    items = list(parts)
+    threads = min(count_threads(), len(items))
     if threads < 2:
-        return [task(part) for part in every]
+        return [task(part) for part in items]
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        return list(pool.map(task, every))
+        return list(pool.map(task, items))
 
 
 def run_two_in_threads(first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]:
-    """What two tasks give, the second in a thread of its own where there is a core for it.
+    """Return the results of two tasks, the second run in a separate thread where there is a core for it.
 
-    It pays as :func:`map_in_threads` does. An error of the first goes before one of the second.
+    It helps as :func:`map_in_threads` does. An exception of the first has priority over one of the second.
+
+    Args:
+        first: task for this thread.
+        second: task for the other thread.
     """
     if count_threads() < 2:
         return first(), second()

@@ -1,16 +1,15 @@
-"""Where to put the workpiece, or the robot, so that the worst index of all jobs is best.
+"""Placement of the workpiece, or the robot, that minimises the worst index of all jobs.
 
 ::
 
-    asked (ranges) ─► shifts ─► moved: the cell with part, fixtures or base shifted
-                                  ├► standing: would it stand in something?
-                                  └► outlook: reach, limits, margins; a bound; what the grid comes to
-                                       │ best first, by the outlook
-                                       └► search: whole plans, until none left can be better
-                                             └► between the places around the best; what ± 20 mm make of them
+    request (ranges) ─► shifts ─► moved cell: part, fixtures or base shifted
+                                    ├► support check: does it collide with fixed bodies?
+                                    └► estimate: reach, limits, margins; a bound; the best sequence of the grid
+                                         │ best first, by the estimate
+                                         └► search: whole plans, until no remaining place can be better
+                                               └► between the places around the best; effect of ± 20 mm
 
 The bound of a place (:mod:`machopt.placement.placement_estimate`) leaves out collisions and continuity, so no plan
-there has a
-worst index below it: a place whose bound is above the best plan found need not be planned. The search so ends with a
-proof over the places it was given, or, where its time is over, with how much a place it left could still be better.
+there has a worst index below it. A place whose bound is above the best plan need not be planned. The search therefore
+ends with a proof over the given places, or, at its time limit, with the possible improvement of the remaining places.
 """

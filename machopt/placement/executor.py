@@ -1,4 +1,4 @@
-"""Who answers what is asked about places: this process, others of the machine, or those of a cluster."""
+"""Executors of placement tasks: this process, other processes of the machine, or a cluster."""
 
 from __future__ import annotations
 
@@ -11,25 +11,30 @@ B = TypeVar("B")
 
 
 class PlacementExecutor(Protocol):
-    """Answers come in the order of the questions, however many are worked on at a time: what is found does not depend
-    on how many hands there were."""
+    """Executor that returns results in the order of the items, so that the result does not depend on the number of
+    workers.
+    """
 
     @property
     def worker_count(self) -> int:
-        """How many questions are worked on at a time."""
+        """Number of items processed at a time."""
         ...
 
     def map_items(self, ask: Callable[[Any, A], B], items: Sequence[A]) -> Iterator[B]:
-        """``ask`` (a function of a module, so that another process finds it) of the Site and each item, in order.
+        """Yield the result of a function of the site and each item, in order.
 
-        Whoever stops reading leaves the rest unasked, as far as nobody has begun with it.
+        If the caller stops reading, items that no worker has started are not processed.
+
+        Args:
+            ask: function of a module, so that another process can import it.
+            items: items to process.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class InProcessExecutor:
-    """This process: one after the other, and none before its answer is wanted."""
+    """Executor in this process: one item after the other, each when its result is read."""
 
     site: Any  # Site
 
@@ -38,4 +43,10 @@ class InProcessExecutor:
         return 1
 
     def map_items(self, ask: Callable[[Any, A], B], items: Sequence[A]) -> Iterator[B]:
+        """Yield the result of a function of the site and each item, in order.
+
+        Args:
+            ask: function of the site and an item.
+            items: items to process.
+        """
         return (ask(self.site, item) for item in items)

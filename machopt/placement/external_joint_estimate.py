@@ -1,15 +1,15 @@
-"""What a place promises where external joints may choose: :mod:`machopt.placement.placement_estimate` over a grid of
-their values.
+"""Estimate of a place with free external joints: :mod:`machopt.placement.placement_estimate` over a grid of their
+values.
 
-At each station the least cost over rotations and branches is taken for every value e of a grid. Operations that share a
-value take the one whose worst station is least, joints that move along the path the best one at each station:
+At each station the least cost over rotations and branches is computed for every value e of a grid. Operations that
+share a value use the one whose worst station is least, joints that move along the path the best one at each station:
 
     bound = max over groups of  min over shared values of  max over stations of  min over moving values of  least cost
 
-It holds over the grids of rotations and of e, not over what lies between the values of e: a whole plan chooses these
-more finely (:mod:`machopt.planning.external_axis_optimization.coarse_to_fine_search`) and may come out below. What
-joints that move along come to is the bound
-itself, as the way between their values is not looked for here.
+It holds over the grids of rotations and of e, not between the values of e: a full plan chooses these
+more finely (:mod:`machopt.planning.external_axis_optimization.coarse_to_fine_search`) and may be below. For
+joints that move along the path the estimate is the bound itself, because no curve between their values is computed
+here.
 """
 
 from __future__ import annotations
@@ -34,19 +34,20 @@ from machopt.planning.stations.path_subset import select_path_runs
 from machopt.planning.stations.planning_path import PlanningPath
 
 VALUES_PER_JOINT = {1: 9, 2: 5}  # of each joint, by how many are free; 3 where it is three
-MAX_STATIONS = 48  # of a group that are looked at; the fewer, the lower the bound
-SEQUENCES_TRIED = 3  # values of a group whose best sequence is looked for
+MAX_STATIONS = 48  # maximum number of stations of a group; the fewer, the lower the bound
+SEQUENCES_TRIED = 3  # values of a group whose best sequence is computed
 
 
 def estimate_with_external_joints(
     setup: PlanningSetup, arm: PlanningArm, path: PlanningPath, options: PlanOptions, groups: Sequence[OperationGroup]
 ) -> PlacementEstimate:
-    """Look at a place.
+    """Return the estimate of a place.
 
     Args:
         setup: of the cell, for its springs; its arm is that of another place.
         arm: with the workpiece at the place.
         path: as planned, with its stations.
+        options: plan options.
         groups: operations that share values.
     """
     found: list[PlacementEstimate] = []
@@ -100,7 +101,7 @@ def _estimate_group(
 def _compute_least_cost(
     setup: PlanningSetup, arm: PlanningArm, part: PlanningPath, options: PlanOptions, values: Array
 ) -> tuple[Array, NDArray[np.int64]]:
-    """(G, S) the least cost of each station at values (G, E), inf where there is none; and why."""
+    """Return (G, S) the least cost of each station at values (G, E), inf where there is none; and the reason."""
     least = np.full((len(values), len(part.stations)), np.inf)
     reason = np.zeros(least.shape, np.int64)
     across = compute_sideways_directions(part)
@@ -130,7 +131,12 @@ def _estimate_best_sequence(
 
 
 def build_external_joint_grid(group: OperationGroup, home: Array) -> Array:
-    """(G, E) the values that are tried: home, or what is nearest to it, and an even grid over the ranges."""
+    """Return the (G, E) tried values: home, or the nearest allowed value, and an even grid over the ranges.
+
+    Args:
+        group: group of operations.
+        home: (E,) m or rad.
+    """
     count = VALUES_PER_JOINT.get(int((group.high > group.low).sum()), 3)
     axes = [np.linspace(a, b, count if b > a else 1) for a, b in zip(group.low, group.high, strict=True)]
     return np.unique(np.array([np.clip(home, group.low, group.high), *product(*axes)]), axis=0)

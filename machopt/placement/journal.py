@@ -1,7 +1,7 @@
-"""What a run has found so far, line by line beside its output folder, so that another can go on with it.
+"""Journal of a search: results line by line next to the output folder, so that another run can continue.
 
-The first line says what was asked, by hash; a journal of another question is begun afresh. A line that a killed run
-left half-written is passed over. The file goes when the run has ended well.
+The first line has a hash of the request; a journal of another request is restarted. A line that a killed run
+left incomplete is skipped. The file is removed when the run has ended normally.
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ JournalEntry = TypeVar("JournalEntry", PlacementCandidate, PlannedPlacement)
 
 
 def refuse_foreign_journal(path: Path, *, force: bool) -> None:
-    """Refuse a file of another origin in the place of the journal, which would overwrite it.
+    """Refuse a file of another origin at the path of the journal, which would be overwritten.
+
+    Args:
+        path: path of the journal.
+        force: overwrite any plain file.
 
     Raises:
         InputError: it is no plain file, or its first line is not that of a journal.
@@ -44,7 +48,7 @@ def refuse_foreign_journal(path: Path, *, force: bool) -> None:
 
 
 class SearchJournal:
-    """Found places by number; ``path`` None: kept nowhere.
+    """Results by number of the place; ``path`` None: not stored.
 
     Raises:
         InputError: the file cannot be written.
@@ -62,24 +66,39 @@ class SearchJournal:
 
     @property
     def known_count(self) -> int:
-        """Places that an earlier run looked at."""
+        """Number of places that an earlier run has assessed."""
         return len(self._places)
 
     def find_candidate(self, number: int, shift: PlacementShift) -> PlacementCandidate | None:
+        """Return the stored result of a place; None where there is none.
+
+        Args:
+            number: number of the place.
+            shift: its shift, which must be equal.
+        """
         found = self._places.get(number)
         return found if found is not None and found.shift == shift else None
 
     def find_planned(self, place: PlacementCandidate) -> PlannedPlacement | None:
+        """Return the stored plan result of a place; None where there is none.
+
+        Args:
+            place: assessed place.
+        """
         return self._planned.get(place.number)
 
     def append(self, one: JournalEntry) -> JournalEntry:
-        """Note what was found."""
+        """Store a result and return it.
+
+        Args:
+            one: result of a place.
+        """
         kind = "place" if isinstance(one, PlacementCandidate) else "planned"
         self._write("a", {kind: _to_json_types(one)})
         return one
 
     def remove(self) -> None:
-        """The run has ended well."""
+        """Remove the file after a normal end."""
         if self.path is not None:
             self.path.unlink(missing_ok=True)
 
@@ -91,7 +110,7 @@ class SearchJournal:
         lines = text.splitlines()
         if not lines or _parse_line(lines[0]) != {"placement": key}:
             return False
-        if not text.endswith("\n"):  # a killed run left half a line: the next begins its own
+        if not text.endswith("\n"):  # a killed run left half a line: the next entry starts a new one
             with path.open("a", encoding="utf-8") as file:
                 file.write("\n")
         for line in lines[1:]:
@@ -126,7 +145,7 @@ def _parse_line(line: str) -> dict[str, Any]:
 
 
 def _to_json_types(one: Any) -> Any:
-    """Fields as JSON has them; what is not finite as text."""
+    """Return the fields as JSON types; values that are not finite become text."""
     if isinstance(one, PlacementCandidate | PlannedPlacement | PlacementShift):
         return {name: _to_json_types(value) for name, value in vars(one).items()}
     return repr(one) if isinstance(one, float) and not math.isfinite(one) else one

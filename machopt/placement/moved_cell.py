@@ -1,4 +1,4 @@
-"""The cell with the workpiece and what holds it, or the robot and what it stands on, somewhere else."""
+"""Cell with the workpiece and its fixtures, or the robot and its base, at another place."""
 
 from __future__ import annotations
 
@@ -19,21 +19,32 @@ from machopt.placement.search_options import PlacementOptions, PlacementShift
 
 @dataclass(frozen=True)
 class MovedBodies:
-    """What moves: the workpiece or base_link, and obstacles by name."""
+    """Moved bodies: the workpiece or base_link, and obstacles by name."""
 
     base: bool
     names: frozenset[str]
-    centre: Array  # (3,) m in world: a turn is about the vertical through it
+    centre: Array  # (3,) m in world: rotations are about the vertical through it
     frames: Mapping[str, Array] = field(default_factory=dict)  # link: (4, 4) in world, all joints at home; not "world"
 
     def transform_in_link(self, link: str, S: Array) -> Array:
-        """(4, 4) what a shift S of the world is within a link that carries what moves."""
+        """Return (4, 4) a shift of the world expressed in a link that carries moved bodies.
+
+        Args:
+            link: name of the link.
+            S: (4, 4) shift in world.
+        """
         T = self.frames.get(link)
         return S if T is None else np.asarray(invert_transform(T) @ S @ T)
 
 
 def move_cell(cell: Cell, carried: MovedBodies, shift: PlacementShift) -> Cell:
-    """The cell at a place; everything else stays as it is."""
+    """Return the cell at a place; everything else is unchanged.
+
+    Args:
+        cell: cell to move.
+        carried: moved bodies.
+        shift: shift of the place.
+    """
     S = shift.build_matrix(carried.centre)
     obstacles = tuple(
         _move_shape(o, carried.transform_in_link(o.link, S)) if o.name in carried.names else o for o in cell.obstacles
@@ -50,7 +61,11 @@ def _move_shape(shape: CollisionShape, S: Array) -> CollisionShape:
 
 
 def check_robot_movable(cell: Cell, *, base: bool) -> None:
-    """Refuse a robot that is asked to move and stands on, or beside, what moves by itself.
+    """Refuse to move a robot in a cell with external axes, where robot or workpiece are on moving links.
+
+    Args:
+        cell: robot cell.
+        base: whether the robot is to be moved.
 
     Raises:
         InputError: with what would work.
@@ -65,7 +80,11 @@ def check_robot_movable(cell: Cell, *, base: bool) -> None:
 
 
 def compute_link_frames(cell: Cell) -> dict[str, Array]:
-    """(4, 4) in world of the links on which workpiece and obstacles stand, all joints at home."""
+    """Return the (4, 4) frames in world of the links that carry workpiece and obstacles, all joints at home.
+
+    Args:
+        cell: robot cell.
+    """
     links = sorted({cell.workpiece.link, *(o.link for o in cell.obstacles)} - {"world"})
     if not links:
         return {}
@@ -86,7 +105,14 @@ def compute_link_frames(cell: Cell) -> dict[str, Array]:
 def compute_rotation_centre(
     cell: Cell, positions: Array, *, base: bool, frames: Mapping[str, Array] | None = None
 ) -> Array:
-    """(3,) m in world: base_link's origin, or the middle of all toolpaths, (N, 3) m in workpiece."""
+    """Return (3,) m in world: base_link's origin, or the middle of all toolpaths.
+
+    Args:
+        cell: robot cell.
+        positions: (N, 3) m, points of all toolpaths in the workpiece frame.
+        base: whether the robot is moved.
+        frames: frames of the links as of :func:`compute_link_frames`; None: computed where needed.
+    """
     if base:
         return np.asarray(cell.T_world_base[:3, 3])
     T = cell.workpiece.T_link_workpiece
@@ -95,12 +121,17 @@ def compute_rotation_centre(
 
 
 def select_moved_obstacles(cell: Cell, search: PlacementOptions, holding: frozenset[str]) -> frozenset[str]:
-    """The obstacles that move along: those the user names, else what holds the workpiece or the robot.
+    """Return the obstacles that move along: those the user names, else those that support the workpiece or the robot.
 
-    Fixtures of the cell's work offsets stand in its frames and always move with the workpiece.
+    Fixtures of the cell's work offsets are defined in its frames and always move with the workpiece.
+
+    Args:
+        cell: robot cell.
+        search: options with ``carry`` and ``stay``.
+        holding: obstacles that support the moved body.
 
     Raises:
-        InputError: the cell has no obstacle of that name, or it stands on another link than the workpiece.
+        InputError: the cell has no obstacle of that name, or it is on another link than the workpiece.
     """
     have = {o.name: o.link for o in cell.obstacles}
     link = "world" if search.base else cell.workpiece.link

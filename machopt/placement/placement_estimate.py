@@ -1,8 +1,8 @@
-"""What a place promises, before anything is planned there: reach, limits and margins, a bound, and the grid's best.
+"""Estimate of a place before any planning: reach, limits and margins, a bound, and the grid's best sequence.
 
-The worst index of a plan is the greatest cost over the points that are cut to. At each of them it is no less than the
+The worst index of a plan is the greatest cost over the cut points. At each of them it is no less than the
 least cost over all feasible configurations; the greatest of those is the bound. It leaves out collisions, continuity
-and every other term of the objective, and like the plan's certificate it is one over the grid of rotations.
+and every other term of the objective. Like the plan's certificate it holds over the grid of rotations.
 """
 
 from __future__ import annotations
@@ -19,34 +19,38 @@ from machopt.planning.sampling.configurations import CandidateGrid, PlanningArm,
 from machopt.planning.sequence_search.dynamic_programming import choose_sequence
 from machopt.planning.stations.planning_path import PlanningPath
 
-FIRST_STATIONS = 12  # stations looked at first: most places out of reach are known by them
+FIRST_STATIONS = 12  # stations checked first: most places out of reach are found by them
 
 
 @dataclass(frozen=True)
 class PlacementEstimate:
-    """One place and one toolpath; the index in m (deflection) or m/N (compliance)."""
+    """Estimate of one place and one toolpath; the index in m (deflection) or m/N (compliance)."""
 
     bound: float  # no plan on the grid of rotations has a worst index below; inf where a point is not reached
     worst: float  # of the best sequence without collisions; inf where there is none
     mean: float
     point: int  # toolpath point that the bound is of, or the first that cannot be reached
-    reason: InfeasibilityReason = InfeasibilityReason.OK  # why not, of the configuration that came furthest
+    reason: InfeasibilityReason = (
+        InfeasibilityReason.OK
+    )  # why it is not reached, for the configuration that came furthest
 
     @property
     def is_reachable(self) -> bool:
+        """Whether every point is reached."""
         return bool(np.isfinite(self.bound))
 
 
 def estimate_placement(
     setup: PlanningSetup, arm: PlanningArm, path: PlanningPath, options: PlanOptions, *, beyond: float = np.inf
 ) -> PlacementEstimate:
-    """Look at a place.
+    """Return the estimate of a place.
 
     Args:
         setup: of the cell, for its springs; its arm is that of another place.
         arm: with the workpiece at the place.
         path: as planned, with its stations.
-        beyond: where the bound is above it, the grid's best is not looked for.
+        options: plan options.
+        beyond: if the bound is above it, the grid's best sequence is not computed.
     """
     every = max(len(path.stations) // FIRST_STATIONS, 1)
     if every > 1:
@@ -76,7 +80,7 @@ def estimate_placement(
 
 
 def _find_unreached_station(path: PlanningPath, candidates: CandidateGrid) -> PlacementEstimate | None:
-    """The first station that must be reached and is not."""
+    """Return the estimate of the first required station that is not reached; None where all are."""
     needed = path.may_touch[path.stations]
     lost = np.flatnonzero(needed & ~candidates.feasible.any(axis=(1, 2, 3)))
     if not len(lost):
@@ -88,7 +92,12 @@ def _find_unreached_station(path: PlanningPath, candidates: CandidateGrid) -> Pl
 
 
 def find_unreachable_reason(candidates: CandidateGrid, s: int) -> InfeasibilityReason:
-    """Why station ``s`` is not reached, of the configuration that came furthest."""
+    """Return why a station is not reached, for the configuration that came furthest.
+
+    Args:
+        candidates: candidate grid.
+        s: station.
+    """
     return InfeasibilityReason(
         int(
             np.where(

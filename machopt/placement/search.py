@@ -1,6 +1,6 @@
-"""Best first: every place is looked at, the promising ones are planned wholly, until none left can be better.
+"""Best-first search: every place is assessed, and the best are planned fully, until no remaining place can be better.
 
-What is found is written to a journal as it is found, so that a run that was stopped goes on where it was.
+Results are written to a journal at once, so that a stopped run continues where it ended.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ from machopt.placement.support_check import SupportModel
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
 from machopt.planning.pipeline.plan import Plan
 
-RIGID_FACTOR = 1e9  # times a joint's stiffness: it gives no more
-NEIGHBOUR_DISTANCE_M = 0.020  # m: how far the best places are moved to see how sensitive they are
+RIGID_FACTOR = 1e9  # times a joint's stiffness: practically rigid
+NEIGHBOUR_DISTANCE_M = 0.020  # m: shift of the best places for the sensitivity
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class CandidateQuery:
-    """A place that is to be looked at; ``why`` nothing can stand there, empty where something can."""
+    """A place to assess, with the reason why it is impossible, empty where it is possible."""
 
     number: int
     shift: PlacementShift
@@ -63,12 +63,12 @@ class CandidateQuery:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlacementSite:
-    """A cell and its jobs, ready to be looked at from anywhere."""
+    """A cell and its jobs, prepared for assessment in any process."""
 
     cell: Cell
     toolpaths: tuple[Toolpath, ...]
     options: PlanOptions
-    jobs: tuple[tuple[SegmentTask, ...], ...]  # one a toolpath, each of one task a tool that is on
+    jobs: tuple[tuple[SegmentTask, ...], ...]  # one per toolpath, each with one task per tool
     moved_bodies: MovedBodies
     supports: SupportModel
 
@@ -81,10 +81,14 @@ class PlacementSite:
         search: PlacementOptions,
         stints: Sequence[Sequence[ToolSegment]] | None = None,
     ) -> PlacementSite:
-        """Make everything ready.
+        """Prepare a cell and its jobs.
 
         Args:
-            stints: of each toolpath, cut where it changes tools; None: none does.
+            cell: robot cell.
+            toolpaths: jobs.
+            options: plan options.
+            search: search options.
+            stints: of each toolpath, divided at tool changes; None: no tool changes.
         """
         standing = SupportModel.build(cell)
         names = select_moved_obstacles(
@@ -101,11 +105,15 @@ class PlacementSite:
 
     @property
     def has_free_external_joints(self) -> bool:
-        """External joints may choose where they stand: bounds are over a grid of their values."""
+        """Whether external joints are free: bounds are then over a grid of their values."""
         return any(task.has_free_external_joints for job in self.jobs for task in job)
 
     def estimate_jobs(self, shift: PlacementShift) -> tuple[PlacementEstimate, ...]:
-        """One a job; none after the first that is not reached."""
+        """Return one estimate per job; none after the first that is not reached.
+
+        Args:
+            shift: shift of the place.
+        """
         out: list[PlacementEstimate] = []
         for job in self.jobs:
             found: list[PlacementEstimate] = []
@@ -117,7 +125,11 @@ class PlacementSite:
         return tuple(out)
 
     def evaluate_candidate(self, asked: CandidateQuery) -> PlacementCandidate:
-        """Look at a place."""
+        """Assess a place.
+
+        Args:
+            asked: place to assess.
+        """
         number, shift = asked.number, asked.shift
         if asked.refusal_reason:
             return PlacementCandidate(number=number, shift=shift, refused=asked.refusal_reason)
@@ -143,15 +155,21 @@ class PlacementSite:
         )
 
     def plan_candidate(self, place: PlacementCandidate) -> PlannedPlacement:
-        """Plan every job there, to its motion."""
-        begun = time.perf_counter()
+        """Plan every job at a place, including its motion.
+
+        Args:
+            place: assessed place.
+        """
+        start_time = time.perf_counter()
         worst, mean, cycle, softest = [], [], 0.0, []
         for toolpath, job in zip(self.toolpaths, self.jobs, strict=True):
             stints = [task.stint for task in job]
             one, seconds, why = plan_at_placement(stints, self.moved_bodies, place.shift, self.options)
             if why:
                 return PlannedPlacement(
-                    place=place, refused=f"no motion for {toolpath.source}: {why}", seconds=time.perf_counter() - begun
+                    place=place,
+                    refused=f"no motion for {toolpath.source}: {why}",
+                    seconds=time.perf_counter() - start_time,
                 )
             worst.append(one.chosen.objective.worst * one.scores.scale)
             mean.append(one.chosen.objective.mean * one.scores.scale)
@@ -166,7 +184,7 @@ class PlacementSite:
             point=softest[hardest][0],
             shares=softest[hardest][1],
             cycle_time=cycle,
-            seconds=time.perf_counter() - begun,
+            seconds=time.perf_counter() - start_time,
         )
 
 
@@ -175,23 +193,23 @@ def find_best_placement(
     search: PlacementOptions,
     journal: SearchJournal,
     progress: Progress = lambda _: None,
-    hands: PlacementExecutor | None = None,
+    executor: PlacementExecutor | None = None,
 ) -> PlacementSearchResult:
-    """Look at every place, plan the promising ones.
+    """Assess every place and plan the best ones.
 
     Args:
         site: cell and jobs.
         search: ranges and limits.
-        journal: of what an earlier run found.
-        progress: told what is done.
-        hands: who looks and plans; None: this process. The answer is the same, but for what ``search.seconds`` cuts.
+        journal: with the results of an earlier run.
+        progress: called with progress messages.
+        executor: executor; None: this process. The result is the same, except for the time limit ``search.seconds``.
     """
-    begun = time.monotonic()
-    work = InProcessExecutor(site) if hands is None else hands
-    places = _evaluate_grid(site, search, journal, progress, begun, work)
+    start_time = time.monotonic()
+    work = InProcessExecutor(site) if executor is None else executor
+    places = _evaluate_grid(site, search, journal, progress, start_time, work)
     by_number = {p.number: p for p in places}
     planned: dict[int, PlannedPlacement] = {}
-    ahead: dict[int, PlannedPlacement] = {}  # planned before its turn has come
+    ahead: dict[int, PlannedPlacement] = {}  # planned ahead of its turn
 
     def whole(place: PlacementCandidate, then: Iterable[PlacementCandidate] = ()) -> None:
         if place.number not in ahead:
@@ -219,22 +237,22 @@ def find_best_placement(
         if len(planned) >= search.plans:
             stopped = f"after {search.plans} plans"
             break
-        if time.monotonic() - begun > search.seconds and values:
+        if time.monotonic() - start_time > search.seconds and values:
             stopped = f"after {search.seconds / 60:.3g} min"
             break
-        told = f", best so far {1e3 * values[0]:.4g}" if values else ""
-        progress(f"plan {len(planned) + 1} of at most {search.plans}: {place.shift.text}{told}")
+        best_text = f", best so far {1e3 * values[0]:.4g}" if values else ""
+        progress(f"plan {len(planned) + 1} of at most {search.plans}: {place.shift.text}{best_text}")
         whole(place, queue[turn + 1 :])
-    left = min((p.bound for p in queue if p.number not in planned), default=np.inf)
+    remaining = min((p.bound for p in queue if p.number not in planned), default=np.inf)
     grid = PlacementSearchResult(
         carried=site.moved_bodies,
         places=tuple(places),
         planned=tuple(planned.values()),
         around={},
-        open_bound=left,
+        open_bound=remaining,
         stopped=stopped,
     )
-    if grid.best and time.monotonic() - begun < search.seconds:
+    if grid.best and time.monotonic() - start_time < search.seconds:
         progress("between the places of the grid")
         finer = _refine_best(site, grid.best[0].place, search, len(places), work)
         if finer is not None:
@@ -245,7 +263,7 @@ def find_best_placement(
         places=tuple(places),
         planned=tuple(planned.values()),
         around={},
-        open_bound=left,
+        open_bound=remaining,
         stopped=stopped,
     )
     progress("around the best")
@@ -257,18 +275,18 @@ def _evaluate_grid(
     search: PlacementOptions,
     journal: SearchJournal,
     progress: Progress,
-    begun: float,
-    hands: PlacementExecutor,
+    start_time: float,
+    executor: PlacementExecutor,
 ) -> list[PlacementCandidate]:
     refusal = site.supports.build_shift_check(site.moved_bodies.names, base=search.base)
     every = build_shift_grid(search)
     known = {k: place for k, shift in enumerate(every) if (place := journal.find_candidate(k, shift)) is not None}
     todo = [k for k in range(len(every)) if k not in known]
-    size = 1  # the first alone: after an installation it compiles, and the others find that done
-    while todo and not (known and time.monotonic() - begun > search.seconds):
+    size = 1  # the first alone: after an installation it compiles the kernels for the others
+    while todo and not (known and time.monotonic() - start_time > search.seconds):
         now, todo = todo[:size], todo[size:]
-        size = 1 if hands.worker_count == 1 else 4 * hands.worker_count
-        asked = [
+        size = 1 if executor.worker_count == 1 else 4 * executor.worker_count
+        queries = [
             CandidateQuery(
                 k,
                 every[k],
@@ -277,7 +295,8 @@ def _evaluate_grid(
             for k in now
         ]
         known |= {
-            place.number: journal.append(place) for place in hands.map_items(PlacementSite.evaluate_candidate, asked)
+            place.number: journal.append(place)
+            for place in executor.map_items(PlacementSite.evaluate_candidate, queries)
         }
         if now[-1] % 10 == 0 or size > 1 or not todo:
             progress(f"place {len(known)} of {len(every)}, {sum(p.is_feasible for p in known.values())} within reach")
@@ -286,9 +305,9 @@ def _evaluate_grid(
 
 
 def _refine_best(
-    site: PlacementSite, best: PlacementCandidate, search: PlacementOptions, number: int, hands: PlacementExecutor
+    site: PlacementSite, best: PlacementCandidate, search: PlacementOptions, number: int, executor: PlacementExecutor
 ) -> PlacementCandidate | None:
-    """A better place near the best of the grid, by what the grid of rotations comes to there; None: there is none.
+    """Return a better place near the best of the grid, by the grid's best sequence there; None: there is none.
 
     Steps along one axis at a time, each from the best so far, of half, a quarter and an eighth of the grid's.
     """
@@ -301,7 +320,7 @@ def _refine_best(
                 clip_shift(search, replace(now.shift, **{axis: getattr(now.shift, axis) + sign * size}))
                 for sign in ((-1.0, 1.0) if size else ())
             ]
-            asked = [
+            queries = [
                 CandidateQuery(
                     number, shift, refusal.find_refusal_reason(shift, shift.build_matrix(site.moved_bodies.centre))
                 )
@@ -310,7 +329,7 @@ def _refine_best(
             ]
             better = (
                 p
-                for p in hands.map_items(PlacementSite.evaluate_candidate, asked)
+                for p in executor.map_items(PlacementSite.evaluate_candidate, queries)
                 if p.is_feasible and p.worst < now.worst
             )
             now = next(better, now)
@@ -318,28 +337,30 @@ def _refine_best(
 
 
 def _evaluate_neighbours(
-    site: PlacementSite, best: list[PlacementCandidate], search: PlacementOptions, hands: PlacementExecutor
+    site: PlacementSite, best: list[PlacementCandidate], search: PlacementOptions, executor: PlacementExecutor
 ) -> dict[int, tuple[NearbyPlacement, ...]]:
     refusal = site.supports.build_shift_check(site.moved_bodies.names, base=search.base)
-    asked, moved_by = [], []
+    queries, moved_by = [], []
     for place in best:
         for axis in "xyz":
             for sign in (-1.0, 1.0):
                 shift = replace(place.shift, **{axis: getattr(place.shift, axis) + sign * NEIGHBOUR_DISTANCE_M})
-                asked.append(
+                queries.append(
                     CandidateQuery(
                         -1, shift, refusal.find_refusal_reason(shift, shift.build_matrix(site.moved_bodies.centre))
                     )
                 )
                 moved_by.append((place.number, f"{axis} {sign * 1e3 * NEIGHBOUR_DISTANCE_M:+.0f} mm"))
     out: dict[int, tuple[NearbyPlacement, ...]] = {place.number: () for place in best}
-    for (number, way), found in zip(moved_by, hands.map_items(PlacementSite.evaluate_candidate, asked), strict=True):
+    for (number, way), found in zip(
+        moved_by, executor.map_items(PlacementSite.evaluate_candidate, queries), strict=True
+    ):
         out[number] += (NearbyPlacement(found.shift, way, found.refused, found.worst),)
     return out
 
 
 def _combine_tools(found: Sequence[PlacementEstimate], length: Sequence[float]) -> PlacementEstimate:
-    """One job of several tools: the worst of all, the mean by what each cuts."""
+    """Return one job of several tools: the worst of all, the mean weighted by the cut length."""
     if len(found) == 1:
         return found[0]
     worst = max(found, key=lambda one: one.bound)
@@ -349,7 +370,7 @@ def _combine_tools(found: Sequence[PlacementEstimate], length: Sequence[float]) 
 
 
 def _find_softest_point(whole: Plan) -> tuple[float, tuple[float, ...]]:
-    """Where the index is worst, as a toolpath index, and the share of it that would go if each joint were rigid."""
+    """Return the toolpath index of the worst index, and the share of it that would vanish if each joint were rigid."""
     cost = np.where(whole.path.counted, whole.chosen.cost, -np.inf)
     at = int(np.nanargmax(cost))
     one, row = whole.at(at)

@@ -1,4 +1,4 @@
-"""What is searched: ranges of the shift, how many places, and what moves."""
+"""Search options: ranges of the shift, number of places, and moved bodies."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import build_transform, compute_axis_rotation
 
 UP_AXIS = np.array([0.0, 0.0, 1.0])
-ROTATION_LEVER_M = 0.3  # m per rad: how far a turn counts as a shift when the places are spread
-MAX_SHIFT_M = 20.0  # m; a longer shift is a length in another unit
+ROTATION_LEVER_M = 0.3  # m per rad: equivalent shift of a rotation for the grid of places
+MAX_SHIFT_M = 20.0  # m; a longer shift is probably in another unit
 
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True, order=True)
 class PlacementShift:
-    """A place, as the way to it from where the cell has the part (or the base), along the axes of the world."""
+    """A place, as the shift of the part (or the base) from its place in the cell, along the axes of the world."""
 
     x: float = 0.0  # m
     y: float = 0.0
@@ -29,13 +29,17 @@ class PlacementShift:
     turn: float = 0.0  # rad, about the world's z axis through the centre of the toolpaths (or base_link's origin)
 
     def build_matrix(self, centre: Array) -> Array:
-        """(4, 4) what the world pose of a body that moves is multiplied with from the left; ``centre`` (3,) m."""
+        """Return the (4, 4) matrix that multiplies the world pose of a moved body from the left.
+
+        Args:
+            centre: (3,) m, centre of the rotation in world.
+        """
         R = compute_axis_rotation(UP_AXIS, np.array(self.turn))
         return build_transform(R, centre + np.array(self.translation) - R @ centre)
 
     @property
     def text(self) -> str:
-        """For people: mm and degrees, only what is not zero."""
+        """Description in mm and degrees, only values that are not zero."""
         parts = [f"{name} {1e3 * v:+.0f} mm" for name, v in zip("xyz", self.translation, strict=True) if abs(v) >= 5e-4]
         if abs(self.turn) >= 1e-4:
             parts.append(f"turned {degrees(self.turn):+.1f}°")
@@ -51,19 +55,19 @@ NO_SHIFT = PlacementShift()
 
 @dataclass(frozen=True, kw_only=True)
 class PlacementOptions:
-    """What is asked for; lengths in m, angles in rad."""
+    """Options of a placement search; lengths in m, angles in rad."""
 
     x: Range = (-0.3, 0.3)
     y: Range = (-0.3, 0.3)
     z: Range = (0.0, 0.0)
     turn: Range = (0.0, 0.0)
-    places: int = 200  # at most, beside the one the cell has
+    places: int = 200  # maximum number, without the present one
     base: bool = False  # the robot is moved instead of the workpiece
-    carry: tuple[str, ...] | None = None  # obstacles that move along; None: those that hold what moves
-    stay: tuple[str, ...] = ()  # obstacles that do not, though they hold it
-    best: int = 3  # places that are written as whole plans
-    plans: int = 40  # places that are planned wholly, at most
-    seconds: float = 600.0  # then no further place is begun
+    carry: tuple[str, ...] | None = None  # obstacles that move along; None: those that support the moved body
+    stay: tuple[str, ...] = ()  # supporting obstacles that stay
+    best: int = 3  # number of places that are written as full plans
+    plans: int = 40  # maximum number of fully planned places
+    seconds: float = 600.0  # s, time after which no further place is started
 
     def __post_init__(self) -> None:
         for name, (low, high), most, unit in (
@@ -86,10 +90,13 @@ class PlacementOptions:
 
 
 def build_shift_grid(search: PlacementOptions) -> tuple[PlacementShift, ...]:
-    """The places: where the cell has it first, then an even grid over the ranges with as many as asked for at most.
+    """Return the places: the present one first, then an even grid over the ranges with at most the requested number.
+
+    Args:
+        search: search options.
 
     Raises:
-        InputError: the ranges leave no place but the one the cell has.
+        InputError: the ranges contain no place except the present one.
     """
     low = np.array([search.x[0], search.y[0], search.z[0], search.turn[0]])
     high = np.array([search.x[1], search.y[1], search.z[1], search.turn[1]])
@@ -116,7 +123,11 @@ def build_shift_grid(search: PlacementOptions) -> tuple[PlacementShift, ...]:
 
 
 def compute_grid_steps(search: PlacementOptions) -> PlacementShift:
-    """How far apart neighbouring places are; 0 along what has one value."""
+    """Return the distance of neighbouring places; 0 along axes with one value.
+
+    Args:
+        search: search options.
+    """
     ranges = (search.x, search.y, search.z, search.turn)
     span = np.array([high - low for low, high in ranges])
     counts = _count_grid_values(span * [1.0, 1.0, 1.0, ROTATION_LEVER_M], search.places)
@@ -124,7 +135,12 @@ def compute_grid_steps(search: PlacementOptions) -> PlacementShift:
 
 
 def clip_shift(search: PlacementOptions, shift: PlacementShift) -> PlacementShift:
-    """The shift brought back into the ranges."""
+    """Return the shift clipped to the ranges.
+
+    Args:
+        search: search options.
+        shift: shift to clip.
+    """
     ranges = (search.x, search.y, search.z, search.turn)
     return PlacementShift(
         *(float(np.clip(v, *r)) for v, r in zip((*shift.translation, shift.turn), ranges, strict=True))
@@ -132,7 +148,7 @@ def clip_shift(search: PlacementOptions, shift: PlacementShift) -> PlacementShif
 
 
 def _count_grid_values(size: Array, most: int) -> tuple[int, ...]:
-    """How many values along each axis: one step for all of them, as small as ``most`` places allow."""
+    """Return the number of values along each axis: one step for all of them, as small as ``most`` places allow."""
     moving = size > 0
     if not moving.any():
         return (1,) * len(size)

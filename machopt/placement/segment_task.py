@@ -1,4 +1,4 @@
-"""What one tool cuts of one toolpath, ready to be looked at from anywhere."""
+"""Placement task of one tool of one toolpath, prepared for assessment in any process."""
 
 from __future__ import annotations
 
@@ -33,15 +33,21 @@ from machopt.planning.stations.planning_path import PlanningPath, build_planning
 
 @dataclass(frozen=True, eq=False)
 class SegmentTask:
-    """A stint; its springs and its chain are the same at every place."""
+    """One tool's toolpath; its springs and its kinematic chain are the same at every place."""
 
     stint: ToolSegment
     setup: PlanningSetup  # without collisions
-    path: PlanningPath  # external joints where they are locked, else at home
-    groups: tuple[OperationGroup, ...]  # operations that share where external joints stand; empty without these
+    path: PlanningPath  # external joints at their locked values, else at home
+    groups: tuple[OperationGroup, ...]  # operations that share external joint values; empty without external joints
 
     @classmethod
     def build(cls, stint: ToolSegment, options: PlanOptions) -> SegmentTask:
+        """Prepare one tool's toolpath.
+
+        Args:
+            stint: toolpath of one tool.
+            options: plan options.
+        """
         cell, path = stint.cell, build_planning_path(stint.toolpath)
         setup = prepare_planning(cell, replace(options, collision=False))
         if not cell.external_joints:
@@ -54,17 +60,23 @@ class SegmentTask:
 
     @property
     def has_free_external_joints(self) -> bool:
-        """External joints may choose where they stand."""
+        """Whether external joints are free."""
         return any((g.high > g.low).any() for g in self.groups)
 
     @property
     def cut_length(self) -> float:
-        """m that are cut."""
+        """Length cut in m."""
         step = np.linalg.norm(np.diff(self.path.position, axis=0), axis=1)
         return float(step @ self.path.counted[1:])
 
     def estimate(self, carried: MovedBodies, shift: PlacementShift, options: PlanOptions) -> PlacementEstimate:
-        """What a place promises."""
+        """Return the estimate of a place.
+
+        Args:
+            carried: moved bodies.
+            shift: shift of the place.
+            options: plan options.
+        """
         cell = move_cell(self.setup.driven, carried, shift)
         arm = PlanningArm.of(cell, self.setup.arm.solver, load_machine(cell, self.setup.robot), options)
         if self.has_free_external_joints:
@@ -75,7 +87,12 @@ class SegmentTask:
 
 
 def build_single_segment(cell: Cell, toolpath: Toolpath) -> tuple[ToolSegment, ...]:
-    """A job that changes no tools."""
+    """Return a job without tool changes.
+
+    Args:
+        cell: robot cell.
+        toolpath: toolpath of the job.
+    """
     home = cell.joints_at_home
     return (ToolSegment(cell=cell, toolpath=toolpath, whole=toolpath, first=0, begin=home, end=home),)
 
@@ -83,31 +100,39 @@ def build_single_segment(cell: Cell, toolpath: Toolpath) -> tuple[ToolSegment, .
 def plan_at_placement(
     stints: Sequence[ToolSegment], carried: MovedBodies, shift: PlacementShift, options: PlanOptions
 ) -> tuple[Plan, float, str]:
-    """A job planned at a place, to its motion: the plan, its time in s, and why there is no motion (else empty)."""
-    here = [replace(stint, cell=move_cell(stint.cell, carried, shift)) for stint in stints]
+    """Plan a job at a place, including its motion; return the plan, its time in s, and why there is no motion (else
+    empty).
+
+    Args:
+        stints: toolpath of each tool.
+        carried: moved bodies.
+        shift: shift of the place.
+        options: plan options.
+    """
+    moved_stints = [replace(stint, cell=move_cell(stint.cell, carried, shift)) for stint in stints]
     plans: list[Plan] = []
-    for stint in here:
-        plans.append(_plan_segment(stint, len(here), plans[0].scores.scale if plans else None, options))
-    scale, bound = plans[0].scores.scale, None  # of all: the worst index is that of the whole job
+    for stint in moved_stints:
+        plans.append(_plan_segment(stint, len(moved_stints), plans[0].scores.scale if plans else None, options))
+    scale, bound = plans[0].scores.scale, None  # common scale: the worst index is that of the whole job
     if len(plans) > 1:
         plans, bound = plan_worst_index_over_tools(plans, compute_length_shares(plans), StageTimings())
 
     def again(stint: ToolSegment) -> Callable[[PlanOptions], Plan]:
-        return lambda other: _plan_segment(stint, len(here), scale if len(here) > 1 else None, other)
+        return lambda other: _plan_segment(stint, len(moved_stints), scale if len(moved_stints) > 1 else None, other)
 
     seconds, why = 0.0, ""
-    for k, stint in enumerate(here):
+    for k, stint in enumerate(moved_stints):
         plans[k], _, timeline = drive_tool_segment(stint, plans[k], options, StageTimings(), again(stint))
         if timeline is None or timeline.trajectory is None:
             why = _get_first_obstruction(plans[k], timeline.obstructions if timeline is not None else ())
             break
         seconds += float(timeline.trajectory.time[-1])
-    done = [ToolSegmentPlan(one, s.first, s.tool) for one, s in zip(plans, here, strict=True)]
+    done = [ToolSegmentPlan(one, s.first, s.tool) for one, s in zip(plans, moved_stints, strict=True)]
     return join_plans(done, bound) if len(done) > 1 else plans[0], seconds, why
 
 
 def _plan_segment(stint: ToolSegment, count: int, scale: float | None, options: PlanOptions) -> Plan:
-    """One tool's plan; between others the machine stands where tools are changed."""
+    """Plan one tool; between tools the machine rests at the tool change position."""
     one = find_best_plan(stint.cell, stint.toolpath, stint.restrict_options(options), StageTimings(), scale=scale)
     begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)
     return replace(one, begin=begin, end=end) if count > 1 else one

@@ -1,8 +1,9 @@
-"""What holds the workpiece or the robot, and whether what moves would stand in something that stays.
+"""Support and collision check of shifted bodies: what supports the workpiece or the robot, and whether moved bodies
+collide with fixed ones.
 
-Two bodies hold each other where less than GAP lies between them. What hangs together with the part moves with it,
-unless something rests on it that stays: its fixture and the fixture's legs move, the floor that robot and fixture stand
-on does not.
+Two bodies support each other where less than CONTACT_GAP_M lies between them. Bodies connected with the part move with
+it, unless a fixed body rests on them: its fixture and the fixture's legs move, the floor below robot and fixture does
+not.
 """
 
 from __future__ import annotations
@@ -24,25 +25,30 @@ from machopt.placement.search_options import PlacementShift
 if TYPE_CHECKING:
     from trimesh.collision import CollisionManager
 
-CONTACT_GAP_M = 0.010  # m; a fixture drawn with so much room below the part still holds it
-HEIGHT_TOLERANCE_M = 1e-6  # m; of two bodies that touch the one whose lowest point is higher rests on the other
-MAX_SINK_M = 1e-3  # m; what rests on something that stays may go down so far
+CONTACT_GAP_M = 0.010  # m; a fixture with this gap below the part still supports it
+HEIGHT_TOLERANCE_M = 1e-6  # m; of two touching bodies the one with the higher lowest point rests on the other
+MAX_SINK_M = 1e-3  # m; maximum downward shift of a body that rests on a fixed one
 PART, BASE = "workpiece", "base_link"
 
 
 @dataclass(frozen=True, eq=False)
 class SupportModel:
-    """The bodies that stand still, in world: the part's as one, those of base_link as one, and the obstacles.
+    """Fixed bodies in world: the part's as one, those of base_link as one, and the obstacles.
 
-    External joints are at home, and each link of a rail or a positioner that has a body is one more.
+    External joints are at home, and each link of a rail or a positioner with a body is one more.
     """
 
     bodies: Mapping[str, tuple[CollisionBody, ...]]
-    T_world_base: Array  # the bodies' vertices are in base_link where the cell has it, all joints at zero
-    links: frozenset[str] = frozenset()  # of them, those of rails and positioners: they never move along
+    T_world_base: Array  # the bodies' vertices are in the cell's base_link, all joints at zero
+    links: frozenset[str] = frozenset()  # bodies of rails and positioners, which never move along
 
     @classmethod
     def build(cls, cell: Cell) -> SupportModel:
+        """Read the bodies of a cell.
+
+        Args:
+            cell: robot cell.
+        """
         robot, shapes = load_chain(cell)
         carriers = LinkCarriers(cell, load_machine(cell, robot))
         machine, found, links = carriers.machine, dict[str, list[CollisionBody]](), set()
@@ -66,28 +72,38 @@ class SupportModel:
         return cls({name: tuple(b) for name, b in found.items()}, cell.T_world_base, frozenset(links))
 
     def find_moved_obstacles(self, *, base: bool) -> frozenset[str]:
-        """Obstacles that move along with the part (or with base_link).
+        """Return the obstacles that move along with the part (or with base_link).
 
-        They hang together with it, and nothing that stays rests on any of them.
+        They are connected with it, and no fixed body rests on any of them.
+
+        Args:
+            base: whether the robot is moved.
         """
         start, other = (BASE, PART) if base else (PART, BASE)
         graph = self._build_contact_graph()
         lowest = {name: min(self._get_lowest_point(b) for b in bodies) for name, bodies in self.bodies.items()}
-        kept = set(graph) - self.links - {other} - graph.get(other, set()) | {start}
+        movable = set(graph) - self.links - {other} - graph.get(other, set()) | {start}
         while True:
-            kept = _find_connected_bodies(graph, start, kept)
-            stays = {m for m in kept - {start} for n in graph[m] - kept if lowest[n] > lowest[m] + HEIGHT_TOLERANCE_M}
+            movable = _find_connected_bodies(graph, start, movable)
+            stays = {
+                m for m in movable - {start} for n in graph[m] - movable if lowest[n] > lowest[m] + HEIGHT_TOLERANCE_M
+            }
             if not stays:
-                return frozenset(kept - {start})
-            kept -= stays
+                return frozenset(movable - {start})
+            movable -= stays
 
     def build_shift_check(self, moving: frozenset[str], *, base: bool) -> ShiftCheck:
-        """What answers for each shift why the cell cannot stand so."""
+        """Return the check of shifts.
+
+        Args:
+            moving: obstacles that move along.
+            base: whether the robot is moved.
+        """
         movers = moving | {BASE if base else PART}
         return ShiftCheck.build(self, frozenset(n for n in self.bodies if n in movers))
 
     def _get_lowest_point(self, body: CollisionBody) -> float:
-        """m above the world's origin, of the lowest point."""
+        """Return the height in m of the lowest point above the world's origin."""
         T = self.T_world_base
         return float((body.vertices @ T[2, :3]).min() + T[2, 3])
 
@@ -107,18 +123,24 @@ class SupportModel:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShiftCheck:
-    """Holds what moves against what stays, place by place."""
+    """Check of moved bodies against fixed ones, place by place."""
 
     supports: SupportModel
     moved_bodies: frozenset[str]
     fixed_bodies: Any  # CollisionManager
     moving: Any
-    touching: frozenset[frozenset[str]]  # pairs that touch where the cell has them
-    resting: tuple[str, ...]  # what stays and carries something that moves
-    existing_supports: tuple[str, ...]  # what stays within GAP of something that moves
+    touching: frozenset[frozenset[str]]  # pairs that touch at the present place
+    resting: tuple[str, ...]  # fixed bodies that carry a moved one
+    existing_supports: tuple[str, ...]  # fixed bodies within CONTACT_GAP_M of a moved one
 
     @classmethod
     def build(cls, standing: SupportModel, movers: frozenset[str]) -> ShiftCheck:
+        """Prepare the check.
+
+        Args:
+            standing: bodies of the cell.
+            movers: names of the moved bodies.
+        """
         moving = _build_collision_manager(
             {n: b for n, b in standing.bodies.items() if n in movers}, standing.T_world_base
         )
@@ -145,7 +167,7 @@ class ShiftCheck:
         )
 
     def find_lost_supports(self, S: Array) -> tuple[str, ...]:
-        """What stays and holds what moves today, and would be farther than GAP from it at a place.
+        """Return the fixed bodies that support a moved body now, and would be farther than CONTACT_GAP_M from it.
 
         Args:
             S: (4, 4) the shift in world.
@@ -166,7 +188,12 @@ class ShiftCheck:
                 self.moving.set_transform(f"{name}#{k}", S)
 
     def find_refusal_reason(self, shift: PlacementShift, S: Array) -> str:
-        """One sentence, empty where the cell can stand so. S (4, 4): the shift in world."""
+        """Return one sentence why the cell is impossible at a place, empty where it is possible.
+
+        Args:
+            shift: shift of the place.
+            S: (4, 4) the shift in world.
+        """
         if self.resting and shift.z < -MAX_SINK_M:
             return f"it rests on {', '.join(self.resting)} and would sink into it"
         self._move_bodies(S)
@@ -180,7 +207,7 @@ class ShiftCheck:
         return self._find_contained_body(S)
 
     def _find_contained_body(self, S: Array) -> str:
-        """A body wholly inside another touches no surface."""
+        """Return a body wholly inside another one, which touches no surface."""
         T = self.supports.T_world_base
         back = np.linalg.inv(T) @ S @ T
         for name in sorted(self.moved_bodies):
@@ -197,7 +224,7 @@ class ShiftCheck:
 
 
 def _move_body(body: CollisionBody, R: Array, p: Array) -> CollisionBody:
-    """The body elsewhere; the spheres around it are not asked for here."""
+    """Return the moved body; the spheres around it are not updated, because they are not used here."""
     vertices, centre = body.vertices @ R.T + p, R @ body.box_centre + p
     return replace(body, vertices=vertices, box_rotation=R @ body.box_rotation, box_centre=centre)
 
@@ -219,7 +246,7 @@ def _format_name(name: str) -> str:
 
 
 def _find_connected_bodies(graph: Mapping[str, set[str]], start: str, among: set[str]) -> set[str]:
-    """What hangs together with a body, by way of ``among`` only."""
+    """Return the bodies connected with a body, through bodies of ``among`` only."""
     found, front = {start}, {start}
     while front:
         front = {n for name in front for n in graph.get(name, set())} & among - found

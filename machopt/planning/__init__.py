@@ -1,5 +1,5 @@
-"""From a path to a plan: a step is a file that owns its result type, a room is some steps.
+"""Planning of a job: from a path to a plan with rotation, joints, external axes and time law.
 
-``pipeline/run.py`` draws the arrows. A contract in pyproject.toml says which room may use which, and
-docs/architecture.md tells what each is for.
+Each subpackage owns the result types of its steps. ``pipeline/path_planner.py`` calls the steps in order.
+A contract in pyproject.toml defines which subpackage may import which; docs/architecture.md describes each.
 """

@@ -1,7 +1,7 @@
-"""What others would do with the same path: the CAM default rotation, and the method of jiao2022 (sections 3.2 and 4).
+"""Baseline plans for the same path: the CAM default rotation and the method of jiao2022 (sections 3.2 and 4).
 
-Both follow one configuration per run by continuity and take no part in the global choice; they are the yardsticks of
-the report, and ``--method jiao2022`` plans with the second.
+Both follow one configuration per run by continuity and do not use the global sequence search. The report compares
+the plan with them; ``--method jiao2022`` plans with the second.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from machopt.stiffness.arm_stiffness import ArmElasticity
 
 Ints = NDArray[np.int32]
 STEP = np.radians(10.0)  # Δθ of eq. 26
-LEAST_TILT = np.radians(30.0)  # a tool axis nearer to base z leaves the roll about it without a meaning
+LEAST_TILT = np.radians(30.0)  # minimum angle between tool axis and base z; below it the roll is undefined
 JUMP = float(np.radians(60.0))  # a larger joint step between neighbouring points is a change of configuration
 
 TURN = 2.0 * np.pi
@@ -40,7 +40,16 @@ OK, LIMIT, UNREACHABLE, NO_PATH = (
 
 
 def plan_cam_default(path: PlanningPath, arm: PlanningArm, home: Array) -> JointAssignment:
-    """gamma = 0 at every point, in the configuration nearest to the one before (home first)."""
+    """Return the baseline with gamma = 0 at every point, in the configuration nearest to the previous one (home first).
+
+    Args:
+        path: planning points of the job.
+        arm: arm model with its inverse kinematics, joint limits and margins.
+        home: (6,) rad, configuration from which the first point is approached.
+
+    Returns:
+        Rotation, joints and infeasibility reason at each planning point.
+    """
     return _follow(path, arm, _unwrapped(path, -path.offset), home)
 
 
@@ -53,13 +62,25 @@ def plan_jiao2022(
     home: Array,
     options: PlanOptions,
 ) -> JointAssignment:
-    """Best rotation in 10° steps at the key points, interpolated in between.
+    """Return the baseline of jiao2022: best rotation in 10° steps at the key points, interpolated in between.
 
     Key points are the ends of each milling run, and the first and last hole of the drilling. Between
     them the roll ψ about the tool axis, measured against the base frame (eqs. 27–32), changes in proportion to
-    the coordinate with the longest way (eq. 34) for holes and to the index (eq. 35) for trajectories. Eq. 33
-    prints φ_x = γ₁″ − γ_n″, which with eqs. 34–35 would lead away from the end point; the sign that arrives
-    there is used.
+    the coordinate with the longest travel (eq. 34) for holes and to the index (eq. 35) for trajectories. Eq. 33
+    prints φ_x = γ₁″ − γ_n″, which with eqs. 34–35 leads away from the end point. The sign that reaches
+    the end point is used.
+
+    Args:
+        path: planning points of the job.
+        arm: arm model with its inverse kinematics, joint limits and margins.
+        elasticity: compliance model of the arm.
+        directions: process force and its directions at each planning point.
+        collision: collision model; None skips the collision check of the key points.
+        home: (6,) rad, configuration from which the first key point is approached.
+        options: rotation bounds and stiffness index.
+
+    Returns:
+        Rotation, joints and infeasibility reason at each planning point.
     """
     index = "jiao2022" if options.index == "auto" else options.index
     phi = np.full(len(path.index), np.nan)
@@ -68,13 +89,13 @@ def plan_jiao2022(
         best, start = _best_rotations(path, arm, elasticity, directions, collision, keys, start, options, index)
         roll = _roll(path, arm, rows)  # keys are the first and the last of rows
         psi = roll[[0, -1]] + best
-        turned = psi[0] + fraction * wrap_angle(psi[1] - psi[0])
-        phi[rows] = turned - roll
-    for first, last in path.runs:  # plunges and approaches keep the rotation of the point they serve
+        rotated = psi[0] + fraction * wrap_angle(psi[1] - psi[0])
+        phi[rows] = rotated - roll
+    for first, last in path.runs:  # plunges and approaches keep the rotation of their cutting point
         run = slice(first, last + 1)
         known = np.flatnonzero(np.isfinite(phi[run]))
         if len(known):
-            between = 0.5 * (known[1:] + known[:-1])  # from one known point's half of the way to the next one's
+            between = 0.5 * (known[1:] + known[:-1])  # midpoints between known points
             phi[run] = phi[run][known[np.searchsorted(between, np.arange(last - first + 1))]]
         else:
             phi[run] = 0.0
@@ -82,11 +103,12 @@ def plan_jiao2022(
 
 
 def _roll(path: PlanningPath, arm: PlanningArm, rows: Ints) -> Array:
-    """ψ at phi = 0 of ``rows``: the angle x of R = Rz Ry Rx about the tool axis (eq. 27; the paper's tool x is our z).
+    """Return ψ at phi = 0 of ``rows``: the angle x of R = Rz Ry Rx about the tool axis (eq. 27; the paper's tool x is
+    our z).
 
-    Where a tool axis comes near the base z axis that angle is undefined (β = ±90°: a spindle pointing down, as in the
-    paper's own Table 2) and turns wildly about it; for such a group the base axis farthest from all its tool axes takes
-    the place of z.
+    Where a tool axis is nearly parallel to the base z axis, that angle is undefined (β = ±90°: a spindle pointing down,
+    as in the paper's own Table 2) and changes rapidly. For such a group, the base axis farthest from all its tool axes
+    replaces z.
     """
     R = arm.in_base(path.external[rows], compute_tcp_poses(path, rows, np.zeros(len(rows))))[:, :3, :3]
     across = np.linalg.norm(R[:, :, :2], axis=2).min(axis=0)  # (3,) sine between each base axis and the tool, at worst
@@ -96,7 +118,7 @@ def _roll(path: PlanningPath, arm: PlanningArm, rows: Ints) -> Array:
 
 
 def _groups(path: PlanningPath, arm: PlanningArm) -> list[tuple[Ints, Ints, Array]]:
-    """Key points, the points between them, and the proportion (0…1) of each."""
+    """Return per group: the key points, the points between them, and the proportion (0…1) of each."""
     counted = path.counted
     position = arm.directions(path.external, path.position)
     groups, holes = [], []
@@ -130,7 +152,9 @@ def _best_rotations(
     options: PlanOptions,
     index: str,
 ) -> tuple[Array, Array]:
-    """Steps 1–5 of section 3.2: the stiffest of the 10° rotations per key point, in the branch nearest to ``start``."""
+    """Apply steps 1–5 of section 3.2: the stiffest of the 10° rotations per key point, in the branch nearest to
+    ``start``.
+    """
     low, high = options.rotation_range
     grid = np.arange(-18, 18) * STEP
     q, why = _solve(path, arm, keys, np.broadcast_to(grid, (len(keys), len(grid))))
@@ -139,11 +163,11 @@ def _best_rotations(
     ok = why == InfeasibilityReason.OK  # (K, R, B)
     distance = np.where(ok[0], np.abs(q[0] - start).max(axis=-1), np.inf).min(axis=0)  # (B,) nearest to start
     for b in np.argsort(distance, kind="stable"):
-        if collision is not None:  # step 4: interfered configurations are abandoned
+        if collision is not None:  # step 4: colliding configurations are removed
             for i in range(len(keys)):
                 rotations = np.flatnonzero(ok[i, :, b])
-                stands = path.whole(q[i, rotations, b], np.full(len(rotations), keys[i]))
-                ok[i, rotations, b] = ~collision.check_configurations(stands, np.ones(len(rotations), bool)).hit
+                configurations = path.whole(q[i, rotations, b], np.full(len(rotations), keys[i]))
+                ok[i, rotations, b] = ~collision.check_configurations(configurations, np.ones(len(rotations), bool)).hit
         if ok[:, :, b].any(axis=1).all():
             break
     else:
@@ -178,7 +202,7 @@ def _unwrapped(path: PlanningPath, phi: Array) -> Array:
 
 
 def _follow(path: PlanningPath, arm: PlanningArm, phi: Array, home: Array) -> JointAssignment:
-    """Per point the feasible configuration nearest to the one before; NaN where there is none."""
+    """Select per point the feasible configuration nearest to the previous one; NaN where there is none."""
     every = np.arange(len(path.index), dtype=np.int32)
     poses = arm.in_base(path.external, compute_tcp_poses(path, every, phi)) @ invert_transform(arm.T_flange_tcp)
     branches = arm.solver.solve(poses)
@@ -194,23 +218,27 @@ def _follow(path: PlanningPath, arm: PlanningArm, phi: Array, home: Array) -> Jo
 
 @jit_compile
 def _nearest_to_last(
-    every: Array,
-    why: NDArray[np.uint8],
+    solutions: Array,
+    reasons: NDArray[np.uint8],
     starts: NDArray[np.bool_],
     turns: Array,
     lower: Array,
     upper: Array,
     home: Array,
 ) -> tuple[Array, Ints, NDArray[np.uint8]]:
-    """Per point the feasible configuration nearest to the one before: q (P, 6), its branch, the reason where none is.
+    """Select per point the feasible configuration nearest to the previous one: q (P, 6), branch, and reason where none
+    exists.
 
     Args:
-        every: (P, B, 6) rad, all branches of a point, NaN where there is none.
-        why: (P, B) of each.
-        starts: (P,) a rapid move ends here: any turn of the joints will do where the nearest does not fit.
-        turns: (K, 6) rad, multiples of a turn; lower, upper, home (6,) rad.
+        solutions: (P, B, 6) rad, all branches of a point, NaN where there is none.
+        reasons: (P, B) infeasibility reason of each branch.
+        starts: (P,) a rapid move ends here: any turn of the joints is accepted where the nearest one violates a limit.
+        turns: (K, 6) rad, multiples of a full turn.
+        lower: (6,) rad, lower joint limits.
+        upper: (6,) rad, upper joint limits.
+        home: (6,) rad, configuration before the first point.
     """
-    count, branches = every.shape[0], every.shape[1]
+    count, branches = solutions.shape[0], solutions.shape[1]
     q, branch = np.full((count, 6), np.nan), np.full(count, -1, np.int32)
     reason = np.full(count, UNREACHABLE, np.uint8)
     last, near = home.copy(), np.empty((branches, 6))
@@ -218,30 +246,30 @@ def _nearest_to_last(
     for p in range(count):
         any_fits = False
         for b in range(branches):
-            fits[b] = why[p, b] == OK
+            fits[b] = reasons[p, b] == OK
             for c in range(6):
-                near[b, c] = every[p, b, c] + TURN * np.round((last[c] - every[p, b, c]) / TURN)
+                near[b, c] = solutions[p, b, c] + TURN * np.round((last[c] - solutions[p, b, c]) / TURN)
                 fits[b] = fits[b] and lower[c] <= near[b, c] <= upper[c]
             any_fits = any_fits or fits[b]
         if starts[p] and not any_fits:
             for b in range(branches):
                 fits[b] = False
                 for k in range(len(turns)):
-                    inside = why[p, b] == OK
+                    inside = reasons[p, b] == OK
                     for c in range(6):
-                        x = every[p, b, c] + turns[k, c]
+                        x = solutions[p, b, c] + turns[k, c]
                         inside = inside and lower[c] <= x <= upper[c]
                     if inside:
                         for c in range(6):
-                            near[b, c] = every[p, b, c] + turns[k, c]
+                            near[b, c] = solutions[p, b, c] + turns[k, c]
                         fits[b] = any_fits = True
                         break
         if not any_fits:
-            furthest, exists = 0, False
+            latest_reason, exists = 0, False
             for b in range(branches):
-                furthest = max(furthest, why[p, b])
-                exists = exists or why[p, b] != UNREACHABLE
-            reason[p] = max(furthest, LIMIT) if exists else UNREACHABLE
+                latest_reason = max(latest_reason, reasons[p, b])
+                exists = exists or reasons[p, b] != UNREACHABLE
+            reason[p] = max(latest_reason, LIMIT) if exists else UNREACHABLE
             continue
         least, which = np.inf, 0
         for b in range(branches):

@@ -1,9 +1,9 @@
-"""Results of steps kept from one plan to the next, by everything they follow from: a steered job is planned again with
-most of its runs as they were.
+"""Cache of step results between plans, keyed by all inputs of a step: a re-planned job reuses its unchanged runs.
 
-A step asks for its result with the very inputs it hangs on, arrays by their bytes. So what is taken from an earlier
-plan is, to the last bit, what would be computed now; whoever plans without a store computes it. ``view`` keeps one from
-plan to plan; a job with external joints has one for itself, as a motion is tried before its plan is taken.
+A step passes every input it depends on; arrays are hashed by their bytes. A cached result is therefore identical, to
+the
+last bit, to a newly computed one. Without an active cache each step computes its result. ``view`` keeps one cache
+from plan to plan. A job with external joints has its own cache, because a motion is tried before its plan is accepted.
 """
 
 from __future__ import annotations
@@ -27,57 +27,64 @@ from machopt.data_types.plan_options import (
 )
 
 T = TypeVar("T")
-UNUSED = 2  # plans after which a result that none of them asked for is forgotten
+UNUSED = 2  # number of plans without use after which a result is removed
 
 
 @dataclass
 class StepCache:
-    """What steps came to, and how often that was asked for again."""
+    """Results of steps and the number of cache hits and misses."""
 
     results: dict[Hashable, Any] = field(default_factory=dict)
-    used: dict[Hashable, int] = field(default_factory=dict)  # the last plan that asked
-    plan: int = 0
-    found: dict[str, int] = field(default_factory=dict)  # by step, of the plan at work
-    made: dict[str, int] = field(default_factory=dict)
+    used: dict[Hashable, int] = field(default_factory=dict)  # number of the last plan that used the result
+    plan: int = 0  # number of the current plan
+    found: dict[str, int] = field(default_factory=dict)  # cache hits of the current plan by step
+    made: dict[str, int] = field(default_factory=dict)  # cache misses of the current plan by step
 
 
 _AT_WORK: ContextVar[StepCache | None] = ContextVar("store", default=None)
 
 
 @contextlib.contextmanager
-def use_step_cache(store: StepCache) -> Iterator[None]:
-    """Plan with a store; afterwards it forgets what the last UNUSED plans had no use for."""
-    store.plan += 1
-    store.found, store.made = {}, {}
-    token = _AT_WORK.set(store)
+def use_step_cache(cache: StepCache) -> Iterator[None]:
+    """Activate a cache for the block; afterwards remove results that the last UNUSED plans did not use.
+
+    Args:
+        cache: cache to read from and to fill.
+    """
+    cache.plan += 1
+    cache.found, cache.made = {}, {}
+    token = _AT_WORK.set(cache)
     try:
         yield
     finally:
         _AT_WORK.reset(token)
-        for key in [k for k, plan in store.used.items() if plan < store.plan - UNUSED]:
-            del store.results[key], store.used[key]
+        for key in [k for k, plan in cache.used.items() if plan < cache.plan - UNUSED]:
+            del cache.results[key], cache.used[key]
 
 
 @contextlib.contextmanager
 def use_temporary_cache() -> Iterator[None]:
-    """Plan with the store at work, or with one that is dropped afterwards."""
+    """Use the active cache, or a temporary one that is discarded after the block."""
     with contextlib.nullcontext() if _AT_WORK.get() is not None else use_step_cache(StepCache()):
         yield
 
 
 def is_cache_active() -> bool:
-    """A store is at work, so that steps are worth being asked for in small parts."""
+    """Return whether a cache is active, so that it pays to request steps in small parts."""
     return _AT_WORK.get() is not None
 
 
 def compute_cached(step: str, inputs: Callable[[], tuple[object, ...]], make: Callable[[], T]) -> T:
-    """The result of a step, from the store where it has it.
+    """Return the result of a step, from the active cache where it is stored.
 
     Args:
-        step: its name.
-        inputs: gives all it follows from: numbers, words, frozen options, arrays, tuples of these, and objects made
-            once for a job (robot, model, limits), which count as the same only where they are the very same.
-        make: computes it. Its arrays are made read-only: nobody may change what others are given, too.
+        step: name of the step.
+        inputs: returns everything the result depends on: numbers, strings, frozen options, arrays, tuples of these, and
+            objects created once per job (robot, model, limits). Such objects are compared by identity.
+        make: computes the result. Its arrays are made read-only, because later callers receive the same arrays.
+
+    Returns:
+        The stored or newly computed result.
     """
     store = _AT_WORK.get()
     if store is None:
@@ -95,7 +102,7 @@ def compute_cached(step: str, inputs: Callable[[], tuple[object, ...]], make: Ca
 
 @dataclass(frozen=True)
 class _Very:
-    """One object, and no other that is equal to it; held, so that nothing else takes its place in memory."""
+    """Identity key of one object; it keeps a reference, so that no other object reuses the address."""
 
     one: Any = field(hash=False, compare=False)
     place: int
@@ -112,7 +119,7 @@ def _key(value: object) -> Hashable:
     if isinstance(
         value, PlanOptions | ProcessForce | ObjectiveWeights | ExternalJointOptions | SteeringRule | FixedRotation
     ):
-        return value  # frozen, of numbers and words
+        return value  # frozen, with numbers and strings only
     return _Very(value, id(value))
 
 

@@ -1,11 +1,10 @@
-"""What a plan needs compiled, with the types it is called with: ``python -m machopt.planning.compiled_kernels`` stores
-it all.
+"""Compiled functions of a plan with their argument types; ``python -m machopt.planning.compiled_kernels`` stores them
+all.
 
-They are compiled while a wheel is built (``.hatch/kernels.py``); what an installation did not bring is compiled when it
-is first called. On such a first run a second process begins with the kernel that is needed last
-(:func:`start_compile_process`), so that two cores share the work: numba itself compiles one function at a time. On
-every later
-run a thread takes what is stored (:func:`preload_kernels_in_thread`) while the job is read.
+They are compiled while a wheel is built (``.hatch/kernels.py``). A function that the installation does not contain is
+compiled at its first call. On such a first run a second process starts with the kernel that is needed last
+(:func:`start_compile_process`), so that two cores share the work: numba compiles one function at a time. On
+every later run a thread loads the stored functions (:func:`preload_kernels_in_thread`) while the job is read.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ _F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[
 _FIXED = "Array(float64, 1, 'C', readonly=True)"
 _P = f"{_F2},{_I1},{_F1},{_F1},{_F2},{_F2}"  # convex parts of a body
 _C = f"{_F3},{_F1},f8,{_I1},{_I1},{_I1}"  # triangles by the cells of a grid
-# triangles of bodies, and of what they are held against
+# triangles of bodies, and of the bodies they are compared with
 _MESHES = f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1}"
 # stations × values × rotations × branches
 _LATTICE = f"{_F2},{_F3},i1[:,:,::1],{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1}"
@@ -91,7 +90,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
 )
 
 
-MORE = (  # what only some plans need: other arms, arms as they are built, external joints, gouges
+MORE = (  # needed by some plans only: other arms, as-built geometry, external joints, gouges
     ("kinematics.inverse.three_parallel_axes", "_solve_all", f"UniTuple(UniTuple(f8,3),13),UniTuple(f8,9),{_F3},{_F3}"),
     ("kinematics.inverse.newton_iteration", "solve_from_rough_starts", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_F2},i8"),
     ("kinematics.inverse.newton_iteration", "remove_duplicate_solutions", f"{_F2},{_I1},{_F1},i8,i8,f8"),
@@ -141,7 +140,7 @@ MORE = (  # what only some plans need: other arms, arms as they are built, exter
     ),
     ("kinematics.inverse.newton_iteration", "polish_branches", f"{_F2},{_F2},{_F2},{_F3},{_F3},i8,f8"),
     ("planning.collision_handling.contact_lookahead", "_neighbours", f"{_I1},b1[::1],b1[:,::1],b1[::1],i8,i8"),
-    # laws with a memory: of a diagnosis, and of a job whose stiffness.yaml has them
+    # laws with memory: of a diagnosis, and of a job whose stiffness.yaml contains them
     ("effects.joint.hysteresis", "_integrate_play", f"{_F1},{_I1},f8"),
     ("effects.joint.hysteresis", "_integrate_drag", f"{_F1},{_I1},f8,f8"),
     ("effects.joint.creep", "_filter_first_order", f"{_F1},{_F1},{_I1},f8"),
@@ -151,16 +150,23 @@ MORE = (  # what only some plans need: other arms, arms as they are built, exter
 
 
 def compile_all(kernels: Iterable[tuple[str, str, str]] = KERNELS[::-1]) -> list[Any]:
-    """Compile what is not stored yet, by default the last first; returns the compiled functions."""
-    made = []
+    """Compile the kernels that are not stored yet, by default in reverse order.
+
+    Args:
+        kernels: module below ``machopt``, function name and argument types of each kernel.
+
+    Returns:
+        The compiled functions.
+    """
+    compiled = []
     for kernel, types in _meant(kernels):
         kernel.compile(types)
-        made.append(kernel)
-    return made
+        compiled.append(kernel)
+    return compiled
 
 
 def _meant(kernels: Iterable[tuple[str, str, str]]) -> Iterator[tuple[Any, tuple[Any, ...]]]:
-    """Each function with the types of its arguments as numba has them: code is stored by these, not by the words."""
+    """Yield each function with numba's normalised argument types, which are the keys of the stored code."""
     from importlib import import_module
 
     from numba.core.sigutils import normalize_signature
@@ -171,44 +177,45 @@ def _meant(kernels: Iterable[tuple[str, str, str]]) -> Iterator[tuple[Any, tuple
 
 @contextmanager
 def preload_kernels_in_thread(*also: str) -> Iterator[None]:
-    """In a thread, take from the store what a plan will call, in that order; nothing is begun any more after the block.
+    """Load the stored kernels of a plan in a thread, in the order of use; none is started after the block.
 
-    Half of that is LLVM's work, without the interpreter's lock. It ends at the first kernel that is not stored: this is
-    a first run then, and compiling is for the plan. It ends at an entry that names nothing, too: a plan needs none of
-    this, and a test holds that there is no such entry.
+    Half of that is LLVM's work without the interpreter lock. The thread stops at the first kernel that is not stored:
+    this
+    is a first run, and the plan compiles its kernels. It also stops at an entry that does not exist. A plan does not
+    depend on the thread, and a test checks that every entry exists.
 
     Args:
-        also: modules that are wanted after the plan, imported last, while compiled code does the planning.
+        also: modules that are needed after the plan, imported last, while compiled code runs.
     """
     from importlib import import_module
 
     from machopt.numerics.compiled_functions import load_stored_kernel
     from machopt.numerics.worker_threads import count_threads
 
-    if count_threads() < 2:  # the plan would wait for it, also for what it does not call
+    if count_threads() < 2:  # the plan would wait for the thread, even for kernels it does not call
         yield
         return
-    over = Event()
+    stopped = Event()
 
     def take_all() -> None:
         with suppress(ImportError, AttributeError):
             for kernel, types in _meant(KERNELS):
-                if over.is_set() or not load_stored_kernel(kernel, types):
+                if stopped.is_set() or not load_stored_kernel(kernel, types):
                     return
             for module in also:
                 import_module(module)
 
-    beside = Thread(target=take_all, name="kernels")
-    beside.start()
+    thread = Thread(target=take_all, name="kernels")
+    thread.start()
     try:
         yield
     finally:
-        over.set()
-        beside.join()
+        stopped.set()
+        thread.join()
 
 
 def start_compile_process() -> subprocess.Popen[bytes] | None:
-    """A second process that compiles, where there is a second core; whoever starts it ends it."""
+    """Start a second process that compiles, where there is a second core; the caller terminates it."""
     if (os.cpu_count() or 1) < 2:
         return None
     try:
@@ -218,12 +225,16 @@ def start_compile_process() -> subprocess.Popen[bytes] | None:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-    except OSError:  # no process to be had: everything is compiled here
+    except OSError:  # no process available: everything is compiled here
         return None
 
 
 def compile_into(folder: Path) -> None:
-    """Compile all that a plan may need, for an installation to bring; processes that share a folder share the work."""
+    """Compile all kernels a plan may need into a folder of the installation; processes that share it divide the work.
+
+    Args:
+        folder: receives the compiled code, and one ``.claimed`` file per module that a process has taken.
+    """
     from importlib import import_module
 
     from machopt.numerics.compiled_functions import enable_kernel_storage

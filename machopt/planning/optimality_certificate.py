@@ -1,4 +1,4 @@
-"""How good the plan is at least: its objective against what no sequence over the grid undercuts."""
+"""Optimality certificate of a plan: its objective compared with the lower bound over the search grid."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ from machopt.planning.sequence_search.crossed_rotations import compute_worst_ind
 class OptimalityCertificate:
     """Values of J (:mod:`machopt.planning.cost.objective`).
 
-    The bound holds for every sequence over the grid of rotations, branches and turns, with the external joints where
-    the plan has them (:func:`find_external_axis_bound` tells what holds over their values), by the prices of the
-    search:
-    where stations lie closer in time than a grid step of rotation takes, a step has the time since the last one. The
-    smooth curve lies between the grid's steps and may be below it.
+    The bound holds for every sequence over the grid of rotations, branches and turns, with the external joints of
+    the plan (:func:`find_external_axis_bound` returns the bound over their values) and the prices of the search.
+    Where stations are closer in time than a grid step of rotation takes, a step has the time since the last one. The
+    smooth curve lies between the grid's steps and may be below the bound.
     """
 
     objective: float  # of the plan as it is driven
@@ -29,26 +28,30 @@ class OptimalityCertificate:
 
     @property
     def gap(self) -> float:
-        """Share of ``sequence`` that another sequence could save at most."""
+        """Maximum share of ``sequence`` that another sequence could save."""
         return 1.0 - self.bound / self.sequence if self.sequence > 0 else 0.0
 
     @property
     def above(self) -> float:
-        """Share by which the plan as it is driven is above the bound; negative below it, where the bound is no limit.
+        """Share by which the driven plan is above the bound; negative below it, where the bound is no limit.
 
-        The gap is proven for sequences at the stations. The driven curve is priced at all points, so its own figure is
-        another one, and both are stated.
+        The gap is proven for sequences at the stations. The driven curve is priced at all points, so its value differs,
+        and both are reported.
         """
         return self.objective / self.bound - 1.0 if self.bound > 0 else 0.0
 
     @property
     def beyond(self) -> float:
-        """Share that the plan saves against the grid's own sequence; negative where it costs more."""
+        """Share that the plan saves compared with the grid's own sequence; negative where it costs more."""
         return 1.0 - self.objective / self.grid if self.grid > 0 else 0.0
 
 
 def compute_external_travel_cost(plan: Plan) -> float:
-    """What the travel of the external joints costs: the same in every sequence, and the search leaves it out."""
+    """Return the cost of the external joints' travel: equal in every sequence, and not part of the search.
+
+    Args:
+        plan: plan of one tool.
+    """
     path, setup = plan.path, plan.setup
     way = np.abs(np.diff(path.external * setup.per_rad[6:], axis=0)).sum(axis=1)
     terms = ObjectiveTerms.of(path, setup.velocity, plan.options)
@@ -56,7 +59,11 @@ def compute_external_travel_cost(plan: Plan) -> float:
 
 
 def compute_certificate(plan: Plan) -> OptimalityCertificate | None:
-    """The certificate of a plan; None where its path has gaps or breaks to go round, or was not searched."""
+    """Return the certificate of a plan; None where its path has gaps or breaks, or was not searched.
+
+    Args:
+        plan: plan of a job or of one tool.
+    """
     if plan.parts:
         return _of_all(plan)
     c, ways = plan.choice, compute_external_travel_cost(plan)
@@ -67,11 +74,11 @@ def compute_certificate(plan: Plan) -> OptimalityCertificate | None:
 
 
 def _of_all(plan: Plan) -> OptimalityCertificate | None:
-    """Of a job that changes tools, J as in :mod:`machopt.planning.job.joined_plan`.
+    """Return the certificate of a job that changes tools, J as in :mod:`machopt.planning.job.joined_plan`.
 
     The bound is that of all stretches under one cap on the worst index
     (:mod:`machopt.planning.job.worst_index_over_tools`).
-    Where it is not known, the bounds of the stretches by their shares hold, each with its own worst index priced.
+    Where it is not known, the weighted sum of the stretches' bounds holds, each with its own worst index priced.
     """
     bound = sequence = 0.0
     worst, price = [0.0], plan.options.weights.worst
@@ -96,10 +103,13 @@ def _worst_of_sequence(plan: Plan) -> float:
 
 
 def find_external_axis_bound(plan: Plan) -> ExternalAxisBound | None:
-    """What no sequence undercuts that chooses the external joints too; None where none of them was free.
+    """Return the lower bound over all sequences that also choose the external joints; None where none of them was free.
 
-    Of a job that changes tools J is at least Σ share·bound, as each stretch's bound prices its own worst index and the
-    shares are 1 in all.
+    For a job with tool changes J is at least Σ share·bound, because each stretch's bound prices its own worst index and
+    the shares add up to 1.
+
+    Args:
+        plan: plan of a job or of one tool.
     """
     if not plan.parts:
         return plan.over_external

@@ -1,11 +1,11 @@
 """Stiffness of the arm at the tool tip from joint stiffness.
 
-Real compliance at the tip, rotation of the tool free: C = J K_θ⁻¹ Jᵀ (jiao2022 eq. 1; dumas2011 eq. 5).
+Compliance at the tip with free tool rotation: C = J K_θ⁻¹ Jᵀ (jiao2022 eq. 1; dumas2011 eq. 5).
 Its 3×3 translation block C_tt gives the deflection d = C_tt f under a force without moment, and the
 directional stiffness 1/(eᵀ C_tt e).
 
 jiao2022 (eqs. 13–25) uses K_fd, the top-left block of C⁻¹ instead: the stiffness with the tool's
-orientation *held*. Holding it needs a moment that nobody applies, and because a shift of the TCP along a rigid
+orientation *constrained*. The constraint needs a moment that nothing applies. Because a shift of the TCP along a rigid
 tool leaves force and translation unchanged while rotation is zero, K_fd does not depend on the tool's length.
 """
 
@@ -35,7 +35,7 @@ from machopt.stiffness.terms.stability_check import (
 )
 
 TOOL_BODY = 6  # the body that also carries the tool, whose mass is known without those of the links
-GRID_FACE_TOLERANCE_M = 1e-6  # m; a TCP this near a face, edge or corner of the grid belongs to all its cells
+GRID_FACE_TOLERANCE_M = 1e-6  # m; a TCP this near to a face, edge or corner of the grid belongs to all its cells
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,10 @@ class JointStiffness:
 
 
 def compute_joint_stiffness(stiffness: ArmStiffness, position: Array) -> JointStiffness:
-    """K_θ(j) of jiao2022 section 2.3: the cell's values, averaged on shared faces, edges and corners.
+    """Return K_θ(j) of jiao2022 section 2.3: the cell's values, averaged on shared faces, edges and corners.
 
     Args:
+        stiffness: stiffness model of the arm.
         position: (..., 3) TCP position in base_link, m.
     """
     position = np.asarray(position, float)
@@ -67,7 +68,12 @@ def compute_joint_stiffness(stiffness: ArmStiffness, position: Array) -> JointSt
 
 
 def find_grid_cells(grid: StiffnessGrid, position: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The cells that positions (M, 3) in base_link lie in or touch, as pairs of rows (position, cell)."""
+    """Return the grid cells that positions lie in or touch, as pairs of rows (position, cell).
+
+    Args:
+        grid: stiffness grid.
+        position: (M, 3) m in base_link.
+    """
     shape = np.array(grid.shape)
     x = (position - grid.origin) / grid.cell
     eps = GRID_FACE_TOLERANCE_M / grid.cell
@@ -84,37 +90,63 @@ def find_grid_cells(grid: StiffnessGrid, position: Array) -> tuple[NDArray[np.in
 
 
 def compute_translational_compliance(J: Array, k: Array) -> Array:
-    """C_tt = J_v K_θ⁻¹ J_vᵀ, (..., 3, 3) m/N, from the Jacobian (..., 6, 6) at the TCP and k (..., 6) N·m/rad."""
+    """Return C_tt = J_v K_θ⁻¹ J_vᵀ, (..., 3, 3) m/N.
+
+    Args:
+        J: (..., 6, 6) Jacobian at the TCP.
+        k: (..., 6) N·m/rad, joint stiffness.
+    """
     Jv = J[..., :3, :]
     return (Jv / k[..., None, :]) @ np.swapaxes(Jv, -1, -2)
 
 
 def compute_directional_compliance(J: Array, k: Array, direction: Array) -> Array:
-    """eᵀ C_tt e in m/N for unit directions (..., 3), without forming C: Σ_i (J_v,i · e)² / k_i."""
+    """Return eᵀ C_tt e in m/N, without forming C: Σ_i (J_v,i · e)² / k_i.
+
+    Args:
+        J: (..., 6, 6) Jacobian at the TCP.
+        k: (..., 6) N·m/rad, joint stiffness.
+        direction: (..., 3) unit.
+    """
     along = np.einsum("...ci,...c->...i", J[..., :3, :], direction)
     return np.asarray(np.sum(along**2 / k, axis=-1))
 
 
 def compute_deflection(J: Array, k: Array, force: Array) -> Array:
-    """Displacement (..., 3) m of the TCP under a force (..., 3) N without moment."""
+    """Return the displacement (..., 3) in m of the TCP under a force without moment.
+
+    Args:
+        J: (..., 6, 6) Jacobian at the TCP.
+        k: (..., 6) N·m/rad, joint stiffness.
+        force: (..., 3) N, in the axes of J.
+    """
     Jv = J[..., :3, :]
     return np.asarray(np.einsum("...ci,...i->...c", Jv, np.einsum("...ci,...c->...i", Jv, force) / k))
 
 
 def compute_constrained_stiffness(J: Array, k: Array) -> Array:
-    """K_fd of jiao2022 eq. 13: top-left block of (J K_θ⁻¹ Jᵀ)⁻¹ = J⁻ᵀ K_θ J⁻¹, (..., 3, 3) N/m.
+    """Return K_fd of jiao2022 eq. 13: top-left block of (J K_θ⁻¹ Jᵀ)⁻¹ = J⁻ᵀ K_θ J⁻¹, (..., 3, 3) N/m.
 
     Invalid at singular configurations (J⁻¹ does not exist).
+
+    Args:
+        J: (..., 6, 6) Jacobian at the TCP.
+        k: (..., 6) N·m/rad, joint stiffness.
     """
-    Ji = np.linalg.inv(J)[..., :3]  # joint motion for a translation with the orientation held
+    Ji = np.linalg.inv(J)[..., :3]  # joint motion for a translation with constrained orientation
     return np.swapaxes(Ji, -1, -2) @ (k[..., :, None] * Ji)
 
 
 def compute_jiao_index(J: Array, k: Array, direction: Array) -> Array:
-    """k_x, k_y or k_z of jiao2022 eqs. 16–25 along a unit direction (..., 3), N/m.
+    """Return k_x, k_y or k_z of jiao2022 eqs. 16–25 along a unit direction, N/m.
 
     The paper's λ are the eigenvalues of K_fdᵀ K_fd, and k = (Σ e_i²/λ_i²)^(−1/4) in its principal axes,
     which is (eᵀ (K_fdᵀ K_fd)⁻² e)^(−1/4) = |S² e|^(−1/2) with S = K_fd⁻¹.
+
+    Args:
+        J: (..., 6, 6) Jacobian at the TCP.
+        k: (..., 6) N·m/rad, joint stiffness.
+        direction: (..., 3) unit.
     """
     S = np.linalg.inv(compute_constrained_stiffness(J, k))
     s2e = np.einsum("...ij,...jk,...k->...i", S, S, direction)
@@ -123,12 +155,11 @@ def compute_jiao_index(J: Array, k: Array, direction: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticState:
-    """Elasticity at M configurations: what a wrench at the TCP does on top of weight. base_link axes throughout.
+    """Elasticity at M configurations: displacement by a wrench at the TCP on top of weight. base_link axes throughout.
 
-    Terms that follow the joint's torque along a curve answer the wrench they are given in :meth:`respond` and
-    :meth:`compute_deflection`; where a compliance stands for itself (:meth:`along`, :meth:`compliance`,
-    :meth:`compute_jiao_index`)
-    they count with the tangent under weight alone.
+    Terms that follow the joint's torque along a curve use the given wrench in :meth:`compute_twist` and
+    :meth:`compute_deflection`. In :meth:`compute_compliance_along`, :meth:`compute_compliance` and
+    :meth:`compute_jiao_index` they count with the tangent under weight alone.
     """
 
     state: ArmState  # with bodies where there are terms
@@ -137,12 +168,15 @@ class ElasticState:
     terms: tuple[ElasticContribution, ...] = ()
     geometric: bool = False  # count K_C of the load itself (dumas2011 eqs. 8–10)
     weight: Array | None = None  # (M, 6) N·m, torque of links and tool at the joints; None: zero
-    gears: Array | None = None  # (M, 6) N·m/rad of the gears alone where a spring stands beside one; None: k
+    gears: Array | None = None  # (M, 6) N·m/rad of the gears alone where one has a parallel spring; None: k
 
     def compute_twist(self, wrench: Array) -> Array:
-        """Twist (M, 6) of the TCP in m and rad under a wrench (M, 6) in N and N·m.
+        """Return the twist (M, 6) of the TCP in m and rad under a wrench.
 
-        NaN where K_C counts and the springs do not hold the load (K_θ − K_C not positive definite).
+        NaN where K_C counts and the springs cannot support the load (K_θ − K_C not positive definite).
+
+        Args:
+            wrench: (M, 6) N and N·m at the TCP.
         """
         J = self.state.J
         tau = np.einsum("...ci,...c->...i", J, wrench)
@@ -159,13 +193,21 @@ class ElasticState:
         return np.asarray(twist)
 
     def compute_deflection(self, force: Array) -> Array:
-        """Displacement (M, 3) m of the TCP under a force (M, 3) N without moment."""
+        """Return the displacement (M, 3) in m of the TCP under a force without moment.
+
+        Args:
+            force: (M, 3) N.
+        """
         if not self.terms and not self.geometric:
             return compute_deflection(self.state.J, self.k, force)
         return self.compute_twist(_convert_to_wrench(force))[..., :3]
 
     def compute_compliance_along(self, direction: Array) -> Array:
-        """eᵀ C_tt e in m/N for unit directions (M, 3), for a small load (without K_C)."""
+        """Return eᵀ C_tt e in m/N for a small load (without K_C).
+
+        Args:
+            direction: (M, 3) unit.
+        """
         bare = compute_directional_compliance(self.state.J, self.k, direction)
         for term in self.terms:
             twist = term.compute_twist(self.loaded_state, _convert_to_wrench(direction), small=True)
@@ -174,7 +216,7 @@ class ElasticState:
         return np.asarray(bare)
 
     def compute_compliance(self) -> Array:
-        """C (M, 6, 6) at the TCP for a small load: J K_θ⁻¹ Jᵀ plus every term's, carried to the TCP."""
+        """Return C (M, 6, 6) at the TCP for a small load: J K_θ⁻¹ Jᵀ plus every term's, transformed to the TCP."""
         J = self.state.J
         C = (J / self.k[..., None, :]) @ np.swapaxes(J, -1, -2)
         for term in self.terms:
@@ -184,18 +226,29 @@ class ElasticState:
         return np.asarray(C)
 
     def compute_jiao_index(self, direction: Array) -> Array:
-        """k_x of jiao2022 along unit directions (M, 3), N/m; the terms' compliance counts too."""
+        """Return k_x of jiao2022 in N/m; the terms' compliance counts too.
+
+        Args:
+            direction: (M, 3) unit.
+        """
         if not self.terms:
             return compute_jiao_index(self.state.J, self.k, direction)
         S = np.linalg.inv(np.linalg.inv(self.compute_compliance())[..., :3, :3])
         return np.asarray(np.linalg.norm(np.einsum("...ij,...jk,...k->...i", S, S, direction), axis=-1) ** -0.5)
 
     def compute_sensitivity(self, force: Array, direction: Array, *, small: bool = False) -> Array:
-        """∂(eᵀ d)/∂c_j (M, 6) in N·m·m: how the displacement d under f along e follows each joint's compliance.
+        """Return ∂(eᵀ d)/∂c_j (M, 6) in N·m·m: derivative of the displacement d under f along e by each joint's
+        compliance.
 
-        Without K_C that is (J_v,j · e)(J_v,j · f); ``small`` leaves K_C out as :meth:`along` does. With the covariance
-        Σ of the compliances the variance of that displacement is gᵀ Σ g. c_j is that of the gear alone; what a term
-        makes of the joint's torque does not depend on it.
+        Without K_C that is (J_v,j · e)(J_v,j · f). With the covariance
+        Σ of the compliances the variance of that displacement is gᵀ Σ g. c_j is the compliance of the gear alone; terms
+        that
+        depend on the joint's torque do not depend on it.
+
+        Args:
+            force: (M, 3) N, f.
+            direction: (M, 3) unit, e.
+            small: leave out K_C, as :meth:`compute_compliance_along` does.
         """
         if self.gears is not None:  # c = 1/(1/c_gear + spring), so ∂c/∂c_gear = (k_gear/k)²
             together = replace(self, gears=None).compute_sensitivity(force, direction, small=small)
@@ -211,12 +264,13 @@ class ElasticState:
         return np.asarray(carried * self.k**2 * bent)
 
     def compute_jiao_sensitivity(self, direction: Array, lines: Array | None = None) -> Array:
-        """∂(1/k_x)/∂c_j (M, 6) of :meth:`compute_jiao_index` along unit directions (M, 3), in rad⁻¹·m/N·N·m.
-
-        Args:
-            lines: (M, 6, K) by how the TCP moves with a unit of other springs; None: with the arm's joints.
+        """Return ∂(1/k_x)/∂c_j (M, 6) of :meth:`compute_jiao_index`, in rad⁻¹·m/N·N·m.
 
         S = K_fd⁻¹ = P C Pᵀ with P = [1, −C_tr C_rr⁻¹], stationary in P, so ∂S/∂c_j = (P J_j)(P J_j)ᵀ; 1/k_x = |S² e|^½.
+
+        Args:
+            direction: (M, 3) unit.
+            lines: (M, 6, K) TCP twist per unit displacement of other springs; None: the arm's joints.
         """
         if self.gears is not None and lines is None:
             return np.asarray(
@@ -244,23 +298,24 @@ class ElasticState:
 
     @property
     def loaded_state(self) -> LoadedArm:
-        """What its terms are asked with."""
+        """State of the arm that its terms are evaluated with."""
         return LoadedArm(self.state, self.k if self.gears is None else self.gears, self.weight)
 
 
 class ArmElasticity:
-    """The arm with its tool and stiffness: everything elastic at a set of configurations.
+    """Compliance model of the arm with its tool: all elastic effects at a set of configurations.
 
     Args:
-        robot, T_flange_tcp: arm and tool.
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
         stiffness: its springs and terms.
-        limits: lower and upper (6,) rad, where springs that change with their angle must hold; None: at any angle.
+        limits: lower and upper (6,) rad, range in which angle-dependent springs must be valid; None: at any angle.
         masses: of links and tool, for terms that depend on the whole torque of a joint; None: weight counts as zero.
-            ``warnings`` says so where it matters.
-        counted: what the file's readings show beyond it counts, in the mean, where the file has it so.
+            ``warnings`` reports where that matters.
+        counted: include the mean model discrepancy of the file, where the file enables it.
 
     Raises:
-        InputError: a term of the stiffness that does not exist, does not fit the arm or gives way against the load.
+        InputError: a term of the stiffness that does not exist, does not fit the arm or makes it unstable under load.
     """
 
     def __init__(
@@ -284,11 +339,11 @@ class ArmElasticity:
                 where="terms",
             )
         for term in compiled:
-            lacking = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
-            lacking += term.missing_keys
-            if lacking:
+            missing = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
+            missing += term.missing_keys
+            if missing:
                 raise InputError(
-                    f"{term.effect} at {term.location} lacks values for {', '.join(lacking)}", file=file, where="terms"
+                    f"{term.effect} at {term.location} lacks values for {', '.join(missing)}", file=file, where="terms"
                 )
         compiled, wrong = _limit_to_springs(compiled, stiffness, limits)
         if wrong is not None:
@@ -315,11 +370,12 @@ class ArmElasticity:
             )
 
     def evaluate(self, q: Array, k: Array | None = None, beside: Array | None = None) -> ElasticState:
-        """Elasticity at configurations q (M, 6) rad.
+        """Return the elastic state of configurations.
 
         Args:
-            k: (M, 6) N·m/rad saves looking the joint stiffness up again.
-            beside: (M, 6, 6) compliance at the TCP of what stands beside the arm
+            q: (M, 6) rad.
+            k: (M, 6) N·m/rad, joint stiffness if already known.
+            beside: (M, 6, 6) compliance of the external joints at the TCP
                 (:mod:`machopt.stiffness.external_joint_compliance`).
         """
         state = self.robot.compute_state(q, self.T_flange_tcp, bodies=bool(self.terms or self._known))
@@ -349,7 +405,12 @@ class ArmElasticity:
         return out
 
     def compute_jacobian(self, q: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Jacobian at the TCP (..., 6, 6) in base_link axes, k (..., 6) there, and whether the grid covers it."""
+        """Return the Jacobian at the TCP (..., 6, 6) in base_link axes, k (..., 6) there, and whether the grid covers
+        it.
+
+        Args:
+            q: (..., 6) rad.
+        """
         T, J = self.robot.compute_fk_jacobian(q, self.T_flange_tcp)
         joint = compute_joint_stiffness(self.stiffness, T[..., :3, 3])
         return J, self._add_parallel_stiffness(joint.k, q) if self._balancers else joint.k, joint.is_in_grid
@@ -358,7 +419,14 @@ class ArmElasticity:
 def find_unstable_term(
     stiffness: ArmStiffness, robot: Robot, T_flange_tcp: Array, limits: tuple[Array, Array] | None = None
 ) -> UnstableTerm | None:
-    """The term for which :class:`ArmElasticity` would refuse a stiffness whose terms are all complete."""
+    """Return the term for which :class:`ArmElasticity` would refuse a stiffness whose terms are all complete.
+
+    Args:
+        stiffness: stiffness model of the arm.
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
+        limits: lower and upper (6,) rad; None: any angle.
+    """
     compiled, _ = compile_terms(stiffness.terms, robot, T_flange_tcp, stiffness.file)
     return _limit_to_springs(compiled, stiffness, limits)[1]
 
@@ -366,12 +434,12 @@ def find_unstable_term(
 def _limit_to_springs(
     compiled: tuple[LinearTerm, ...], stiffness: ArmStiffness, limits: tuple[Array, Array] | None
 ) -> tuple[tuple[LinearTerm, ...], UnstableTerm | None]:
-    """The terms as far as each is a spring, and which of them gives way against the load."""
+    """Return the terms limited to where each is a spring, and the unstable one, if any."""
     k = stiffness.joints[None]
     if stiffness.grid is not None:
         k = np.concatenate([k, stiffness.grid.joints])
-    held = limit_to_spring_range(compiled, k, limits)
-    return held, stiffness_find_unstable_term(held, k, limits)
+    limited = limit_to_spring_range(compiled, k, limits)
+    return limited, stiffness_find_unstable_term(limited, k, limits)
 
 
 def _build_diagonal(k: Array) -> Array:
@@ -379,7 +447,10 @@ def _build_diagonal(k: Array) -> Array:
 
 
 def _is_positive_definite(K: Array, k: Array) -> NDArray[np.bool_]:
-    """(...,) K = K_θ − K_C is positive definite; looked at only where K_C is not small beside the softest joint."""
+    """Return (...,) whether K = K_θ − K_C is positive definite; checked only where K_C is not small compared with the
+    softest
+    joint.
+    """
     off = np.linalg.norm(K - _build_diagonal(k), axis=(-2, -1))
     holds = np.asarray(off < k.min(axis=-1))
     if not holds.all():

@@ -1,23 +1,22 @@
-"""What a stiffness may have left out, as columns: the twist of the TCP per unit of each *suspect*.
+"""Possible errors of a stiffness model as columns: the twist of the TCP per unit of each *suspect*.
 
-A model that misses unseen poses does not say which physics is missing, but whatever is missing acts through some
+Prediction errors at unseen poses do not identify the missing physics, but any missing effect acts through some
 interface of the arm. Suspects are small free compliances at each of them, with the springs' own errors first:
 
 =================  ==========================================================================  ===============
-name               what it adds                                                                unit
+name               effect                                                                      unit
 =================  ==========================================================================  ===============
 ``joint j``        another compliance of the joint                                             rad/(N·m)
 ``term n p``       another coefficient p of the file's n-th term                               SI
-``coupling i-j``   the torque of one joint turns the other                                     rad/(N·m)
+``coupling i-j``   the torque of one joint rotates the other                                   rad/(N·m)
 ``cos j, sin j``   a compliance of joint j that changes with its angle                         rad/(N·m)
-``play j``, …      tanh of the joint's whole torque over 0.05 … 1 (BENDS) of ``torque`` j       rad
-``base a``, …      the base, a link's end or the tool gives way along (x y z) or about (rx …)  m/N, rad/(N·m)
-``loaded``         share of what weight and load do to posture and lever arms                  1
+``play j``, …      tanh of the joint's whole torque over 0.05 … 1 of ``torque`` j              rad
+``base a``, …      compliance of base, link end or tool along (x y z), about (rx …)            m/N, rad/(N·m)
+``loaded``         share of the effect of weight and load on posture and lever arms            1
 =================  ==========================================================================  ===============
 
-Their errors and how they hang together: :mod:`machopt.measurement.identification.assessment.model_discrepancy`; what
-they make of a job:
-:mod:`machopt.planning.uncertainty.stiffness_uncertainty`.
+Covariance of these errors: :mod:`machopt.measurement.identification.assessment.model_discrepancy`; their effect
+on a job: :mod:`machopt.planning.uncertainty.stiffness_uncertainty`.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ COUPLED_JOINTS = ((2, 3), (4, 5), (5, 6), (4, 6))
 
 
 def list_elastic_columns() -> tuple[str, ...]:
-    """Suspects that a load of any size meets alike."""
+    """Return the suspects that are linear in the load."""
     bodies = [("base", AXES), *((format_link_location(i), ROTATION_AXES) for i in range(1, 6)), ("tool", AXES)]
     return (
         *(format_joint_pair_name(i, j) for i, j in COUPLED_JOINTS),
@@ -70,25 +69,27 @@ def list_elastic_columns() -> tuple[str, ...]:
 
 
 def list_gear_columns() -> tuple[str, ...]:
-    """Suspects that a small load meets otherwise than a large one."""
+    """Return the suspects that depend on the size of the load."""
     return tuple(format_joint_name(word, j) for j in range(1, 7) for word in CURVE_SMOOTHING)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiscrepancyColumns:
-    """An arm with what may be missing in it.
+    """Suspects of an arm's stiffness model.
 
     Raises:
-        InputError: a name that is none.
+        InputError: an unknown name.
     """
 
     robot: Robot
     T_flange_tcp: Array
     names: tuple[str, ...]
     torque: Array  # (6,) N·m, the joints' typical torque under the load tests
-    terms: tuple[LinearTerm, ...] = ()  # of the file, with their values
+    terms: tuple[LinearTerm, ...] = ()  # terms of the file, with their values
     masses: RobotMasses | None = None
-    geometric: bool = False  # the file counts what the load alone does to lever arms: ``loaded`` is the rest
+    geometric: bool = (
+        False  # the file includes the effect of the load alone on lever arms: ``loaded`` is the remaining part
+    )
 
     def __post_init__(self) -> None:
         known = {
@@ -105,20 +106,21 @@ class DiscrepancyColumns:
     def compute_columns(
         self, state: ArmState, k: Array, wrench: Array, *, small: bool = False, weight: Array | None = None
     ) -> Array:
-        """(M, 6, K) twist of the TCP in base_link axes per unit of each suspect, under wrenches (M, 6) at the TCP.
+        """Return the (M, 6, K) twist of the TCP in base_link axes per unit of each suspect.
 
         Args:
-            state: with bodies.
+            state: M configurations with bodies.
             k: (M, 6) N·m/rad of the model.
-            small: the tangent under weight, as for a load that is next to nothing.
-            weight: (M, 6) N·m where it is known already.
+            wrench: (M, 6) N, N·m at the TCP.
+            small: the tangent under weight, for an infinitesimal load.
+            weight: (M, 6) N·m, torque of weight, if already known.
         """
         J = state.J
         load = np.einsum("mci,mc->mi", J, wrench)
         if weight is None:
             weight = self.compute_weight_torque(state)
         out = np.empty((len(load), 6, len(self.names)))
-        held: dict[int, Array] = {}
+        cached: dict[int, Array] = {}
         for n, name in enumerate(self.names):
             part = parse_discrepancy_name(name)
             word = part.kind
@@ -132,11 +134,11 @@ class DiscrepancyColumns:
                 out[:, :, n] = J[:, :, i] * load[:, j, None] + J[:, :, j] * load[:, i, None]
             elif word == TERM:
                 t, p = part.numbers
-                if t not in held:
-                    held[t] = np.asarray(
+                if t not in cached:
+                    cached[t] = np.asarray(
                         self.terms[t].compute_response_under_weight(state, wrench, weight, small=small)
                     )
-                out[:, :, n] = held[t][:, :, p]
+                out[:, :, n] = cached[t][:, :, p]
             elif word == LOADED:
                 out[:, :, n] = self._compute_load_coupling(state, k, wrench, weight, small=small)
             else:
@@ -144,22 +146,26 @@ class DiscrepancyColumns:
         return out
 
     def compute_weight_torque(self, state: ArmState) -> Array:
-        """(M, 6) N·m of weight at the joints; zero where no mass is known."""
+        """Return the (M, 6) torque in N·m of weight at the joints; zero where no mass is known.
+
+        Args:
+            state: M configurations with bodies.
+        """
         if self.masses is None:
             return np.zeros(state.q.shape)
         return compute_weight_torque(self.robot, self.masses, state)
 
     def _compute_load_coupling(self, state: ArmState, k: Array, wrench: Array, weight: Array, *, small: bool) -> Array:
-        """(M, 6) twist that the load adds because the arm stands bent under its weight, and because it turns levers.
+        """Return the (M, 6) additional twist because weight bends the arm, and because the load changes lever arms.
 
-        J' (K − K_C)⁻¹ J'ᵀw − J K⁻¹ Jᵀw to first order in K_C, J' where the weight has bent the joints to; less the same
-        of an arm without weight where the file counts that.
+        J' (K − K_C)⁻¹ J'ᵀw − J K⁻¹ Jᵀw to first order in K_C, J' at the joints bent by the weight; minus the same
+        of an arm without weight where the file includes that.
         """
         J = state.J
         turn = np.einsum("mci,mc->mi", J, wrench) / k
         if self.geometric and not small:
             turn = turn + np.einsum("mij,mj->mi", compute_geometric_stiffness(J, wrench), turn) / k
-        told = np.einsum("mci,mi->mc", J, turn)
+        rotated = np.einsum("mci,mi->mc", J, turn)
         H = np.zeros((len(k), 6, 6))
         if self.masses is not None:
             state = self.robot.compute_state(state.q + weight / k, self.T_flange_tcp, bodies=True)
@@ -169,10 +175,10 @@ class DiscrepancyColumns:
             H = H + compute_geometric_stiffness(J, wrench)
         turn = np.einsum("mci,mc->mi", J, wrench) / k
         turn = turn + np.einsum("mij,mj->mi", H, turn) / k
-        return np.asarray(np.einsum("mci,mi->mc", J, turn) - told)
+        return np.asarray(np.einsum("mci,mi->mc", J, turn) - rotated)
 
     def _compute_joint_rotation(self, word: str, j: int, load: Array, weight: Array, q: Array, *, small: bool) -> Array:
-        """(M,) rad of joint j per unit."""
+        """Return the (M,) rotation of joint j in rad per unit."""
         if word not in CURVE_SMOOTHING:
             if word == JOINT:
                 return np.asarray(load[:, j])
@@ -184,7 +190,7 @@ class DiscrepancyColumns:
         return np.asarray(np.tanh((weight[:, j] + load[:, j]) / scale) - before)
 
     def _compute_body_twist(self, place: str, axis: int, state: ArmState, wrench: Array) -> Array:
-        """(M, 6) twist of the TCP where one body gives way along or about one of its axes at q = 0."""
+        """Return the (M, 6) twist of the TCP for a compliance of one body along or about one of its axes at q = 0."""
         if state.R_bodies is None or state.p_bodies is None:
             raise ValueError("an ArmState with bodies is needed")
         body, at = locate_compliance(self.robot, place)
@@ -200,7 +206,17 @@ class DiscrepancyColumns:
 
 
 def compute_lever(robot: Robot, T_base_tool: Array, state: ArmState, place: str) -> float:
-    """m, typical distance of the TCP from where a body gives way."""
+    """Return the typical distance in m of the TCP from the location of a body's compliance.
+
+    Args:
+        robot: kinematic model.
+        T_base_tool: (M, 4, 4) tool poses.
+        state: the same M configurations with bodies.
+        place: "base", "tool" or a link.
+
+    Raises:
+        ValueError: the state has no bodies.
+    """
     if state.R_bodies is None or state.p_bodies is None:
         raise ValueError("an ArmState with bodies is needed")
     body, at = locate_compliance(robot, place)
@@ -209,7 +225,12 @@ def compute_lever(robot: Robot, T_base_tool: Array, state: ArmState, place: str)
 
 
 def locate_compliance(robot: Robot, place: str) -> tuple[int, Array]:
-    """Body index, and where it gives way in base_link at q = 0."""
+    """Return the body index, and the location (3,) m of its compliance in base_link at q = 0.
+
+    Args:
+        robot: kinematic model.
+        place: "base", "tool" or a link.
+    """
     if place == "base":
         return 0, np.zeros(3)
     if place == "tool":
@@ -219,7 +240,14 @@ def locate_compliance(robot: Robot, place: str) -> tuple[int, Array]:
 
 
 def compute_typical_sizes(s: DiscrepancyColumns, state: ArmState, k: Array, names: Sequence[str]) -> Array:
-    """(K,) size that a suspect would have were it as soft as the joints beside it."""
+    """Return the (K,) size of each suspect if it were as compliant as the adjacent joints.
+
+    Args:
+        s: suspects of the arm.
+        state: M configurations with bodies.
+        k: (6,) N·m/rad, joint stiffness.
+        names: suspects.
+    """
     c = 1.0 / np.asarray(k, float)  # (6,)
     out = []
     for name in names:

@@ -1,12 +1,11 @@
-"""What readings show beyond a stiffness file, in the mean, as part of the model: the ``shift`` of its ``discrepancy``.
+"""Mean model discrepancy of a stiffness file as part of the model: the ``shift`` of its ``discrepancy``.
 
-A file whose springs leave their readings says by how much it is off in the mean
+A file whose springs do not explain its readings states its mean error
 (:mod:`machopt.stiffness.discrepancy_columns`,
-:mod:`machopt.measurement.identification.assessment.model_discrepancy`). Counted in, that mean is one more part of the
-elasticity: a search scores with it,
-a deflection is told with it, and the path is shifted against it. It is the sum of
-:class:`~machopt.stiffness.discrepancy_columns.
-Suspects`' columns, folded into a few matrices so that a search can afford it.
+:mod:`machopt.measurement.identification.assessment.model_discrepancy`). If included, that mean is one more part of the
+compliance: a search scores with it, a deflection is reported with it, and the path is compensated with it. It is the
+sum of :class:`~machopt.stiffness.discrepancy_columns.DiscrepancyColumns`' columns, combined into a few matrices so that
+a search is fast enough.
 """
 
 from __future__ import annotations
@@ -23,19 +22,19 @@ from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, DiscrepancyCo
 from machopt.stiffness.terms.body_spring import cross_product
 from machopt.stiffness.terms.protocol import LinearTerm, LoadedArm
 
-MIN_RETAINED_SHARE = 0.1  # of a compliance that stays, however stiff the readings say the arm is where none was taken
+MIN_RETAINED_SHARE = 0.1  # minimum remaining share of a compliance, because the extrapolated mean may be too stiff
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiscrepancyMean:
-    """The twist that a discrepancy's mean adds to a model's."""
+    """Twist that the mean of a discrepancy adds to that of a model."""
 
-    joints: Array  # (6, 6) rad/(N·m), whatever the angles
+    joints: Array  # (6, 6) rad/(N·m), independent of the angles
     cosines: Array  # (6,) rad/(N·m) times the cosine of the joint's own angle
     sines: Array  # (6,)
     gears: tuple[tuple[int, float, float], ...]  # joint, N·m and rad of each tanh of its torque
     bodies: tuple[tuple[int, Array, Array], ...]  # body, place (3,) in base_link at q = 0, compliances (6,) in its axes
-    rest: DiscrepancyColumns  # what has no matrix: the file's terms, and what weight and load do to posture
+    rest: DiscrepancyColumns  # columns without a matrix: the file's terms, and the effect of weight and load on posture
     coefficients: Array  # (K,) of ``rest``
 
     @classmethod
@@ -49,7 +48,16 @@ class DiscrepancyMean:
         *,
         geometric: bool = False,
     ) -> DiscrepancyMean:
-        """Args: terms: of the file, with their values; masses: None: weight counts as zero; geometric: see Suspects."""
+        """Combine the columns of a discrepancy.
+
+        Args:
+            found: discrepancy of the file.
+            robot: kinematic model.
+            T_flange_tcp: (4, 4) TCP relative to the flange.
+            terms: terms of the file, with their values.
+            masses: masses of links and tool; None: weight counts as zero.
+            geometric: as in :class:`~machopt.stiffness.discrepancy_columns.DiscrepancyColumns`.
+        """
         whole = DiscrepancyColumns(
             robot=robot,
             T_flange_tcp=T_flange_tcp,
@@ -96,15 +104,16 @@ class DiscrepancyMean:
 
     @property
     def retained_share(self) -> float | None:
-        """What readings show may lie beyond what the springs have."""
+        """Minimum share of the compliance that remains, because the mean may exceed the compliance of the springs."""
         return MIN_RETAINED_SHARE
 
     def compute_twist(self, under: LoadedArm, wrench: Array, *, small: bool) -> Array:
-        """(M, 6) m and rad under wrenches (M, 6) at the TCP in base_link axes.
+        """Return the (M, 6) twist in m and rad.
 
         Args:
-            under: the gears' own stiffness, and where the arm stands; weight is that of all masses that are known.
-            small: the tangent under weight, as for a load that is next to nothing.
+            under: state of the arm with the gears' own stiffness; weight is that of all known masses.
+            wrench: (M, 6) N, N·m at the TCP in base_link axes.
+            small: the tangent under weight, for an infinitesimal load.
         """
         state, k = under.state, under.gears
         J, q = state.J, state.q
@@ -130,7 +139,7 @@ class DiscrepancyMean:
 
 
 def _compute_body_twist(state: ArmState, body: int, at: Array, soft: Array, wrench: Array) -> Array:
-    """(M, 6) twist of the TCP where a body gives way at one place."""
+    """Return the (M, 6) twist of the TCP for a body's compliance at one place."""
     assert state.R_bodies is not None
     assert state.p_bodies is not None
     R = state.R_bodies[:, body]

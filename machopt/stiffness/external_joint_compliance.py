@@ -1,18 +1,19 @@
-"""What gives way beside the arm: the joints and bodies of rails and positioners (stiffness.yaml, ``external_joints``).
+"""Compliance of external joints: the joints and bodies of rails and positioners (stiffness.yaml, ``external_joints``).
 
-A wrench w on the tool at the TCP has its reaction −w on the part at the same place. A rail's joint or carriage lets the
-tool go, a positioner's the part the other way, so both add to what the tool moves *relative to the part*:
+A wrench w on the tool at the TCP has its reaction −w on the part at the same place. A rail's joint or carriage moves
+the
+tool, a positioner's moves the part in the opposite direction, so both add to the motion of the tool *relative to the
+part*:
 
     C = Σ_i s_i s_iᵀ / k_i + Σ_i G_i C_i G_iᵀ
 
-with s_i = (a × (p − o), a) of a joint that turns about the line (o, a), (a, 0) of one that slides, p the TCP, and G_i
-what carries a body's own compliance to the TCP (:mod:`machopt.stiffness.terms.body_spring`). C depends on where the
-external
-joints stand and where the TCP is, not on the arm's posture: one matrix a point of the path.
+with s_i = (a × (p − o), a) of a joint that rotates about the line (o, a), (a, 0) of one that slides, p the TCP, and G_i
+the transform of a body's own compliance to the TCP (:mod:`machopt.stiffness.terms.body_spring`). C depends on the
+external joints and the TCP position, not on the arm's posture: one matrix per point of the path.
 
-Weight bends the same springs. It does so whether the process pushes or not, so that no index has it; what counts is by
-how much the part and the base settle otherwise than at home, where they were measured in
-(:meth:`ExternalJointCompliance.settled`).
+Weight bends the same springs. It does so independently of the process, so no index includes it. Relevant is the
+settlement of part and base compared with home, where they were measured
+(:meth:`ExternalJointCompliance.compute_gravity_settling`).
 """
 
 from __future__ import annotations
@@ -32,24 +33,29 @@ STANDARD_GRAVITY = 9.80665  # m/s²
 
 @dataclass(frozen=True)
 class KnownCompliance:
-    """A compliance at the TCP that is known as such, as one more term of
-    :class:`machopt.stiffness.arm_stiffness.ElasticState`."""
+    """Known compliance at the TCP, as an additional term of :class:`machopt.stiffness.arm_stiffness.ElasticState`."""
 
     matrix: Array  # (M, 6, 6) SI, base_link axes
 
     @property
     def retained_share(self) -> float | None:
-        """No share: a compliance that is positive takes nothing away."""
+        """None: a positive compliance reduces nothing."""
         return None
 
     def compute_twist(self, under: LoadedArm, wrench: Array, *, small: bool) -> Array:
-        """(M, 6) m, rad under wrenches (M, 6) N, N·m."""
+        """Return the (M, 6) twist in m, rad.
+
+        Args:
+            under: not used.
+            wrench: (M, 6) N, N·m at the TCP in base_link axes.
+            small: not used.
+        """
         return np.asarray(np.einsum("...ij,...j->...i", self.matrix, wrench))
 
 
 @dataclass(frozen=True)
 class CompliantPart:
-    """One of the things that give way."""
+    """One compliant joint or body."""
 
     line: int  # of the chain
     name: str
@@ -58,29 +64,43 @@ class CompliantPart:
 
 @dataclass(frozen=True)
 class ExternalJointCompliance:
-    """The springs of external joints on their machine; lines k of the chain."""
+    """Springs of the external joints of a machine; lines k of the chain."""
 
     machine: Machine
     springs: tuple[tuple[int, ExternalJointSpring], ...]  # with the line of each
 
     @classmethod
     def build(cls, machine: Machine, springs: tuple[ExternalJointSpring, ...]) -> ExternalJointCompliance | None:
-        """None where nothing gives way and nothing weighs.
+        """Return the springs; None where nothing is compliant and nothing has a mass.
+
+        Args:
+            machine: chain of the cell.
+            springs: springs of its external joints.
 
         Raises:
-            ValueError: a spring of a joint that the machine has not; readers refuse such a file.
+            ValueError: a spring of a joint that the machine does not have; readers refuse such a file.
         """
         return cls(machine, tuple((machine.names.index(s.joint), s) for s in springs)) if springs else None
 
     def compute_compliance(self, external: Array, position: Array) -> Array:
-        """(M, 6, 6) at TCP positions (M, 3) m in base_link, external joints at (M, E) rad or m; base_link axes."""
+        """Return the (M, 6, 6) compliance at the TCP in base_link axes.
+
+        Args:
+            external: (M, E) rad or m, external joints.
+            position: (M, 3) m, TCP in base_link.
+        """
         out = np.zeros((len(position), 6, 6))
         for part in self.list_parts(external, position):
             out += part.matrix
         return out
 
     def list_parts(self, external: Array, position: Array) -> tuple[CompliantPart, ...]:
-        """The matrices that :meth:`compliance` is the sum of, each with what gives way."""
+        """Return the summands of :meth:`compute_compliance`, each with its compliant part.
+
+        Args:
+            external: (M, E) rad or m, external joints.
+            position: (M, 3) m, TCP in base_link.
+        """
         out = []
         for line, spring in self.springs:
             before, body = self._compute_carrier_motion(external, line)
@@ -98,8 +118,14 @@ class ExternalJointCompliance:
         return tuple(out)
 
     def compute_uncertain_twists(self, external: Array, position: Array) -> Array:
-        """(M, K, 6) s·√σ of the K joints that are not known exactly, σ that of 1/k: what 1 σ of each moves under a
-        wrench w is (s √σ)(s √σ)ᵀw. Arguments as of :meth:`compliance`."""
+        """Return (M, K, 6) s·√σ of the K joints with uncertain stiffness, σ that of 1/k.
+
+        1 σ of each moves the TCP under a wrench w by (s √σ)(s √σ)ᵀw.
+
+        Args:
+            external: (M, E) rad or m, external joints.
+            position: (M, 3) m, TCP in base_link.
+        """
         every = [(line, s) for line, s in self.springs if s.std]
         out = np.zeros((len(position), len(every), 6))
         for n, (line, spring) in enumerate(every):
@@ -109,7 +135,7 @@ class ExternalJointCompliance:
         return out
 
     def compute_gravity_settling(self, external: Array, place: Array, arm: Array) -> Array:
-        """By how much weight moves the tool against the part, through these springs.
+        """Return the displacement of the tool relative to the part by weight, through these springs.
 
         Args:
             external: (M, E) rad or m.
@@ -133,16 +159,16 @@ class ExternalJointCompliance:
         out = np.zeros((len(p), 3))
         for part in self.list_parts(external, p):
             rail = part.line >= m.positioner
-            held = arm_at_tcp if rail else np.zeros_like(arm)
+            carried_weight = arm_at_tcp if rail else np.zeros_like(arm)
             for line, weight in weights.items():
-                if m.positioner <= part.line <= line if rail else line <= part.line:  # it carries this body too
-                    held = held + weight
-            moved = np.einsum("mij,mj->mi", part.matrix[:, :3], held)
+                if m.positioner <= part.line <= line if rail else line <= part.line:  # this spring carries the body too
+                    carried_weight = carried_weight + weight
+            moved = np.einsum("mij,mj->mi", part.matrix[:, :3], carried_weight)
             out += moved if rail else -moved
         return np.asarray(np.einsum("mji,mj->mi", R, out))
 
     def _compute_line_twist(self, line: int, before: Array, position: Array) -> Array:
-        """(M, 6) by how the TCP moves with a unit of a joint whose carrier is moved by ``before`` (M, 4, 4)."""
+        """Return (M, 6) the TCP twist per unit of a joint whose carrier is moved by ``before`` (M, 4, 4)."""
         m = self.machine
         a = before[:, :3, :3] @ m.axis[line]
         if m.slides[line]:
@@ -151,7 +177,7 @@ class ExternalJointCompliance:
         return np.concatenate([np.cross(a, position - o), a], axis=1)
 
     def _compute_carrier_motion(self, external: Array, line: int) -> tuple[Array, Array]:
-        """(M, 4, 4) what carries a joint, as moved from zero, and the link it moves; in base_link as that stands."""
+        """Return (M, 4, 4) the motions of a joint's carrier and of its link from zero, in the present base_link."""
         m, external = self.machine, np.asarray(external, float)
         back = invert_transform(m.compute_T_world_base(external)) @ m.T_world_base_zero
         carried = range(m.positioner - 1, line, -1) if line < m.positioner else range(m.positioner, line)
@@ -166,7 +192,7 @@ class ExternalJointCompliance:
 
 
 def _build_twist_transform(body: Array, at: Array, position: Array) -> Array:
-    """(M, 6, 6) G that takes a twist at ``at`` (3,) in a body (M, 4, 4) to the TCP at positions (M, 3)."""
+    """Return (M, 6, 6) G that transforms a twist at ``at`` (3,) in a body (M, 4, 4) to the TCP at positions (M, 3)."""
     R = body[:, :3, :3]
     r = position - (R @ at + body[:, :3, 3])
     out = np.zeros((len(R), 6, 6))

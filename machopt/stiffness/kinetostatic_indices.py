@@ -1,9 +1,10 @@
-"""Kinetostatic measures of a posture: dexterity, characteristic length, and what the load itself does to stiffness.
+"""Kinetostatic indices of a posture: dexterity, characteristic length, and the effect of the load on stiffness.
 
-κ_F(J_N) says how far a posture is from singular once lengths are divided by a characteristic length L
-(dumas2011 eqs. 11–12, khan2006). K_C says how the joint torques of a constant load change while the arm
-gives way: K_X = J⁻ᵀ (K_θ − K_C) J⁻¹ (dumas2011 eqs. 8–10). All functions take arrays with leading dimensions and
-no cell; J is the geometric Jacobian at the TCP in base axes, linear part first, as ``Robot.fk_jacobian`` gives it.
+κ_F(J_N) measures how far a posture is from singular once lengths are divided by a characteristic length L
+(dumas2011 eqs. 11–12, khan2006). K_C is the change of the joint torques of a constant load with the
+deformation of the arm: K_X = J⁻ᵀ (K_θ − K_C) J⁻¹ (dumas2011 eqs. 8–10). All functions accept arrays with leading
+dimensions and need no cell; J is the geometric Jacobian at the TCP in base axes, linear part first, as
+:meth:`machopt.kinematics.robot.Robot.compute_fk_jacobian` returns it.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
 
 RANK_TOLERANCE = 1e-12  # a singular value this much smaller than the largest is rounding: the posture is singular
-UNAFFECTED_SHARE = 1e-9  # a direction with a smaller share in a lost one does not feel the singularity
+UNAFFECTED_SHARE = 1e-9  # a direction with a smaller share in a lost one is not affected by the singularity
 
 
 @dataclass(frozen=True)
 class CharacteristicLength:
-    """The length that makes J_N as well conditioned as the arm can be, and the posture where it is."""
+    """Length that makes J_N as well conditioned as the arm can be, with the posture."""
 
     length: float  # m
     condition: float  # κ_F there, 1 for an isotropic arm
@@ -31,14 +32,14 @@ class CharacteristicLength:
 
 @dataclass(frozen=True)
 class GeometricInfluence:
-    """What neglecting K_C does to the displacement of the TCP under a load."""
+    """Error of the TCP's displacement under a load if K_C is neglected."""
 
     nu_p: Array  # (...,) share of the translation, 0 … 1
     nu_r: Array  # (...,) rad, largest change of a rotation about a base axis
 
 
 def compute_frobenius_condition(J: Array, length: float) -> Array:
-    """Condition number κ_F of the normalised Jacobian, 1 at best.
+    """Return the condition number κ_F of the normalised Jacobian, 1 at best.
 
     κ_F = (1/6) √(tr(J_Nᵀ J_N) tr((J_Nᵀ J_N)⁻¹)) with J_N = diag(1/L, 1/L, 1/L, 1, 1, 1) J.
 
@@ -62,9 +63,13 @@ def compute_frobenius_condition(J: Array, length: float) -> Array:
 
 
 def compute_conditioning_index(J: Array, length: float) -> Array:
-    """Kinetostatic conditioning index 1/κ_F as a share, (...,) in 0 … 1; 0 where J is singular.
+    """Return the kinetostatic conditioning index 1/κ_F as a share, (...,) in 0 … 1; 0 where J is singular.
 
     khan2006 gives it in percent of the same number; zhang2025 (KCI > 0.45) and tian2025 (eq. 25, K_c) as a share.
+
+    Args:
+        J: (..., 6, 6) at the TCP, linear rows in m.
+        length: L in m, > 0.
     """
     return 1.0 / compute_frobenius_condition(J, length)
 
@@ -72,22 +77,22 @@ def compute_conditioning_index(J: Array, length: float) -> Array:
 def compute_characteristic_length(
     robot: Robot, T_flange_tcp: Array, limits: tuple[Array, Array] | None = None, starts: int = 2048, refined: int = 16
 ) -> CharacteristicLength:
-    """The L that minimises κ_F over postures and L together.
+    """Return the L that minimises κ_F over postures and L together.
 
     For one posture the best L is closed form: with a, b the squared Frobenius norms of the linear and angular rows
     of J and c, d those of the matching columns of J⁻¹, 36 κ_F² = (a/L² + b)(c L² + d) is least at L⁴ = a d/(b c),
     where 6 κ_F = √(ac) + √(bd). That is minimised over joints 2 to 6 with its analytic gradient (∂J⁻¹ = −J⁻¹ ∂J J⁻¹)
-    from the best of a Halton sequence: the answer is deterministic.
+    from the best of a Halton sequence, so the result is deterministic.
 
     Args:
-        robot: the arm.
-        T_flange_tcp: (4, 4), the end point in the flange frame.
-        limits: lower and upper joint limits (6,) in rad; None for full turns, as the source has it.
+        robot: kinematic model.
+        T_flange_tcp: (4, 4), TCP relative to the flange.
+        limits: lower and upper joint limits (6,) in rad; None for full turns, as in the source.
         starts: postures of the Halton sequence.
-        refined: how many of the best of them are minimised.
+        refined: number of the best of them that are minimised.
 
     Returns:
-        The length, κ_F and posture of the least found. L belongs to the end point: a longer tool has another.
+        The length, κ_F and posture of the least found. L depends on the TCP: a longer tool has another.
 
     Source: dumas2011 section 3.1 after khan2006 (its reference 28).
     """
@@ -173,16 +178,18 @@ def compute_loaded_compliance(J: Array, k: Array, K_C: Array) -> Array:
 
 
 def compute_geometric_influence(J: Array, k: Array, K_C: Array, wrench: Array) -> GeometricInfluence:
-    """ν_p and ν_r: the TCP's displacement under a wrench with K_C and without it, compared.
+    """Return ν_p and ν_r: comparison of the TCP's displacement under a wrench with and without K_C.
 
     ν_p = | |δp| − |δp₀| | / max(|δp|, |δp₀|); ν_r = max over x, y, z of |δr − δr₀|.
 
     Args:
-        J, k, K_C: as for :func:`compute_loaded_compliance`.
-        wrench: (..., 6) N and N·m at the TCP in base axes, the one K_C was made with.
+        J: (..., 6, 6) as for :func:`compute_loaded_compliance`.
+        k: (..., 6) N·m/rad.
+        K_C: (..., 6, 6) N·m/rad.
+        wrench: (..., 6) N and N·m at the TCP in base axes, the one of K_C.
 
     Returns:
-        Shares and rad; 0 where nothing moves, NaN where the springs do not hold the load.
+        Shares and rad; 0 where nothing moves, NaN where the springs cannot support the load.
 
     Source: dumas2011 eqs. 14 and 15 (which gives ν_r in degrees).
     """
@@ -196,34 +203,35 @@ def compute_geometric_influence(J: Array, k: Array, K_C: Array, wrench: Array) -
 
 
 def compute_directional_stiffness(
-    J: Array, k: Array, direction: Array, held: Literal["nothing", "position", "pose"]
+    J: Array, k: Array, direction: Array, constrained: Literal["nothing", "position", "pose"]
 ) -> Array:
-    """Stiffness along a direction, by what is kept from moving beside it.
+    """Return the stiffness along a direction, with different constraints of the other motions.
 
-    ``nothing``: 1/(eᵀ C e), what a force along e meets. ``position``: eᵀ C_tt⁻¹ e, the tip kept on the line.
-    ``pose``: eᵀ (J⁻ᵀ K_θ J⁻¹)_tt e, the diagonal entry of K_m, tip on the line and tool not turning.
-    Each holds more than the one before and is never less.
+    ``nothing``: 1/(eᵀ C e), free motion under a force along e. ``position``: eᵀ C_tt⁻¹ e, the tip constrained to the
+    line.
+    ``pose``: eᵀ (J⁻ᵀ K_θ J⁻¹)_tt e, the diagonal entry of K_m, tip on the line and no tool rotation.
+    Each constrains more than the previous one and is never less.
 
     Args:
         J: (..., 6, 6) at the TCP.
         k: (..., 6) N·m/rad.
         direction: (..., 3) unit, base axes.
-        held: what is kept.
+        constrained: constrained motions.
 
     Returns:
-        (...,) N/m; inf where a singularity takes that motion from the arm (for ``pose`` the peak is of the
-        definition: only ``nothing`` is felt by a cutter).
+        (...,) N/m; inf where a singularity blocks that motion (for ``pose`` this is a property of the
+        definition: a cutter only experiences ``nothing``).
 
     Source: tian2025 eqs. 9 and 11 (either may be meant in its sections 4.2–4.4); dumas2011 eq. 13.
     """
     e = np.asarray(direction, float)
-    rows = J if held == "pose" else J[..., :3, :]
+    rows = J if constrained == "pose" else J[..., :3, :]
     spring = rows / np.sqrt(np.asarray(k, float))[..., None, :]
-    if held == "nothing":
+    if constrained == "nothing":
         compliance = np.sum(np.einsum("...ci,...c->...i", spring, e) ** 2, axis=-1)
         gives = compliance > 0.0
         return np.where(gives, 1.0 / np.where(gives, compliance, 1.0), np.inf)
-    if held == "pose":
+    if constrained == "pose":
         e = np.concatenate([e, np.zeros_like(e)], axis=-1)
     U, s, _ = np.linalg.svd(spring, full_matrices=False)  # C = U s² Uᵀ
     share = np.einsum("...cj,...c->...j", U, e) ** 2

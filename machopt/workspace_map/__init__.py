@@ -2,8 +2,8 @@
 
 ::
 
-    samples ─────► postures | along ─────► fields ─────► (idw: measured values beside them)
-    slice, volume  every branch, turn,     stiffness by direction, deflection,
-    line, joints   rotation; a reason      dexterity, ν_p, ν_r, margins
-                   where none will do
+    samples ─────► postures | tracking ─► quantities ─► (inverse distance weighting: measured values)
+    slice, volume  every branch, turn,    stiffness by direction, deflection,
+    line, joints   rotation; a reason     dexterity, ν_p, ν_r, margins
+                   where none is feasible
 """

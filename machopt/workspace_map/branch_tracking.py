@@ -1,4 +1,4 @@
-"""Postures along a straight path: one branch followed without a jump, as the robot would drive it."""
+"""Postures along a straight path: one branch followed without a jump, as the robot would be driven."""
 
 from __future__ import annotations
 
@@ -31,12 +31,13 @@ def track_branches(
     pick: BranchPick,
     collides: CollisionCheck | None = None,
 ) -> MapPostures:
-    """Follow every branch of every rotation from its first sample on, and keep the best chain.
+    """Track every branch of every rotation from its first sample on, and keep the best chain.
 
-    A chain takes, sample by sample, the posture nearest to the one before. Where that is a jump the sample is
-    NO_PATH and the chain goes on from there. At each rotation the chain that holds most samples is taken; of those,
+    A chain takes, sample by sample, the posture nearest to the previous one. Where that is a jump the sample is
+    NO_PATH and the chain continues from there. At each rotation the chain that covers most samples is selected; of
+    those,
     by ``pick``, the one whose least good sample is best ("best") or worst ("worst"), whose start is nearest home
-    ("home"), or that starts in the branch of that number. Of the rotations, the one whose chain holds most and whose
+    ("home"), or that starts in the branch of that number. Of the rotations, the one whose chain covers most and whose
     least good sample is best. The rotation does not change along the line.
 
     Args:
@@ -45,7 +46,7 @@ def track_branches(
         gamma: (R,) rad; the first is preferred among equals.
         goodness: larger is better.
         pick: see above.
-        collides: postures that break a chain; None: not looked for.
+        collides: postures that break a chain; None: not checked.
     """
     M, R = T_base_tcp.shape[:2]
     found = compute_candidates(arm, T_base_tcp)
@@ -61,7 +62,7 @@ def track_branches(
             (_rank_chain(q[:, r, b], branch[:, r, b], value[:, r, b], arm.home, pick), b) for b in range(B)
         ):
             if rank[0] >= 0:
-                break  # this and the chains after it hold no sample
+                break  # this chain and the following ones cover no sample
             free = -rank[0]
             if collides is not None:
                 there = np.flatnonzero(reason[:, r, b] == InfeasibilityReason.OK)
@@ -71,7 +72,7 @@ def track_branches(
             if chosen is None or -free < chosen[0][0]:
                 chosen = (-free, *rank[1:]), b
             if free == -rank[0]:
-                break  # no chain after it holds more
+                break  # no following chain covers more
         if chosen is not None and chosen[0][0] < 0:
             b = chosen[1]
             rank = (chosen[0][0], _round_value(-float(np.nanmin(value[:, r, b]))), turned)
@@ -109,7 +110,7 @@ def _track_chains(
     q = np.full((M, R, B, 6), np.nan)
     branch = np.full((M, R, B), -1)
     reason = np.empty((M, R, B), np.uint8)
-    last = np.full((R, B, 6), np.nan)  # the posture each chain stands in
+    last = np.full((R, B, 6), np.nan)  # last posture of each chain
     r = np.arange(R)[:, None]
     for m in range(M):
         fresh = ~np.isfinite(last[..., 0])
@@ -136,13 +137,15 @@ def _track_chains(
 
 
 def _rank_chain(q: Array, branch: NDArray[np.int64], value: Array, home: Array, pick: BranchPick) -> tuple[float, ...]:
-    """Sorts chains of one rotation, best first: samples held (negative), then by ``pick``, then travel from home."""
-    held = np.flatnonzero(np.isfinite(q[:, 0]))
-    if not len(held) or (isinstance(pick, int) and branch[held[0]] != pick):
+    """Return the sort key of chains of one rotation, best first: samples covered (negative), ``pick``, travel from
+    home.
+    """
+    covered = np.flatnonzero(np.isfinite(q[:, 0]))
+    if not len(covered) or (isinstance(pick, int) and branch[covered[0]] != pick):
         return 0.0, np.inf, np.inf
-    far = float(np.abs(q[held[0]] - home).max())
+    start_distance = float(np.abs(q[covered[0]] - home).max())
     least = _round_value(float(np.nanmin(value)))
-    return float(-len(held)), {"best": -least, "worst": least}.get(str(pick), far), far
+    return float(-len(covered)), {"best": -least, "worst": least}.get(str(pick), start_distance), start_distance
 
 
 def _round_value(value: float) -> float:

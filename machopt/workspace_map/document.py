@@ -1,4 +1,4 @@
-"""What a map tells: map.json, its layers, the sentence for the user."""
+"""Result document of a map: map.json, its layers, the verdict for the user."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ COLUMN_SUFFIXES: dict[QuantityUnit, tuple[str, float]] = {
 }
 """What a unit of the fields is called in files, and the factor to it."""
 
-LARGE_DEFLECTION_M = 0.02  # m; a deflection beyond the small displacements that linear elasticity holds for
+LARGE_DEFLECTION_M = 0.02  # m; deflection above the validity limit of linear elasticity
 
 REASON_TEXTS = {
     InfeasibilityReason.OK: "posture found",
@@ -63,16 +63,32 @@ class MapLayerResult:
 
 
 def build_column_name(field: MapQuantity) -> str:
+    """Return the name of a quantity's column in files.
+
+    Args:
+        field: quantity.
+    """
     return field.key + COLUMN_SUFFIXES[field.unit][0]
 
 
 def convert_to_map_frame(T_base_tcp: Array, options: MapOptions) -> Array:
-    """TCP poses (..., 4, 4) in the map's frame."""
+    """Return TCP poses (..., 4, 4) in the map's frame.
+
+    Args:
+        T_base_tcp: (..., 4, 4) in base_link.
+        options: map options with the frame.
+    """
     return np.asarray(invert_transform(options.T_base_frame) @ T_base_tcp)
 
 
 def compute_sample_positions(samples: MapSamples, layer: MapLayerResult, options: MapOptions) -> Array:
-    """(M, 3) m, where the TCP of each sample is or should be, in the map's frame; NaN where a posture has none."""
+    """Return (M, 3) m, the actual or requested TCP position of each sample in the map's frame; NaN where there is none.
+
+    Args:
+        samples: samples of the map.
+        layer: layer with the postures.
+        options: map options with the frame.
+    """
     return (
         convert_to_map_frame(layer.values.T_base_tcp, options)[:, :3, 3]
         if samples.position is None
@@ -92,7 +108,20 @@ def build_map_document(
     criterion: MapQuantity,
     comparison: MeasuredComparison | None,
 ) -> tuple[MapDocument, str]:
-    """map.json, and its verdict as one sentence; ``inputs`` are SHA-256 by name."""
+    """Return map.json, and its verdict as one sentence.
+
+    Args:
+        inputs: SHA-256 of each input file by name.
+        cell: robot cell.
+        plan: plan options with the margins.
+        options: map options.
+        setting: constant inputs of the quantities.
+        samples: samples of the map.
+        arm: kinematics, limits, margins.
+        layers: computed layers.
+        criterion: quantity by which postures are selected.
+        comparison: comparison with measured stiffness; None: none.
+    """
     message = _format_verdict(samples, layers, criterion, arm, setting, options)
     angle = options.kind == "joints"
     scale = DEG if angle else MM
@@ -146,7 +175,11 @@ def build_map_document(
 
 
 def compute_statistics(value: Array) -> dict[str, float] | None:
-    """Extremes and percentiles of a field in SI, with the rows of the extremes; None without numbers."""
+    """Return extremes and percentiles of a quantity in SI, with the rows of the extremes; None without numbers.
+
+    Args:
+        value: (M,) SI, NaN where there is none.
+    """
     known = np.flatnonzero(np.isfinite(value))
     if not len(known):
         return None
@@ -223,9 +256,9 @@ def _format_verdict(
         centre, radius = compute_farthest_reach(arm.robot, arm.T_flange_tcp)
         T = invert_transform(options.T_base_frame)
         middle = (T[:3, :3] @ centre + T[:3, 3]) * MM
-        told = f"none of {len(samples):,} samples has a posture; most are {REASON_TEXTS[worst]}"
+        verdict = f"none of {len(samples):,} samples has a posture; most are {REASON_TEXTS[worst]}"
         if samples.q is not None:
-            return f"{told}: the joint limits are {_format_limit_note(setting)}"
+            return f"{verdict}: the joint limits are {_format_limit_note(setting)}"
         short = most.postures.shortfall[most.postures.shortfall > 0]
         miss = (
             f", the nearest by {short.min() * MM:.0f} mm"
@@ -233,7 +266,7 @@ def _format_verdict(
             else ""
         )
         return (
-            f"{told}{miss}; the tool tip never gets further than {radius * MM:.0f} mm from x {middle[0]:.0f}, "
+            f"{verdict}{miss}; the tool tip never gets further than {radius * MM:.0f} mm from x {middle[0]:.0f}, "
             f"y {middle[1]:.0f}, z {middle[2]:.0f} mm of {options.frame}"
         )
     unit, factor = COLUMN_SUFFIXES[criterion.unit]
@@ -269,7 +302,7 @@ def _list_hints(samples: MapSamples, layers: list[MapLayerResult], setting: MapS
     else:
         out += setting.elasticity.warnings
         d = setting.elasticity.stiffness.discrepancy
-        out += [said] if d is not None and (said := d.describe_misfit("Stiffness and deflection")) else []
+        out += [misfit] if d is not None and (misfit := d.describe_misfit("Stiffness and deflection")) else []
         out += _format_external_joints(setting)
     for layer in layers:
         if "deflection" not in layer.values.value:

@@ -1,8 +1,8 @@
-"""Stiffness measured at a few places, spread over the workspace by inverse distance weighting.
+"""Interpolation of measured stiffness over the workspace by inverse distance weighting.
 
-What this can say is little, and every limit is flagged or stated: between measured points it repeats a weighted mean
-of them (never more than the largest, never less than the least), beyond them it knows nothing, and it knows the
-place but not the posture, so readings taken with other postures are averaged as if they were one arm.
+The method has narrow limits, which are flagged or stated. Between measured points it returns a weighted mean
+of them (never more than the largest, never less than the least). Beyond them it has no information. It knows the
+place but not the posture, so readings in different postures are averaged as if they were one arm.
 """
 
 from __future__ import annotations
@@ -14,24 +14,26 @@ from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
 
-FLATNESS_TOLERANCE = 1e-6  # of the extent: measured points this near a plane (a line) span that plane (line), no volume
-SAME_POINT_M = 1e-9  # m; a query this near a measured point takes its value
+FLATNESS_TOLERANCE = (
+    1e-6  # of the extent: measured points this near to a plane (a line) span that plane (line), no volume
+)
+SAME_POINT_M = 1e-9  # m; a query this near to a measured point has its value
 _PAIRS_AT_ONCE = 2_000_000
 
 
 @dataclass(frozen=True)
 class InterpolatedValues:
-    """Values at Q places and how far to trust them."""
+    """Values at Q places with their reliability."""
 
     value: Array  # (Q, F) in the units of the data
-    inside: NDArray[np.bool_]  # (Q,) False: outside the convex hull of the points, so a guess
+    inside: NDArray[np.bool_]  # (Q,) False: extrapolated outside the convex hull of the points
     nearest: Array  # (Q,) m to the nearest measured point
 
 
 def interpolate_idw(
     points: Array, values: Array, query: Array, power: float = 2.0, neighbours: int | None = None
 ) -> InterpolatedValues:
-    """Inverse distance weighting, v(x) = Σ w_i v_i / Σ w_i with w_i = |x − x_i|^(−p).
+    """Return inverse distance weighted values, v(x) = Σ w_i v_i / Σ w_i with w_i = |x − x_i|^(−p).
 
     Exact at the points; several readings at one point count as their mean there.
 
@@ -39,11 +41,11 @@ def interpolate_idw(
         points: (P, 3) m.
         values: (P, F), each column interpolated by itself.
         query: (Q, 3) m.
-        power: p > 0; larger lets the nearest points decide.
-        neighbours: how many of the nearest points count; None: all.
+        power: p > 0; a larger one increases the weight of the nearest points.
+        neighbours: number of nearest points that count; None: all.
 
     Returns:
-        Values, with what lies outside the convex hull flagged. Points on a plane (or line) have a flat hull: only
+        Values, with places outside the convex hull flagged. Points on a plane (or line) have a flat hull: only
         places on that plane (line) are inside.
 
     Source: tian2025 section 4.5 (which states neither power nor neighbours).
@@ -61,23 +63,35 @@ def interpolate_idw(
             limit = np.partition(distance, count - 1, axis=1)[:, count - 1 : count]
             use = np.where(distance <= limit, distance, np.inf)
         at = distance <= SAME_POINT_M
-        scale = np.maximum(nearest[part], SAME_POINT_M)[:, None]  # ratios of distances: no overflow beside a point
+        scale = np.maximum(nearest[part], SAME_POINT_M)[:, None]  # ratios of distances: no overflow near a point
         weight = np.where(at.any(axis=1)[:, None], at, (scale / np.maximum(use, SAME_POINT_M)) ** power)
         out[part] = weight @ values / weight.sum(axis=1, keepdims=True)
     return InterpolatedValues(out, is_inside_hull(points, query), nearest)
 
 
 def predict_leave_one_out(points: Array, values: Array, power: float = 2.0, neighbours: int | None = None) -> Array:
-    """Each reading as the others predict it, (P, F): what the map is worth between its points. P ≥ 2."""
+    """Return each reading as predicted from the others, (P, F), a measure of the accuracy between points. P ≥ 2.
+
+    Args:
+        points: (P, 3) m.
+        values: (P, F).
+        power: p > 0.
+        neighbours: number of nearest points that count; None: all.
+    """
     out = np.empty(values.shape)
     for i in range(len(points)):
-        rest = np.arange(len(points)) != i
-        out[i] = interpolate_idw(points[rest], values[rest], points[i : i + 1], power, neighbours).value[0]
+        others = np.arange(len(points)) != i
+        out[i] = interpolate_idw(points[others], values[others], points[i : i + 1], power, neighbours).value[0]
     return out
 
 
 def is_inside_hull(points: Array, query: Array) -> NDArray[np.bool_]:
-    """Which of the places (Q, 3) lie in the convex hull of the points (P, 3), border included."""
+    """Return (Q,) which of the places lie in the convex hull of the points, border included.
+
+    Args:
+        points: (P, 3) m.
+        query: (Q, 3) m.
+    """
     from scipy.spatial import Delaunay
 
     middle = points.mean(axis=0)

@@ -1,4 +1,4 @@
-"""Measured stiffness beside the model: at the measured places, and spread over the map's samples."""
+"""Comparison of measured stiffness with the model: at the measured places, and interpolated over the map's samples."""
 
 from __future__ import annotations
 
@@ -15,15 +15,19 @@ from machopt.workspace_map.postures import ReachingArm, build_tool_poses, choose
 from machopt.workspace_map.quantities import MapQuantity, MapSettings
 from machopt.workspace_map.request import MapOptions, MapRequest
 
-MAX_POSITION_OFFSET_M = 5e-3  # m; places and joints of a table that disagree by more belong to another tool or frame
+MAX_POSITION_OFFSET_M = (
+    5e-3  # m; a larger difference between places and joints of a table indicates another tool or frame
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredComparison:
-    """P readings, what the others and the model say of each, and their spread over M samples."""
+    """P readings, their predictions from the other readings and from the model, and their interpolation over M
+    samples.
+    """
 
     file: str
-    axes: tuple[str, ...]  # of x, y, z those that were measured (F)
+    axes: tuple[str, ...]  # measured ones of x, y, z (F)
     position: Array  # (P, 3) m in the map's frame
     measured: Array  # (P, F) N/m
     left_out: Array  # (P, F) N/m, interpolated from the other readings
@@ -36,7 +40,7 @@ class MeasuredComparison:
     warnings: tuple[str, ...]
 
     def compute_errors(self) -> dict[str, dict[str, float | None]]:
-        """Root mean square and median relative error by axis: left-out readings, and the model."""
+        """Return root mean square and median relative error by axis: left-out readings, and the model."""
         out: dict[str, dict[str, float | None]] = {}
         for f, axis in enumerate(self.axes):
             row: dict[str, float | None] = {}
@@ -58,7 +62,16 @@ def compare_with_measured(
     criterion: MapQuantity,
     places: Array,
 ) -> MeasuredComparison:
-    """Compare a table with the model and spread it over the map's places (M, 3) m in its frame (NaN: no place).
+    """Compare a table with the model and interpolate it over the map's places.
+
+    Args:
+        table: measured stiffness.
+        request: options as the user wrote them.
+        options: map options.
+        arm: kinematics, limits, margins.
+        setting: constant inputs of the quantities.
+        criterion: quantity by which postures are selected.
+        places: (M, 3) m in the map's frame, NaN: no place.
 
     Raises:
         InputError: the cell has no stiffness.
@@ -68,14 +81,14 @@ def compare_with_measured(
     axes = tuple(table.stiffness)
     measured = np.column_stack([table.stiffness[axis] for axis in axes])
     position, q, warnings = _locate_readings(table, options, arm, setting, criterion)
-    model, held = np.full(measured.shape, np.nan), np.full(measured.shape, np.nan)
+    model, constrained = np.full(measured.shape, np.nan), np.full(measured.shape, np.nan)
     there = np.flatnonzero(np.isfinite(q).all(axis=1))
     if len(there):
         at = setting.evaluate_states(q[there])
         for f, axis in enumerate(axes):
             direction = at.compute_axis("xyz".index(axis))
             model[there, f] = 1.0 / at.elasticity.compute_compliance_along(direction)
-            held[there, f] = at.compute_held_stiffness(direction)
+            constrained[there, f] = at.compute_held_stiffness(direction)
     known = np.isfinite(places).all(axis=1)
     value, inside = np.full((len(places), len(axes)), np.nan), np.zeros(len(places), bool)
     nearest = np.full(len(places), np.nan)
@@ -95,7 +108,7 @@ def compare_with_measured(
         measured=measured,
         left_out=predict_leave_one_out(position, measured, request.power, request.neighbours),
         model=model,
-        held_stiffness=held,
+        held_stiffness=constrained,
         spread=InterpolatedValues(value, inside, nearest),
         power=request.power,
         neighbours=request.neighbours,

@@ -1,4 +1,4 @@
-"""From what was asked of a map to the postures of its samples: arm, setting, criterion, collisions."""
+"""Postures of a map's samples from its options: arm, settings, criterion, collisions."""
 
 from __future__ import annotations
 
@@ -40,6 +40,13 @@ from machopt.workspace_map.sample_grid import MapSamples
 
 
 def build_reaching_arm(cell: Cell, robot: Robot, options: PlanOptions) -> ReachingArm:
+    """Return kinematics, limits and margins of a cell.
+
+    Args:
+        cell: robot cell.
+        robot: kinematic model.
+        options: plan options with the margins.
+    """
     return ReachingArm(
         robot=robot,
         solver=build_solver(robot),
@@ -54,6 +61,13 @@ def build_reaching_arm(cell: Cell, robot: Robot, options: PlanOptions) -> Reachi
 
 
 def build_map_settings(cell: Cell, robot: Robot, options: MapOptions) -> MapSettings:
+    """Return the constant inputs of the quantities.
+
+    Args:
+        cell: robot cell.
+        robot: kinematic model.
+        options: map options.
+    """
     tool = cell.tool.T_flange_tcp
     lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
     elasticity = None
@@ -61,7 +75,7 @@ def build_map_settings(cell: Cell, robot: Robot, options: MapOptions) -> MapSett
         elasticity = ArmElasticity(robot, tool, cell.stiffness, (lower, upper), load_masses(cell), counted=True)
     length = options.length or compute_characteristic_length(robot, tool).length
     frame, springs = options.T_base_frame[:3, :3], () if cell.stiffness is None else cell.stiffness.external
-    beside = ExternalJointCompliance.build(load_machine(cell, robot), springs) if springs else None
+    external_compliance = ExternalJointCompliance.build(load_machine(cell, robot), springs) if springs else None
     return MapSettings(
         robot=robot,
         T_flange_tcp=tool,
@@ -71,23 +85,40 @@ def build_map_settings(cell: Cell, robot: Robot, options: MapOptions) -> MapSett
         upper=upper,
         R_base_frame=frame,
         load=options.load,
-        external_compliance=beside,
+        external_compliance=external_compliance,
         external=cell.external_home,
     )
 
 
 def select_criterion(options: MapOptions, setting: MapSettings) -> MapQuantity:
+    """Return the quantity by which postures are selected.
+
+    Args:
+        options: map options.
+        setting: constant inputs of the quantities.
+
+    Raises:
+        InputError: the quantity needs a load or a stiffness that is missing.
+    """
     key = options.by or select_default_criterion(setting)
     field = next(f for f in QUANTITIES if f.key == key)
     if field not in list_quantities(setting):
-        lacks = "--load-N or --wrench" if setting.elasticity is not None else "a cell with stiffness"
+        missing_input = "--load-N or --wrench" if setting.elasticity is not None else "a cell with stiffness"
         raise InputError(
-            f"{key} needs {lacks}; {', '.join(f.key for f in list_quantities(setting))} would work", where="--by"
+            f"{key} needs {missing_input}; {', '.join(f.key for f in list_quantities(setting))} would work",
+            where="--by",
         )
     return field
 
 
 def build_goodness_function(criterion: MapQuantity, setting: MapSettings) -> GoodnessFunction:
+    """Return the function that rates postures by a quantity; larger is better.
+
+    Args:
+        criterion: quantity.
+        setting: constant inputs of the quantities.
+    """
+
     def goodness(q: Array) -> Array:
         return criterion.compute_goodness(setting.evaluate_states(q))
 
@@ -97,14 +128,24 @@ def build_goodness_function(criterion: MapQuantity, setting: MapSettings) -> Goo
 def build_collision_check(
     cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...], plan: PlanOptions, options: MapOptions
 ) -> CollisionCheck | None:
-    """The collision check asked for: of the arm and its tool with themselves, or with the whole cell too."""
+    """Return the requested collision check: of the arm and its tool with themselves, or with the whole cell too.
+
+    Args:
+        cell: robot cell.
+        robot: kinematic model.
+        shapes: the URDF's collision shapes.
+        plan: plan options with the clearance.
+        options: map options.
+    """
     if options.collision == "none":
         return None
     if options.collision == "self":
         part = replace(cell.workpiece, link="world", geometry=())
         cell = replace(cell, obstacles=(), workpiece=part)
     model = CollisionModel(cell, robot, shapes, plan.clearance, still=True)
-    return lambda q: model.check_configurations(q, np.ones(len(q), bool)).hit  # the cutter may touch the workpiece
+    return lambda q: (
+        model.check_configurations(q, np.ones(len(q), bool)).hit
+    )  # the cutter may touch the workpiece everywhere
 
 
 def compute_posture_layers(
@@ -115,7 +156,19 @@ def compute_posture_layers(
     goodness: GoodnessFunction,
     collides: CollisionCheck | None,
 ) -> dict[str, MapPostures]:
-    """Layers by name: "given" rotation, and "free" where the rotation may be chosen."""
+    """Return the layers by name: "given" rotation, and "free" where the rotation may be chosen.
+
+    Args:
+        samples: samples of the map.
+        arm: kinematics, limits, margins.
+        cell: robot cell.
+        options: map options.
+        goodness: rating of postures, larger is better.
+        collides: collision check; None: none.
+
+    Raises:
+        ValueError: samples have neither places nor postures.
+    """
     if samples.q is not None:
         return {"given": check_given_postures(samples.q, cell.limits.lower[:6], cell.limits.upper[:6], collides)}
     if samples.position is None:

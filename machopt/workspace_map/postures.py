@@ -1,8 +1,8 @@
-"""Which postures hold the tool at a sample, why none does, and which of them a map shows.
+"""Feasible postures of a sample, the reason where there is none, and the selection of the one a map shows.
 
-Reach, limits and distance from singularities are judged as the planner judges them: every branch of the inverse
-kinematics, every whole turn the limits allow, the cell's margins. Of the postures that are left only those that a map
-would show are checked for collisions; where one collides the next best takes its place.
+Reach, limits and distance from singularities are checked as by the planner: every branch of the inverse
+kinematics, every whole turn inside the limits, the cell's margins. Of the remaining postures only those that a map
+would show are checked for collisions; where one collides, the next best replaces it.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ TIE_TOLERANCE = (
 
 @dataclass(frozen=True, kw_only=True)
 class ReachingArm:
-    """What inverse kinematics needs to know of a cell."""
+    """Inputs of the inverse kinematics from a cell."""
 
     robot: Robot
     solver: InverseKinematicsSolver
     T_flange_tcp: Array  # (4, 4)
-    lower: Array  # (6,) rad, limit margin taken off
+    lower: Array  # (6,) rad, reduced by the limit margin
     upper: Array  # (6,)
-    home: Array  # (6,) rad, decides between equal postures and whole turns
+    home: Array  # (6,) rad, decides among equal postures and whole turns
     margins: SingularityMargins
 
 
@@ -48,15 +48,15 @@ class ReachingArm:
 class PostureCandidates:
     """Every branch at N poses."""
 
-    q: Array  # (N, B, 6) rad, turned to lie inside the limits as near to home as they allow; NaN where it cannot
+    q: Array  # (N, B, 6) rad, inside the limits and by whole turns nearest to home; NaN where impossible
     reason: ReasonCodes  # (N, B) Reason
-    shortfall: Array  # (N,) m of reach that is missing to every branch
-    singularity_margin: Array  # (N, B) rad, of elbow and wrist the angle that is less, from where the arm is singular
+    shortfall: Array  # (N,) m, missing reach of every branch
+    singularity_margin: Array  # (N, B) rad, smaller angle of elbow and wrist from the singularity
 
 
 @dataclass(frozen=True, kw_only=True)
 class MapPostures:
-    """One posture a sample, or the reason for none."""
+    """One posture per sample, or the reason why there is none."""
 
     q: Array  # (M, 6) rad, NaN where none
     branch: NDArray[np.int8]  # (M,) −1 where none
@@ -64,18 +64,19 @@ class MapPostures:
     reason: ReasonCodes  # (M,) Reason
     shortfall: Array  # (M,) m, 0 inside the reach
     count: NDArray[np.int64]  # (M,) branches within limits and margins, over all rotations tried
-    rotations: Array  # (M,) share of the rotations tried that have one of them, 0 … 1
+    rotations: Array  # (M,) share of the tried rotations that have such a branch, 0 … 1
 
     @property
     def ok(self) -> NDArray[np.bool_]:
+        """(M,) samples with a posture."""
         return np.asarray(self.reason == InfeasibilityReason.OK)
 
 
 def build_tool_poses(position: Array, tool_axis: Array, gamma: Array) -> Array:
-    """TCP poses for every position and rotation.
+    """Return TCP poses for every position and rotation.
 
     At gamma = 0, TCP x is the frame's x axis projected on the plane normal to the tool axis (y where they are
-    parallel); gamma turns the TCP about its own z.
+    parallel); gamma rotates the TCP about its own z.
 
     Args:
         position: (N, 3) m.
@@ -94,13 +95,14 @@ def build_tool_poses(position: Array, tool_axis: Array, gamma: Array) -> Array:
 
 
 def add_whole_turns(q: Array, lower: Array, upper: Array, near: Array) -> Array:
-    """Add the whole turns that bring each joint inside its limits and nearest to ``near``; NaN where none does.
+    """Return joints shifted by whole turns inside their limits, nearest to ``near``; NaN where that is impossible.
 
     Joints are independent of each other here, so no combination of turns is missed.
 
     Args:
         q: (..., 6) rad.
-        lower, upper: (6,) rad.
+        lower: (6,) rad.
+        upper: (6,) rad.
         near: (..., 6) rad.
     """
     turn = 2 * np.pi
@@ -112,7 +114,12 @@ def add_whole_turns(q: Array, lower: Array, upper: Array, near: Array) -> Array:
 
 
 def compute_candidates(arm: ReachingArm, T_base_tcp: Array) -> PostureCandidates:
-    """All branches at (N, R, 4, 4) poses, flattened to N·R rows."""
+    """Return all branches of a grid of poses, flattened to N·R rows.
+
+    Args:
+        arm: kinematics, limits, margins.
+        T_base_tcp: (N, R, 4, 4).
+    """
     branches = arm.solver.solve_grid(T_base_tcp @ invert_transform(arm.T_flange_tcp))
     reason = compute_branch_reasons(branches, arm.margins)
     q = add_whole_turns(branches.q, arm.lower, arm.upper, arm.home)
@@ -131,20 +138,20 @@ def choose_postures(
     pick: BranchPick,
     collides: CollisionCheck | None = None,
 ) -> MapPostures:
-    """The posture of every sample: a branch by ``pick`` at each rotation, then the rotation that is best with it.
+    """Return the posture of every sample: a branch by ``pick`` at each rotation, then the best rotation.
 
-    "best" and "worst" compare branches by ``goodness``, "home" takes the branch that moves no joint far from home,
-    a number takes that branch. Between postures that are equally good the one nearest to home is taken, between
-    rotations the one turned least from the first.
+    "best" and "worst" compare branches by ``goodness``, "home" selects the branch that moves no joint far from home,
+    a number selects that branch. Among equally good postures the one nearest to home is selected, among
+    rotations the one nearest to the first.
 
     Args:
         arm: kinematics, limits, margins.
-        poses: gives T_base_tcp (n, R, 4, 4) of a slice of the samples.
+        poses: returns T_base_tcp (n, R, 4, 4) of a slice of the samples.
         size: (M, R).
         gamma: (R,) rad; the first is the preferred one.
         goodness: larger is better.
-        pick: how a branch is chosen.
-        collides: postures that must not be shown; None: not looked for.
+        pick: selection rule for the branch.
+        collides: postures that must not be shown; None: not checked.
     """
     M, R = size
     order = np.argsort(np.abs(np.angle(np.exp(1j * (gamma - gamma[0])))), kind="stable")
@@ -172,14 +179,14 @@ def _choose_block(
     ok = np.asarray(reason == InfeasibilityReason.OK)
     allowed = ok & (np.arange(B) == pick) if isinstance(pick, int) else ok.copy()
     rotations = np.asarray(allowed.any(axis=2).mean(axis=1))
-    far = np.where(allowed, np.abs(q - home).max(axis=-1, initial=0.0), np.inf)
+    home_distance = np.where(allowed, np.abs(q - home).max(axis=-1, initial=0.0), np.inf)
     good = np.full(ok.shape, -np.inf)
     good[allowed] = goodness(q[allowed])
     rotation, branch = np.zeros(n, np.intp), np.zeros(n, np.intp)
     usable = np.zeros(n, bool)
     todo = np.arange(n)
     while len(todo):
-        some, rotation[todo], branch[todo] = _pick_one(good[todo], allowed[todo], far[todo], pick)
+        some, rotation[todo], branch[todo] = _pick_one(good[todo], allowed[todo], home_distance[todo], pick)
         usable[todo] = some
         todo = todo[some]
         if collides is None or not len(todo):
@@ -202,14 +209,14 @@ def _choose_block(
 
 
 def _pick_one(
-    good: Array, allowed: NDArray[np.bool_], far: Array, pick: BranchPick
+    good: Array, allowed: NDArray[np.bool_], home_distance: Array, pick: BranchPick
 ) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
     """Whether anything is allowed, and which rotation and branch, for (n, R, B) candidates."""
     n, R, _ = good.shape
     if pick in ("best", "worst"):
-        branch = _find_nearest_of_equal(-good if pick == "worst" else good, allowed, far)
+        branch = _find_nearest_of_equal(-good if pick == "worst" else good, allowed, home_distance)
     else:
-        branch = np.asarray(np.argmin(np.where(allowed, far, np.inf), axis=-1))
+        branch = np.asarray(np.argmin(np.where(allowed, home_distance, np.inf), axis=-1))
     i, r = np.indices((n, R))
     there = np.asarray(allowed[i, r, branch])
     value = np.where(there, good[i, r, branch], -np.inf)
@@ -219,17 +226,26 @@ def _pick_one(
     return np.asarray(there.any(axis=1)), rotation, branch[np.arange(n), rotation]
 
 
-def _find_nearest_of_equal(score: Array, allowed: NDArray[np.bool_], far: Array) -> NDArray[np.intp]:
-    """Index along the last axis of the highest score; of those within EQUAL of it, the one least far."""
+def _find_nearest_of_equal(score: Array, allowed: NDArray[np.bool_], home_distance: Array) -> NDArray[np.intp]:
+    """Return the index along the last axis of the highest score; of those within TIE_TOLERANCE of it, the nearest
+    one.
+    """
     score = np.where(allowed, score, -np.inf)
     top = score.max(axis=-1, keepdims=True)
     with np.errstate(invalid="ignore"):
         close = allowed & (score >= top - TIE_TOLERANCE * np.abs(top))
-    return np.asarray(np.argmin(np.where(close, far, np.inf), axis=-1))
+    return np.asarray(np.argmin(np.where(close, home_distance, np.inf), axis=-1))
 
 
 def check_given_postures(q: Array, lower: Array, upper: Array, collides: CollisionCheck | None = None) -> MapPostures:
-    """Postures that are samples themselves; those outside the limits (6,) rad, or in collision, are none."""
+    """Return given postures as samples; those outside the limits, or in collision, are infeasible.
+
+    Args:
+        q: (M, 6) rad.
+        lower: (6,) rad.
+        upper: (6,) rad.
+        collides: collision check; None: none.
+    """
     inside = np.asarray(((q >= lower - 1e-12) & (q <= upper + 1e-12)).all(axis=1))
     reason = np.where(inside, InfeasibilityReason.OK, InfeasibilityReason.LIMIT).astype(np.uint8)
     if collides is not None and inside.any():

@@ -1,4 +1,4 @@
-"""What a map shows at a posture: stiffness by direction, deflection, dexterity, influence of the load, margins."""
+"""Quantities of a map at a posture: stiffness by direction, deflection, dexterity, influence of the load, margins."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ RIGID_COMPLIANCE = 1e-18  # of the largest compliance (m/N and rad/(N·m) mixed)
 
 @dataclass(frozen=True)
 class MapLoad:
-    """A wrench on the TCP that all fields of deflection are for."""
+    """Wrench on the TCP for all quantities of deflection."""
 
     wrench: Array  # (6,) N, N·m, moment about the TCP
     axes: Literal["frame", "tool"]  # whose axes its components are along
@@ -40,7 +40,7 @@ class MapLoad:
 
 @dataclass(frozen=True, kw_only=True)
 class MapSettings:
-    """What fields are computed from, beside the posture."""
+    """Constant inputs of the quantities, besides the posture."""
 
     robot: Robot
     T_flange_tcp: Array  # (4, 4)
@@ -50,25 +50,29 @@ class MapSettings:
     upper: Array  # (6,)
     R_base_frame: Array  # (3, 3) columns: the map's x, y, z in base_link
     load: MapLoad | None = None
-    external_compliance: ExternalJointCompliance | None = None  # what external joints give; None: they are rigid
-    external: Array | None = None  # (E,) rad or m, where these stand
+    external_compliance: ExternalJointCompliance | None = None  # compliance of external joints; None: they are rigid
+    external: Array | None = None  # (E,) rad or m, values of the external joints
 
     def evaluate_states(self, q: Array) -> PostureStates:
-        """The situation at postures q (M, 6) rad."""
+        """Return the states of postures.
+
+        Args:
+            q: (M, 6) rad.
+        """
         if self.elasticity is None:
             return PostureStates(self, self.robot.compute_state(q, self.T_flange_tcp), None)
         if self.external_compliance is None or self.external is None:
             elastic = self.elasticity.evaluate(q)
         else:
             place = self.robot.compute_fk(q, self.T_flange_tcp)[..., :3, 3]
-            stands = np.tile(self.external, (len(q), 1))
-            elastic = self.elasticity.evaluate(q, beside=self.external_compliance.compute_compliance(stands, place))
+            external = np.tile(self.external, (len(q), 1))
+            elastic = self.elasticity.evaluate(q, beside=self.external_compliance.compute_compliance(external, place))
         return PostureStates(self, elastic.state, elastic)
 
 
 @dataclass(frozen=True)
 class PostureStates:
-    """M postures and their elasticity; what several fields share is computed once."""
+    """M postures with their elasticity; values shared by several quantities are computed once."""
 
     setting: MapSettings
     state: ArmState
@@ -76,10 +80,10 @@ class PostureStates:
 
     @property
     def elasticity(self) -> ElasticState:
-        """The elasticity.
+        """Elastic state of the postures.
 
         Raises:
-            ValueError: the cell has no stiffness; such fields are not offered then.
+            ValueError: the cell has no stiffness; such quantities are not offered then.
         """
         if self.known is None:
             raise ValueError("a field of stiffness needs a cell with stiffness")
@@ -109,7 +113,11 @@ class PostureStates:
         return self.state.T_base_tool[:, :3, :3]
 
     def compute_axis(self, number: int) -> Array:
-        """(M, 3) x, y or z of the map's frame in base_link."""
+        """Return (M, 3) x, y or z of the map's frame in base_link.
+
+        Args:
+            number: 0, 1 or 2.
+        """
         return np.broadcast_to(self.setting.R_base_frame[:, number], (len(self.state.q), 3))
 
     @cached_property
@@ -130,7 +138,12 @@ class PostureStates:
         return found.nu_p, found.nu_r
 
     def compute_held_stiffness(self, direction: Array) -> Array:
-        """eᵀ C⁻¹ e with the 6×6 compliance: all five other motions held. inf where a singularity blocks it."""
+        """Return eᵀ C⁻¹ e with the 6×6 compliance: all five other motions constrained. inf where a singularity blocks
+        it.
+
+        Args:
+            direction: (M, 3) unit, in base_link.
+        """
         if not self.elasticity.terms:
             return compute_directional_stiffness(self.state.J, self.elasticity.k, direction, "pose")
         values, vectors = np.linalg.eigh(self.compliance)
@@ -149,11 +162,15 @@ class MapQuantity:
     unit: QuantityUnit
     better: Literal["more", "less"]
     needs: frozenset[str]  # "stiffness", "load"
-    note: str  # what it is and when it does not hold
+    note: str  # definition and limits of validity
     function: Callable[[PostureStates], Array]  # → (M,) SI
 
     def compute_goodness(self, at: PostureStates) -> Array:
-        """(M,) larger is better; −inf where there is no number."""
+        """Return (M,) a rating, larger is better; −inf where there is no number.
+
+        Args:
+            at: states of M postures.
+        """
         value = self.function(at)
         return np.where(np.isfinite(value), value if self.better == "more" else -value, -np.inf)
 
@@ -331,13 +348,21 @@ QUANTITIES: tuple[MapQuantity, ...] = (
 
 
 def list_quantities(setting: MapSettings) -> tuple[MapQuantity, ...]:
-    """The fields that this cell and load allow."""
+    """Return the quantities that this cell and load allow.
+
+    Args:
+        setting: constant inputs of the quantities.
+    """
     have = {word for word, there in (("stiffness", setting.elasticity), ("load", setting.load)) if there is not None}
     return tuple(field for field in QUANTITIES if field.needs <= have)
 
 
 def select_default_criterion(setting: MapSettings) -> str:
-    """What postures are chosen by unless told: deflection under a load, else the softest direction, else dexterity."""
+    """Return the default criterion for postures: deflection under a load, else the softest direction, else dexterity.
+
+    Args:
+        setting: constant inputs of the quantities.
+    """
     if setting.elasticity is None:
         return "dexterity"
     return "k_min" if setting.load is None else "deflection"
@@ -345,17 +370,23 @@ def select_default_criterion(setting: MapSettings) -> str:
 
 @dataclass(frozen=True)
 class QuantityValues:
-    """Every field at M postures, NaN where there is no posture."""
+    """All quantities at M postures, NaN where there is no posture."""
 
     fields: tuple[MapQuantity, ...]
     value: dict[str, Array]  # key → (M,) SI
     T_base_tcp: Array  # (M, 4, 4)
-    softest: Array | None  # (M, 3) unit, direction in the map's frame that gives way most, +z (else +y, +x) half
+    softest: Array | None  # (M, 3) unit, most compliant direction in the map's frame, +z (else +y, +x) half
     is_in_grid: NDArray[np.bool_] | None  # (M,) False: outside the stiffness grid; None where there is no grid
 
 
 def evaluate_quantities(setting: MapSettings, q: Array, at_once: int = 16_384) -> QuantityValues:
-    """All fields at postures q (M, 6) rad; rows of NaN stay NaN."""
+    """Return all quantities at postures; rows of NaN stay NaN.
+
+    Args:
+        setting: constant inputs of the quantities.
+        q: (M, 6) rad.
+        at_once: postures per block.
+    """
     fields, M = list_quantities(setting), len(q)
     value = {field.key: np.full(M, np.nan) for field in fields}
     T = np.full((M, 4, 4), np.nan)
@@ -380,7 +411,7 @@ def evaluate_quantities(setting: MapSettings, q: Array, at_once: int = 16_384) -
 
 
 def _orient_upwards(direction: Array) -> Array:
-    """A direction and its opposite are the same: the one with positive z (else y, else x)."""
+    """Return the orientation of a direction with positive z (else y, else x), as its opposite is equivalent."""
     out = direction.copy()
     undecided = np.ones(len(out), bool)
     for c in (2, 1, 0):

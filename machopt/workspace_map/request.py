@@ -1,4 +1,4 @@
-"""What the user asked of ``machopt map``, and the words of it turned into SI."""
+"""Request of ``machopt map``, and its conversion to SI."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class MapRequest:
     cell: Path
     out: Path
     slice: str | None = None  # xy | xz | yz; the default where nothing else is asked for, xz
-    at: float | None = None  # mm, where the slice lies on its normal; 0
+    at: float | None = None  # mm, position of the slice on its normal; 0
     volume: bool = False
     joints: str | None = None  # "a2,a3" or one joint
     q: str | None = None  # six degrees, or "a4=45,a5=45"; the others at home
@@ -62,10 +62,10 @@ class MapRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class MapOptions:
-    """The request in SI, checked."""
+    """Checked options in SI."""
 
     kind: MapKind
-    axes: tuple[str, ...]  # names of the directions of sampling, in the order of the table
+    axes: tuple[str, ...]  # names of the sampling directions, in the order of the table
     at: float  # m, of a slice
     joints: tuple[int, ...]  # of a joint plane
     q: Array  # (6,) rad
@@ -84,7 +84,11 @@ class MapOptions:
 
 
 def resolve_request(request: MapRequest, cell: Cell) -> MapOptions:
-    """Check a request against its cell.
+    """Check a request against its cell and convert it to SI.
+
+    Args:
+        request: options as the user wrote them.
+        cell: robot cell.
 
     Raises:
         InputError: an option is malformed or does not fit the others or the cell.
@@ -144,7 +148,13 @@ def resolve_request(request: MapRequest, cell: Cell) -> MapOptions:
 
 
 def parse_numbers(text: str, count: int, where: str, example: str) -> tuple[float, ...]:
-    """``count`` finite numbers between commas.
+    """Return finite numbers separated by commas.
+
+    Args:
+        text: text of the option.
+        count: expected number of values.
+        where: name of the option, for the message.
+        example: valid example, for the message.
 
     Raises:
         InputError: anything else, with an example.
@@ -159,16 +169,16 @@ def parse_numbers(text: str, count: int, where: str, example: str) -> tuple[floa
 
 
 def _select_kind(request: MapRequest) -> MapKind:
-    asked = {
+    requested = {
         "--slice": request.slice is not None,
         "--volume": request.volume,
         "--joints": request.joints is not None,
         "--line": request.line is not None,
     }
-    given = [name for name, there in asked.items() if there]
-    if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} cannot be mapped at once; one of them would work", where=given[1])
-    return cast(MapKind, given[0][2:] if given else "slice")
+    options = [name for name, there in requested.items() if there]
+    if len(options) > 1:
+        raise InputError(f"{' and '.join(options)} cannot be mapped at once; one of them would work", where=options[1])
+    return cast(MapKind, options[0][2:] if options else "slice")
 
 
 def _parse_plane(text: str) -> str:

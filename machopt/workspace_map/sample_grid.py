@@ -1,4 +1,4 @@
-"""Where a map is taken: even grids of TCP positions or of joint angles, and the extent an arm can fill."""
+"""Samples of a map: even grids of TCP positions or of joint angles, and the extent an arm can reach."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SampleAxis:
 
 @dataclass(frozen=True)
 class MapSamples:
-    """M samples in the order of a table: the last axis runs fastest."""
+    """M samples in the order of a table: the last axis varies fastest."""
 
     kind: MapKind
     axes: tuple[SampleAxis, ...]
@@ -39,21 +39,28 @@ class MapSamples:
 
     @property
     def shape(self) -> tuple[int, ...]:
+        """Number of values along each axis."""
         return tuple(len(axis.values) for axis in self.axes)
 
 
 def build_even_values(low: float, high: float, step: float) -> Array:
-    """low, low + step, … up to ``high``, which belongs to it where the step divides the range."""
+    """Return low, low + step, … up to ``high``, which is included where the step divides the range.
+
+    Args:
+        low: first value.
+        high: upper end.
+        step: distance of values.
+    """
     return np.asarray(low + step * np.arange(int(np.floor((high - low) / step * (1 + 1e-12) + 1e-9)) + 1), float)
 
 
 def build_position_grid(kind: MapKind, axes: tuple[SampleAxis, ...], fixed: Array) -> MapSamples:
-    """Slice or volume along frame axes.
+    """Return a slice or volume along frame axes.
 
     Args:
         kind: "slice" (two axes) or "volume" (three).
         axes: named x, y or z.
-        fixed: (3,) m, the coordinates that no axis runs along.
+        fixed: (3,) m, the coordinates of the other axes.
     """
     mesh = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
     position = np.broadcast_to(np.asarray(fixed, float), (mesh[0].size, 3)).copy()
@@ -63,7 +70,13 @@ def build_position_grid(kind: MapKind, axes: tuple[SampleAxis, ...], fixed: Arra
 
 
 def build_straight_line(start: Array, end: Array, count: int) -> MapSamples:
-    """A straight path of the TCP from ``start`` to ``end`` (3,) m, both included."""
+    """Return a straight path of the TCP, both ends included.
+
+    Args:
+        start: (3,) m.
+        end: (3,) m.
+        count: number of samples.
+    """
     length = float(np.linalg.norm(np.subtract(end, start)))
     share = np.linspace(0.0, 1.0, count)
     position = np.asarray(start, float) + share[:, None] * np.subtract(end, start)
@@ -71,12 +84,12 @@ def build_straight_line(start: Array, end: Array, count: int) -> MapSamples:
 
 
 def build_joint_grid(axes: tuple[SampleAxis, ...], joints: tuple[int, ...], fixed: Array) -> MapSamples:
-    """One or two joints varied, the others as in ``fixed`` (6,) rad.
+    """Return a grid of one or two varied joints, the others fixed.
 
     Args:
         axes: the angles of the varied joints.
         joints: their numbers, 0 … 5.
-        fixed: a posture.
+        fixed: (6,) rad, a posture.
     """
     mesh = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
     q = np.broadcast_to(np.asarray(fixed, float), (mesh[0].size, 6)).copy()
@@ -86,10 +99,14 @@ def build_joint_grid(axes: tuple[SampleAxis, ...], joints: tuple[int, ...], fixe
 
 
 def compute_farthest_reach(robot: Robot, T_flange_tcp: Array) -> tuple[Array, float]:
-    """A ball that holds every position of the TCP: centre (3,) m in base_link and radius in m.
+    """Return a ball that contains every position of the TCP: centre (3,) m in base_link and radius in m.
 
-    The way from a point on axis 1 over a point on each axis to the TCP is a chain of rigid pieces; no posture
-    gets further than their sum.
+    The polyline from a point on axis 1 over a point on each axis to the TCP is a chain of rigid pieces; no posture
+    reaches farther than their sum.
+
+    Args:
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
     """
     tcp = (robot.T_base_flange_zero @ T_flange_tcp)[:3, 3]
     pieces = np.linalg.norm(np.diff(np.vstack([robot.point, tcp]), axis=0), axis=1)
@@ -97,10 +114,10 @@ def compute_farthest_reach(robot: Robot, T_flange_tcp: Array) -> tuple[Array, fl
 
 
 def trim_axis(values: Array, used: NDArray[np.bool_]) -> tuple[float, float]:
-    """The part of a coarse axis that is worth sampling finely: used values and one more step on either side.
+    """Return the part of a coarse axis to sample finely: used values and one more step on either side.
 
     Args:
-        values: (n,) rising.
+        values: (n,) increasing.
         used: (n,) True where something was found.
 
     Returns:

@@ -1,4 +1,4 @@
-"""The samples of a map: the ranges and steps asked for, and sensible ones where none were."""
+"""Ranges and steps of a map's samples: as requested, or defaults."""
 
 from __future__ import annotations
 
@@ -23,19 +23,24 @@ from machopt.workspace_map.sample_grid import (
     trim_axis,
 )
 
-DEFAULT_POSES = 150_000  # samples × rotations where the user leaves the step open: seconds
+DEFAULT_POSES = 150_000  # samples × rotations without a given step: takes seconds
 DEFAULT_SAMPLES = 20_000
 MAX_POSES = 4_000_000  # about a minute
 MAX_SAMPLES = 100_000  # the page stays below 20 MB
 LINE_SAMPLES = 401
 CURVE_SAMPLES = 721  # of a single joint
 NICE_STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
-_PROBE = {"slice": 37, "volume": 19}  # coarse samples along each axis that find where the arm gets at all
+_PROBE = {"slice": 37, "volume": 19}  # coarse samples along each axis that find the reachable range
 _PROBE_ROTATIONS = 8
 
 
 def build_samples(cell: Cell, arm: ReachingArm, options: MapOptions) -> MapSamples:
-    """Samples in the map's frame.
+    """Return the samples in the map's frame.
+
+    Args:
+        cell: robot cell.
+        arm: kinematics, limits, margins.
+        options: map options.
 
     Raises:
         InputError: a step leaves one sample, or there would be too many samples.
@@ -90,7 +95,7 @@ def _build_line_samples(options: MapOptions) -> MapSamples:
 
 
 def _find_reached_box(arm: ReachingArm, options: MapOptions) -> dict[str, tuple[float, float]]:
-    """The box that holds all of a coarse grid that the TCP reaches in some rotation, rounded outwards."""
+    """Return the box of all places of a coarse grid that the TCP reaches in some rotation, rounded outwards."""
     centre, radius = compute_farthest_reach(arm.robot, arm.T_flange_tcp)
     T_frame_base = invert_transform(options.T_base_frame)
     middle = T_frame_base[:3, :3] @ centre + T_frame_base[:3, 3]
@@ -145,7 +150,7 @@ def _find_dividing_step(span: float, step: float, unit: float) -> float:
 
 
 def _count_samples(spans: dict[str, tuple[float, float]], steps: dict[str, float]) -> float:
-    """Number of samples, as a float: it may be absurd."""
+    """Return the number of samples as a float, because it may be very large."""
     return float(np.prod([np.floor((high - low) / steps[name] + 1e-9) + 1 for name, (low, high) in spans.items()]))
 
 
@@ -172,7 +177,7 @@ def _check_sample_count(
 
 
 def _round_up_to_nice(value: float) -> float:
-    """The next number not below ``value`` of NICE × 10ⁿ."""
+    """Return the next number not below ``value`` of NICE_STEPS × 10ⁿ."""
     power = 10.0 ** np.floor(np.log10(value) + 1e-12)
     return float(next((f * power for f in NICE_STEPS if f * power >= value * (1 - 1e-9)), 10.0 * power))
 

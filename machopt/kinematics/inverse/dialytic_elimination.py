@@ -33,12 +33,12 @@ TO_COEFFICIENTS = np.linalg.inv(np.stack([np.ones(3), np.cos(SAMPLES), np.sin(SA
 NEARLY_REAL = 0.03  # |Im x|/(1 + |x|²): double roots split by √rounding; Newton decides what is real
 SHARED_ROOT_RAD = 1e-5  # rad; solutions closer in the eigenvalue's angle than this may come out mixed
 RANK_TOLERANCE = 1e-9  # of the largest singular value; two-parallel and meeting axes make some monomials dependent
-POSE_BLOCK_SIZE = 2048  # poses worked on at once: 24×24 matrices of these fit the cache of a small machine
+POSE_BLOCK_SIZE = 2048  # poses per block: their 24×24 matrices fit the cache of a small machine
 
 
 @dataclass(frozen=True)
 class EliminationChoice:
-    """Which of the equivalent eliminations is used."""
+    """Choice among the equivalent eliminations."""
 
     reverse: bool  # the chain is read from the flange to the base
     k: int  # 1, 2 or 3: the first joint on the left-hand side
@@ -48,12 +48,13 @@ class EliminationChoice:
 
     @property
     def v(self) -> int:
+        """The left joint that is neither e nor u."""
         return 3 - self.e - self.u
 
 
 @dataclass(frozen=True, kw_only=True)
 class DialyticElimination:
-    """One elimination of one arm, in lengths of the arm's own size."""
+    """One elimination of one arm, with lengths in units of the arm's size."""
 
     choice: EliminationChoice
     axis: Array  # (6, 3) in reading order
@@ -66,6 +67,12 @@ class DialyticElimination:
 
     @classmethod
     def build(cls, robot: Robot, choice: EliminationChoice) -> DialyticElimination:
+        """Compute the constant coefficients of an arm.
+
+        Args:
+            robot: kinematic model.
+            choice: elimination to use.
+        """
         length = _compute_arm_size(robot)
         step = -1 if choice.reverse else 1
         axis, point = step * robot.axis[::step], robot.point[::step] / length
@@ -92,10 +99,10 @@ class DialyticElimination:
         )
 
     def find_candidates(self, T_base_flange: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Rough solutions, in need of Newton and of a check.
+        """Return rough solutions that need Newton refinement and a check.
 
         Args:
-            T_base_flange: (M, 4, 4).
+            T_base_flange: (M, 4, 4) flange poses in base_link.
 
         Returns:
             q (K, 6) rad and the pose each belongs to (K,).
@@ -109,10 +116,15 @@ class DialyticElimination:
         return np.concatenate([q for q, _ in parts]), np.concatenate([m for _, m in parts])
 
     def find_shared_eigenvalues(self, q: Array, pose: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The poses, of candidates q (K, 6) and pose (K,), of which two have the eigenvalue's angle in common."""
+        """Return the poses with two candidates that share the eigenvalue's angle.
+
+        Args:
+            q: (K, 6) rad, candidates.
+            pose: (K,) pose of each.
+        """
         joint = self.choice.k - 1 + self.choice.e
         turned = q[:, 5 - joint if self.choice.reverse else joint] - self.choice.phase[self.choice.e]
-        angle = np.mod(turned, 2.0 * np.pi)  # the seam lies at the phase, where no round angle is cut in two
+        angle = np.mod(turned, 2.0 * np.pi)  # the wrap is at the phase, away from round angles
         order = np.lexsort((angle, pose))
         close = (np.diff(pose[order]) == 0) & (np.diff(angle[order]) < SHARED_ROOT_RAD)
         shared: NDArray[np.int64] = pose[order][1:][close]
@@ -186,7 +198,7 @@ def _solve_eigenproblem(P: Array) -> tuple[Array, Array, NDArray[np.int64]]:
         rows[a, :, 0, :, 0:3] = P[:, :, a]
         rows[a, :, 1, :, 1:4] = P[:, :, a]  # the same times x_u
     A = rows.reshape(3, M, 12, 12)
-    usable = np.isfinite(np.linalg.slogdet(A[2])[1])  # else solve would refuse the whole batch
+    usable = np.isfinite(np.linalg.slogdet(A[2])[1])  # otherwise solve would reject the whole batch
     companion = np.zeros((M, 24, 24))
     companion[:, :12, 12:] = np.eye(12)
     companion[usable, 12:] = -np.linalg.solve(A[2][usable], np.concatenate([A[0], A[1]], axis=-1)[usable])

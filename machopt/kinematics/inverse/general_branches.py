@@ -1,4 +1,4 @@
-"""The general solver behind the planner's interface: branches with their distances from the singularities."""
+"""Adapter of the general solver to the planner's interface: branches with their singularity margins."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ CHARACTERISTIC_LENGTH_M = 0.5  # m, makes the linear rows of the Jacobian compar
 
 
 class GeneralBranches:
-    """Any 6R arm. Where the wrist is not spherical there is no wrist centre, so margins are measured as follows.
+    """Solver of any 6R arm. Where the wrist is not spherical there is no wrist centre, so margins are defined as
+    follows.
 
     Three parallel axes (2, 3, 4): wrist = angle between axes 4 and 6; elbow = angle of the two links from
     one line; shoulder = distance of the point where axis 5 meets axis 6 from the plane of axes 1 and 2.
-    Other arms: the least singular value of the Jacobian (linear rows over LENGTH), counted for the group of joints
-    that its joint motion moves most; the other margins are infinite there.
+    Other arms: the least singular value of the Jacobian (linear rows over CHARACTERISTIC_LENGTH_M), assigned to the
+    group
+    of joints that its joint motion moves most; the other margins are infinite there.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -34,13 +36,20 @@ class GeneralBranches:
         self._reach = float(reach[1:].sum())  # m, from axis 2 outwards: no pose beyond it can be reached
 
     def solve(self, T_base_flange: Array) -> KinematicBranches:
-        """All branches of (M, 4, 4) poses."""
+        """Return all branches.
+
+        Args:
+            T_base_flange: (M, 4, 4) flange poses in base_link.
+        """
         return self._compute_margins_of_branches(T_base_flange, self.general.solve(T_base_flange))
 
     def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> KinematicBranches:
-        """All branches of (N, R, 4, 4) neighbouring poses, flattened to N·R rows; far fewer full solutions.
+        """Return all branches of a grid of neighbouring poses, flattened to N·R rows; this needs far fewer full
+        solutions.
 
-        ``q`` (N·R, B, 6) is filled where it is given.
+        Args:
+            T_base_flange: (N, R, 4, 4) flange poses in base_link.
+            q: (N·R, B, 6) rad, filled with the joints; None: a new array.
         """
         N, R = T_base_flange.shape[:2]
         found = self.general.solve_grid(T_base_flange).reshape(N * R, self.branches, 6)
@@ -50,7 +59,12 @@ class GeneralBranches:
         return self._compute_margins_of_branches(T_base_flange.reshape(N * R, 4, 4), found)
 
     def compute_margins(self, T_base_flange: Array, q: Array) -> KinematicBranches:
-        """The margins of one known configuration a pose, q (M, 6) rad: branches (M, 1, 6)."""
+        """Return the margins of one known configuration per pose, as branches (M, 1, 6).
+
+        Args:
+            T_base_flange: (M, 4, 4) flange poses in base_link.
+            q: (M, 6) rad.
+        """
         return self._compute_margins_of_branches(T_base_flange, np.ascontiguousarray(q[:, None]))
 
     def _compute_margins_of_branches(self, T: Array, q: Array) -> KinematicBranches:
@@ -60,7 +74,7 @@ class GeneralBranches:
             _compute_three_parallel_margins(self._seen, q, margin)
         elif exists.any():
             np.swapaxes(margin, 1, 2)[exists] = np.stack(self._by_jacobian(q[exists]), axis=-1)
-        # the way from axis 2 to the flange against the longest the arm can make: a lower bound of what is missing
+        # distance from axis 2 to the flange minus the longest the arm can make: a lower bound of the shortfall
         beyond = np.linalg.norm(T[:, :3, 3] - self.robot.point[1], axis=1) - self._reach
         short = np.where(exists.any(axis=1), 0.0, np.maximum(beyond, 0.0))
         return KinematicBranches(q, margin, short)
@@ -77,7 +91,7 @@ class GeneralBranches:
 
 
 def _list_axis_vectors(robot: Robot) -> tuple[Vector, ...]:
-    """What :func:`_compute_three_parallel_margins` needs of an arm."""
+    """Return the vectors of an arm that :func:`_compute_three_parallel_margins` needs."""
     h, p = robot.axis, robot.point
     across = p[2] - p[1] - ((p[2] - p[1]) @ h[1]) * h[1]  # the upper arm, normal to the parallel axes
     rows = (*h[1:], *p[:5], across, normalise_vectors(np.cross(h[0], h[1])))
@@ -88,7 +102,7 @@ def _list_axis_vectors(robot: Robot) -> tuple[Vector, ...]:
 def _compute_three_parallel_margins(vectors: tuple[Vector, ...], q: Array, margin: Array) -> None:
     """Fill margin (M, 3, B) of branches q (M, B, 6), NaN where there is none: shoulder in m, elbow and wrist in rad.
 
-    Each as the link sees it that the angle belongs to, so that no chain of poses is needed.
+    Each is computed in the frame of the link that the angle belongs to, so that no chain of poses is needed.
     """
     h2, h3, h4, h5, h6, p1, p2, p3, p4, p5, upper, normal = vectors
     link = (p4[0] - p3[0], p4[1] - p3[1], p4[2] - p3[2])
@@ -98,8 +112,8 @@ def _compute_three_parallel_margins(vectors: tuple[Vector, ...], q: Array, margi
                 continue
             c3, s3 = math.cos(q[m, b, 2]), math.sin(q[m, b, 2])
             fore = rotate_vector(h3, c3, s3, link)
-            beside = dot_product(fore, h2)
-            fore = (fore[0] - beside * h2[0], fore[1] - beside * h2[1], fore[2] - beside * h2[2])
+            parallel_part = dot_product(fore, h2)
+            fore = (fore[0] - parallel_part * h2[0], fore[1] - parallel_part * h2[1], fore[2] - parallel_part * h2[2])
             x = _rotate_point(h4, p4, math.cos(q[m, b, 3]), math.sin(q[m, b, 3]), p5)  # where axes 5 and 6 meet
             x = _rotate_point(h2, p2, math.cos(q[m, b, 1]), math.sin(q[m, b, 1]), _rotate_point(h3, p3, c3, s3, x))
             margin[m, 0, b] = abs(dot_product((x[0] - p1[0], x[1] - p1[1], x[2] - p1[2]), normal))

@@ -1,11 +1,10 @@
 """Inverse kinematics of any 6R arm: all real branches, batched, every one checked against its pose.
 
-Arms of the UR family (axes 2 ∥ 3 ∥ 4, axes 5 and 6 meeting) get the closed form of
+Arms of the UR family (axes 2 ∥ 3 ∥ 4, axes 5 and 6 meeting) use the closed form of
 :mod:`~machopt.kinematics.inverse.three_parallel_axes`,
-eight branches whose index names the same assembly mode everywhere. Every other arm gets the elimination of
+eight branches whose index is the same assembly mode everywhere. Every other arm uses the elimination of
 :mod:`~machopt.kinematics.inverse.dialytic_elimination`, up to sixteen branches. Its best formulation is found by trial
-when the solver
-is built (some tenths of a second); nothing is downloaded, derived symbolically or written.
+when the solver is built (some tenths of a second); nothing is downloaded, derived symbolically or written.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ GENERIC_BRANCHES = 16  # Primrose 1986: a general 6R arm has at most sixteen
 CLOSED_FORM_TOLERANCE_RAD, CLOSED_FORM_TOLERANCE_M = (
     1e-5,
     1e-5,
-)  # URDFs print π/2 as 1.5708; Newton takes the closed form the rest of the way
+)  # URDFs print π/2 as 1.5708; Newton refines the closed form
 POLISH_RAD = 0.05  # a closed-form root that Newton moves further is another branch
 OFFSET_FLANGE_POSE = build_transform(
     compute_axis_rotation(np.array([0.36, 0.48, 0.8]), np.array(2e-3)), np.zeros(3)
-)  # flange to one beside it
+)  # flange to a slightly rotated one
 SAME_SOLUTION_RAD = 1e-6  # rad; below, two roots are one: a double root is only known to √rounding
 NEWTON_STEPS = 12
 HALF_ANGLE_PHASES = (
@@ -60,7 +59,7 @@ class GeneralSolver:
 
     robot: Robot
     kind: Literal["three_parallel", "general"]
-    branches: int  # 8 or 16, the second dimension of every answer
+    branches: int  # 8 or 16, the second dimension of every result
     branch_stable: bool  # the same index is the same assembly mode at every pose
     recall: float  # share of the trial configurations found again while building; 1 for the closed form
     closed: ThreeParallelSolver | None = field(repr=False, default=None)
@@ -72,8 +71,11 @@ class GeneralSolver:
     def for_robot(cls, robot: Robot) -> GeneralSolver:
         """Classify the arm and choose the formulation.
 
+        Args:
+            robot: kinematic model.
+
         Raises:
-            InputError: no formulation finds the arm's own random configurations again; it cannot turn and move
+            InputError: no formulation finds the arm's own random configurations again; it cannot rotate and move
                 freely in all six directions (two axes on one line, four axes parallel or through one point).
         """
         if is_three_parallel(robot, CLOSED_FORM_TOLERANCE_RAD, CLOSED_FORM_TOLERANCE_M):
@@ -118,18 +120,18 @@ class GeneralSolver:
         return self._solve_general(T)
 
     def solve_grid(self, T_base_flange: Array) -> Array:
-        """All branches on a grid of neighbouring poses, labelled by continuity.
+        """Return all branches on a grid of neighbouring poses, labelled by continuity.
 
-        For general arms a coarse grid is solved and solutions are followed between; where the number of solutions
-        changes (folds, jumps of the path) the poses between are solved too. A pair of solutions that is born and
-        ends strictly between coarse poses (8 points, 4 rotations) can be missed; ``solve`` misses none.
+        For general arms a coarse grid is solved and solutions are tracked in between. Where the number of solutions
+        changes (folds, jumps of the path), the poses in between are solved too. A pair of solutions that appears and
+        disappears strictly between coarse poses (8 points, 4 rotations) can be missed; ``solve`` misses none.
 
         Args:
             T_base_flange: (N, R, 4, 4), neighbours along both axes close to each other.
 
         Returns:
             (N, R, B, 6) rad in (−π, π]. The index continues along the points (first axis) wherever the solution
-            does; along the rotations too, as far as both can hold at once.
+            does; along the rotations too, as far as both are possible.
         """
         T = np.ascontiguousarray(T_base_flange, float)
         N, R = T.shape[:2]
@@ -160,16 +162,17 @@ class GeneralSolver:
         return out
 
     def _real_solutions(self, elimination: DialyticElimination, T: Array) -> Array:
-        """Branches (M, B, 6) by one elimination; where two share its angle also from a pose close by.
+        """Return branches (M, B, 6) by one elimination; where two share its angle also from a pose close by.
 
-        A twofold eigenvalue spans a plane of monomials, and what comes out of it is a mixture of the two solutions.
-        Where the forearm lies in the plane of the arm (q₄ = 0 or π: every path with an upright tool) that is the rule.
+        A double eigenvalue spans a plane of monomials, and the eigenvectors are a mixture of the two solutions.
+        Where the forearm lies in the plane of the arm (q₄ = 0 or π: every path with an upright tool) this is always the
+        case.
         """
         rough, pose = elimination.find_candidates(T)
         shared = np.unique(elimination.find_shared_eigenvalues(rough, pose))
         if len(shared):
-            beside, nearby = elimination.find_candidates(T[shared] @ OFFSET_FLANGE_POSE)
-            rough, pose = np.concatenate([rough, beside]), np.concatenate([pose, shared[nearby]])
+            nearby_q, nearby_pose = elimination.find_candidates(T[shared] @ OFFSET_FLANGE_POSE)
+            rough, pose = np.concatenate([rough, nearby_q]), np.concatenate([pose, shared[nearby_pose]])
         q, error = self._refine_by_newton(T, pose, rough)
         return remove_duplicate_solutions(q, pose, error, len(T), self.branches, SAME_SOLUTION_RAD)
 
@@ -181,12 +184,17 @@ class GeneralSolver:
 
 
 def solve_general(robot: Robot, T_base_flange: Array) -> Array:
-    """All branches (M, B, 6) of M poses; builds the solver anew, so keep a :class:`GeneralSolver` for more."""
+    """Return all branches (M, B, 6) in rad; a new solver is built, so use :class:`GeneralSolver` for repeated calls.
+
+    Args:
+        robot: kinematic model.
+        T_base_flange: (M, 4, 4) flange poses in base_link.
+    """
     return GeneralSolver.for_robot(robot).solve(T_base_flange)
 
 
 def _select_eliminations(robot: Robot) -> tuple[float, tuple[DialyticElimination, ...]]:
-    """The formulation that finds most of the arm's own configurations again, and two spares; and its recall."""
+    """Return the recall of the best formulation on the arm's own configurations, with it and two alternatives."""
     choices = [
         EliminationChoice(reverse, k, e, u, HALF_ANGLE_PHASES)
         for reverse, k, (e, u) in itertools.product((False, True), (1, 2, 3), ((0, 2), (1, 2), (2, 1)))

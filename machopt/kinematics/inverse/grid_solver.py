@@ -1,8 +1,8 @@
-"""Inverse kinematics on a grid of neighbouring poses: solve a few, follow the solutions between, label the branches.
+"""Inverse kinematics on a grid of neighbouring poses: solve a few, track the solutions in between, label the branches.
 
-Between two solved poses a and b of one grid line all solutions of a are followed step by step (Newton with step
-halving). If each arrives at a different solution of b and none of b is left over, the poses between have just these
-solutions. Otherwise the middle pose is solved and both halves are treated alike, down to single steps.
+Between two solved poses a and b of one grid line all solutions of a are tracked step by step (Newton with step
+halving). If each arrives at a different solution of b and no solution of b remains, the poses in between have exactly
+these solutions. Otherwise the middle pose is solved and both halves are treated alike, down to single steps.
 """
 
 from __future__ import annotations
@@ -27,7 +27,14 @@ MAX_BRANCH_STEP_RAD = 0.8  # rad; two solutions of neighbouring poses further ap
 
 
 def fill_grid(robot: Robot, T: Array, solve: Callable[[Array], Array], branches: int) -> Array:
-    """All solutions (N, R, B, 6) rad of a grid of poses T (N, R, 4, 4), unlabelled."""
+    """Return all solutions (N, R, B, 6) in rad of a grid of poses, unlabelled.
+
+    Args:
+        robot: kinematic model.
+        T: (N, R, 4, 4) flange poses in base_link.
+        solve: returns all solutions (M, B, 6) of poses (M, 4, 4).
+        branches: B.
+    """
     N, R = T.shape[:2]
     flat = np.ascontiguousarray(T.reshape(-1, 4, 4))
     q = np.full((N * R, branches, 6), np.nan)
@@ -65,7 +72,7 @@ def _fill_lines(
 def _track_lines(
     robot: Robot, T: Array, q: Array, start: GridIndex, steps: GridIndex, stride: int
 ) -> NDArray[np.bool_]:
-    """Follow all solutions along lines; write those of lines that close, and tell which do."""
+    """Track all solutions along lines; write those of consistent lines, and return which are consistent."""
     line, branch = np.nonzero(np.isfinite(q[start, :, 0]))
     longest = int(steps.max(initial=0))
     way = np.full((longest, len(line), 6), np.nan)  # way[j]: after j+1 steps
@@ -103,10 +110,13 @@ def _wrap_angle(angle: Array) -> Array:
 
 
 def label_grid(q: Array) -> Array:
-    """Reorder the branches (N, R, B, 6) so that an index follows one solution from pose to neighbouring pose.
+    """Reorder the branches so that an index follows one solution from pose to neighbouring pose.
 
-    The first row is labelled along the rotations, every further row from the row before. A solution without a
+    The first row is labelled along the rotations, every further row from the previous row. A solution without a
     predecessor takes its neighbour's index along the rotations where that is free.
+
+    Args:
+        q: (N, R, B, 6) rad, NaN where there is no solution.
     """
     out = np.full(q.shape, np.nan)
     _label_branches(np.ascontiguousarray(q), out, MAX_BRANCH_STEP_RAD)
@@ -116,39 +126,39 @@ def label_grid(q: Array) -> Array:
 @jit_compile
 def _label_branches(q: Array, out: Array, jump: float) -> None:
     N, R, B = q.shape[:3]
-    taken = np.zeros(B, np.bool_)
+    is_taken = np.zeros(B, np.bool_)
     used = np.zeros(B, np.bool_)
     empty = np.full((B, 6), np.nan)
     for n in range(N):
         for r in range(R):
-            taken[:] = False
+            is_taken[:] = False
             used[:] = False
             before = out[n - 1, r] if n > 0 else empty
-            beside = out[n, r - 1] if r > 0 else empty
-            _continue_branches(q[n, r], before, out[n, r], taken, used, jump)
-            _continue_branches(q[n, r], beside, out[n, r], taken, used, jump)
-            # newborn: an index that was free at both neighbours, else any
+            neighbour = out[n, r - 1] if r > 0 else empty
+            _continue_branches(q[n, r], before, out[n, r], is_taken, used, jump)
+            _continue_branches(q[n, r], neighbour, out[n, r], is_taken, used, jump)
+            # new solution: an index that was free at both neighbours, else any
             for strict in (True, False):
                 for b in range(B):
-                    if taken[b] or np.isnan(q[n, r, b, 0]):
+                    if is_taken[b] or np.isnan(q[n, r, b, 0]):
                         continue
                     for c in range(B):
-                        free = np.isnan(before[c, 0]) and np.isnan(beside[c, 0])
+                        free = np.isnan(before[c, 0]) and np.isnan(neighbour[c, 0])
                         if not used[c] and (free or not strict):
                             out[n, r, c] = q[n, r, b]
-                            taken[b] = used[c] = True
+                            is_taken[b] = used[c] = True
                             break
 
 
 @jit_compile
 def _continue_branches(
-    q: Array, neighbour: Array, out: Array, taken: NDArray[np.bool_], used: NDArray[np.bool_], jump: float
+    q: Array, neighbour: Array, out: Array, is_taken: NDArray[np.bool_], used: NDArray[np.bool_], jump: float
 ) -> None:
-    """Give each solution the index of the nearest solution of a neighbour, closest pair first."""
+    """Assign each solution the index of the nearest solution of a neighbour, closest pair first."""
     B = len(q)
     gap = np.full((B, B), np.inf)
     for b in range(B):
-        if taken[b] or np.isnan(q[b, 0]):
+        if is_taken[b] or np.isnan(q[b, 0]):
             continue
         for c in range(B):
             if used[c] or np.isnan(neighbour[c, 0]):
@@ -167,6 +177,6 @@ def _continue_branches(
         if bi < 0:
             return
         out[ci] = q[bi]
-        taken[bi] = used[ci] = True
+        is_taken[bi] = used[ci] = True
         gap[bi, :] = np.inf
         gap[:, ci] = np.inf

@@ -1,8 +1,8 @@
 """Compiled Newton iteration and path tracking on the six lines of an arm; every result is checked against its pose.
 
-Newton step: J(q) Δq = e, with e the twist from the present pose to the wanted one (linear part first) and J the
+Newton step: J(q) Δq = e, with e the twist from the present pose to the target (linear part first) and J the
 geometric Jacobian at the flange. Kernels work on flat lists of (pose, start) pairs and never raise: a pair that
-does not converge comes back as NaN.
+does not converge returns NaN.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from machopt.kinematics.inverse.compiled_vectors import add_vectors, rotate_vect
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 
-CONVERGED = 1e-12  # m and rad: three digits under what solve promises, three above rounding at arm's length
-ACCEPTED = 1e-10  # m and rad: beside a singularity rounding keeps the iteration from CONVERGED
+CONVERGED = 1e-12  # m and rad: three digits below the accuracy of solve, three above rounding at an arm's length
+ACCEPTED = 1e-10  # m and rad: near a singularity rounding prevents CONVERGED
 MAX_NEWTON_STEP_RAD = 0.5  # rad, the longest Newton step from a rough start
 MAX_TRACKING_STEP_RAD = 0.35  # rad a joint may turn in one tracking step; beyond it the step is halved
 MAX_TRACKING_HALVINGS = 7  # the shortest tracking step is 2⁻⁷ of the way between two neighbours
@@ -114,7 +114,9 @@ def _solve_linear_system(A: Array, b: Array) -> bool:
 def _iterate_newton(
     axis: Array, point: Array, end: Array, goal: Array, q: Array, iterations: int, J: Array, T: Array, e: Array
 ) -> float:
-    """Newton from q (6,) in place to the pose ``goal`` (4, 4); the error left. J, T and e are overwritten."""
+    """Iterate from q (6,) in place to the pose ``goal`` (4, 4); return the remaining error. J, T and e are
+    overwritten.
+    """
     error = 0.0
     for i in range(iterations + 1):
         _compute_pose_and_jacobian(axis, point, end, q, J, T)
@@ -123,7 +125,7 @@ def _iterate_newton(
         if not error > CONVERGED or i == iterations or not _solve_linear_system(J, e):
             break
         longest = 0.0
-        for c in range(6):  # in whole arrays it would take three times as long to compile
+        for c in range(6):  # whole-array operations take three times as long to compile
             longest = max(longest, abs(e[c]))
         for c in range(6):
             q[c] += e[c] * min(1.0, MAX_NEWTON_STEP_RAD / longest) if longest > MAX_NEWTON_STEP_RAD else e[c]
@@ -134,14 +136,16 @@ def _iterate_newton(
 def solve_from_rough_starts(
     axis: Array, point: Array, end: Array, goal: Array, pose_of: NDArray[np.int64], q0: Array, iterations: int
 ) -> tuple[Array, Array]:
-    """Newton from rough starts.
+    """Run Newton's method from rough starts.
 
     Args:
-        axis, point, end: (6, 3), (6, 3) m, (4, 4) of the arm.
-        goal: (M, 4, 4) wanted flange poses.
-        pose_of: (K,) which pose each start belongs to.
+        axis: (6, 3) unit, lines of the arm in base_link at q = 0.
+        point: (6, 3) m, a point of each.
+        end: (4, 4) flange pose at q = 0.
+        goal: (M, 4, 4) target flange poses.
+        pose_of: (K,) pose of each start.
         q0: (K, 6) rad.
-        iterations: at most this many steps.
+        iterations: maximum number of steps.
 
     Returns:
         q (K, 6) rad, unwrapped, and the remaining error (K,) in m, rad (the larger).
@@ -155,9 +159,16 @@ def solve_from_rough_starts(
 
 @jit_compile
 def compute_pose_deviation(axis: Array, point: Array, end: Array, q: Array, goal: Array) -> float:
-    """m and rad, the larger: no more is the pose at q (6,) off ``goal`` (4, 4), to first order.
+    """Return an upper bound of the pose error to first order, m and rad, the larger.
 
-    A turn by an angle moves the axes x and y of the flange by that much at least, taken together.
+    A rotation by an angle moves the axes x and y of the flange by at least that much, taken together.
+
+    Args:
+        axis: (6, 3) unit, lines of the arm in base_link at q = 0.
+        point: (6, 3) m, a point of each.
+        end: (4, 4) flange pose at q = 0.
+        q: (6,) rad.
+        goal: (4, 4) target flange pose.
     """
     x, y, t = (end[0, 0], end[1, 0], end[2, 0]), (end[0, 1], end[1, 1], end[2, 1]), (end[0, 3], end[1, 3], end[2, 3])
     for k in range(6):
@@ -177,10 +188,19 @@ def compute_pose_deviation(axis: Array, point: Array, end: Array, q: Array, goal
 def polish_branches(
     axis: Array, point: Array, end: Array, goal: Array, q: Array, iterations: int, farthest: float
 ) -> None:
-    """Newton from branches q (M, B, 6) rad that are nearly at their poses ``goal`` (M, 4, 4), in place.
+    """Refine branches that are nearly at their poses by Newton's method, in place.
 
-    They come out in (−π, π]; NaN where the error left is above ACCEPTED, or a joint moved by more than ``farthest``
-    rad: that is another branch.
+    The results are in (−π, π]; NaN where the remaining error is above ACCEPTED, or a joint moved by more than
+    ``farthest``, which indicates another branch.
+
+    Args:
+        axis: (6, 3) unit, lines of the arm in base_link at q = 0.
+        point: (6, 3) m, a point of each.
+        end: (4, 4) flange pose at q = 0.
+        goal: (M, 4, 4) target flange poses.
+        q: (M, B, 6) rad; changed.
+        iterations: maximum number of steps.
+        farthest: rad.
     """
     J, T, e, here = np.empty((6, 6)), np.zeros((4, 4)), np.empty(6), np.empty(6)
     for m in range(len(q)):
@@ -189,7 +209,7 @@ def polish_branches(
                 continue
             for i in range(6):
                 here[i] = q[m, b, i]
-            if compute_pose_deviation(axis, point, end, q[m, b], goal[m]) <= CONVERGED:  # as good as always
+            if compute_pose_deviation(axis, point, end, q[m, b], goal[m]) <= CONVERGED:  # already converged
                 met = True
             else:
                 met = not _iterate_newton(axis, point, end, goal[m], here, iterations, J, T, e) > ACCEPTED
@@ -201,7 +221,7 @@ def polish_branches(
 
 @jit_compile
 def _interpolate_pose(A: Array, B: Array, t: float, out: Array) -> None:
-    """Pose at share t from A to B: straight line of the origin, constant turn about one axis."""
+    """Write the pose at share t from A to B: straight line of the origin, constant rotation about one axis."""
     D = np.ascontiguousarray(B[:3, :3]) @ np.ascontiguousarray(A[:3, :3].T)
     v = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
     s = np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
@@ -218,13 +238,19 @@ def _interpolate_pose(A: Array, B: Array, t: float, out: Array) -> None:
 def track_solutions(
     axis: Array, point: Array, end: Array, poses: Array, start: NDArray[np.int64], goal: NDArray[np.int64], q0: Array
 ) -> Array:
-    """Follow one solution from pose to neighbouring pose.
+    """Track one solution from pose to neighbouring pose.
 
-    The step is taken whole when Newton contracts at once and no joint turns more than TRACK_MOVE; otherwise
-    it is halved, so that the solution found is the continuation of the one given and not another branch.
+    The full step is taken when Newton contracts at once and no joint moves more than MAX_TRACKING_STEP_RAD; otherwise
+    it is halved, so that the result is the continuation of the given solution and not another branch.
 
     Args:
-        poses: (M, 4, 4). start, goal: (K,) indices into poses. q0: (K, 6) rad, solution at the start.
+        axis: (6, 3) unit, lines of the arm in base_link at q = 0.
+        point: (6, 3) m, a point of each.
+        end: (4, 4) flange pose at q = 0.
+        poses: (M, 4, 4) flange poses.
+        start: (K,) index into poses.
+        goal: (K,) index into poses.
+        q0: (K, 6) rad, solution at the start.
 
     Returns:
         (K, 6) rad, unwrapped; NaN where the solution ends on the way (a fold) or passes too near a singularity.
@@ -270,9 +296,18 @@ def track_solutions(
 def remove_duplicate_solutions(
     q: Array, pose_of: NDArray[np.int64], error: Array, poses: int, width: int, same: float
 ) -> Array:
-    """Solutions sorted into rows (poses, width, 6), without duplicates, NaN behind; errors above ACCEPTED are dropped.
+    """Return solutions sorted into rows (poses, width, 6), without duplicates, then NaN; errors above ACCEPTED are
+    dropped.
 
-    Two solutions are one when every joint agrees to ``same`` rad modulo a turn.
+    Two solutions are equal when every joint agrees to ``same`` modulo a full turn.
+
+    Args:
+        q: (K, 6) rad, solutions.
+        pose_of: (K,) pose of each.
+        error: (K,) remaining error in m or rad.
+        poses: number of poses.
+        width: maximum number of solutions per pose.
+        same: rad.
     """
     out = np.full((poses, width, 6), np.nan)
     count = np.zeros(poses, np.int64)

@@ -29,7 +29,7 @@ SHOULDER, ELBOW, WRIST = (
 
 @dataclass(frozen=True)
 class SingularityMargins:
-    """Least distance from each singularity that still counts as regular."""
+    """Minimum distance from each singularity."""
 
     wrist: float  # rad
     elbow: float  # rad
@@ -38,27 +38,46 @@ class SingularityMargins:
 
 
 class InverseKinematicsSolver(Protocol):
-    """What the planner needs of an inverse kinematics."""
+    """Interface of an inverse kinematics solver."""
 
     branches: int
     branch_stable: bool  # the same index is the same assembly mode at every pose
 
-    def solve(self, T_base_flange: Array) -> KinematicBranches: ...
+    def solve(self, T_base_flange: Array) -> KinematicBranches:
+        """Return all branches.
 
-    def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> KinematicBranches: ...
+        Args:
+            T_base_flange: (M, 4, 4) flange poses in base_link.
+        """
+
+    def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> KinematicBranches:
+        """Return all branches of a grid of poses, flattened to N·R rows.
+
+        Args:
+            T_base_flange: (N, R, 4, 4) flange poses in base_link.
+            q: (N·R, B, 6) rad, filled with the joints; None: a new array.
+        """
 
     def compute_margins(self, T_base_flange: Array, q: Array) -> KinematicBranches | None:
-        """The margins of configurations q (M, 6) that are known to reach their poses, as branches (M, 1, 6).
+        """Return the margins of configurations that are known to reach their poses, as branches (M, 1, 6).
 
-        A general solver finds its branches numerically and may miss a pair of them; a configuration that forward
-        kinematics confirms exists all the same. None for solvers in closed form, which miss none.
+        A general solver finds its branches numerically and may miss a pair of them; a configuration confirmed by
+        forward
+        kinematics exists anyway. None for solvers in closed form, which miss none.
+
+        Args:
+            T_base_flange: (M, 4, 4) flange poses in base_link.
+            q: (M, 6) rad.
         """
 
 
 def build_solver(robot: Robot) -> InverseKinematicsSolver:
-    """The closed form where the wrist is spherical, else the general solver; with a linkage, either behind it.
+    """Return the solver of an arm: closed form for a spherical wrist, else the general solver.
 
-    Where the cell knows how the arm is really built, from the drawing's branches.
+    Linkages and as-built geometry wrap the solver of the uncoupled or nominal arm.
+
+    Args:
+        robot: kinematic model.
     """
     if robot.coupling is not None:
         return LinkageSolver(robot, build_solver(robot.uncoupled_robot))
@@ -72,9 +91,9 @@ def build_solver(robot: Robot) -> InverseKinematicsSolver:
 
 
 class LinkageSolver:
-    """A solver for the lines of an arm whose lines turn by C q: q = C⁻¹ θ.
+    """Solver of an arm with a linkage, from a solver of its lines, which rotate by C q: q = C⁻¹ θ.
 
-    C holds whole numbers and so does its inverse, so angles that differ by full turns still do.
+    C contains integers and so does its inverse, so angles that differ by full turns still do.
     """
 
     def __init__(self, robot: Robot, lines: InverseKinematicsSolver) -> None:
@@ -82,15 +101,29 @@ class LinkageSolver:
         self.branches, self.branch_stable = lines.branches, lines.branch_stable
 
     def solve(self, T_base_flange: Array) -> KinematicBranches:
-        """All branches of (M, 4, 4) poses."""
+        """Return all branches.
+
+        Args:
+            T_base_flange: (M, 4, 4) flange poses in base_link.
+        """
         return self._convert_to_joints(self.lines.solve(T_base_flange), None)
 
     def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> KinematicBranches:
-        """All branches of (N, R, 4, 4) poses; ``q`` (N·R, B, 6) is filled where it is given."""
+        """Return all branches of a grid of poses, flattened to N·R rows.
+
+        Args:
+            T_base_flange: (N, R, 4, 4) flange poses in base_link.
+            q: (N·R, B, 6) rad, filled with the joints; None: a new array.
+        """
         return self._convert_to_joints(self.lines.solve_grid(T_base_flange, q), q)
 
     def compute_margins(self, T_base_flange: Array, q: Array) -> KinematicBranches | None:
-        """The margins of known configurations q (M, 6) rad, as branches (M, 1, 6); None where none can be missed."""
+        """Return the margins of known configurations, as branches (M, 1, 6); None where none can be missed.
+
+        Args:
+            T_base_flange: (M, 4, 4) flange poses in base_link.
+            q: (M, 6) rad.
+        """
         found = self.lines.compute_margins(T_base_flange, self.robot.compute_line_angles(q))
         return None if found is None else replace(found, q=q[:, None])
 
@@ -104,7 +137,12 @@ class LinkageSolver:
 
 
 def list_whole_turns(lower: Array, upper: Array) -> Array:
-    """(T, J) whole turns in rad that can bring angles of (−π, π] inside the limits (J,), zero first."""
+    """Return the (T, J) whole turns in rad that can bring angles of (−π, π] inside the limits, zero first.
+
+    Args:
+        lower: (J,) rad.
+        upper: (J,) rad.
+    """
     per_joint = []
     for low, high in zip(lower, upper, strict=True):
         k = [0] + [n for n in (-1, 1) if low <= np.pi + 2 * np.pi * n and high > -np.pi + 2 * np.pi * n]
@@ -115,12 +153,17 @@ def list_whole_turns(lower: Array, upper: Array) -> Array:
 
 
 def choose_angle_origin(lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Where each joint's angles are counted from so that few whole turns reach all of its range.
+    """Choose the origin of each joint's angles so that few whole turns cover its range.
 
-    A joint of ±350° has three turns of angles in (−π, π], of which each angle uses two; counted from −350° it has two.
+    A joint of ±350° has three turns of angles in (−π, π], of which each angle uses two. With −350° as origin it has
+    two.
+
+    Args:
+        lower: (6,) rad.
+        upper: (6,) rad.
 
     Returns:
-        (6,) rad, the origin, angles are told in [origin, origin + 2π); (T, 6) rad, the turns that can bring these
+        (6,) rad, the origin, angles are in [origin, origin + 2π); (T, 6) rad, the turns that can bring these
         inside the limits, zero first.
     """
     origin = np.full(6, -np.pi)
@@ -135,27 +178,42 @@ def choose_angle_origin(lower: Array, upper: Array) -> tuple[Array, Array]:
 
 
 def shift_angles(origin: Array, q: Array) -> None:
-    """Bring angles q (..., 6) of (−π, π] into [origin, origin + 2π), in place."""
+    """Shift angles of (−π, π] into [origin, origin + 2π), in place.
+
+    Args:
+        origin: (6,) rad.
+        q: (..., 6) rad; changed.
+    """
     for i in np.flatnonzero(origin != -np.pi):
-        q[..., i] += 2 * np.pi * np.ceil((origin[i] - 1e-12 - q[..., i]) / (2 * np.pi))  # on the limit counts as inside
+        q[..., i] += (
+            2 * np.pi * np.ceil((origin[i] - 1e-12 - q[..., i]) / (2 * np.pi))
+        )  # a value on the limit counts as inside
 
 
 def compute_branch_reasons(branches: KinematicBranches, margins: SingularityMargins) -> NDArray[np.uint8]:
-    """(M, B) reason per branch before joint limits: existence and singularity margins."""
+    """Return the (M, B) infeasibility reason per branch without joint limits: existence and singularity margins.
+
+    Args:
+        branches: all branches of M poses.
+        margins: minimum distances from singularities.
+    """
     return check_branches(branches, margins, np.empty((0, 6)), np.empty(6), np.empty(6))[0]
 
 
 def check_branches(
     branches: KinematicBranches, margins: SingularityMargins, turns: Array, lower: Array, upper: Array
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """What forbids each branch.
+    """Return the infeasibility reason of each branch.
 
     Args:
+        branches: all branches of M poses.
+        margins: minimum distances from singularities.
         turns: (T, 6) rad; where there are any, a branch that exists and is regular needs one that fits the limits.
-        lower, upper: (6,) rad.
+        lower: (6,) rad.
+        upper: (6,) rad.
 
     Returns:
-        (M, B) Reason, and (M, B, T): that the branch is usable with this turn.
+        (M, B) Reason, and (M, B, T): whether the branch is usable with this turn.
     """
     M, B = branches.q.shape[:2]
     reason, fits = np.empty((M, B), np.uint8), np.empty((M, B, len(turns)), bool)
@@ -183,7 +241,7 @@ def _check_branches(
             why = OK
             if not exists:
                 why = UNREACHABLE
-            elif margin[m, 0, b] < least[0]:  # the one nearest to the base is named
+            elif margin[m, 0, b] < least[0]:  # the singularity nearest to the base is reported
                 why = SHOULDER
             elif margin[m, 1, b] < least[1]:
                 why = ELBOW
@@ -202,11 +260,14 @@ def _check_branches(
 def refine_by_newton(
     robot: Robot, T_base_tool: Array, seed: Array, T_flange_tool: Array, iterations: int = 4
 ) -> tuple[Array, Array]:
-    """Newton from seeds that are already close, for any 6R arm.
+    """Run Newton's method from close seeds, for any 6R arm.
 
     Args:
-        T_base_tool: (..., 4, 4) wanted poses.
+        robot: kinematic model.
+        T_base_tool: (..., 4, 4) target poses.
         seed: (..., 6) rad.
+        T_flange_tool: (4, 4) tool frame relative to the flange.
+        iterations: number of steps.
 
     Returns:
         q (..., 6) rad and the remaining error (...,), m and rad mixed as max(|dp|, |dφ|).
@@ -217,14 +278,19 @@ def refine_by_newton(
         away = compute_pose_error(T, T_base_tool)[..., None]
         try:
             q += np.linalg.solve(J, away)[..., 0]
-        except np.linalg.LinAlgError:  # a seed exactly at a singularity; whether it led anywhere the error says
+        except np.linalg.LinAlgError:  # a seed exactly at a singularity; the error shows whether it converged
             q += (np.linalg.pinv(J) @ away)[..., 0]
     error = compute_pose_error(robot.compute_fk(q, T_flange_tool), T_base_tool)
     return q, np.maximum(np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1))
 
 
 def compute_pose_error(T: Array, T_wanted: Array) -> Array:
-    """Twist (..., 6) that takes T to T_wanted to first order, in the common frame's axes."""
+    """Return the twist (..., 6) that moves T to T_wanted to first order, in the common frame's axes.
+
+    Args:
+        T: (..., 4, 4) present pose.
+        T_wanted: (..., 4, 4) target pose.
+    """
     E = T_wanted[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2)
     rotation = 0.5 * np.stack(
         [E[..., 2, 1] - E[..., 1, 2], E[..., 0, 2] - E[..., 2, 0], E[..., 1, 0] - E[..., 0, 1]], -1

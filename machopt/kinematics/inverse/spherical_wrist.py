@@ -1,9 +1,9 @@
 """Closed-form inverse kinematics of arms with a spherical wrist and parallel axes 2 and 3.
 
 Canonical subproblems (Paden 1986; Murray, Li & Sastry 1994, section 3.3) on the six lines of
-:class:`~machopt.kinematics.robot.Robot`, so any zero position, sign or offset of a URDF is taken as it is.
+:class:`~machopt.kinematics.robot.Robot`, so any zero position, sign or offset of a URDF is supported.
 Always eight branches in a fixed order: index = 4·shoulder + 2·elbow + wrist, each 0 or 1, so "the same
-branch along the path" is the same index. Compiled pose by pose: nothing is kept between them.
+branch along the path" is the same index. Compiled pose by pose, without state between poses.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ INTERSECTION_TOLERANCE_M = 2e-6  # m; three axes meet when each passes within th
 class KinematicBranches:
     """All branches for M poses.
 
-    Where a branch does not exist its joints are NaN and ``shortfall`` tells how much length is missing.
+    Where a branch does not exist its joints are NaN and ``shortfall`` is the missing length.
     """
 
     q: Array  # (M, B, 6) rad in (−π, π]
@@ -50,17 +50,21 @@ class KinematicBranches:
 
     @property
     def elbow(self) -> Array:
-        """(M, B) rad, angle of the elbow from stretched or folded."""
+        """(M, B) rad, angle of the elbow from the stretched or folded position."""
         return np.asarray(self.margin[:, 1])
 
     @property
     def wrist(self) -> Array:
-        """(M, B) rad, angle between axes 4 and 6 from aligned."""
+        """(M, B) rad, angle between axes 4 and 6 from the aligned position."""
         return np.asarray(self.margin[:, 2])
 
 
 def find_wrist_centre(robot: Robot) -> Array | None:
-    """The common point of axes 4, 5 and 6 at q = 0, (3,) m in base_link, or None."""
+    """Return the common point of axes 4, 5 and 6 at q = 0, (3,) m in base_link, or None.
+
+    Args:
+        robot: kinematic model.
+    """
     A = np.vstack([np.eye(3) - np.outer(h, h) for h in robot.axis[3:]])
     b = np.concatenate([(np.eye(3) - np.outer(h, h)) @ p for h, p in zip(robot.axis[3:], robot.point[3:], strict=True)])
     centre = np.linalg.lstsq(A, b, rcond=None)[0]
@@ -76,7 +80,7 @@ class SphericalWristSolver:
     """
 
     branches = 8
-    branch_stable = True  # the index names the same assembly mode everywhere
+    branch_stable = True  # the index is the same assembly mode everywhere
 
     def __init__(self, robot: Robot) -> None:
         centre = find_wrist_centre(robot)
@@ -87,6 +91,11 @@ class SphericalWristSolver:
 
     @staticmethod
     def is_applicable(robot: Robot) -> bool:
+        """Return whether the arm has a spherical wrist, axes 2 and 3 parallel, and axis 1 not parallel to them.
+
+        Args:
+            robot: kinematic model.
+        """
         h = robot.axis
         parallel = np.linalg.norm(np.cross(h[1], h[2])) < PARALLEL_TOLERANCE_RAD
         skewed = np.linalg.norm(np.cross(h[0], h[1])) > 0.1 and np.linalg.norm(np.cross(h[3], h[4])) > 0.1
@@ -95,18 +104,28 @@ class SphericalWristSolver:
         )
 
     def compute_margins(self, T_base_flange: Array, q: Array) -> None:
-        """None: no branch can be missed."""
+        """Return None: no branch can be missed.
+
+        Args:
+            T_base_flange: not used.
+            q: not used.
+        """
 
     def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> KinematicBranches:
-        """All branches of (N, R, 4, 4) poses, flattened to N·R rows; ``q`` (N·R, 8, 6) is filled where it is given."""
+        """Return all branches of a grid of poses, flattened to N·R rows.
+
+        Args:
+            T_base_flange: (N, R, 4, 4) flange poses in base_link.
+            q: (N·R, 8, 6) rad, filled with the joints; None: a new array.
+        """
         return self.solve(T_base_flange.reshape(-1, 4, 4), q)
 
     def solve(self, T_base_flange: Array, q: Array | None = None) -> KinematicBranches:
-        """All eight branches.
+        """Return all eight branches.
 
         Args:
-            T_base_flange: (M, 4, 4).
-            q: (M, 8, 6), where the joints are written; None: a new array.
+            T_base_flange: (M, 4, 4) flange poses in base_link.
+            q: (M, 8, 6) rad, filled with the joints; None: a new array.
         """
         T = np.ascontiguousarray(T_base_flange, float)
         joints = np.empty((len(T), 8, 6)) if q is None else q
@@ -116,14 +135,19 @@ class SphericalWristSolver:
 
 
 def compute_arm_constants(robot: Robot, W: Array) -> tuple[ArmVectors, ArmConstants]:
-    """What :func:`compute_spherical_branches` needs of an arm whose wrist centre is at W (3,) m at q = 0."""
+    """Return the constants of an arm for :func:`compute_spherical_branches`.
+
+    Args:
+        robot: kinematic model.
+        W: (3,) m, wrist centre in base_link at q = 0.
+    """
     h, p, zero = robot.axis, robot.point, robot.T_base_flange_zero
     a, b = p[2] - p[1], W - p[2]
     ha, hb, h45, h56 = h[2] @ a, h[2] @ b, h[4] @ h[3], h[4] @ h[5]
     A3, B3 = a @ b - ha * hb, a @ np.cross(h[2], b)
     A5, B5 = h[3] @ h[5] - h45 * h56, h[3] @ np.cross(h[4], h[5])
     base, reach = a @ a + b @ b + 2 * ha * hb, np.hypot(A3, B3)
-    to_zero = zero[:3, :3].T  # directions at q = 0 as the flange sees them there
+    to_zero = zero[:3, :3].T  # directions at q = 0 in the flange frame
     vectors = (*h, p[0], p[0] - p[1], a, b, to_zero @ (W - zero[:3, 3]), to_zero @ h[5], *zero[:3, :3])
     numbers = (
         h[0] @ h[1],
@@ -148,16 +172,18 @@ def _solve_all(vectors: ArmVectors, numbers: ArmConstants, T: Array, q: Array, m
 
 @jit_compile
 def compute_spherical_branches(vectors: ArmVectors, numbers: ArmConstants, T: Array, q: Array, margin: Array) -> float:
-    """All eight branches of one pose; returns how many m the wrist centre lies outside every branch's reach.
+    """Compute all eight branches of one pose; return the distance in m of the wrist centre outside every branch's
+    reach.
 
     Args:
-        vectors, numbers: of the arm (:func:`compute_arm_constants`).
+        vectors: of the arm (:func:`compute_arm_constants`).
+        numbers: of the arm, likewise.
         T: (4, 4) flange in base_link.
         q: (8, 6) rad, filled; NaN where a branch does not exist.
         margin: (3, 8) filled: shoulder in m, elbow in rad, wrist in rad, as in :class:`KinematicBranches`.
     """
     h1, h2, h3, h4, h5, h6, p1, p21, a, b, W, axis6, zx, zy, zz = vectors
-    h12, w2, links, reach, centre3, h456, n5, centre5, far, near = numbers
+    h12, w2, links, reach, centre3, h456, n5, centre5, longest, shortest = numbers
     q[:] = np.nan
     margin[:] = np.nan
     X, Y, Z = (T[0, 0], T[0, 1], T[0, 2]), (T[1, 0], T[1, 1], T[1, 2]), (T[2, 0], T[2, 1], T[2, 2])
@@ -179,8 +205,8 @@ def compute_spherical_branches(vectors: ArmVectors, numbers: ArmConstants, T: Ar
         v = add_vectors(rotate_vector(h1, c1, -s1, u), p21)
         square = dot_product(v, v)
         half3 = _compute_half_angle(square / 2 - links, reach)
-        # the chord |v| against the longest and the shortest the two links can make
-        short = min(short, max(math.sqrt(square) - far, near - math.sqrt(square)) if math.isnan(half3) else 0.0)
+        # the chord |v| compared with the longest and the shortest of the two links
+        short = min(short, max(math.sqrt(square) - longest, shortest - math.sqrt(square)) if math.isnan(half3) else 0.0)
         for e in range(2):
             first = 4 * s + 2 * e
             margin[0, first] = margin[0, first + 1] = shoulder
@@ -191,7 +217,7 @@ def compute_spherical_branches(vectors: ArmVectors, numbers: ArmConstants, T: Ar
             c3, s3 = math.cos(q3), math.sin(q3)
             q2 = compute_angle_about_axis(h2, add_vectors(rotate_vector(h3, c3, s3, b), a), v)
             c2, s2 = math.cos(q2), math.sin(q2)
-            # wrist: axis 6 as link 3 sees it, and axis 4 as it would be seen with joints 4 to 6 at zero
+            # wrist: axis 6 relative to link 3, and axis 4 with joints 4 to 6 at zero
             x = rotate_vector(h3, c3, -s3, rotate_vector(h2, c2, -s2, rotate_vector(h1, c1, -s1, g)))
             y = rotate_vector(h1, c1, s1, rotate_vector(h2, c2, s2, rotate_vector(h3, c3, s3, h4)))
             k = (

@@ -44,12 +44,17 @@ ALIGNMENT_TOLERANCE = 1e-9  # sine of the angle between axes 2 and 6 below which
 class ThreeParallelSolver:
     """The constants of one arm for the closed form."""
 
-    vectors: tuple[Vector, ...]  # the lines' axes, and what else :func:`_compute_branches` takes of the arm
+    vectors: tuple[Vector, ...]  # the lines' axes, and other vectors of the arm for :func:`_compute_branches`
     numbers: tuple[float, ...]
     T_flange_zero_base: Array  # (4, 4) inverse of the flange pose at q = 0
 
     @classmethod
     def for_robot(cls, robot: Robot) -> ThreeParallelSolver:
+        """Compute the constants of an arm.
+
+        Args:
+            robot: kinematic model.
+        """
         axis, p, h = robot.axis, robot.point, robot.axis[1]
         wrist = compute_common_point(robot, (4, 5))[0]  # where axes 5 and 6 meet at q = 0
 
@@ -104,7 +109,7 @@ def _solve_all(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G: Array
 
 @jit_compile
 def _compute_branches(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G: Array, q: Array) -> None:
-    """Fill q (8, 6), NaN before, with the branches that exist; G (4, 4) is the motion from the pose at q = 0."""
+    """Fill q (8, 6), initially NaN, with the existing branches; G (4, 4) is the motion from the pose at q = 0."""
     h1, h, h3, _, h5, h6, across, p1, p12, link, upper, fore, wrist = vectors
     height, along5, n5, centre5, links, n3, centre3, sense3, sense4 = numbers
     X, Y, Z = (G[0, 0], G[0, 1], G[0, 2]), (G[1, 0], G[1, 1], G[1, 2]), (G[2, 0], G[2, 1], G[2, 2])
@@ -132,13 +137,13 @@ def _compute_branches(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G
         if math.isnan(half5):
             continue
         lost = cross_product(h6, seen)
-        free = dot_product(lost, lost) < ALIGNMENT_TOLERANCE * ALIGNMENT_TOLERANCE  # wrist singularity: any q6 will do
+        free = dot_product(lost, lost) < ALIGNMENT_TOLERANCE * ALIGNMENT_TOLERANCE  # wrist singularity: q6 is arbitrary
         for bend in range(2):
             q5 = centre5 + half5 if bend == 0 else centre5 - half5
             c5, s5 = math.cos(q5), math.sin(q5)
             q6 = 0.0 if free else -compute_angle_about_axis(h6, rotate_vector(h5, c5, -s5, h), seen)
             c6, s6 = math.cos(q6), math.sin(q6)
-            # from p1 to where axis 4 goes, before joint 1 turned it
+            # from p1 to the position of axis 4, before the rotation of joint 1
             y = add_vectors(wrist, rotate_vector(h6, c6, -s6, rotate_vector(h5, c5, -s5, fore)))
             z = rotate_vector(
                 h1,
@@ -150,8 +155,8 @@ def _compute_branches(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G
             e = rotate_vector(h6, c6, -s6, rotate_vector(h5, c5, -s5, across))
             e = rotate_vector(h1, c1, -s1, (dot_product(X, e), dot_product(Y, e), dot_product(Z, e)))
             total = compute_angle_about_axis(h, across, e)  # q2 ± q3 ± q4
-            beside = dot_product(x, h)
-            half3 = _compute_half_angle(0.5 * (dot_product(x, x) - beside * beside - links), n3)
+            parallel_part = dot_product(x, h)
+            half3 = _compute_half_angle(0.5 * (dot_product(x, x) - parallel_part * parallel_part - links), n3)
             if math.isnan(half3):
                 continue
             for elbow in range(2):

@@ -1,6 +1,6 @@
-"""What touches, at planning points and on the way between them.
+"""Collisions at planning points and between them.
 
-In: joints along a path and collision bodies. Out: where it touches
-(:mod:`~machopt.planning.collision_handling.path_check`), vertices and
-ways of the grid that are struck out for it, and where the file itself cuts into the part.
+In: joints along a path and collision bodies. Out: the contacts
+(:mod:`~machopt.planning.collision_handling.path_check`), the vertices and edges of the search grid
+that are excluded because of them, and the places where the CAM path itself cuts into the part.
 """

@@ -1,8 +1,8 @@
-"""What lies near a known contact, looked at ahead: from vertex to neighbouring vertex as long as the same bodies touch.
+"""Collision checks of the grid neighbours of a known contact, from vertex to vertex as long as the same bodies touch.
 
-A contact seldom comes alone: the next station, the next rotation and the same pose in another branch mostly touch the
-same two bodies, and whether they do is much quicker to tell than that nothing at all touches. A vertex is struck
-out for a contact of its own pose only, so looking ahead changes what has to be asked, never the answer.
+Contacts come in groups: the next station, the next rotation and the same pose in another branch usually touch with the
+same two bodies. Checking one pair is much faster than proving that no pair touches. A vertex is excluded
+only for a contact of its own pose. The look-ahead therefore changes the number of checks, never the result.
 """
 
 from __future__ import annotations
@@ -20,97 +20,111 @@ from machopt.numerics.compiled_functions import jit_compile
 from machopt.planning.sampling.configurations import CandidateGrid
 
 Rows = NDArray[np.intp]
-BRANCHES = (
-    8  # of the vertices, every so many asks the other branches of its pose: what is found there goes on by itself
-)
+BRANCHES = 8  # every n-th vertex also checks the other branches of its pose; contacts found there spread further
 
 
 @dataclass(kw_only=True)
 class ContactLookahead:
-    """The contacts known on one grid; ``candidates`` lose what collides, in place."""
+    """Known contacts on one grid; ``candidates`` loses the colliding vertices, in place."""
 
     candidates: CandidateGrid
     model: CollisionModel
     may_touch: Bools  # (S,) the cutter may be in the workpiece there
-    external: Array  # (S, E) m or rad, where the external joints stand
-    pairs: NDArray[np.int32]  # (S, R, B) pair that a vertex was struck out for, −1 else; filled here
-    asked: dict[int, Bools] = field(default_factory=dict)  # pair → (S·R·B,) vertices it was looked at for
+    external: Array  # (S, E) m or rad, external joints
+    pairs: NDArray[np.int32]  # (S, R, B) pair for which a vertex was excluded, else −1; filled here
+    asked: dict[int, Bools] = field(default_factory=dict)  # pair → (S·R·B,) vertices checked for it
 
     def whole(self, s: Rows, r: NDArray[Any], b: NDArray[Any]) -> Array:
-        """(n, 6 + E) joints of the machine at vertices (n,)."""
+        """Return the (n, 6 + E) machine joints at vertices (n,), in rad or m.
+
+        Args:
+            s: (n,) station index.
+            r: (n,) rotation index.
+            b: (n,) branch index.
+        """
         return np.hstack([self.candidates.q[s, r, b], self.external[s]])
 
     def strike(self, vertices: Rows, pair: NDArray[np.int32]) -> None:
-        """Strike out vertices (n,), flat over (S, R, B), each for its own contact between a pair (n,) of bodies."""
+        """Exclude vertices, each for a contact of one pair of bodies.
+
+        Args:
+            vertices: (n,) flat index over (S, R, B).
+            pair: (n,) index into the model's pairs.
+        """
         s, r, b = np.unravel_index(vertices, self.pairs.shape)
         self.candidates.feasible[s, r, b] = False
         self.candidates.reason[s, r, b] = InfeasibilityReason.COLLIDING
         self.pairs[s, r, b] = pair
 
     def look(self, vertices: Rows, pair: NDArray[np.int32], budget: int) -> int:
-        """Look from contacts at vertices (n,) on, ring by ring, and strike out what touches alike.
+        """Check the neighbours of contacts, ring by ring, and exclude those where the same pair touches.
 
         Args:
-            pair: (n,) whose contact it is.
-            budget: vertices after which no further ring is begun, shared by the pairs as their contacts are.
+            vertices: (n,) flat index over (S, R, B) of the known contacts.
+            pair: (n,) index of the pair that touches there.
+            budget: number of vertices after which no further ring is started; shared among the pairs in proportion to
+                their contacts.
 
         Returns:
-            how many were looked at.
+            Number of vertices checked.
         """
         if not len(vertices):
             return 0
         share = np.bincount(pair, minlength=len(self.model.pairs)) / len(pair)
-        left = np.ceil(budget * share).astype(int)  # (P,) a pair is followed as far as it is in the way
-        looked = 0
+        remaining = np.ceil(budget * share).astype(int)  # (P,) the budget of a pair is proportional to its contacts
+        checked = 0
         while len(vertices):
             vertices, pair = self._ring(vertices, pair)
             if len(vertices):
                 s, r, b = np.unravel_index(vertices, self.pairs.shape)
                 hit = self.model.check_single_pairs(self.whole(s, r, b), pair)
-                looked += len(vertices)
-                left -= np.bincount(pair, minlength=len(left))
+                checked += len(vertices)
+                remaining -= np.bincount(pair, minlength=len(remaining))
                 vertices, pair = vertices[hit], pair[hit]
-                if len(pair) and pair[0] != pair[-1]:  # of a vertex found for two pairs at once the first one is told
+                if len(pair) and pair[0] != pair[-1]:  # a vertex found for two pairs keeps the first one
                     vertices, first = np.unique(vertices, return_index=True)
                     pair = pair[first]
                 self.strike(vertices, pair)
-                on = left[pair] > 0
-                vertices, pair = vertices[on], pair[on]
-        return looked
+                continued = remaining[pair] > 0
+                vertices, pair = vertices[continued], pair[continued]
+        return checked
 
     def _ring(self, vertices: Rows, pair: NDArray[np.int32]) -> tuple[Rows, NDArray[np.int32]]:
-        """The neighbours not yet looked at for the same pair, and the pair of each.
+        """Return the neighbours not yet checked for the same pair, and the pair of each.
 
-        Pair by pair, and along the path: there the same two triangles often touch on.
+        They are sorted by pair and along the path: successive stations often touch with the same two triangles.
         """
         S, R, B = self.pairs.shape
         feasible = self.candidates.feasible.reshape(S * R * B, -1)
         none = np.zeros(S, bool)
         out, which = [], []
         for p in np.unique(pair).tolist():
-            asked = self.asked.setdefault(p, np.zeros(S * R * B, bool))
-            spared = self.may_touch if self.model.pairs[p].unless_cutting else none
-            along = np.sort(_neighbours(vertices[pair == p], asked, feasible, spared, R, B))
+            checked = self.asked.setdefault(p, np.zeros(S * R * B, bool))
+            skipped = self.may_touch if self.model.pairs[p].unless_cutting else none
+            along = np.sort(_neighbours(vertices[pair == p], checked, feasible, skipped, R, B))
             out.append(along % S * (R * B) + along // S % R * B + along // (S * R))
             which.append(np.full(len(along), p, np.int32))
         return np.concatenate(out), np.concatenate(which)
 
 
 @jit_compile
-def _neighbours(vertices: Rows, asked: Bools, feasible: Bools, spared: Bools, R: int, B: int) -> Rows:
-    """The neighbours of vertices (n,), flat over (S, R, B), that nobody asked for yet, which is noted in ``asked``.
+def _neighbours(vertices: Rows, checked: Bools, feasible: Bools, skipped: Bools, R: int, B: int) -> Rows:
+    """Return the unchecked neighbours of vertices (n,), flat over (S, R, B), and mark them in ``checked``.
 
     Args:
-        asked: (S·R·B,) changed.
-        feasible: (S·R·B, T).
-        spared: (S,) where nothing is looked at.
+        vertices: (n,) flat index over (S, R, B).
+        checked: (S·R·B,) vertices already checked; changed.
+        feasible: (S·R·B, T) feasible turns of each vertex.
+        skipped: (S,) stations where nothing is checked.
+        R: number of rotations.
+        B: number of branches.
 
     Returns:
         (m,) each as (b · R + r) · S + s.
     """
-    S = len(spared)
+    S = len(skipped)
     for v in vertices:
-        asked[v] = True
+        checked[v] = True
     out = np.empty(len(vertices) * (3 + B), np.int64)
     m = 0
     for v in vertices:
@@ -128,12 +142,12 @@ def _neighbours(vertices: Rows, asked: Bools, feasible: Bools, spared: Bools, R:
             else:
                 z = (b + k - 3) % B
             n = (x * R + y) * B + z
-            if asked[n]:
+            if checked[n]:
                 continue
             for t in range(feasible.shape[1]):
                 if feasible[n, t]:
-                    asked[n] = True
-                    if not spared[x]:
+                    checked[n] = True
+                    if not skipped[x]:
                         out[m] = (z * R + y) * S + x
                         m += 1
                     break

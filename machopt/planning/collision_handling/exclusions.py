@@ -1,7 +1,7 @@
-"""What a search strikes out: vertices that collide, and ways that do or lead nowhere.
+"""Exclusions of one search: vertices that collide, and edges that collide or contain no valid pose.
 
-A vertex (station, rotation, branch) is struck out only for a contact of its own pose, an edge (two vertices of
-neighbouring stations) only for a contact or a missing pose on its own way.
+A vertex (station, rotation, branch) is excluded only for a contact of its own pose. An edge (two vertices of
+neighbouring stations) is excluded only for a contact or a missing pose between its ends.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from machopt.planning.sequence_search.search_kernels import compute_joint_jump_l
 from machopt.planning.stations.planning_path import PlanningPath
 
 Rows = NDArray[np.intp]
-SWING = np.radians(90.0)  # of rotation between two stations that are looked at past a known contact
-FINE = 65  # shares of a way among which its contact is looked for
-AHEAD = 8000  # vertices looked at around the contacts of the first round, and four times as many in each next
+SWING = np.radians(90.0)  # maximum rotation between two stations that is checked past a known contact
+FINE = 65  # number of places on an edge where its contact is searched
+AHEAD = 8000  # vertices checked around the contacts of the first round, four times as many in each next one
 
 
 @dataclass(kw_only=True)
 class ExclusionTracker:
-    """What is struck out of one path's grid; ``candidates`` lose what collides, in place."""
+    """Exclusions of one path's grid; ``candidates`` loses the colliding vertices, in place."""
 
     path: PlanningPath
     candidates: CandidateGrid
@@ -63,25 +63,47 @@ class ExclusionTracker:
         )
 
     def stations(self, hit: NDArray[np.bool_]) -> Rows:
-        """Stations at or behind the points hit."""
+        """Return the stations at or after the points hit.
+
+        Args:
+            hit: (P,) planning points with a contact.
+        """
         st = self.path.stations
         return np.unique(np.clip(np.searchsorted(st, np.flatnonzero(hit)), 0, len(st) - 1))
 
     def gone(self, choice: SequenceChoice) -> bool:
-        """A vertex of the choice has been struck out."""
+        """Return whether a vertex of the sequence has been excluded.
+
+        Args:
+            choice: sequence of the search.
+        """
         s = np.flatnonzero(~choice.dropped)
         return not bool(self.candidates.feasible[s, choice.rotation[s], choice.branch[s], choice.turn[s]].all())
 
     def chosen(self, choice: SequenceChoice, every: int = 1) -> bool:
-        """Look at the choice's own vertices, and from those that collide on; whether it has lost any."""
+        """Check the vertices of the sequence and the neighbours of those that collide.
+
+        Args:
+            choice: sequence of the search.
+            every: only every n-th station is checked.
+
+        Returns:
+            Whether any vertex of the sequence has been excluded.
+        """
         s = np.flatnonzero(~choice.dropped)[::every]
         return self._look(s, choice.rotation[s], choice.branch[s]) > 0
 
     def along(self, choice: SequenceChoice, a: JointAssignment, check: PathCollisions) -> int:
-        """Look at the vertices on either side of a curve where it collides, and from those that do on.
+        """Check the grid vertices on either side of a curve where it collides, and the neighbours of those that
+        collide.
+
+        Args:
+            choice: sequence of the search that the curve follows.
+            a: rotation and joints of the curve at all planning points.
+            check: contacts of the curve.
 
         Returns:
-            how many vertices are struck out.
+            Number of vertices excluded.
         """
         s = self.stations(check.hit)
         s = s[~choice.dropped[s]]
@@ -91,7 +113,7 @@ class ExclusionTracker:
         return self._look(both, sides, choice.branch[both])
 
     def _look(self, s: Rows, r: Rows | NDArray[np.int32], b: NDArray[np.int32]) -> int:
-        """Look at vertices not looked at before, and ahead from those that collide; how many are struck out."""
+        """Check vertices not checked before, and the neighbours of those that collide; return the number excluded."""
         ahead = self.ahead
         usable = compute_any_last(self.candidates.feasible[s, r, b]) & ~self.looked[s, r, b]
         if ahead is None or not usable.any():
@@ -111,17 +133,24 @@ class ExclusionTracker:
         return len(vertices)
 
     def _kept(self, choice: SequenceChoice, stations: Rows, budget: int) -> Rows:
-        """Stations that have a choice, no more than ``budget`` of them, spread evenly."""
+        """Return the stations that have a choice, at most ``budget`` of them, spread evenly."""
         stations = stations[~choice.dropped[stations]]
         if len(stations) > budget:
             stations = stations[np.unique(np.linspace(0, len(stations) - 1, budget).round().astype(int))]
         return stations
 
     def grid(self, choice: SequenceChoice, plain: JointAssignment, check: PathCollisions, budget: int) -> None:
-        """Strike out the vertices and edges of the grid's own sequence that collide or lead nowhere."""
+        """Exclude the vertices and edges of the grid's own sequence that collide or contain no valid pose.
+
+        Args:
+            choice: sequence of the search.
+            plain: joints of that sequence at all planning points.
+            check: contacts of that sequence.
+            budget: maximum number of stations that are examined.
+        """
         before = int(self.candidates.feasible.sum()), len(self.edges)
         stations = self._kept(choice, self.stations(check.hit | check.lost), budget)
-        for s in stations:  # a pose on the very edge of a limit or margin: rounding decides
+        for s in stations:  # a pose exactly on a limit or margin: rounding decides
             why = plain.reason[self.path.stations[s]]
             if why != InfeasibilityReason.OK:
                 self._drop(choice, int(s), int(why))
@@ -130,16 +159,16 @@ class ExclusionTracker:
             s = int(at)
             joined = s > 0 and s not in choice.broken and not choice.dropped[s - 1]
             if joined and self.path.run[self.path.stations[s]] == self.path.run[self.path.stations[s - 1]]:
-                gone = [
+                excluded = [
                     not self.candidates.feasible[k, choice.rotation[k], choice.branch[k], choice.turn[k]]
                     for k in (s - 1, s)
                 ]
-                if not any(gone):
+                if not any(excluded):
                     bans += self._strike_edges(choice, s, closing)
         self.edges = closing.merged()
         self._ban(bans)
         if (int(self.candidates.feasible.sum()), len(self.edges)) == before:
-            for at in stations:  # what only the whole path shows counts against the ways that were chosen
+            for at in stations:  # contacts that only the whole path shows exclude the chosen edges
                 bans += self._drop_way(choice, int(at), int(check.pair[self.path.stations[at]]))
             self._ban(bans)
 
@@ -160,11 +189,12 @@ class ExclusionTracker:
             self.candidates.reason[s, r, b] = why
 
     def _strike_edges(self, choice: SequenceChoice, s: int, closing: TransitionCollector) -> list[tuple[int, int, int]]:
-        """Strike out the ways into station s that turn as far as the chosen one and are not free, on either side of it
-        up to the first that is.
+        """Exclude the edges into station s with the same swing as the chosen one that are not free, on either side of
+        it
+        up to the first free one.
 
         Returns:
-            those that are not free in some turns only, as :meth:`_ban` takes them.
+            Edges that are blocked in some turns only, as :meth:`_ban` takes them.
         """
         _, R, B, T = self.shape
         b, bu = int(choice.branch[s]), int(choice.branch[s - 1])
@@ -184,7 +214,7 @@ class ExclusionTracker:
                     break
                 pairs.append(found[-1][1])
         if pairs:
-            self.banned[s] = pairs[0]  # of the chosen way, where that is one of them
+            self.banned[s] = pairs[0]  # pair of the chosen edge, if it is one of them
         if closed:
             closing.add(s, *np.array(closed).T)
             if b == bu and self.banned[s] >= 0:
@@ -192,10 +222,12 @@ class ExclusionTracker:
         return bans
 
     def _across(self, s: int, before: int, here: int, b: int, closing: TransitionCollector) -> None:
-        """Strike out the swings past the chosen way's contact: into this station, and into those beside it as long as
-        any are.
+        """Exclude the swings past the contact of the chosen edge: into this station and into its neighbours as long as
+        any collide.
 
-        Where a contact closes some rotations all along, every swing over them would be chosen once, and looked at.
+        Where a contact blocks a range of rotations over many stations, the search would otherwise choose every swing
+        across
+        it once.
         """
         ends, pair = self._ends(s, np.array([before]), np.array([here]), b), self.banned[s]
         if ends is None:
@@ -213,14 +245,14 @@ class ExclusionTracker:
                             break
 
     def _swings(self, s: int, b: int, phi: float, pair: int, closing: TransitionCollector) -> bool:
-        """Strike out the ways into station s that turn past phi (rad) and touch there; whether any do."""
+        """Exclude the edges into station s that rotate past phi (rad) and collide there; return whether any do."""
         known = self.swept.setdefault((s, b, pair), {})
         if phi not in known:
             known[phi] = self._swing_over(s, b, phi, pair, closing, any(known.values()))
         return known[phi]
 
     def _swing_over(self, s: int, b: int, phi: float, pair: int, closing: TransitionCollector, before: bool) -> bool:
-        """As :meth:`_swings`; where such ways have been struck out ``before``, those that are closed count as well."""
+        """Do the work of :meth:`_swings`; if such edges were excluded ``before``, the blocked ones count as well."""
         c, st, model = self.candidates, self.path.stations, self.checker.model
         if model is None or self.path.run[st[s]] != self.path.run[st[s - 1]]:
             return False
@@ -247,14 +279,16 @@ class ExclusionTracker:
         return closed or bool(known.any())
 
     def _turn(self, s: int, source: Rows, target: Rows) -> Array:
-        """(n,) rad, by how much ways into station s turn."""
+        """Return the (n,) rotation in rad along edges into station s."""
         return np.asarray(wrap_angle(self.phi[s, target] - self.phi[s - 1, source]))
 
     def _ends(
         self, s: int, source: Rows, target: Rows, b: int
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]] | None:
-        """Rotation (n,) and joints (n, 6) at both ends of ways into station s in one branch; None where planning points
-        lie between."""
+        """Return rotation (n,) and joints (n, 6) at both ends of edges into station s in one branch; None where
+        planning
+        points lie between.
+        """
         if self.path.stations[s] - self.path.stations[s - 1] != 1:
             return None
         phi = self.phi[s - 1, source]
@@ -266,21 +300,21 @@ class ExclusionTracker:
         return np.zeros(len(q), bool) if model is None else model.check_single_pairs(q, np.full(len(q), pair))
 
     def _ban(self, ways: list[tuple[int, int, int]]) -> None:
-        """Strike out ways (station, source, target), and those to the targets' other turns."""
+        """Exclude edges (station, source, target), and those to the other turns of the targets."""
         if ways:
             s, u, v = (np.repeat(np.array(x, np.int32), self.shape[3]) for x in zip(*ways, strict=True))
             self.edges = self.edges.plus(s, u, v + np.tile(np.arange(self.shape[3], dtype=np.int32), len(ways)))
 
     def _edge(self, s: int, ru: int, bu: int, r: int, b: int) -> list[tuple[int, int]]:
-        """Turns in which the way from a vertex of station s − 1 to one of s cannot be gone, each with what it touches.
+        """Return the turns in which the edge from a vertex of station s − 1 to one of s is blocked, each with its pair.
 
-        −1 stands for a way that has no pose in between.
+        The pair is −1 for an edge that has no valid pose in between.
         """
         c, st = self.candidates, self.path.stations
         qa = c.q[s - 1, ru, bu]
         qb = qa + wrap_angle(c.q[s, r, b] - qa)
         if not np.abs(qb - qa).max() <= compute_joint_jump_limit(c.stable):
-            return []  # no way by itself; nothing to strike out
+            return []  # no edge exists here; nothing to exclude
         every = [int(t) for t in np.flatnonzero(c.feasible[s - 1, ru, bu])]
         rows = np.arange(st[s - 1], st[s] + 1)
         grid = self.phi
@@ -292,7 +326,7 @@ class ExclusionTracker:
         turned, seed = np.full(len(self.path.index), np.nan), np.full((len(self.path.index), 6), np.nan)
         turned[rows] = phi[0] + f * (phi[1] - phi[0])
         out: list[tuple[int, int]] = []
-        for t in every:  # a limit in between may hold in one turn and not in another
+        for t in every:  # a joint limit in between may be kept in one turn and violated in another
             seed[rows] = qa + f[:, None] * (qb - qa) + c.turns[t]
             found = solve_joint_path(self.path, self.checker.arm, self.checker.robot, turned, seed)
             if (found.reason[rows] != InfeasibilityReason.OK).any():

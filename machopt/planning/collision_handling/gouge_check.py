@@ -1,11 +1,10 @@
-"""Gouges: where the CAM file itself drives the cutter into the finished part, at its points and between them.
+"""Gouges: places where the CAM file itself drives the cutter into the finished part, at its points and between them.
 
-Where the tip is and how the tool is tilted is the file's; rotation about the tool's axis, branch and external axes
-change nothing of it. So gouges are looked for on the path alone, before any robot, and no choice of ours mends them.
-The cutter may touch the part and be in it by the tolerance; its own contact is none.
-
-Held against the part is the cutter, all its length, wherever the file moves at a feed. The tool's other bodies (holder,
-spindle) are kept clear of part and fixtures by the collision check, and so is the cutter in rapid moves.
+The CAM file defines tip position and tool axis. Rotation about the tool axis, branch and external axes
+do not change them. Gouges are therefore found on the path alone, before any robot, and no plan can remove them.
+The cutter may touch the part and may penetrate it by the tolerance.
+The check covers the full length of the cutter, wherever the file moves at a feed. The collision check covers the other
+bodies of the tool (holder, spindle), and the cutter in rapid moves.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from machopt.numerics.array_types import Array, Bools, Ints
 from machopt.numerics.rigid_transforms import build_transform, compute_tool_rotation, normalise_vectors
 from machopt.planning.stations.planning_path import PlanningPath
 
-STEP = 5e-4  # m that the tip moves between two poses that are looked at
-TURN = np.radians(0.25)  # rad that its axis turns between them
-# m: a depth that equals the tolerance is none beyond it. Half of the last digit a sentence shows; meshes are in single
+STEP = 5e-4  # m, tip movement between two checked poses
+TURN = np.radians(0.25)  # rad, rotation of the tool axis between them
+# m: a depth equal to the tolerance does not exceed it. Half of the last digit of a message; meshes are in single
 # precision, tables in nanometres.
 ROUNDING = 5e-7
 AT_ONCE = 100_000  # poses
@@ -32,20 +31,20 @@ AT_ONCE = 100_000  # poses
 
 @dataclass(frozen=True)
 class GougeResult:
-    """Deepest place of the cutter in the part on the way to each planning point, the point itself counted."""
+    """Deepest penetration of the cutter into the part on the way to each planning point, the point itself included."""
 
     limit: float  # m
     depth: Array  # (P,) m; 0 where it is not deeper than the limit
-    place: Array  # (P, 3) m, in the workpiece frame; NaN where it is not
-    tip: Array  # (P, 3) m, where the tip is then
+    place: Array  # (P, 3) m, in the workpiece frame; NaN where depth is 0
+    tip: Array  # (P, 3) m, tip position at that place
 
     @property
     def deep(self) -> Bools:
-        """(P,) the way to the point gouges."""
+        """(P,) whether the move to the point gouges."""
         return np.asarray(self.depth > 0.0)
 
     def sentences(self) -> dict[int, str]:
-        """Planning point → what is wrong on the way to it."""
+        """Return per planning point the message about the gouge on the way to it."""
         return {int(p): self._sentence(int(p)) for p in np.flatnonzero(self.deep)}
 
     def _sentence(self, p: int) -> str:
@@ -58,12 +57,12 @@ class GougeResult:
 
 
 def find_gouges(path: PlanningPath, cell: Cell, limit: float) -> GougeResult:
-    """Look along every move at a feed.
+    """Return the gouges along every move at a feed.
 
     Args:
         path: as programmed, without any compensation.
         cell: its cutter, and the workpiece's bodies as the finished part.
-        limit: m.
+        limit: m, permitted penetration.
 
     Raises:
         InputError: there is no cutter or no part, or a mesh of the part is open.
@@ -87,24 +86,27 @@ def find_gouges(path: PlanningPath, cell: Cell, limit: float) -> GougeResult:
 
 
 def get_cutter_and_part(cell: Cell) -> tuple[CutterGeometry, tuple[CollisionShape, ...]]:
-    """What is held against each other.
+    """Return the cutter and the bodies of the finished part that the gouge check compares.
+
+    Args:
+        cell: cell with tool and workpiece.
 
     Raises:
         InputError: there is no cutter or no part.
     """
     cutter, part = cell.tool.cutter, cell.workpiece.geometry
     if cutter is None or not part:
-        lacks = "tool.cutter" if cutter is None else "workpiece.geometry"
+        missing_key = "tool.cutter" if cutter is None else "workpiece.geometry"
         raise InputError(
-            f"gouge_tolerance_mm needs a cutter and the finished part; this cell has no {lacks}",
+            f"gouge_tolerance_mm needs a cutter and the finished part; this cell has no {missing_key}",
             file=cell.folder / "cell.yaml",
-            where=lacks,
+            where=missing_key,
         )
     return cutter, part
 
 
 def _along(path: PlanningPath) -> tuple[Ints, Array]:
-    """Planning point whose way each pose lies on, and its share of that way, above 0 and 1 at the point."""
+    """Return the planning point that each pose leads to, and its share of that move, above 0 and 1 at the point."""
     fed = np.asarray(path.move != MoveKind.RAPID)
     joined = np.r_[False, path.run[1:] == path.run[:-1]]
     length = np.r_[0.0, np.linalg.norm(np.diff(path.position, axis=0), axis=1)]

@@ -1,4 +1,4 @@
-"""Collisions of a path at and between its planning points, as it is driven: straight in space, not in the joints."""
+"""Collisions of a path at and between its planning points, along straight tool moves in space, not in joint space."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import CONVERGED, SAME_BRANCH
 from machopt.planning.stations.planning_path import PlanningPath
 
-NEAR = np.radians(3.0)  # joint step up to which the way between two points is taken as straight in the joints
+NEAR = np.radians(3.0)  # joint step up to which the move between two points is interpolated in joint space
 
 
 @dataclass(frozen=True)
@@ -31,32 +31,42 @@ class PathCollisions:
 
     @property
     def free(self) -> bool:
+        """Whether the assignment has neither a contact nor a lost configuration."""
         return not bool(self.hit.any() or self.lost.any())
 
 
 @dataclass(frozen=True)
 class PathCollisionChecker:
-    """What a motion is held against."""
+    """Path, arm and collision model for the collision check of one motion."""
 
     path: PlanningPath
     arm: PlanningArm
     robot: Robot
-    model: CollisionModel | None  # None: contacts are not looked for
+    model: CollisionModel | None  # None: no contact check
     step: float  # rad, joint step between collision checks
 
     @classmethod
     def of(
         cls, path: PlanningPath, arm: PlanningArm, robot: Robot, model: CollisionModel | None, options: PlanOptions
     ) -> PathCollisionChecker:
+        """Return the checker of a path with the collision step of the options.
+
+        Args:
+            path: planning points.
+            arm: arm model relative to its base.
+            robot: kinematic model of the robot.
+            model: collision bodies and pairs; None disables the contact check.
+            options: plan options with ``collision_step``.
+        """
         return cls(path, arm, robot, model, options.collision_step)
 
     def whole(self, phi: Array, q: Array, cuts: tuple[int, ...] = ()) -> PathCollisions:
-        """Every stretch with a configuration.
+        """Return the contacts of every stretch with a configuration.
 
         Args:
             phi: (P,) rad.
             q: (P, 6) rad, NaN where there is none.
-            cuts: planning points that are not driven to from the point before.
+            cuts: planning points that are not reached by a straight move from the previous point.
         """
         n = len(q)
         hit, pair, lost = np.zeros(n, bool), np.full(n, -1, np.int32), np.zeros(n, bool)
@@ -71,7 +81,7 @@ class PathCollisionChecker:
         return PathCollisions(hit, pair, lost)
 
     def _known(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
-        """The same as :meth:`stretch`, of an earlier plan where there is one that came this very way."""
+        """Return the result of :meth:`stretch`, from the cache where an earlier plan had the same stretch."""
 
         def inputs() -> tuple[object, ...]:
             p = self.path
@@ -81,19 +91,27 @@ class PathCollisionChecker:
         return compute_cached("contacts", inputs, lambda: self.stretch(rows, phi, q))
 
     def stretch(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
-        """(n,) hit, pair and lost of successive planning points ``rows`` (n,) at phi (n,) rad and q (n, 6) rad."""
+        """Return hit, pair and lost, each (n,), of successive planning points.
+
+        Args:
+            rows: (n,) planning points.
+            phi: (n,) rad, rotation at each.
+            q: (n, 6) rad, joints at each.
+        """
         n = len(rows)
         dense, owner, lost = self._filled(rows, phi, q)
         hit, pair = np.zeros(n, bool), np.full(n, -1, np.int32)
         if self.model is not None:
             touch = np.full(len(dense), bool(self.path.may_touch[rows[0]]))
             found = self.model.check_motion(dense, touch, self.step)
-            for m in np.flatnonzero(found.hit)[::-1]:  # the first contact of each way is told
+            for m in np.flatnonzero(found.hit)[::-1]:  # the first contact of each move is reported
                 hit[owner[m]], pair[owner[m]] = True, found.pair[m]
         return hit, pair, lost
 
     def _filled(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Array, NDArray[np.intp], Bools]:
-        """Configurations (M, 6 + E), more of them where a step is long, whose way (M,) each belongs to, lost (n,)."""
+        """Return configurations (M, 6 + E), refined where a step is long; also the point (M,) each leads to and lost
+        (n,).
+        """
         n = len(rows)
         lost = np.zeros(n, bool)
         pieces = np.ones(n, int)
@@ -115,7 +133,9 @@ class PathCollisionChecker:
     def _between(
         self, a: NDArray[np.intp], b: NDArray[np.intp], f: Array, phi: Array, seed: Array
     ) -> tuple[Array, Bools]:
-        """Configurations (n, 6 + E) a share f (n,) of the way from planning points a to b (n,); where there is none."""
+        """Return configurations (n, 6 + E) at a share f (n,) of the move from planning points a to b (n,), and where
+        none exists.
+        """
         path = self.path
 
         def between(values: Array) -> Array:
@@ -123,24 +143,26 @@ class PathCollisionChecker:
             return np.asarray((1 - g) * values[a] + g * values[b])
 
         R = compute_tool_rotation(normalise_vectors(between(path.axis)), between(path.reference), phi)
-        stands = between(path.external)
-        pose = self.arm.in_base(stands, build_transform(R, between(path.position)))
+        external = between(path.external)
+        pose = self.arm.in_base(external, build_transform(R, between(path.position)))
         exact, error = refine_by_newton(self.robot, pose, seed, self.arm.T_flange_tcp, iterations=6)
         bad = ~((error <= CONVERGED) & (np.abs(exact - seed).max(axis=1) <= SAME_BRANCH))
-        return np.hstack([np.where(bad[:, None], seed, exact), stands]), bad
+        return np.hstack([np.where(bad[:, None], seed, exact), external]), bad
 
     def on_the_way(
         self, row: int, phi: tuple[Array, Array], q: tuple[Array, Array], wanted: Array
     ) -> tuple[Array, Array, Bools]:
-        """Of ways (n,) to planning point ``row`` from the one before, configurations that :meth:`stretch` looks at.
+        """Return configurations that :meth:`stretch` would check on moves (n,) to planning point ``row`` from the
+        previous one.
 
         Args:
+            row: planning point at the end of the moves.
             phi: (n,) rad, at either end.
             q: (n, 6) rad, at either end.
-            wanted: (n,) share of each way.
+            wanted: (n,) share of each move.
 
         Returns:
-            the share nearest to that (n,), the configuration there (n, 6 + E), and whether it is one between the ends.
+            The share nearest to that (n,), the configuration there (n, 6 + E), and whether it lies between the ends.
         """
         pieces = np.maximum(np.ceil(np.abs(q[1] - q[0]).max(axis=1, initial=0.0) / NEAR), 1)
         f = np.clip(np.round(wanted * pieces), 1, np.maximum(pieces - 1, 1)) / pieces

@@ -1,5 +1,5 @@
-"""The commanded path shifted against the predicted deflection.
+"""Compensation of the predicted deflection by a shift of the commanded path.
 
-In: a plan. Out: the plan with its shift, the margins that driving it takes, and how much of the deflection is removed
-and how sure that is.
+In: a plan. Out: the plan with its shift, the margins that the driven motion uses, and the share of the deflection that
+is removed with its confidence interval.
 """

@@ -1,4 +1,4 @@
-"""More planning points for a plan that is made: the choice stays what it is, the path is followed more closely."""
+"""Additional planning points for a finished plan: the choice is unchanged, the path is followed more closely."""
 
 from __future__ import annotations
 
@@ -19,9 +19,14 @@ from machopt.planning.stations.planning_path import PlanningPath, build_planning
 
 
 def compensate_plan(plan: Plan, toolpath: Toolpath) -> Plan:
-    """The plan for the path shifted against its deflection, with the same rotation; what cannot be shifted says why.
+    """Return the plan for the path shifted against its deflection, with the same rotation.
 
-    The shift turns, comes and goes over the least of LENGTHS at which it is nowhere steeper than STEEPEST.
+    Points that cannot be shifted carry a reason. The shift changes over the smallest of LENGTHS at which its slope is
+    nowhere above STEEPEST.
+
+    Args:
+        plan: finished plan without compensation.
+        toolpath: toolpath the plan was made for.
     """
     found = plan
     for length in LENGTHS:
@@ -33,17 +38,22 @@ def compensate_plan(plan: Plan, toolpath: Toolpath) -> Plan:
 
 
 def add_corner_points(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
-    """The plan with more planning points around corners, starts and ends of cuts; rotation in between on the line.
+    """Return the plan with more planning points around corners, starts and ends of cuts.
 
-    There a shift against the deflection turns, comes and goes, over ``length`` (m) to either side.
+    The rotation at the added points is interpolated linearly. At these places a shift against the deflection changes.
+
+    Args:
+        plan: finished plan.
+        toolpath: toolpath the plan was made for.
+        length: m, distance to either side of a corner over which the shift changes.
     """
     old = plan.path
     path = build_planning_path(toolpath, list_constrained_points(plan.options), corners=length)
     if len(path.index) == len(old.index):
         return plan
     rows = np.searchsorted(path.index, old.index)
-    stands = [np.interp(path.index, old.index, column) for column in old.external.T]  # added points lie inside runs
-    external = np.array(stands).T.reshape(len(path.index), -1)
+    columns = [np.interp(path.index, old.index, column) for column in old.external.T]  # added points lie inside runs
+    external = np.array(columns).T.reshape(len(path.index), -1)
     path = replace(path, stations=rows[old.stations].astype(np.int32), external=external)
     setup = plan.setup
     refined = replace(
@@ -63,7 +73,7 @@ def add_corner_points(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
 
 
 def _between(plan: Plan, path: PlanningPath, rows: NDArray[np.intp], a: JointAssignment) -> JointAssignment:
-    """The assignment at more points; at the old ones (``rows``) to the last bit."""
+    """Return the assignment at more points; at the old ones (``rows``) unchanged to the last bit."""
     index = plan.path.index
     phi = np.interp(path.index, index, a.phi)
     seed = np.column_stack([np.interp(path.index, index, a.q[:, j]) for j in range(6)])

@@ -1,8 +1,8 @@
-"""What driving a plan takes of the margins that it keeps.
+"""Margins of a plan that its driven motion uses up.
 
-Where the rotation bends it is rounded in time, as the path is, so at a planning point the arm stands a little elsewhere
-than planned. A pose that stood on a margin (joint limits, singularities) then falls short of it. The margin is a
-promise about what is driven, so such a plan is made again with that much more of it.
+Where the rotation changes its rate, the motion is rounded in time, as the path is. At a planning point the arm is
+therefore slightly off the planned pose. A pose planned exactly on a margin (joint limits, singularities) then violates
+it. The margin applies to the driven motion, so such a plan is repeated with a margin that is larger by this amount.
 """
 
 from __future__ import annotations
@@ -24,24 +24,33 @@ from machopt.planning.sampling.joint_path import solve_joint_path
 ROUNDING = np.radians(
     1e-5
 )  # of joint angles; requested_choices.MARGIN_TOLERANCE_DEG of the verification allows 2e-5° for it
-FACTOR, LEAST = 2.0, np.radians(0.001)  # of what was short is kept beside the margin, and how much at least
+FACTOR, LEAST = 2.0, np.radians(0.001)  # added margin: multiple of the violation, and its minimum
 
 
 def apply_driven_rotation(plan: Plan, phi: Array) -> Plan:
-    """The plan with the rotation the retimed motion really takes at the planning points, (P,) rad.
+    """Return the plan with the rotation that the retimed motion has at the planning points.
 
     A point counts as lost to a joint limit where it is nearer than the margin by more than :data:`ROUNDING`.
+
+    Args:
+        plan: plan as chosen.
+        phi: (P,) rad, rotation of the retimed motion at the planning points.
     """
     before, arm = plan.chosen.assignment, plan.setup.arm
     arm = replace(arm, lower=arm.lower - ROUNDING, upper=arm.upper + ROUNDING)
     after = solve_joint_path(plan.path, arm, plan.setup.robot, phi, before.q)
     return rescore_plan(
         plan, after.marked(before.reason != InfeasibilityReason.OK, before.reason)
-    )  # what was ruled out stays so
+    )  # excluded points stay excluded
 
 
 def find_lost_margin(planned: Plan, driven: Plan) -> SequenceBreak | None:
-    """The first point that is planned, and falls short of a margin as it is driven; None where none does."""
+    """Return the first feasible point that violates a margin in the driven motion; None where none does.
+
+    Args:
+        planned: plan as chosen.
+        driven: the same plan with the driven rotation.
+    """
     rows = _lost(planned, driven)
     if not len(rows):
         return None
@@ -61,12 +70,23 @@ def find_lost_margin(planned: Plan, driven: Plan) -> SequenceBreak | None:
 
 
 def find_runs_with_lost_margins(planned: Plan, driven: Plan) -> set[int]:
-    """The runs with points that are planned, and fall short of a margin as they are driven."""
+    """Return the runs with feasible points that violate a margin in the driven motion.
+
+    Args:
+        planned: plan as chosen.
+        driven: the same plan with the driven rotation.
+    """
     return set(planned.path.run[_lost(planned, driven)].tolist())
 
 
 def add_margin_reserve(options: PlanOptions, planned: Plan, driven: Plan) -> PlanOptions:
-    """Margins by so much larger that what driving takes of them is spared."""
+    """Return the options with margins enlarged by the amount that the driven motion uses.
+
+    Args:
+        options: options of the plan.
+        planned: plan as chosen.
+        driven: the same plan with the driven rotation.
+    """
     rows, a, arm = _lost(planned, driven), driven.chosen.assignment, driven.setup.arm
     m, q = arm.margins, a.q[rows]
 
@@ -83,12 +103,18 @@ def add_margin_reserve(options: PlanOptions, planned: Plan, driven: Plan) -> Pla
     )
 
 
-def restore_requested_margins(spared: Plan, options: PlanOptions, arm: PlanningArm) -> Plan:
-    """A plan that was made with spare, as an answer to the margins that the user asked (those of ``arm``)."""
-    return replace(spared, options=options, setup=replace(spared.setup, arm=arm))
+def restore_requested_margins(reserved: Plan, options: PlanOptions, arm: PlanningArm) -> Plan:
+    """Return a plan made with enlarged margins as the result for the requested margins.
+
+    Args:
+        reserved: plan made with enlarged margins.
+        options: options as requested.
+        arm: arm model with the requested margins.
+    """
+    return replace(reserved, options=options, setup=replace(reserved.setup, arm=arm))
 
 
 def _lost(planned: Plan, driven: Plan) -> NDArray[np.intp]:
-    """Rows of points that are planned, and not there as driven."""
+    """Return the rows of points that are feasible as planned and infeasible as driven."""
     before, after = (p.chosen.assignment.reason for p in (planned, driven))
     return np.flatnonzero((before == InfeasibilityReason.OK) & (after != InfeasibilityReason.OK))

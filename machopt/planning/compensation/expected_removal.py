@@ -1,13 +1,13 @@
-"""How much of the deflection a compensation removes, and how sure that is: as a whole, per operation, at the worst.
+"""Share of the deflection that a compensation removes, with 90 % intervals: overall, per operation, and at the worst
+point.
 
-The shift is −d of the model; the arm bends by d + δ, and δ is what the file says of its own error
-(:mod:`machopt.planning.uncertainty.model_discrepancy`; a covariance alone counts as that). What is left at a place is
-|offset + d +
-δ|, no linear function of δ, so its distribution is drawn: DRAWS sets of normal numbers, the same in every run. An
-interval reaches from what the model itself leaves to the 95th percentile over them: δ can hardly leave less than none
-at all would, and how little it leaves at best depends on how large it may be at most, which is known less well than
-that it may be none. (Where the 5th percentile is below the model's own figure, as where that is mainly what corners
-leave, it stands there.) Without δ the model's own figure stands there, and no interval.
+The shift is −d of the model. The arm bends by d + δ, where δ is the model discrepancy stated in the stiffness file
+(:mod:`machopt.planning.uncertainty.model_discrepancy`; a covariance alone counts as one). The residual at a place is
+|offset + d + δ|. It is not linear in δ, so its distribution is sampled with DRAWS sets of normal numbers, the same in
+every run. An interval reaches from the model's own residual to the 95th percentile of the samples. The lower
+end is the model's own value because δ hardly ever reduces the residual, and because only an upper bound of δ is well
+known. (Where the 5th percentile is below the model's own value, for example at corners, the percentile is
+used.) Without δ only the model's own value is reported, and no interval.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class DeflectionRemoval:
-    """What is left of the mean deflection over a stretch that is cut; lengths in m."""
+    """Residual of the mean deflection over the cut part of a stretch; lengths in m."""
 
     label: str  # of the operation, empty for all of them
     bent: float  # mean deflection, by the model
@@ -44,18 +44,19 @@ class DeflectionRemoval:
 
     @property
     def removed(self) -> float:
-        """Share of the mean deflection that is gone, by the model; 0 where nothing bends."""
+        """Removed share of the mean deflection, by the model; 0 where nothing bends."""
         return 1.0 - self.left / self.bent if self.bent > 0 else 0.0
 
 
 def predict_removals(
     plan: Plan, operation: NDArray[np.int32], labels: tuple[str, ...]
 ) -> tuple[DeflectionRemoval, ...]:
-    """All of the path first, then each operation that is cut; empty without a compensation.
+    """Return the removal of the whole path first, then of each operation that is cut; empty without a compensation.
 
     Args:
-        plan: compensated.
+        plan: compensated plan.
         operation: (N,) of each toolpath point, an index into ``labels``.
+        labels: name of each operation.
     """
     if plan.compensation is None:
         return ()
@@ -71,7 +72,7 @@ def predict_removals(
     if not length.sum() > 0:
         length = np.ones(len(end))
     left, bent = (np.zeros((len(labels), draws)) for _ in range(2))
-    worst, way = np.zeros((len(labels), draws)), np.bincount(group, length, len(labels))
+    worst, length_cut = np.zeros((len(labels), draws)), np.bincount(group, length, len(labels))
     for first in range(0, len(end), BLOCK):
         some = slice(first, first + BLOCK)
         for share, rule in zip(SHARES, RULE, strict=True):
@@ -83,9 +84,9 @@ def predict_removals(
                 np.add.at(left, to, weight * rest)
                 np.add.at(bent, to, weight * whole)
                 np.maximum.at(worst, to, rest)
-    cut = np.flatnonzero(way > 0)
-    parts = [_removal(labels[k], left[k] / way[k], bent[k] / way[k], worst[k]) for k in cut]
-    total = way.sum()
+    cut = np.flatnonzero(length_cut > 0)
+    parts = [_removal(labels[k], left[k] / length_cut[k], bent[k] / length_cut[k], worst[k]) for k in cut]
+    total = length_cut.sum()
     return (_removal("", left.sum(axis=0) / total, bent.sum(axis=0) / total, worst.max(axis=0)), *parts)
 
 
@@ -94,7 +95,9 @@ def _doubt(plan: Plan) -> DiscrepancyModel | None:
 
 
 def _drawn(plan: Plan, end: NDArray[np.intp], share: float) -> tuple[Array, Array]:
-    """(S, 3) shift and (S, 3, draws) deflections in base_link at one place of each segment that ends at ``end``."""
+    """Return the (S, 3) shift and (S, 3, draws) deflections in base_link at one place of each segment that ends at
+    ``end``.
+    """
     assert plan.compensation is not None
     doubt = _doubt(plan)
     path, arm, q = plan.path, plan.setup.arm, plan.chosen.assignment.q
@@ -133,6 +136,6 @@ def _removal(label: str, left: Array, bent: Array, worst: Array) -> DeflectionRe
 
 
 def _ninety(values: Array, own: float) -> Interval:
-    """Of what is the better the less of it there is."""
+    """Return the 90 % interval of a quantity that is better the smaller it is."""
     low, high = np.quantile(values, [0.05, 0.95])
     return min(float(low), own), float(high)

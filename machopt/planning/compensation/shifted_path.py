@@ -1,22 +1,21 @@
-"""The commanded path shifted against the predicted deflection, so that the bent tool is where it should be.
+"""The commanded path shifted against the predicted deflection, so that the loaded tool is at the programmed position.
 
 jiao2022 section 5.1: the deflection d = J_v K_θ⁻¹ J_vᵀ f under the process force (eq. 41, here with every term of the
-stiffness) is subtracted from the commanded position. Rotation and tool axis stay as they are.
+stiffness) is subtracted from the commanded position. Rotation and tool axis are unchanged.
 
-The force is F of :mod:`machopt.planning.cost.process_force_direction`, which has no jumps: the shift δ = −d(F) fades in
-and out over the
-length ℓ along approach and retract, is zero where nothing cuts, and turns at a sharp corner over 2ℓ. With S = max
-|d(f)|,
+The force is F of :mod:`machopt.planning.cost.process_force_direction`, which has no jumps. The shift δ = −d(F) fades in
+and out over the length ℓ along approach and retract. It is zero where nothing cuts, and changes direction at a sharp
+corner over 2ℓ. With S = max |d(f)|,
 
     |δ(s₁) − δ(s₂)| ≤ (2 S/ℓ + |dC/ds| |f|) |s₁ − s₂|
 
-(C the compliance, which changes with the pose). ℓ is the least of LENGTHS at which no step is steeper than STEEPEST.
+(C the compliance, which changes with the pose). ℓ is the smallest of LENGTHS at which no step exceeds STEEPEST.
 A run that begins or ends with a cut (a hole drilled straight from a rapid move) is shifted from its first point on: the
-rapid move goes there, and the drill goes in straight.
+rapid move goes to the shifted point, and the drill enters straight.
 
-Refused, with point and numbers: a shift that is larger than ``compensation_max``, that is larger than the deflection it
-mends (the greatest within 2ℓ), or that is steeper than STEEPEST at the greatest ℓ. What a shift without jumps leaves at
-corners, :func:`compute_residual` says.
+A shift is refused, with point and numbers, if it is larger than ``compensation_max``, larger than the deflection it
+corrects (the greatest within 2ℓ), or steeper than STEEPEST at the greatest ℓ. :func:`compute_residual` returns the
+residual that a shift without jumps leaves at corners.
 """
 
 from __future__ import annotations
@@ -39,20 +38,24 @@ from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
 from machopt.planning.stations.planning_path import ARM, PlanningPath
 
-NOTHING = 1e-6  # m; a smaller shift is nothing to refuse
-STILL = 1e-8  # m; a smaller change of the shift is none
-PASSES = 2  # of −d and the configuration it leads to; the second changes |d| by |d|/reach, a third by its square
+NOTHING = 1e-6  # m; a smaller shift is not refused
+STILL = 1e-8  # m; a smaller change of the shift counts as zero
+PASSES = 2  # iterations of −d and its configuration; the second changes |d| by |d|/reach, a third by its square
 KEPT = 0.8  # share of the singularity margins that a shifted point must still keep
-LENGTHS = (0.005, 0.010, 0.020, 0.040)  # m, ℓ: the shorter, the less is left at corners
-STEEPEST = 0.1  # m/m: the path leans by less than 6° against the programmed one
-MENDS = 1.05  # times the deflection it is held against: the pose changes a little within 2ℓ
-SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of a segment, where the residual is looked at
+LENGTHS = (0.005, 0.010, 0.020, 0.040)  # m, ℓ: the shorter, the smaller the residual at corners
+STEEPEST = 0.1  # m/m: the path deviates by less than 6° from the programmed direction
+MENDS = 1.05  # times the deflection it is compared with: the pose changes slightly within 2ℓ
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of a segment, where the residual is computed
 
 
 def compute_offset_slope(path: PlanningPath, offset: Array) -> Array:
-    """(P,) m/m: how much the shift changes on the way into each point, by its length; 0 behind a rapid move.
+    """Return the (P,) slope of the shift in m/m on the way into each point; 0 after a rapid move.
 
-    A turn of the tool axis counts as a way of ARM m/rad: the pose, and with it the compliance, changes on it.
+    A rotation of the tool axis counts as a length of ARM m/rad, because the pose and the compliance change with it.
+
+    Args:
+        path: planning points.
+        offset: (P, 3) m, shift at each planning point, in the workpiece frame.
     """
     joined = path.run[1:] == path.run[:-1]
     change = np.linalg.norm(np.diff(offset, axis=0), axis=1)
@@ -62,7 +65,12 @@ def compute_offset_slope(path: PlanningPath, offset: Array) -> Array:
 
 
 def shift_path(plan: Plan, length: float) -> Plan:
-    """The plan for the path shifted against the force that turns, comes and goes over ``length`` (m)."""
+    """Return the plan for the shifted path.
+
+    Args:
+        plan: plan without compensation, with points added at corners.
+        length: m, ℓ over which the engaged force changes.
+    """
     before, path = plan.chosen.assignment, plan.path
     force = compute_engaged_force(path, plan.options.force, length)
     known = np.flatnonzero((before.reason == InfeasibilityReason.OK) & force.any(axis=1))
@@ -70,7 +78,7 @@ def shift_path(plan: Plan, length: float) -> Plan:
     offset = np.zeros_like(path.position)
     moved, after = path, before
     for _ in range(PASSES):
-        q = np.where(np.isfinite(after.q), after.q, before.q)[known]  # where the first pass leads nowhere, so be it
+        q = np.where(np.isfinite(after.q), after.q, before.q)[known]  # no pose in the first pass: use the old one
         push = setup.arm.directions(path.external[known], force[known])
         bent = plan.directions.elastic(plan.setup.elasticity, q, known).compute_deflection(push)
         offset[known] = -setup.arm.back(path.external[known], bent)
@@ -78,7 +86,7 @@ def shift_path(plan: Plan, length: float) -> Plan:
         moved = replace(path, position=path.position + offset)
         after = solve_joint_path(moved, setup.arm, setup.robot, before.phi, before.q)
     reason, check, notes = after.reason.copy(), plan.check, dict(plan.notes)
-    keep = before.reason != InfeasibilityReason.OK  # what was ruled out stays so
+    keep = before.reason != InfeasibilityReason.OK  # excluded points stay excluded
     for p, why in _refused(plan, offset, length).items():
         if reason[p] == InfeasibilityReason.OK:
             reason[p], notes[p] = InfeasibilityReason.SHIFT, why
@@ -90,13 +98,13 @@ def shift_path(plan: Plan, length: float) -> Plan:
     after = replace(after, reason=reason)
     found = PathCompensation(offset, force, length, (reason != InfeasibilityReason.OK) & ~keep)
     out = rescore_plan(replace(plan, setup=setup, path=moved, check=check, compensation=found, notes=notes), after)
-    # the yardsticks by the same lengths, which the shift changes by some micrometres
+    # the baselines with the same lengths, which the shift changes by some micrometres
     weighed = [replace(s, objective=_objective(out, s.assignment, s.cost)) for s in (plan.jiao2022, plan.cam_default)]
     return replace(out, jiao2022=weighed[0], cam_default=weighed[1])
 
 
 def _filled(path: PlanningPath, offset: Array, there: NDArray[np.bool_]) -> Array:
-    """The offsets, on the line between known ones where a point of the run has no configuration."""
+    """Return the offsets, interpolated linearly where a point of the run has no configuration."""
     out = offset.copy()
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.position, axis=0), axis=1))])
     for first, last in path.runs:
@@ -109,24 +117,24 @@ def _filled(path: PlanningPath, offset: Array, there: NDArray[np.bool_]) -> Arra
 
 
 def _refused(plan: Plan, offset: Array, length: float) -> dict[int, str]:
-    """Planning points whose shift is not driven, and why."""
+    """Return the planning points whose shift is refused, with the reason."""
     path, most = plan.path, plan.options.compensation_max
-    size, steep = np.linalg.norm(offset, axis=1), compute_offset_slope(path, offset)
-    error = _nearby(path, plan, length)
+    size, slope = np.linalg.norm(offset, axis=1), compute_offset_slope(path, offset)
+    deflection = _nearby(path, plan, length)
     out = {}
-    for p in np.flatnonzero((size > most) | (steep > STEEPEST) | (size > MENDS * error + NOTHING)):
-        told = f"the shift against the deflection is refused: it is {1e3 * size[p]:.3f} mm"
+    for p in np.flatnonzero((size > most) | (slope > STEEPEST) | (size > MENDS * deflection + NOTHING)):
+        message = f"the shift against the deflection is refused: it is {1e3 * size[p]:.3f} mm"
         if size[p] > most:
-            out[int(p)] = f"{told}, more than compensation_max_mm {1e3 * most:g}"
-        elif size[p] > MENDS * error[p] + NOTHING:
-            out[int(p)] = f"{told}, more than the {1e3 * error[p]:.3f} mm that it mends"
+            out[int(p)] = f"{message}, more than compensation_max_mm {1e3 * most:g}"
+        elif size[p] > MENDS * deflection[p] + NOTHING:
+            out[int(p)] = f"{message}, more than the {1e3 * deflection[p]:.3f} mm that it mends"
         else:
-            out[int(p)] = f"{told} and changes by {steep[p]:.3f} mm per mm of path, more than {STEEPEST:g}"
+            out[int(p)] = f"{message} and changes by {slope[p]:.3f} mm per mm of path, more than {STEEPEST:g}"
     return out
 
 
 def _nearby(path: PlanningPath, plan: Plan, length: float) -> Array:
-    """(P,) m, the greatest deflection that is to be mended within 2ℓ of each point, along its run."""
+    """Return the (P,) greatest deflection in m within 2ℓ of each point, along its run."""
     q, ok = plan.chosen.assignment.q, np.isfinite(plan.chosen.assignment.q).all(axis=1)
     bent = np.zeros(len(q))
     rows = np.flatnonzero(ok)
@@ -139,13 +147,18 @@ def _nearby(path: PlanningPath, plan: Plan, length: float) -> Array:
     for first, last in path.runs:
         s = way[first : last + 1]
         a, b = np.searchsorted(s, s - 2 * length), np.searchsorted(s, s + 2 * length, side="right")
-        a, b = np.maximum(a - 1, 0), np.minimum(b + 1, len(s))  # and the points just outside: between them it is theirs
+        a, b = np.maximum(a - 1, 0), np.minimum(b + 1, len(s))  # and the points just outside, for interpolation
         out[first : last + 1] = [bent[first + i : first + j].max() for i, j in zip(a, b, strict=True)]
     return out
 
 
 def rescore_plan(plan: Plan, assignment: JointAssignment) -> Plan:
-    """The plan with another assignment, its cost and objective."""
+    """Return the plan with another assignment, its cost and objective.
+
+    Args:
+        plan: plan whose chosen assignment is replaced.
+        assignment: rotation and joints at all planning points.
+    """
     cost = np.full(len(assignment.phi), np.nan)
     ok = np.flatnonzero(assignment.reason == InfeasibilityReason.OK)
     cost[ok] = compute_configuration_cost(
@@ -170,7 +183,7 @@ def _objective(plan: Plan, a: JointAssignment, cost: Array) -> PlanObjective:
 
 @dataclass(frozen=True)
 class CompensationResidual:
-    """How far the path is shifted where it is cut, and what that is predicted to leave."""
+    """Size of the shift over the cut length, and the predicted residual."""
 
     shift_worst: float  # m
     shift_mean: float  # m, over the length cut
@@ -180,10 +193,14 @@ class CompensationResidual:
 
 
 def compute_residual(plan: Plan) -> CompensationResidual | None:
-    """Distance of the bent tool from the programmed path, at five places a segment; None without a compensation.
+    """Return the distance of the bent tool from the programmed path, at five places per segment; None without
+    compensation.
 
-    Between two planning points the configuration and the shift are on the line between theirs, and the force is that
-    of the segment, which at a corner is not that of the point.
+    Between two planning points, configuration and shift are interpolated linearly. The force is that
+    of the segment, which at a corner differs from that of the point.
+
+    Args:
+        plan: compensated plan.
     """
     if plan.compensation is None:
         return None
@@ -219,7 +236,7 @@ def compute_residual(plan: Plan) -> CompensationResidual | None:
 
 
 def _of_all(parts: list[tuple[float, CompensationResidual]]) -> CompensationResidual | None:
-    """That of a whole job from its stretches, each with its share of the length cut."""
+    """Return the residual of a whole job from its stretches, each with its share of the length cut."""
     if not parts:
         return None
     return CompensationResidual(
@@ -232,9 +249,9 @@ def _of_all(parts: list[tuple[float, CompensationResidual]]) -> CompensationResi
 
 
 def _with_room(setup: PlanningSetup) -> PlanningSetup:
-    """The cell as a shifted point must keep to it: the joint limits themselves and most of the singularity margins.
+    """Return the setup with the limits a shifted point must keep: the joint limits and most of the singularity margins.
 
-    The margins asked of the choice are there to be used by what comes after it; a point chosen on its margin would
+    The margins that the choice must keep are a reserve for later steps. A point chosen exactly on its margin would
     otherwise be lost for a shift of a few tenths of a millimetre.
     """
     limits, m = setup.driven.limits, setup.arm.margins

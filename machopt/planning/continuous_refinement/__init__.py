@@ -1,6 +1,6 @@
-"""Rotation and external joints made better together, continuously, once both are chosen.
+"""Continuous refinement of rotation and external joints together, after both are chosen.
 
 In: a plan. Out: a better one or the same
-(:func:`~machopt.planning.continuous_refinement.plan_improvement.refine_plan`): offsets that make J of a
-quadratic model least at some stations, tried on the whole path.
+(:func:`~machopt.planning.continuous_refinement.plan_improvement.refine_plan`). Offsets that minimise J of a
+quadratic model at some stations are tried on the whole path.
 """

@@ -1,9 +1,10 @@
-"""Newton's equations of offsets along a path, in the coefficients of their curves: a band with a border.
+"""Newton's equations of offsets along a path, in the coefficients of their curves: a band matrix with a border.
 
-With z = M c and a matrix K that ties each station to itself and to the next, H = MᵀKM. Ordered along the path, what a
-spline's coefficient is tied to lies close by, so H is banded; coefficients that several runs share stand last, as a
-border. Cholesky's factor of the band and the Schur complement of the border solve it (Golub & Van Loan 2013, sections
-4.3.5 and 4.5.1). How the entries of H come from those of K is linear and the same for all K: it is worked out once.
+With z = M c and a matrix K that couples each station with itself and the next, H = MᵀKM. Ordered along the path, a
+spline coefficient is coupled only with nearby ones, so H is banded. Coefficients that several runs share come last, as
+a
+border. The Cholesky factor of the band and the Schur complement of the border solve it (Golub & Van Loan 2013, sections
+4.3.5 and 4.5.1). The map from the entries of K to those of H is linear and the same for all K. It is computed once.
 """
 
 from __future__ import annotations
@@ -17,12 +18,14 @@ from machopt.numerics.array_types import Array, Bools
 
 
 class BorderedSystem:
-    """MᵀKM of one M."""
+    """Solver of (MᵀKM + ridge) x = right for one M."""
 
     def __init__(self, curves: sparse.csr_matrix, d: int, shared: Bools) -> None:
-        """
+        """Prepare the map from the entries of K to those of MᵀKM.
+
         Args:
             curves: (n·d, m) M, station by station.
+            d: number of offsets per station.
             shared: (m,) coefficients of the border.
         """
         rows, m = curves.shape
@@ -47,7 +50,7 @@ class BorderedSystem:
             columns[a][:, :, None], columns[b][:, None, :], np.arange(len(a))[:, None, None]
         )
         share = values[a][:, :, None] * values[b][:, None, :]
-        onward = entry >= n * d * d  # stands for its mirror image, too
+        onward = entry >= n * d * d  # also represents its mirror image
         share = np.where(onward & (i == j), 2.0 * share, share)
         keep = (share != 0.0) & (onward | (i >= j))
         i, j, entry, share = np.maximum(i, j)[keep], np.minimum(i, j)[keep], entry[keep], share[keep]
@@ -58,22 +61,31 @@ class BorderedSystem:
         self.sums = sparse.csr_matrix((share, (at, entry)), shape=(self.size + self.border * m, len(a)))
 
     def along(self, c: Array) -> Array:
-        """(n·d,) the offsets z."""
+        """Return the (n·d,) offsets z = M c.
+
+        Args:
+            c: (m,) coefficients.
+        """
         return np.asarray(self.curves @ c)
 
     def summed(self, z: Array) -> Array:
-        """(m,) Mᵀz."""
+        """Return (m,) Mᵀz.
+
+        Args:
+            z: (n·d,) offsets.
+        """
         return np.asarray(self.back @ z)
 
     def solved(self, own: Array, on: Array, ridge: float, share: float, right: Array) -> Array | None:
-        """(m, r) the solution of (MᵀKM + ridge) x = right; None where rounding leaves it no positive matrix.
+        """Return the (m, r) solution of (MᵀKM + ridge) x = right; None where rounding makes the matrix not positive
+        definite.
 
         Args:
-            own: (n, d, d) blocks of K on its diagonal.
-            on: (n − 1, d, d) blocks below it, of a station (rows) and the one before (columns).
-            ridge: what is added to the diagonal,
-            share: beside so much of the largest entry.
-            right: (m, r).
+            own: (n, d, d) diagonal blocks of K.
+            on: (n − 1, d, d) blocks below it, of a station (rows) and the previous one (columns).
+            ridge: value added to the diagonal.
+            share: additional value on the diagonal, as a share of the largest entry.
+            right: (m, r) right-hand sides.
         """
         entries = self.sums @ np.r_[own.ravel(), on.ravel()]
         more = ridge + share * (1.0 + float(np.abs(entries).max(initial=0.0)))

@@ -1,7 +1,6 @@
-"""Newton's equations on the central path of :mod:`machopt.planning.continuous_refinement.quadratic_model`, station by
-station, compiled.
+"""Newton's equations on the central path of :mod:`machopt.planning.continuous_refinement.quadratic_model`, compiled.
 
-A price w·|v| is w·(p + m) with p − m = v and p, m ≥ 0; y, between −w and w, is the multiplier of the equation. The
+A term w·|v| is w·(p + m) with p − m = v and p, m ≥ 0; y, between −w and w, is the multiplier of the equation. The
 worst index is t with t − index = r ≥ 0 at each station that counts, and shares π ≥ 0 of its price as multipliers. On
 the central path p·(w − y) = m·(w + y) = r·π = μ, and μ goes to zero.
 """
@@ -14,12 +13,19 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.compiled_functions import jit_compile
 
-BOUNDARY = 0.995  # share of the way to where a product would be zero that a step takes at most
+BOUNDARY = 0.995  # maximum share of the distance to a zero product that a step takes
 
 
 @jit_compile
 def compute_indices(z: Array, cost: Array, slope: Array, bend: Array) -> Array:
-    """(n,) the index at offsets z (n, d)."""
+    """Return the (n,) index at given offsets, from its quadratic model.
+
+    Args:
+        z: (n, d) offsets.
+        cost: (n,) index at z = 0.
+        slope: (n, d) gradient of the index.
+        bend: (n, d, d) Hessian of the index.
+    """
     n, d = z.shape
     out = cost.copy()
     for s in range(n):
@@ -32,7 +38,14 @@ def compute_indices(z: Array, cost: Array, slope: Array, bend: Array) -> Array:
 
 @jit_compile
 def compute_absolute_arguments(z: Array, row: NDArray[np.int64], lean: Array, at: Array) -> Array:
-    """(J,) what the absolute values are of: ``at`` and ``lean`` (J, 2d) on the offsets at stations ``row`` and next."""
+    """Return the (J,) arguments of the absolute values.
+
+    Args:
+        z: (n, d) offsets.
+        row: (J,) station of each absolute value.
+        lean: (J, 2d) derivative with respect to the offsets at that station and the next.
+        at: (J,) value at z = 0.
+    """
     n, d = z.shape
     out = at.copy()
     for j in range(len(row)):
@@ -66,52 +79,66 @@ def compute_newton_terms(
     share: Array,
     mu: float,
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:
-    """Gradient (n, d) and Hessian in the offsets: blocks (n, d, d), those below (n − 1, d, d), and the dyad's (n, d).
-
-    Everything but the offsets is eliminated; what :func:`take_newton_step` needs for it follows: curvature and offset
-    (J,) of the
-    multipliers, slope of the index (n, d), and what the worst index misses (n,).
+    """Return gradient and Hessian of Newton's equations in the offsets, with all other unknowns eliminated.
 
     Args:
         z: (n, d) offsets.
-        t: the worst index.
-        gradient, hessian, cost, slope, bend, counted, worst: as in
-            :class:`machopt.planning.continuous_refinement.quadratic_model.LocalModel`.
-        row, lean, at: (J,), (J, 2d), (J,) of the absolute values.
-        p, m, above, below: (J,) each, the last two w − y and w + y; r, share: (n,) each, at stations that count.
-        mu: what the products are to become.
+        t: worst index.
+        gradient: (n, d) as in :class:`machopt.planning.continuous_refinement.quadratic_model.LocalModel`.
+        hessian: (n, d, d) as there.
+        cost: (n,) as there.
+        slope: (n, d) as there.
+        bend: (n, d, d) as there.
+        counted: (n,) as there.
+        worst: price of the worst index, as there.
+        row: (J,) station of each absolute value.
+        lean: (J, 2d) derivative of its argument with respect to the offsets at that station and the next.
+        at: (J,) its argument at z = 0.
+        p: (J,) positive part of the argument.
+        m: (J,) negative part of the argument.
+        above: (J,) w − y.
+        below: (J,) w + y.
+        r: (n,) slack of the worst index, at stations that count.
+        share: (n,) multiplier of the worst index, at stations that count.
+        mu: target of the products.
+
+    Returns:
+        Gradient (n, d), Hessian blocks (n, d, d), those below (n − 1, d, d) and the vector of the dyad (n, d); then
+        the inputs of :func:`take_newton_step`: curvature (J,) and offset (J,) of the multipliers, slope of the index
+        (n, d)
+        and the residual of the worst index (n,).
     """
     n, d = z.shape
     first, own = np.empty((n, d)), hessian.copy()
     on, dyad = np.zeros((n - 1, d, d)), np.zeros((n, d))
     index, v = compute_indices(z, cost, slope, bend), compute_absolute_arguments(z, row, lean, at)
-    steep, short = np.empty((n, d)), t - index - r
-    bent, pushed = np.empty(len(row)), np.empty(len(row))
+    index_slope, residual = np.empty((n, d)), t - index - r
+    curvature, multiplier_offset = np.empty(len(row)), np.empty(len(row))
     total, missed = 0.0, -worst
     for s in range(n):
         for a in range(d):
-            steep[s, a], first[s, a] = slope[s, a], gradient[s, a]
+            index_slope[s, a], first[s, a] = slope[s, a], gradient[s, a]
             for b in range(d):
-                steep[s, a] += bend[s, a, b] * z[s, b]
+                index_slope[s, a] += bend[s, a, b] * z[s, b]
                 first[s, a] += hessian[s, a, b] * z[s, b]
         if counted[s]:
             curved = share[s] / r[s]
             total += curved
-            missed += mu / r[s] - curved * short[s]
+            missed += mu / r[s] - curved * residual[s]
     for s in range(n):
         if counted[s]:
             curved = share[s] / r[s]
-            pull = mu / r[s] - curved * short[s] - missed / total * curved
+            pull = mu / r[s] - curved * residual[s] - missed / total * curved
             for a in range(d):
-                first[s, a] += pull * steep[s, a]
-                dyad[s, a] = curved * steep[s, a] / np.sqrt(total)
+                first[s, a] += pull * index_slope[s, a]
+                dyad[s, a] = curved * index_slope[s, a] / np.sqrt(total)
                 for b in range(d):
-                    own[s, a, b] += share[s] * bend[s, a, b] + curved * steep[s, a] * steep[s, b]
+                    own[s, a, b] += share[s] * bend[s, a, b] + curved * index_slope[s, a] * index_slope[s, b]
     for j in range(len(row)):
         s = row[j]
         curved = 1.0 / (p[j] / above[j] + m[j] / below[j])
-        bent[j], pushed[j] = curved, curved * (v[j] - mu / above[j] + mu / below[j])
-        pull = 0.5 * (below[j] - above[j]) + pushed[j]
+        curvature[j], multiplier_offset[j] = curved, curved * (v[j] - mu / above[j] + mu / below[j])
+        pull = 0.5 * (below[j] - above[j]) + multiplier_offset[j]
         for a in range(d):
             first[s, a] += pull * lean[j, a]
             for b in range(d):
@@ -121,7 +148,7 @@ def compute_newton_terms(
                 for b in range(d):
                     own[s + 1, a, b] += curved * lean[j, d + a] * lean[j, d + b]
                     on[s, a, b] += curved * lean[j, d + a] * lean[j, b]
-    return first, own, on, dyad, bent, pushed, steep, short
+    return first, own, on, dyad, curvature, multiplier_offset, index_slope, residual
 
 
 @jit_compile
@@ -133,10 +160,10 @@ def take_newton_step(
     counted: Bools,
     row: NDArray[np.int64],
     lean: Array,
-    bent: Array,
-    pushed: Array,
-    steep: Array,
-    short: Array,
+    curvature: Array,
+    multiplier_offset: Array,
+    index_slope: Array,
+    residual: Array,
     r: Array,
     share: Array,
     p: Array,
@@ -144,13 +171,31 @@ def take_newton_step(
     above: Array,
     below: Array,
 ) -> tuple[float, float]:
-    """Take a step (n, d) of the offsets with all that was eliminated, as far as it may; arrays from ``r`` on change.
+    """Take a Newton step of the offsets and of all eliminated unknowns, as far as the bounds permit.
+
+    Arrays from ``r`` on change, except for those documented as read only there.
 
     Args:
-        bent, pushed, steep, short: as :func:`compute_newton_terms` gives them; the others as there.
+        step: (n, d) full step of the offsets.
+        t: worst index.
+        mu: target of the products.
+        worst: price of the worst index.
+        counted: (n,) stations that count for the worst index.
+        row: (J,) station of each absolute value.
+        lean: (J, 2d) derivative of its argument.
+        curvature: (J,) curvature of the multipliers, from :func:`compute_newton_terms`.
+        multiplier_offset: (J,) offset of the multipliers, from there.
+        index_slope: (n, d) slope of the index, from there.
+        residual: (n,) residual of the worst index, from there.
+        r: (n,) slack of the worst index; changed.
+        share: (n,) its multiplier; changed.
+        p: (J,) positive part; changed.
+        m: (J,) negative part; changed.
+        above: (J,) w − y; changed.
+        below: (J,) w + y; changed.
 
     Returns:
-        how much of it was taken, and the worst index t.
+        Share of the step that was taken, and the worst index t.
     """
     n, d = step.shape
     ahead = compute_absolute_arguments(step, row, lean, np.zeros(len(row)))
@@ -158,7 +203,7 @@ def take_newton_step(
     dr, dshare = np.zeros(n), np.zeros(n)
     most = 1.0 / BOUNDARY
     for j in range(len(row)):
-        dy[j] = bent[j] * ahead[j] + pushed[j]
+        dy[j] = curvature[j] * ahead[j] + multiplier_offset[j]
         dp[j] = (mu + p[j] * dy[j]) / above[j] - p[j]
         dm[j] = (mu - m[j] * dy[j]) / below[j] - m[j]
         if dp[j] < 0.0:
@@ -174,8 +219,8 @@ def take_newton_step(
         if counted[s]:
             curved, across = share[s] / r[s], 0.0
             for a in range(d):
-                across += steep[s, a] * step[s, a]
-            dr[s] = short[s] - across
+                across += index_slope[s, a] * step[s, a]
+            dr[s] = residual[s] - across
             total += curved
             missed += mu / r[s] - curved * dr[s]
     dt = missed / total if total > 0.0 else 0.0

@@ -1,7 +1,7 @@
-"""What the offsets of rotation and external joints along a path may be: curves in a few coefficients.
+"""Curves of the offsets of rotation and external joints along a path, in a few coefficients.
 
-A cubic spline along a run for what may move there, one value for what may not: the rotation of a hole, external joints
-over holes and short runs, and over all of a group for a joint that keeps one value for an operation.
+A cubic spline along a run where the quantity may move, one value where it may not: the rotation of a hole, external
+joints over holes and short runs, and over all of a group for a joint that keeps one value for an operation.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ KNOTS = 40  # most spline intervals in a run
 
 @dataclass(frozen=True)
 class OffsetCurves:
-    """What the offsets at the stations and at all points may be, linear in m coefficients."""
+    """Permitted offsets at the stations and at all points, linear in m coefficients."""
 
     at_stations: sparse.csr_matrix  # (n·d, m), d = 1 + E: rotation, then external joints as they count
     at_points: sparse.csr_matrix  # (P·d, m) likewise
@@ -33,10 +33,12 @@ class OffsetCurves:
 
     @classmethod
     def of(cls, path: PlanningPath, groups: Sequence[OperationGroup], held: Bools | None = None) -> OffsetCurves:
-        """Along a path that has all runs of the groups.
+        """Build the curves along a path that contains all runs of the groups.
 
         Args:
-            held: (P, 1 + E) where rotation or an external joint that moves stay: no curve reaches these points.
+            path: planning points.
+            groups: operation groups with the ranges of their external joints.
+            held: (P, 1 + E) where rotation or a moving external joint is fixed: no curve changes these points.
         """
         P, E = len(path.index), path.external.shape[1]
         held = np.zeros((P, 1 + E), bool) if held is None else held
@@ -72,7 +74,14 @@ class OffsetCurves:
 
 
 def _intervals(path: PlanningPath, points: NDArray[np.intp], most: int, shortest: float) -> int:
-    """Of a run's spline, 0 where it keeps one value; ``shortest``: share of the shortest wave of external joints."""
+    """Return the number of spline intervals of a run, 0 where it keeps one value.
+
+    Args:
+        path: planning points.
+        points: planning points of the run.
+        most: unused upper bound, in points.
+        shortest: shortest interval, as a share of the shortest wave of external joints; 0 for rotation.
+    """
     stations = int(np.isin(path.stations, points).sum())
     length = float(path.s[points[-1]] - path.s[points[0]])
     if path.is_drilling[points].any() or length <= 0.0 or stations < 3:
@@ -87,13 +96,13 @@ def _intervals(path: PlanningPath, points: NDArray[np.intp], most: int, shortest
     return max(count, 1)
 
 
-def _off(basis: Array, held: Bools) -> Array:
-    """The curves (n, k) that are zero at all of some places (n,)."""
-    return np.asarray(basis[:, ~(basis[held] != 0.0).any(axis=0)])
+def _off(basis: Array, is_fixed: Bools) -> Array:
+    """Return the curves (n, k) that are zero at all of some places (n,)."""
+    return np.asarray(basis[:, ~(basis[is_fixed] != 0.0).any(axis=0)])
 
 
 def _basis(along: Array, intervals: int) -> Array:
-    """(n, k) cubic B-splines at places along a run; one value where there are no intervals."""
+    """Return (n, k) cubic B-splines at places along a run; one constant where there are no intervals."""
     length = float(along[-1])
     if intervals == 0 or length <= 0.0:
         return np.ones((len(along), 1))

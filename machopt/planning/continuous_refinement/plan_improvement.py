@@ -1,10 +1,10 @@
-"""From a plan to the one that its refinement leads to: what is proposed at stations is tried on the whole path.
+"""Improvement of a plan by its continuous refinement: offsets proposed at stations are tried on the whole path.
 
 :class:`machopt.planning.continuous_refinement.refinement.PlanRefinement` finds offsets at stations. Between these a
-pose may be lost or touch
-something, so the whole of the offsets is tried, and then less of them; from what can be driven and is better the
-refinement goes on. Only what comes out is planned in full, with its external joints, as the search may find a better
-rotation for them; where the offsets themselves lead nowhere, that is tried at once.
+pose may be lost or touch something, so the full offsets are tried first, then a share of them. The refinement
+continues from the result that can be driven and is better. Only the final result is planned in full, with its external
+joints, because the search may find a better rotation for them. Where the offsets themselves fail, that is tried at
+once.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from machopt.planning.sampling.joint_path import solve_joint_path
 from machopt.planning.stations.planning_path import PlanningPath
 
 PASSES = 3  # of the refinement at most
-SHARES = (1.0, 0.6, 0.3)  # of its offsets that are tried
-SEARCHES = 2  # a rotation that the search alone finds is a start of its own
-GAINS = 1e-3  # of the objective: less is not worth another pass, or a plan in full
+SHARES = (1.0, 0.6, 0.3)  # shares of its offsets that are tried
+SEARCHES = 2  # a rotation that only the search finds starts another refinement
+GAINS = 1e-3  # share of the objective: a smaller gain does not justify another pass or a full plan
 
 
 def refine_plan(
@@ -51,16 +51,21 @@ def refine_plan(
     start: RefinementStart | None = None,
     passes: int = PASSES,
 ) -> Plan:
-    """The plan with its external joints refined where that makes it better, else the plan itself.
+    """Return the plan with its external joints refined where that makes it better, else the plan itself.
 
-    Whether what comes out can be driven is for :func:`is_drivable` to say.
+    :func:`is_drivable` checks afterwards whether the result keeps the joint limits.
 
     Args:
+        plan: plan to refine.
+        toolpath: toolpath of the plan.
+        groups: operation groups with the ranges of their external joints.
+        worth: ranking of plans with external joints.
+        clock: stage timings.
         before: as for :func:`machopt.planning.pipeline.path_planner.plan_path`.
-        below: what is not worth less than that after the passes is not planned in full.
-        trust: rad, region of trust of the refinement's steps at first and at most.
-        start: what to begin from in place of the plan.
-        passes: of the refinement at most.
+        below: ranking value that must be reached after the passes; otherwise the result is not planned in full.
+        trust: rad, trust region of the refinement's steps, initial and maximum value.
+        start: starting point in place of the plan.
+        passes: maximum number of refinement passes.
     """
     if plan.found is None or plan.breaks or len(plan.missing):
         return plan
@@ -84,7 +89,13 @@ def refine_plan(
 
 
 def is_drivable(plan: Plan, toolpath: Toolpath, clock: StageTimings) -> bool:
-    """Whether all of a plan keeps the limits of every joint."""
+    """Return whether the whole motion of a plan keeps the limits of every joint.
+
+    Args:
+        plan: plan to check.
+        toolpath: toolpath of the plan.
+        clock: stage timings.
+    """
     with clock.stage("external"):
         return has_motion(plan, toolpath)
 
@@ -92,10 +103,18 @@ def is_drivable(plan: Plan, toolpath: Toolpath, clock: StageTimings) -> bool:
 def plan_on_other_grid(
     plan: Plan, toolpath: Toolpath, step: float, worth: AxisPlanRanking, clock: StageTimings, before: Plan | None = None
 ) -> Plan:
-    """The plan with steps of rotation of ``step`` rad: what the search finds there, or its own rotation.
+    """Return the plan with another rotation step: the result of the search there, or its own rotation.
 
-    The rotation of a plan with external joints is a curve between the grid's steps, so that it is one of the answers on
-    any grid: no grid makes a plan worse that lacks nothing.
+    The rotation of a plan with external joints is a curve between the grid's steps and therefore valid on
+    any grid. No grid makes a complete plan worse.
+
+    Args:
+        plan: plan with external joints.
+        toolpath: toolpath of the plan.
+        step: rad, step of the rotation grid.
+        worth: ranking of plans with external joints.
+        clock: stage timings.
+        before: as for :func:`machopt.planning.pipeline.path_planner.plan_path`.
     """
     on = replace(plan, options=replace(plan.options, rotation_step=step))
     return _Passes(plan=on, toolpath=toolpath, groups=(), worth=worth, clock=clock, before=before).planned_again()
@@ -103,7 +122,7 @@ def plan_on_other_grid(
 
 @dataclass(frozen=True, kw_only=True)
 class _Passes:
-    """Of one plan without gaps or breaks."""
+    """Refinement passes of one plan without gaps or breaks."""
 
     plan: Plan
     toolpath: Toolpath
@@ -115,8 +134,13 @@ class _Passes:
     passes: int = PASSES
 
     def best(self, below: float, start: RefinementStart | None = None) -> tuple[Plan, bool]:
-        """What the passes lead to, else the plan itself; whether the search found a better rotation than they."""
-        stages = [self.plan]  # each better than the one before; what the search has not seen has its candidates stale
+        """Return the result of the passes, else the plan itself; and whether the search found a better rotation.
+
+        Args:
+            below: ranking value that must be reached.
+            start: starting point in place of the plan.
+        """
+        stages = [self.plan]  # each better than the previous one; without a new search the candidates are stale
         for _ in range(self.passes):
             with self.clock.stage("external"):
                 proposed = PlanRefinement(stages[-1], self.groups, self.worth, self.trust).found(start)
@@ -141,10 +165,10 @@ class _Passes:
         return self.plan, False
 
     def planned_again(self) -> Plan:
-        """The plan with all that a plan has, by its own options; its own rotation where no other is better."""
-        lacks = self.plan.found is None or bool(self.plan.breaks) or len(self.plan.missing) > 0
-        searched = self._planned(self.plan, self.plan.path, np.inf if lacks else _as_searched(self.plan))
-        if lacks:
+        """Return the plan planned in full by its own options; its own rotation where no other is better."""
+        is_incomplete = self.plan.found is None or bool(self.plan.breaks) or len(self.plan.missing) > 0
+        searched = self._planned(self.plan, self.plan.path, np.inf if is_incomplete else _as_searched(self.plan))
+        if is_incomplete:
             return searched
         own = replace(_own(searched, self.plan), over_external=self.plan.over_external)
         return searched if self._better(searched, own) and is_drivable(searched, self.toolpath, self.clock) else own
@@ -153,7 +177,9 @@ class _Passes:
         return not one.breaks and not len(one.missing) and self.worth.plan(one) < self.worth.plan(other)
 
     def _part_of(self, plan: Plan, proposed: RefinementResult) -> Plan | None:
-        """The plan with as much of the offsets as makes it better and can be driven; None where nothing does."""
+        """Return the plan with the largest share of the offsets that makes it better and drivable; None where none
+        does.
+        """
         a = plan.chosen.assignment
         for share in SHARES:
             external = plan.path.external + share * (proposed.external - plan.path.external)
@@ -171,7 +197,7 @@ class _Passes:
         return found if self._better(found, plan) else None
 
     def _whole(self, plan: Plan) -> tuple[Plan, bool]:
-        """The plan with all that a plan has, its own rotation or that of a search; whether the latter is the better."""
+        """Return the fully planned plan, with its own rotation or a searched one, and whether the latter is better."""
         searched = self._planned(plan, plan.path, _as_searched(plan))
         own = _own(searched, plan)
         if searched.breaks or len(searched.missing) or self._better(own, searched):
@@ -186,7 +212,9 @@ class _Passes:
         )  # fmt: skip
 
     def _turned(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
-        """The plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it cannot be."""
+        """Return the plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it is
+        infeasible.
+        """
         path, setup = plan.path, plan.setup
         if plan.found is None:
             return None
@@ -198,16 +226,18 @@ class _Passes:
 
 
 def _own(searched: Plan, plan: Plan) -> Plan:
-    """What was searched with the rotation of a plan of the same external joints and unit."""
+    """Return the searched plan with the rotation of a plan of the same external joints and unit."""
     return replace(searched, chosen=plan.chosen, chosen_from=plan.chosen_from, check=plan.check, breaks=())
 
 
 def _as_searched(plan: Plan) -> float:
-    """J of a plan as a search with its external joints counts it: their way, the same in all it finds, is left out."""
-    a, told, cell = plan.chosen.assignment, plan.chosen.objective, plan.setup.cell
+    """Return J of a plan as the search counts it: the travel of its external joints, a constant there, is left out."""
+    a, objective, cell = plan.chosen.assignment, plan.chosen.objective, plan.setup.cell
     velocity, scale = cell.limits.velocity[:6], plan.scores.scale
     own = compute_objective(plan.path, plan.chosen.cost, a.q, a.phi, scale, velocity, plan.options)
-    return compute_total(replace(told, travel=own.travel, feed=own.feed), plan.options.weights, plan.scores.elsewhere)
+    return compute_total(
+        replace(objective, travel=own.travel, feed=own.feed), plan.options.weights, plan.scores.elsewhere
+    )
 
 
 def _directions(plan: Plan, path: PlanningPath) -> LoadDirections:

@@ -1,14 +1,14 @@
-"""J around a sequence of poses, in the coefficients of curves of rotation and external joints: its least place.
+"""Quadratic model of J around a sequence of poses, in the coefficients of curves of rotation and external joints.
 
 With z (n, d) the offsets at the stations, z = M c, the model is
 
     Σ (gᵀz + ½ zᵀHz) + w·max (c + sᵀz + ½ zᵀBz) + Σ price·|v| + Σ lost·max(0, |v|·slowness − seconds)
 
-with v the steps of joints, external joints and rotation from station to station, linear in z. What is lost is a sum of
-absolute values too, of v ± seconds/slowness, and so is an exact penalty for what leaves the bounds. So all of it is
-convex: a primal-dual interior point method finds the least place (Wright 1997, Primal-Dual Interior-Point Methods,
-chapters 1 and 6), in some 20 steps of Newton's method
-(:mod:`machopt.planning.continuous_refinement.interior_point_kernels`). Each term ties one
+with v the steps of joints, external joints and rotation from station to station, linear in z. The lost time is a sum of
+absolute values too, of v ± seconds/slowness, and so is an exact penalty for violated bounds. The model is therefore
+convex. A primal-dual interior point method finds its minimum (Wright 1997, Primal-Dual Interior-Point Methods,
+chapters 1 and 6), in about 20 Newton steps
+(:mod:`machopt.planning.continuous_refinement.interior_point_kernels`). Each term couples one
 station or two neighbouring ones: the Hessian is block tridiagonal in z, banded in the coefficients of splines, and
 sparse where a value is shared.
 """
@@ -29,21 +29,21 @@ from machopt.planning.continuous_refinement.interior_point_kernels import (
     take_newton_step,
 )
 
-BEYOND = 20.0  # price per rad of what leaves the bounds: more than J falls by it, so that nothing stays beyond them
-REACH = 2.0  # times the bounds: what the steps of the method may pass through
-FIRST, LAST = 0.1, 1e-5  # gap at first and at last, of the terms that have kinks
+BEYOND = 20.0  # penalty per rad outside the bounds: greater than the gain in J, so that the result is inside
+REACH = 2.0  # times the bounds: range that the iterates may reach
+FIRST, LAST = 0.1, 1e-5  # initial and final gap, as a share of the non-smooth terms
 STEPS = 60  # at most
-FULL = 0.9  # of a step: where so much is taken
-FAST, SLOW = 0.1, 0.5  # the gap shrinks to these at the next
-BISECTED = 60  # times, for the worst index at first
+FULL = 0.9  # share of a step from which it counts as full
+FAST, SLOW = 0.1, 0.5  # factors of the gap after a full and after a shortened step
+BISECTED = 60  # bisection steps for the initial worst index
 SINGULAR = 1e-12
 RIDGE = 1e-14  # added to the Hessian, of its largest entry
-SMOOTH = 1e-4  # price of the sum of squares of neighbouring coefficients' difference: what nothing else decides stays
+SMOOTH = 1e-4  # weight of the squared coefficients: undetermined coefficients stay at 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class LocalModel:
-    """What is known around the pose of each of n stations, by differences."""
+    """Derivatives around the pose of each of n stations, by finite differences."""
 
     q: Array  # (n, 6, d) ∂q/∂z
     margins: Array  # (n, 3, d) of the margins to singularities
@@ -71,53 +71,58 @@ class TransitionTerms:
 
 @dataclass(frozen=True)
 class OffsetBounds:
-    """What z must keep; 0 is inside."""
+    """Bounds of z; 0 is inside."""
 
     low: Array  # (n, d)
     high: Array  # (n, d)
-    lean: Array  # (n, m, d) of what is linear in z
-    under: Array  # (n, m) and what that must not fall below
-    over: Array  # (n, m) or exceed
+    lean: Array  # (n, m, d) derivative of the constrained linear values
+    under: Array  # (n, m) their lower bounds
+    over: Array  # (n, m) their upper bounds
 
 
 @dataclass(frozen=True)
 class AbsoluteValueTerms:
-    """Absolute values with a price: of ``at`` + ``lean`` on the offsets of a station and of the next."""
+    """Weighted absolute values of ``at`` + ``lean`` times the offsets of a station and of the next."""
 
     row: NDArray[np.int64]  # (J,) the station
     lean: Array  # (J, 2d)
     at: Array  # (J,) rad
     price: Array  # (J,) per rad
-    beside: Array  # (n, d) slope of what is linear: a bound with no other end is half an absolute value, half a line
+    beside: Array  # (n, d) linear part: a one-sided bound is half an absolute value plus half a line
 
     @classmethod
     def of(cls, steps: TransitionTerms, bounds: OffsetBounds) -> AbsoluteValueTerms:
-        """Of all steps and of what must be kept; those out of reach of the bounds are left out."""
+        """Return the terms of all steps and bounds; those that cannot become active within the bounds are left out.
+
+        Args:
+            steps: steps between stations.
+            bounds: bounds of the offsets.
+        """
         n, d = bounds.low.shape
-        far = np.maximum(-bounds.low, bounds.high)
+        reach = np.maximum(-bounds.low, bounds.high)
         pair = np.concatenate([-steps.lean[:-1], steps.lean[1:]], axis=2)
-        walk = np.einsum("skd,sd->sk", np.abs(pair), np.hstack([far[:-1], far[1:]]))
+        walk = np.einsum("skd,sd->sk", np.abs(pair), np.hstack([reach[:-1], reach[1:]]))
         late = 0.5 * steps.lost[:, None] * steps.slowness
         limit = steps.seconds[:, None] / np.maximum(steps.slowness, 1e-12)
         reached = (late > 0.0) & (np.abs(steps.jump) + REACH * walk > limit)
         between = np.broadcast_to(np.arange(n - 1)[:, None], steps.jump.shape)
         out = [(steps.price > 0.0, between, pair, steps.jump, steps.price)]
         out += [(reached, between, pair, steps.jump + side * limit, late) for side in (-1.0, 1.0)]
-        held = np.concatenate([np.broadcast_to(np.eye(d), (n, d, d)), bounds.lean], axis=1)
-        room = REACH * np.einsum("nmd,nd->nm", np.abs(held), far)
-        alone = np.concatenate([held, np.zeros_like(held)], axis=2)
-        there = np.broadcast_to(np.arange(n)[:, None], room.shape)
+        slopes = np.concatenate([np.broadcast_to(np.eye(d), (n, d, d)), bounds.lean], axis=1)
+        room = REACH * np.einsum("nmd,nd->nm", np.abs(slopes), reach)
+        alone = np.concatenate([slopes, np.zeros_like(slopes)], axis=2)
+        stations = np.broadcast_to(np.arange(n)[:, None], room.shape)
         low, high = np.hstack([bounds.low, bounds.under]), np.hstack([bounds.high, bounds.over])
         below, above = -low <= room, high <= room
         for near, end in ((below, low), (above, high)):
-            out.append((near, there, alone, np.where(near, -end, 0.0), np.full(end.shape, 0.5 * BEYOND)))
-        beside = 0.5 * BEYOND * np.einsum("nm,nmd->nd", above.astype(float) - below, held)
+            out.append((near, stations, alone, np.where(near, -end, 0.0), np.full(end.shape, 0.5 * BEYOND)))
+        linear_part = 0.5 * BEYOND * np.einsum("nm,nmd->nd", above.astype(float) - below, slopes)
         row, lean, at, price = (np.concatenate([one[i][one[0]] for one in out]) for i in range(1, 5))
-        return cls(row.astype(np.int64), lean, at, price, beside)
+        return cls(row.astype(np.int64), lean, at, price, linear_part)
 
 
 class QuadraticModel:
-    """What is to be lessened, in the coefficients."""
+    """Quadratic model of J as a function of the coefficients."""
 
     def __init__(self, local: LocalModel, steps: TransitionTerms, bounds: OffsetBounds, curves: BorderedSystem) -> None:
         self.curves, self.kinks, self.shape = curves, AbsoluteValueTerms.of(steps, bounds), local.gradient.shape
@@ -130,11 +135,19 @@ class QuadraticModel:
         self.ridge = SMOOTH / max(curves.curves.shape[1], 1)
 
     def offsets(self, c: Array) -> Array:
-        """(n, d) at the stations."""
+        """Return the (n, d) offsets at the stations.
+
+        Args:
+            c: (m,) coefficients.
+        """
         return self.curves.along(c).reshape(self.shape)
 
     def value(self, c: Array) -> float:
-        """At some coefficients (m,), but for a constant."""
+        """Return the model at some coefficients, up to a constant.
+
+        Args:
+            c: (m,) coefficients.
+        """
         z, k = self.offsets(c), self.kinks
         smooth = float((z * (self.gradient + 0.5 * np.einsum("nij,nj->ni", self.hessian, z))).sum())
         kinks = float(k.price @ np.abs(compute_absolute_arguments(z, k.row, k.lean, k.at)))
@@ -142,14 +155,20 @@ class QuadraticModel:
         return float(smooth + kinks + self.worst * top + 0.5 * self.ridge * float(c @ c))
 
     def step(self, c: Array, on: CentralPathState, mu: float) -> Array | None:
-        """(m,) Newton's, taken as far as it may, ``on`` with it; None where rounding leaves none."""
+        """Return the (m,) Newton step, shortened to stay feasible; None where rounding prevents one.
+
+        Args:
+            c: (m,) coefficients.
+            on: state of the other unknowns; updated.
+            mu: target of the products.
+        """
         k = self.kinks
-        gradient, own, beside, dyad, bent, pushed, steep, short = compute_newton_terms(
+        gradient, own, below_diagonal, dyad, curvature, multiplier_offset, index_slope, residual = compute_newton_terms(
             self.offsets(c), on.top, self.gradient, self.hessian, *self.index, self.counted, self.worst,
             k.row, k.lean, k.at, on.plus, on.minus, on.above, on.below, on.slack, on.share, mu,
         )  # fmt: skip
         slope, across = self.curves.summed(gradient.ravel()) + self.ridge * c, self.curves.summed(dyad.ravel())
-        found = self.curves.solved(own, beside, self.ridge, RIDGE, np.column_stack([-slope, across]))
+        found = self.curves.solved(own, below_diagonal, self.ridge, RIDGE, np.column_stack([-slope, across]))
         if found is None:
             return None
         step, along = found.T
@@ -158,7 +177,8 @@ class QuadraticModel:
         if not np.isfinite(whole).all():
             return None
         on.taken, on.top = take_newton_step(
-            self.offsets(whole), on.top, mu, self.worst, self.counted, k.row, k.lean, bent, pushed, steep, short,
+            self.offsets(whole), on.top, mu, self.worst, self.counted, k.row, k.lean, curvature, multiplier_offset,
+            index_slope, residual,
             on.slack, on.share, on.plus, on.minus, on.above, on.below,
         )  # fmt: skip
         return np.asarray(on.taken * whole)
@@ -166,10 +186,10 @@ class QuadraticModel:
 
 @dataclass(kw_only=True)
 class CentralPathState:
-    """What the steps have beside the coefficients: all products of multipliers and what they belong to are near μ."""
+    """Unknowns of the interior point method besides the coefficients; products with multipliers are near μ."""
 
-    plus: Array  # (J,) |v| of each kink, as the sum of what is above zero
-    minus: Array  # (J,) and of what is below
+    plus: Array  # (J,) positive part of v of each kink
+    minus: Array  # (J,) negative part of v
     above: Array  # (J,) price less the multiplier y of v = plus − minus
     below: Array  # (J,) price and y
     slack: Array  # (n,) of the worst index
@@ -179,7 +199,12 @@ class CentralPathState:
 
     @classmethod
     def at_first(cls, model: QuadraticModel, mu: float) -> CentralPathState:
-        """On the central path but for the gradient, at z = 0."""
+        """Return the state on the central path, except for the gradient, at z = 0.
+
+        Args:
+            model: model of J.
+            mu: value of the products.
+        """
         v, w = model.kinks.at, model.kinks.price
         a = np.abs(w * v)
         root = np.sqrt(mu * mu + a * a)
@@ -200,17 +225,20 @@ class CentralPathState:
         return cls(plus=plus, minus=minus, above=mu / plus, below=mu / minus, slack=slack, share=share, top=top)
 
     def gap(self) -> float:
-        """Sum of all products."""
+        """Return the sum of all products (duality gap)."""
         return float(self.plus @ self.above + self.minus @ self.below + self.slack @ self.share)
 
 
 def minimize_quadratic_model(
     local: LocalModel, steps: TransitionTerms, bounds: OffsetBounds, curves: BorderedSystem
 ) -> Array:
-    """(m,) coefficients at which the model is least, from 0 on.
+    """Return the (m,) coefficients at the minimum of the model, starting from 0.
 
     Args:
-        curves: the offsets, station by station, of coefficients.
+        local: derivatives at the stations.
+        steps: steps between the stations.
+        bounds: bounds of the offsets.
+        curves: map from coefficients to offsets, station by station.
     """
     model, c = QuadraticModel(local, steps, bounds, curves), np.zeros(curves.curves.shape[1])
     k = model.kinks

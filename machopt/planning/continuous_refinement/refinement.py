@@ -1,17 +1,19 @@
-"""Rotation and external joints made better together, along the path and continuously, once both are chosen.
+"""Continuous refinement of rotation and external joints together, along the path, after both are chosen.
 
-The choice takes the external joints coarse to fine and rotation after them
+The choice determines the external joints coarse to fine and the rotation after them
 (:mod:`machopt.planning.external_axis_optimization.coarse_to_fine_search`). Here
-both move at once: with z_k = (Δφ, Δe) at station k the joints of the arm and their margins are linear in z_k and the
-index is quadratic, from differences of exact poses, and J (:mod:`machopt.planning.cost.objective`) of that model is
-lessened inside a region of trust that every station has for itself
+both change at once. With z_k = (Δφ, Δe) at station k, the joints of the arm and their margins are linear in z_k, and
+the
+index is quadratic, from differences of exact poses. J (:mod:`machopt.planning.cost.objective`) of that model is
+reduced inside a trust region of each station
 (:mod:`machopt.planning.continuous_refinement.quadratic_model`). Then the
-poses are solved for: a step is taken where J itself has become less and no station has lost its pose or touches
-anything; else the regions of the stations that did, or of all, become smaller. This is sequential quadratic programming
-with the merit J (Nocedal & Wright 2006, chapter 18).
+poses are solved for. A step is accepted where J itself has decreased and no station has lost its pose or touches
+anything. Otherwise the trust regions of the failed stations, or of all, shrink. This is sequential quadratic
+programming
+with the merit function J (Nocedal & Wright 2006, chapter 18).
 
-What z may be is a curve: a cubic spline along each run for what may move there, one value where nothing may, one value
-for all of a group for a joint that keeps one for an operation. What is found is a proposal
+The offsets z lie on a curve: a cubic spline along each run where the quantity may move, one value where it may not, one
+value for all of a group for a joint that keeps one for an operation. The result is a proposal
 (:mod:`machopt.planning.continuous_refinement.plan_improvement` tries it on the whole path).
 """
 
@@ -51,34 +53,34 @@ from machopt.planning.sampling.joint_path import JointAssignment, interpolate_be
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.path_subset import select_path_runs
 
-FITS, CLOSER = 4, 100.0  # tries, and weight of points near those that lost their pose
-STATIONS = 200  # about as many as the stairs of :mod:`machopt.planning.external_axes.moving_axis_search` have
+FITS, CLOSER = 4, 100.0  # attempts, and weight of points near those that lost their pose
+STATIONS = 200  # about as many as the steps of :mod:`machopt.planning.external_axes.moving_axis_search`
 STENCIL = np.radians(1.0)  # of rotation and of external joints as they count, for the derivatives
-TRUST = np.radians(12.0)  # rad of each at first and at most, where nobody says otherwise
+TRUST = np.radians(12.0)  # rad of each, initial and maximum value by default
 LEAST_TRUST = np.radians(0.1)
 ROUNDS = 8  # of the model
 TRIES = 4  # of its region
-ENOUGH = 2e-4  # of J: less is not worth another round
-NEAR = 4  # stations to either side of one that lost its pose, which are trusted less as well
-NEVER = 1e3  # m or rad: a margin that binds nowhere
-SPARE = 0.02  # rad of the limits, and share of the margins, kept from where poses end: the model is a line there
-ROOM = 0.001  # of a range, kept from its ends by a joint that moves: a curve may pass beyond its stations
+ENOUGH = 2e-4  # share of J: a smaller gain ends the iteration
+NEAR = 4  # stations to either side of a lost pose whose trust region also shrinks
+NEVER = 1e3  # m or rad: a margin that is never active
+SPARE = 0.02  # reserve to limits (rad) and margins (share), for the error of the linear model
+ROOM = 0.001  # share of a range that a moving joint keeps from its ends: a curve may overshoot between stations
 
 
 @dataclass(frozen=True, kw_only=True)
 class StationState:
-    """Where everything stands at the stations."""
+    """Rotation, external joints, poses and cost at the stations."""
 
     phi: Array  # (n,) rad
     e: Array  # (n, E) m or rad
     found: JointAssignment  # at all points of the path, known at the stations
     q: Array  # (n, 6) rad
     cost: Array  # (n,) in units of c₀
-    merit: float  # J, and what the user's wishes about external joints cost
+    merit: float  # J plus the cost of the user's requests for external joints
 
     @property
     def margins(self) -> Array:
-        """(n, 3) of shoulder, elbow and wrist."""
+        """(n, 3) singularity margins of shoulder, elbow and wrist."""
         return _margins(self.found)
 
 
@@ -89,7 +91,7 @@ def _margins(found: JointAssignment) -> Array:
 
 @dataclass(frozen=True)
 class RefinementResult:
-    """What is proposed, at all planning points."""
+    """Proposed rotation and external joints at all planning points."""
 
     phi: Array  # (P,) rad
     external: Array  # (P, E) m or rad
@@ -98,7 +100,7 @@ class RefinementResult:
 
 
 class PlanRefinement:
-    """Of one plan without gaps or breaks."""
+    """Refinement of one plan without gaps or breaks."""
 
     def __init__(
         self, plan: Plan, groups: Sequence[OperationGroup], worth: AxisPlanRanking, trust: float = TRUST
@@ -110,46 +112,46 @@ class PlanRefinement:
         own = [np.isin(plan.path.run, group.runs) for group in groups]
         groups = [g.around(plan.path.external[rows][0]) for g, rows in zip(groups, own, strict=True)]
         self.range = np.empty_like(plan.path.external), np.empty_like(plan.path.external)  # (P, E) each, m or rad
-        room, held = (
+        room, is_fixed = (
             np.zeros_like(plan.path.external),
             np.zeros((len(plan.path.index), 1 + plan.path.external.shape[1]), bool),
         )
-        held[list(find_fixed_rotations(plan.path, plan.options)), 0] = True
+        is_fixed[list(find_fixed_rotations(plan.path, plan.options)), 0] = True
         for group, rows in zip(groups, own, strict=True):
             self.range[0][rows], self.range[1][rows] = group.low, group.high
             room[rows] = np.where(group.moving, ROOM, 0.0) * (group.high - group.low)
-            self._wished(group, rows, held)
-        self.held = held
+            self._wished(group, rows, is_fixed)
+        self.held = is_fixed
         self.inner = self.range[0] + room, self.range[1] - room
         self.low, self.high = (bound[self.rows] for bound in self.inner)
-        self.curves = OffsetCurves.of(self.path, groups, held)
+        self.curves = OffsetCurves.of(self.path, groups, is_fixed)
         self.tied = BorderedSystem(self.curves.at_stations, 1 + plan.path.external.shape[1], self.curves.shared)
         self.terms = ObjectiveTerms.at_stations(self.path, plan.setup.velocity, plan.options)
         self.across = compute_sideways_directions(self.path)
         self.per, self.worth = plan.setup.per_rad[6:], worth
-        self.touching = np.zeros(len(self.rows), bool)  # (n,) stations where a step has led into something
+        self.touching = np.zeros(len(self.rows), bool)  # (n,) stations where a step has led to a contact
 
     def _wished(self, group: OperationGroup, own: Bools, held: Bools) -> None:
-        """Lay the user's wishes about joints of a group that move down: pins hold, a zone keeps them on their side."""
+        """Apply the user's requests about moving joints of a group: pins fix a value, a zone keeps them on one side."""
         at = np.arange(len(own))
-        for stand in group.stands:
-            k = stand.joint
-            rows = own & (at >= stand.rows[0]) & (at <= stand.rows[1])
+        for wish in group.stands:
+            k = wish.joint
+            rows = own & (at >= wish.rows[0]) & (at <= wish.rows[1])
             if not group.moving[k] or not rows.any():
-                continue  # what stands keeps to ``allowed``
-            if stand.at is not None:
+                continue  # fixed joints are restricted by ``allowed``
+            if wish.at is not None:
                 held[rows, 1 + k] = True
                 self.range[0][rows, k] = self.range[1][rows, k] = self.plan.path.external[rows, k]
                 continue
-            low, high = compute_allowed_side(stand, self.plan.path.external[rows, k])
+            low, high = compute_allowed_side(wish, self.plan.path.external[rows, k])
             self.range[0][rows, k] = np.maximum(self.range[0][rows, k], low)
             self.range[1][rows, k] = np.minimum(self.range[1][rows, k], high)
 
     def found(self, start: RefinementStart | None = None) -> RefinementResult | None:
-        """What lessens J at the stations; None where nothing does.
+        """Return offsets that reduce J at the stations; None where none do.
 
         Args:
-            start: what to begin from in place of the plan.
+            start: starting point in place of the plan.
         """
         plan, rows = self.plan, self.rows
         phi, external, q = plan.chosen.assignment.phi, plan.path.external, plan.chosen.assignment.q
@@ -157,9 +159,9 @@ class PlanRefinement:
         if here is None:
             return None
         first, trust = here.merit, np.full((len(rows), 1 + len(self.per)), self.trust)
-        begun = self._begun(RefinementStart(phi, external, q) if start is None else start)
-        if begun is not None:
-            here, phi, external = begun
+        initial = self._begun(RefinementStart(phi, external, q) if start is None else start)
+        if initial is not None:
+            here, phi, external = initial
         elif start is not None:
             return None
         coefficients = np.zeros(self.curves.at_points.shape[1])
@@ -176,24 +178,25 @@ class PlanRefinement:
             if there is None:
                 break
             gained, here, coefficients = here.merit - there.merit, there, coefficients + step
-            if first_try:  # where a wider step has just failed, it would again
+            if first_try:  # a larger step that has just failed would fail again
                 trust = np.minimum(1.5 * trust, self.trust)
             if gained < ENOUGH * abs(here.merit):
                 break
         if here.merit >= first:
             return None
         moved = (self.curves.at_points @ coefficients).reshape(len(phi), -1)
-        external = np.clip(external + moved[:, 1:] / self.per, *(self.range if begun is None else self.inner))
+        external = np.clip(external + moved[:, 1:] / self.per, *(self.range if initial is None else self.inner))
         return RefinementResult(
             phi + moved[:, 0], external, interpolate_between_stations(self.path, here.q), first - here.merit
         )
 
     def _begun(self, start: RefinementStart) -> tuple[StationState, Array, Array] | None:
-        """The state at the curves next to a start, next to the plan where that loses a pose; None where they still do.
+        """Return the state at the curves nearest to a start, nearer to the plan where a pose is lost; None if that
+        fails too.
 
-        What else a start has, finer than the curves are, no offset would take away.
+        Details of a start that are finer than the curves are dropped; no offset could remove them.
         """
-        if self.held.any() or self.options.steer:  # no curve reaches what is held
+        if self.held.any() or self.options.steer:  # no curve changes fixed values
             return None
         rows, left = self.rows, np.zeros(len(self.rows), bool)
         for n in range(FITS):
@@ -214,7 +217,7 @@ class PlanRefinement:
         return None
 
     def _within(self, phi: Array) -> bool:
-        """The user's rotation bounds hold at all planning points (P,) rad."""
+        """Return whether the user's rotation bounds hold at all planning points (P,) rad."""
         low, high = self.options.rotation_range
         gamma = np.asarray(wrap_angle(phi + self.path.offset))
         return high - low >= 2 * np.pi - 1e-6 or bool(((gamma >= low) & (gamma <= high)).all())
@@ -222,7 +225,7 @@ class PlanRefinement:
     # --- exact --------------------------------------------------------------------------------------------------------
 
     def _solved(self, phi: Array, e: Array, seed: Array) -> tuple[JointAssignment, Array]:
-        """Poses at the stations, and their index in units of c₀, NaN where there is none."""
+        """Return the poses at the stations, and their index in units of c₀, NaN where there is none."""
         rows, setup = self.rows, self.setup
         external = self.path.external.copy()
         external[rows] = e
@@ -238,14 +241,14 @@ class PlanRefinement:
         return JointAssignment(**few), cost[rows] / self.plan.scores.scale
 
     def _state(self, phi: Array, e: Array, seed: Array) -> StationState | None:
-        """Where all stations have a pose that touches nothing; None elsewhere."""
+        """Return the state if all stations have a pose without contact; else None."""
         found, cost = self._solved(phi, e, seed)
         if self._lost(found, e).any() or not np.isfinite(cost).all():
             return None
         return StationState(phi=phi, e=e, found=found, q=found.q, cost=cost, merit=self._merit(phi, e, found.q, cost))
 
     def _lost(self, found: JointAssignment, e: Array) -> Bools:
-        """(n,) stations without a pose, or whose pose touches what it must not."""
+        """Return the (n,) stations without a pose, or whose pose has a contact."""
         lost = np.asarray(found.reason != InfeasibilityReason.OK)
         if self.setup.collision is not None and not lost.all():
             there = np.flatnonzero(~lost)
@@ -263,7 +266,7 @@ class PlanRefinement:
     # --- the model ----------------------------------------------------------------------------------------------------
 
     def _local(self, here: StationState) -> LocalModel:
-        """Joints and margins to first order, the index to second, from differences around the poses."""
+        """Return joints and margins to first order and the index to second, from differences around the poses."""
         n, d = len(here.phi), 1 + len(self.per)
         free = np.flatnonzero(np.r_[True, (self.high > self.low).any(axis=0)])
 
@@ -292,9 +295,9 @@ class PlanRefinement:
         w, share, preferred = self.options.weights, self.terms.share, self.worth.preferred
         gradient, own = w.mean * share[:, None] * cost[:, 0], w.mean * share[:, None, None] * hessian
         away = np.nan_to_num(here.e * self.per - preferred)
-        wanted = np.isfinite(preferred).astype(float)
+        is_preferred = np.isfinite(preferred).astype(float)
         gradient[:, 1:] += 2 * PREFERRED * share[:, None] * away
-        own[:, 1:, 1:] += 2 * PREFERRED * share[:, None, None] * np.diag(wanted)
+        own[:, 1:, 1:] += 2 * PREFERRED * share[:, None, None] * np.diag(is_preferred)
         if self.terms.liking is not None:
             off = here.phi + self.terms.offset - self.terms.liking.rotation
             half = 0.5 * self.terms.liking.weight * share
@@ -306,7 +309,7 @@ class PlanRefinement:
         )  # fmt: skip
 
     def _steps(self, here: StationState, local: LocalModel) -> TransitionTerms:
-        """All absolute values along the stations: joints, external ones and rotation."""
+        """Return all absolute values along the stations: joints, external joints and rotation."""
         n, d = local.gradient.shape
         terms, w, E = self.terms, self.options.weights, d - 1
         lean = np.zeros((n, 7 + E, d))
@@ -327,7 +330,7 @@ class PlanRefinement:
         )
 
     def _bounds(self, here: StationState, local: LocalModel, trust: Array) -> OffsetBounds:
-        """What z must keep: the region of trust, ranges, the arm's limits and its margins to singularities."""
+        """Return the bounds of z: trust region, ranges, limits of the arm and its singularity margins."""
         arm, low, high = self.setup.arm, -trust.copy(), trust.copy()
         low[~local.known] = high[~local.known] = 0.0
         low[:, 1:] = np.maximum(low[:, 1:], (self.low - here.e) * self.per)
@@ -360,7 +363,7 @@ class PlanRefinement:
         return add_distance_constraints(bounds, model, np.hstack([here.q, here.e]), ahead, may_touch, self.touching)
 
     def _tried(self, here: StationState, step: Array, trust: Array) -> StationState | None:
-        """Where a step leads, if J is less there; else None, and ``trust`` is less where that failed."""
+        """Return the state after a step if J is smaller there; else None, with a smaller ``trust`` on failure."""
         z = (self.curves.at_stations @ step).reshape(trust.shape)
         low, high = (bound[self.rows] for bound in self.range)
         phi, e = here.phi + z[:, 0], np.clip(here.e + z[:, 1:] / self.per, low, high)
@@ -370,8 +373,8 @@ class PlanRefinement:
         if lost.any():
             run = self.path.run[self.rows]
             for k in np.flatnonzero(lost):
-                beside = slice(max(k - NEAR, 0), k + NEAR + 1)
-                rows = np.arange(len(run))[beside][run[beside] == run[k]]
+                neighbours = slice(max(k - NEAR, 0), k + NEAR + 1)
+                rows = np.arange(len(run))[neighbours][run[neighbours] == run[k]]
                 trust[rows] = np.minimum(trust[rows], 0.3 * np.abs(z[rows]).max(initial=LEAST_TRUST))
             return None
         merit = self._merit(phi, e, found.q, cost)
@@ -382,6 +385,6 @@ class PlanRefinement:
 
 
 def _turn(angle: Array) -> Array:
-    """Angles in [0, 2π), what is less than 0 by rounding at 0."""
+    """Return angles in [0, 2π); values below 0 by rounding become 0."""
     turned = angle % (2 * np.pi)
     return np.asarray(np.where(turned > 2 * np.pi - 1e-6, 0.0, turned))

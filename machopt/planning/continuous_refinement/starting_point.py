@@ -1,9 +1,8 @@
-"""Where a refinement begins: on the curves next to a plan, or to a sequence that leads to a better one.
+"""Starting point of a refinement: on the curves nearest to a plan, or to a sequence that leads to a better one.
 
-A sequence (:mod:`machopt.planning.external_axis_optimization.external_axis_bound`) looks at few stations and knows
-nothing of curves: next to it a pose may be
-out of reach or touch something. There the start goes back to the plan, in wider and wider stretches, with the posture
-of the sequence as far as that has poses there.
+A sequence (:mod:`machopt.planning.external_axis_optimization.external_axis_bound`) covers few stations and does not
+use curves: next to it a pose may be out of reach or in contact. There the start returns to the plan, over wider and
+wider stretches, with the posture of the sequence wherever that has poses.
 """
 
 from __future__ import annotations
@@ -21,24 +20,37 @@ from machopt.planning.continuous_refinement.offset_curves import OffsetCurves
 from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
-LEAST_RIDGE = 1e-12  # of a square of basis functions: where a curve has more of them than points
+LEAST_RIDGE = 1e-12  # ridge of the normal equations, for a curve with more basis functions than points
 
 
 @dataclass(frozen=True)
 class RefinementStart:
-    """Where a refinement begins, at all planning points."""
+    """Starting point of a refinement at all planning points."""
 
     phi: Array  # (P,) rad
     external: Array  # (P, E) m or rad
     seed: Array  # (P, 6) rad, for the joints
 
     def nearer(self, phi: Array, external: Array, share: Array) -> RefinementStart:
-        """As a share (P,) of the way from a plan's rotation (P,) rad and external joints (P, E)."""
+        """Return the point at a share of the way from a plan to this start.
+
+        Args:
+            phi: (P,) rad, rotation of the plan.
+            external: (P, E) m or rad, external joints of the plan.
+            share: (P,) share of the way, 0 at the plan.
+        """
         away = share[:, None] * (self.external - external)
         return RefinementStart(phi + share * (self.phi - phi), external + away, self.seed)
 
     def fitted(self, curves: OffsetCurves, per: Array, weight: Array) -> tuple[Array, Array]:
-        """Rotation (P,) rad and external joints (P, E) as the curves next to them, points weighted (P,)."""
+        """Return rotation (P,) rad and external joints (P, E) on the curves nearest to this start (weighted least
+        squares).
+
+        Args:
+            curves: permitted offsets.
+            per: (E,) rad per m or rad of the external joints.
+            weight: (P,) weight of each point.
+        """
         z, d = np.column_stack([self.phi, self.external * per]), 1 + len(per)
         for k in range(d):
             basis = curves.at_points[k::d]
@@ -50,28 +62,37 @@ class RefinementStart:
         return z[:, 0], z[:, 1:] / per
 
 
-def compute_transition_weights(left: Bools, far: float) -> Array:
-    """(n,) shares of a way: none at stations ``left`` (n,) and up to ``far`` beside them, all from three times that."""
-    off = np.flatnonzero(left)
+def compute_transition_weights(excluded: Bools, radius: float) -> Array:
+    """Return (n,) shares of the way to the start: 0 at the excluded stations and near them, 1 from three times that
+    distance.
+
+    Args:
+        excluded: (n,) excluded stations.
+        radius: number of stations to either side that also get 0.
+    """
+    off = np.flatnonzero(excluded)
     if not len(off):
-        return np.ones(len(left))
-    beside = np.abs(np.arange(len(left))[:, None] - off).min(axis=1)
-    share = np.clip((beside - far) / (2.0 * far), 0.0, 1.0)
+        return np.ones(len(excluded))
+    distance = np.abs(np.arange(len(excluded))[:, None] - off).min(axis=1)
+    share = np.clip((distance - radius) / (2.0 * radius), 0.0, 1.0)
     return np.asarray(share**2 * (3.0 - 2.0 * share))
 
 
 def find_nearby_seeds(
     path: PlanningPath, arm: PlanningArm, rows: NDArray[np.integer], phi: Array, e: Array, near: Array
 ) -> Array:
-    """(n, 6) rad, the poses next to some at a path's rows, however far; these themselves where there is none.
+    """Return the (n, 6) rad poses nearest to given ones at a path's rows; the given ones where there is no pose.
 
     Args:
-        phi: (n,) rad.
-        e: (n, E) m or rad.
-        near: (n, 6) rad.
+        path: planning points.
+        arm: arm model with its inverse kinematics.
+        rows: (n,) planning points.
+        phi: (n,) rad, rotation.
+        e: (n, E) m or rad, external joints.
+        near: (n, 6) rad, poses to stay near.
     """
     poses = arm.in_base(e, compute_tcp_poses(path, rows.astype(np.int32), phi))
-    away = np.asarray(wrap_angle(arm.solver.solve(poses @ invert_transform(arm.T_flange_tcp)).q - near[:, None]))
-    far = np.nan_to_num(np.abs(away).max(axis=2), nan=np.inf)
-    best = away[np.arange(len(near)), far.argmin(axis=1)]
+    difference = np.asarray(wrap_angle(arm.solver.solve(poses @ invert_transform(arm.T_flange_tcp)).q - near[:, None]))
+    distance = np.nan_to_num(np.abs(difference).max(axis=2), nan=np.inf)
+    best = difference[np.arange(len(near)), distance.argmin(axis=1)]
     return np.where(np.isfinite(best), near + best, near)

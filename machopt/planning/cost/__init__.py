@@ -1,5 +1,5 @@
-"""What a configuration costs, and what a plan does.
+"""Cost of a configuration and objective of a plan.
 
-In: configurations, a model of what gives way, the process force along the path. Out: the index of each configuration,
-and J, the objective, which is written nowhere else (:mod:`~machopt.planning.cost.objective`).
+In: configurations, a compliance model, the process force along the path. Out: the index of each configuration,
+and the objective J, which is defined only in :mod:`~machopt.planning.cost.objective`.
 """

@@ -1,8 +1,8 @@
-"""How near the arm comes to anything, as the objective counts it (``weights.clearance``).
+"""Clearance term of the objective (``weights.clearance``): how near the arm comes to other bodies.
 
-A finished plan is measured at every planning point. The search over the grid would need that of each configuration,
-which takes minutes: there it is measured at some stations, and taken on the line between them along a rotation and
-branch. What the choice trades is therefore close to the told objective, not equal to it.
+A finished plan is measured at every planning point. The grid search would need the distance of each configuration,
+which takes minutes. There it is measured at some stations and interpolated linearly between them along a rotation and
+branch. The search therefore minimises a value close to the reported objective, not equal to it.
 """
 
 from __future__ import annotations
@@ -16,18 +16,31 @@ from machopt.planning.cost.objective import compute_crowding
 from machopt.planning.sampling.configurations import CandidateGrid
 from machopt.planning.stations.planning_path import PlanningPath
 
-MEASURED = 32  # stations at which every configuration is measured
+MEASURED = 32  # number of stations at which every configuration is measured
 
 
 def is_clearance_weighted(model: CollisionModel | None, options: PlanOptions) -> bool:
-    """The objective counts clearance."""
+    """Return whether the objective includes clearance.
+
+    Args:
+        model: collision model, or None.
+        options: plan options with ``weights.clearance``.
+    """
     return model is not None and options.weights.clearance > 0
 
 
 def compute_path_crowding(
     path: PlanningPath, model: CollisionModel | None, q: Array, options: PlanOptions
 ) -> Array | None:
-    """(P,) crowding of q (P, 6) rad at the planning points, NaN where there is none; None: it does not count."""
+    """Return the (P,) crowding at the planning points, NaN where there is no configuration; None where it does not
+    count.
+
+    Args:
+        path: planning points.
+        model: collision model, or None.
+        q: (P, 6) rad, joints of the arm.
+        options: plan options with the clearance weight and ``clearance_full``.
+    """
     if model is None or not is_clearance_weighted(model, options):
         return None
     out = np.full(len(q), np.nan)
@@ -42,7 +55,15 @@ def compute_path_crowding(
 def compute_grid_crowding(
     path: PlanningPath, model: CollisionModel | None, c: CandidateGrid, options: PlanOptions
 ) -> Array | None:
-    """(S, R, B) crowding of every configuration, 0 where nothing near it along the path is known; None: not counted."""
+    """Return the (S, R, B) crowding of every configuration, 0 where no measured one is near; None where it does not
+    count.
+
+    Args:
+        path: planning points.
+        model: collision model, or None.
+        c: candidate grid of the search.
+        options: plan options with the clearance weight and ``clearance_full``.
+    """
     if model is None or not is_clearance_weighted(model, options):
         return None
     st, usable = path.stations, c.usable

@@ -1,4 +1,4 @@
-"""J, the objective: what one plan costs, the only place where its terms are written.
+"""J, the objective of a plan. Its terms are defined only here.
 
 J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ a·b|Δq|/π + w_rotation·Σ a|Δφ|/π + w_feed·t_lost/t
 + w_preferred·mean((1 − cos(γ − γ_preferred))/2) + w_clearance·mean(max(0, 1 − d/d_full)), d the distance of the nearest
@@ -6,16 +6,14 @@ two bodies, with c₀ the median cost over the feasible candidates
 (:mod:`machopt.planning.cost.stiffness_index`), means over the length cut
 (:attr:`machopt.planning.stations.planning_path.PlanningPath.weight`) and a the
 run's share of that length. Travel and rotation are total variations, so they do not depend on how finely a path is
-sampled. b is 1 inside runs; over a rapid move of length d it is 1 + NEAR/(d + NEAR/10): the arm turns over on long
-ones, far from the part. t_lost is the time by which the axes, at AXIS_SPEED of their velocity limits, are slower than
-the programmed feed.
+sampled. b is 1 inside runs. Over a rapid move of length d it is 1 + NEAR/(d + NEAR/10), so that large reorientations
+happen on long rapid moves, far from the part. t_lost is the time by which the axes, at AXIS_SPEED of their velocity
+limits, are slower than the programmed feed.
 
-The search over the grid prices vertices (:func:`compute_node_cost`) and steps (:func:`compute_transition_cost`), the
-smooth curve its
-stations, a finished plan all planning points: the same terms on what each of them has. The formulas take numbers
-and arrays alike. (:mod:`machopt.planning.smoothing.newton_solver` rounds and derives them; tests hold that it is the
-same J,
-but for clearance, which lies on a cubic between the grid's rotations there.)
+The grid search prices vertices (:func:`compute_node_cost`) and steps (:func:`compute_transition_cost`), the
+smooth curve its stations, and a finished plan all planning points: the same terms on different samples. The formulas
+accept numbers and arrays. (:mod:`machopt.planning.smoothing.newton_solver` smooths and differentiates them. Tests check
+that it computes the same J, except for clearance, which is a cubic between the grid's rotations there.)
 """
 
 from __future__ import annotations
@@ -34,12 +32,12 @@ from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.stations.planning_path import PlanningPath
 
 AXIS_SPEED = 0.8  # share of the velocity limits; accelerations need the rest
-NEAR = 0.5  # m: rapid moves shorter than this should not turn the arm over
+NEAR = 0.5  # m: rapid moves shorter than this should not reorient the arm
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanObjective:
-    """J and its parts, dimensionless; times c₀, ``mean`` and ``worst`` are the index's own."""
+    """J and its terms, dimensionless; ``mean`` and ``worst`` times c₀ are in the unit of the index."""
 
     total: float
     mean: float
@@ -54,25 +52,38 @@ class PlanObjective:
 # --- the formulas --------------------------------------------------------------------------------------------------
 
 
-def compute_node_cost(cost: Any, liked: Any, mean: Any) -> Any:
-    """A place's part of J for each unit of its share: cost is c/c₀, ``liked`` the price of its rotation."""
-    return mean * cost + liked
+def compute_node_cost(cost: Any, preference_price: Any, mean: Any) -> Any:
+    """Return the contribution of a place to J per unit of its share.
+
+    Args:
+        cost: c/c₀, dimensionless.
+        preference_price: price of the rotation and of crowding at the place.
+        mean: weight of the mean index.
+    """
+    return mean * cost + preference_price
 
 
 def compute_transition_cost(length: Any, turn: Any, late: Any, travel: Any, rotation: Any, feed: Any) -> Any:
-    """A step's part of J.
+    """Return the contribution of a step to J.
 
     Args:
         length: rad, Σ|Δq| over the axes.
-        turn: rad, |Δφ| about the tool axis; none counts over rapid moves.
+        turn: rad, |Δφ| about the tool axis; 0 over rapid moves.
         late: s, :func:`compute_delay`.
-        travel, rotation, feed: prices per rad, rad and s.
+        travel: price per rad of the axes.
+        rotation: price per rad about the tool axis.
+        feed: price per s.
     """
     return travel * length + rotation * turn + feed * late
 
 
 def compute_delay(slow: Any, seconds: Any) -> Any:
-    """Seconds by which the ``slow`` s that the slowest axis needs exceed the ``seconds`` that the feed leaves."""
+    """Return the time in s by which a step is slower than the feed; 0 where it is not.
+
+    Args:
+        slow: s, time that the slowest axis needs.
+        seconds: s, time at the programmed feed.
+    """
     return np.maximum(slow - seconds, 0.0)
 
 
@@ -84,14 +95,20 @@ edge_price_compiled, late_compiled = (
 
 @dataclass(frozen=True)
 class RotationPreference:
-    """The rotation that is preferred at each place, and the price of leaving it."""
+    """Preferred rotation at each place, and the weight of a deviation."""
 
     rotation: Array  # (n,) rad
     weight: Array  # (n,) 0 where none is preferred
 
     @classmethod
     def along(cls, path: PlanningPath, options: PlanOptions) -> RotationPreference | None:
-        """At every planning point; None where none is preferred anywhere. Wishes about places go before the path's."""
+        """Return the preference at every planning point; None where none is stated. Steering rules override the general
+        one.
+
+        Args:
+            path: planning points.
+            options: plan options with the preferred rotation and the steering rules.
+        """
         wishes = [w for w in options.steer if w.prefer is not None]
         if options.preferred_rotation is None and not wishes:
             return None
@@ -104,21 +121,39 @@ class RotationPreference:
         return cls(rotation, weight)
 
     def take(self, rows: NDArray[Any]) -> RotationPreference:
-        """Of some of the places."""
+        """Return the preference at some of the places.
+
+        Args:
+            rows: (k,) indices of the places, or a mask (n,).
+        """
         return RotationPreference(self.rotation[rows], self.weight[rows])
 
     def price(self, gamma: Array) -> Array:
-        """Price (…, n) of rotations gamma (…, n) rad, dimensionless."""
+        """Return the (…, n) price of rotations, dimensionless.
+
+        Args:
+            gamma: (…, n) rad, rotations.
+        """
         return np.asarray(compute_preference_cost(np.cos(gamma - self.rotation), self.weight))
 
 
 def compute_crowding(distance: Any, full: float) -> Any:
-    """How near the nearest two bodies are: 1 in contact, 0 from the distance ``full`` (m) on."""
+    """Return how near the nearest two bodies are: 1 in contact, 0 from the full distance on.
+
+    Args:
+        distance: m, between the nearest two bodies.
+        full: m, distance from which clearance has no price.
+    """
     return np.maximum(0.0, 1.0 - np.maximum(distance, 0.0) / full)
 
 
 def compute_preference_cost(cosine: Any, weight: Any) -> Any:
-    """Price of a rotation whose angle from the preferred one has this cosine."""
+    """Return the price of a deviation from the preferred rotation.
+
+    Args:
+        cosine: cosine of the angle between the rotation and the preferred one.
+        weight: price of the opposite rotation.
+    """
     return weight * (1.0 - cosine) / 2.0
 
 
@@ -127,7 +162,7 @@ def compute_preference_cost(cosine: Any, weight: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectiveTerms:
-    """What J counts along a row of n places: the planning points, or some of them."""
+    """Coefficients of J along a row of n places: the planning points, or some of them."""
 
     options: PlanOptions
     share: Array  # (n,) weight of each in the means, in all 1
@@ -142,10 +177,12 @@ class ObjectiveTerms:
 
     @classmethod
     def of(cls, path: PlanningPath, velocity: Array, options: PlanOptions) -> ObjectiveTerms:
-        """At every planning point.
+        """Return the terms at every planning point.
 
         Args:
+            path: planning points.
             velocity: (6,) rad/s, joint velocity limits.
+            options: plan options with the weights.
         """
         n = len(path.index)
         flown = np.r_[True, path.run[1:] != path.run[:-1]]
@@ -167,9 +204,14 @@ class ObjectiveTerms:
 
     @classmethod
     def at_stations(cls, path: PlanningPath, velocity: Array, options: PlanOptions) -> ObjectiveTerms:
-        """At the stations of the choice, with the shares of the points between them.
+        """Return the terms at the stations of the search, with the shares of the points between them.
 
         Both ends of a run are stations, so that rapid moves lead from station to station.
+
+        Args:
+            path: planning points.
+            velocity: (6,) rad/s, joint velocity limits.
+            options: plan options with the weights.
         """
         st = path.stations
         return replace(
@@ -179,29 +221,48 @@ class ObjectiveTerms:
         )
 
     def take(self, rows: NDArray[Any]) -> ObjectiveTerms:
-        """The terms of some of the places."""
+        """Return the terms of some of the places.
+
+        Args:
+            rows: (k,) indices of the places, or a mask (n,).
+        """
         names = ("share", "counted", "travel", "rotation", "lost", "seconds", "offset")
-        taken = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, liking=None if self.liking is None else self.liking.take(rows), **taken)
+        columns = {name: getattr(self, name)[rows] for name in names}
+        return replace(self, liking=None if self.liking is None else self.liking.take(rows), **columns)
 
     @property
     def weights(self) -> ObjectiveWeights:
+        """Weights of the plan options."""
         return self.options.weights
 
     def liked(self, phi: Array) -> Array:
-        """Price (…, n) of the rotations phi (…, n) rad, against the preferred ones."""
+        """Return the (…, n) price of rotations relative to the preferred ones.
+
+        Args:
+            phi: (…, n) rad, rotations.
+        """
         return (
             np.zeros_like(phi) if self.liking is None else self.liking.price(np.asarray(wrap_angle(phi + self.offset)))
         )
 
     def nodes(self, cost: Array, phi: Array, crowded: Array | float = 0.0) -> Array:
-        """Price (…, n) of the places by costs (…, n), in units of c₀, rotations (…, n) rad and
-        :func:`compute_crowding`."""
-        liked = self.liked(phi) + self.weights.clearance * crowded
-        return np.asarray(self.share * compute_node_cost(cost, liked, self.weights.mean))
+        """Return the (…, n) price of the places.
+
+        Args:
+            cost: (…, n) index in units of c₀.
+            phi: (…, n) rad, rotations.
+            crowded: (…, n) :func:`compute_crowding`.
+        """
+        preference_price = self.liked(phi) + self.weights.clearance * crowded
+        return np.asarray(self.share * compute_node_cost(cost, preference_price, self.weights.mean))
 
     def steps(self, q: Array, phi: Array) -> Array:
-        """Price (…, n − 1) of the steps between places with joints (…, n, 6) and rotations (…, n) in rad."""
+        """Return the (…, n − 1) price of the steps between places.
+
+        Args:
+            q: (…, n, 6) rad, joints.
+            phi: (…, n) rad, rotations.
+        """
         length, turn, slow = self.motion(q, phi)
         w = self.weights
         return np.asarray(
@@ -216,7 +277,12 @@ class ObjectiveTerms:
         )
 
     def motion(self, q: Array, phi: Array) -> tuple[Array, Array, Array]:
-        """(…, n − 1) each: rad of all axes, rad about the tool axis, and s that the slowest axis needs."""
+        """Return per step (…, n − 1): rad of all axes, rad about the tool axis, and s that the slowest axis needs.
+
+        Args:
+            q: (…, n, 6) rad, joints.
+            phi: (…, n) rad, rotations.
+        """
         dq = np.abs(np.diff(q, axis=-2))
         return dq.sum(axis=-1), np.abs(np.diff(phi, axis=-1)), (dq * self.slowness).max(axis=-1)
 
@@ -232,16 +298,18 @@ def compute_objective(
     crowded: Array | None = None,
     elsewhere: float = 0.0,
 ) -> PlanObjective:
-    """J of one assignment at all planning points; infinite where a counted point has no cost.
+    """Return J of one assignment at all planning points; infinite where a counted point has no cost.
 
     Args:
+        path: planning points.
         cost: (P,) c of the chosen configurations.
         q: (P, 6) rad.
         phi: (P,) rad, continuous inside each run.
         scale: c₀, in the unit of the cost.
         velocity: (6,) rad/s, joint velocity limits.
+        options: plan options with the weights.
         crowded: (P,) :func:`compute_crowding`, NaN where it is not known; None: it does not count.
-        elsewhere: worst index of what is planned beside the path, in units of c₀: a lower one is worth nothing.
+        elsewhere: worst index of the other tools of the job, in units of c₀; a lower worst index brings no gain.
     """
     terms, w = ObjectiveTerms.of(path, velocity, options), options.weights
     counted = path.counted
@@ -277,7 +345,13 @@ def compute_objective(
 
 
 def compute_total(parts: PlanObjective, w: ObjectiveWeights, elsewhere: float = 0.0) -> float:
-    """J of its parts by these weights; ``elsewhere`` as in :func:`compute_objective`."""
+    """Return J from its terms with given weights.
+
+    Args:
+        parts: terms of J.
+        w: weights.
+        elsewhere: as in :func:`compute_objective`.
+    """
     total = compute_node_cost(parts.mean, parts.preferred + w.clearance * parts.clearance, w.mean)
     total += w.worst * max(parts.worst, elsewhere)
     return float(

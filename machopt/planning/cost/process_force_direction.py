@@ -1,8 +1,8 @@
-"""The process force along the path: its sideways direction where the travel has none, and how it comes, turns and goes.
+"""The process force along the path: its sideways direction where the travel has none, and its change along the path.
 
-With the tool axis n and the unit direction of travel u at a place, sin α = |u − (u·n)n| says how much of the travel is
-sideways. Where that is little, its direction is that of noise: a plunge that leans by 1° would have the force of a cut
-along the lean. So the direction is blended into one carried along the run,
+With the tool axis n and the unit direction of travel u at a place, sin α = |u − (u·n)n| is the sideways share of the
+travel. Where that is small, its direction is noise: a plunge inclined by 1° would have the force of a cut
+along the inclination. The direction is therefore blended with one propagated along the run,
 
     t = w(sin α / sin α₀) · (u − (u·n)n)/sin α + (1 − w) · c,      w(x) = x²(3 − 2x) on 0 … 1,  α₀ = 10°,
 
@@ -10,13 +10,14 @@ c the sideways direction of the next place in the run (else the last one) that t
 projected on the plane normal to n; in a run without such a place (a hole) the workpiece x axis (y where x is parallel
 to n). |t| ≤ 1. The force is f = f_travel t + f_normal (n × t) + f_axial n.
 
-A shift of the path is computed against a force that has no jumps, over a stated length ℓ:
+A shift of the path is computed with a force that has no jumps, over a given length ℓ:
 
     F(s) = a(s) · 1/(2ℓ) ∫_{−ℓ}^{ℓ} f(s + σ) dσ,      |F(s₁) − F(s₂)| ≤ 2 |f| |s₁ − s₂| / ℓ
 
-s is the length of the path in its run. Outside the cuts f is that of the nearest one. a fades: 1 while cutting, to 0
-over ℓ away from the cuts, and from 0 over ℓ at the ends of a run that the tool only comes from or goes to. Each of the
-two factors changes by no more than |f|/ℓ a length, which is the bound. A sharp corner so turns the force over 2ℓ.
+s is the length of the path in its run. Outside the cuts, f is that of the nearest one. a fades: 1 while cutting, to 0
+over ℓ away from the cuts, and from 0 over ℓ at the ends of a run that the tool approaches or leaves without cutting.
+Each of the two factors changes by no more than |f|/ℓ per length, which gives the bound. A sharp corner turns the force
+over 2ℓ.
 """
 
 from __future__ import annotations
@@ -31,11 +32,15 @@ from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath, compute_any_normal
 
 SIDEWAYS = float(np.sin(np.radians(10.0)))  # sin α₀
-PLACES = 128  # of a window at which the mean is taken; a corner is met to 1 % of its turn
+PLACES = 128  # samples of the averaging window; a corner is resolved to 1 % of its angle
 
 
 def compute_sideways_directions(path: PlanningPath) -> Array:
-    """(P, 3) t of the move that leaves each point, at a run's end of the one that comes to it."""
+    """Return (P, 3) t of the move that leaves each point; at the end of a run, of the move that arrives.
+
+    Args:
+        path: planning points.
+    """
     out = np.empty_like(path.position)
     for first, last in path.runs:
         rows = np.arange(first, last + 1)
@@ -45,14 +50,22 @@ def compute_sideways_directions(path: PlanningPath) -> Array:
 
 
 def compute_process_force(axis: Array, t: Array, force: ProcessForce) -> Array:
-    """(..., 3) N, of the process on the tool, from tool axes and sideways directions (..., 3)."""
+    """Return the (..., 3) force in N of the process on the tool, in the frame of the arguments.
+
+    Args:
+        axis: (..., 3) unit tool axes, tip to shank.
+        t: (..., 3) sideways directions of travel, length at most 1.
+        force: force components along travel, normal and tool axis, N.
+    """
     return np.asarray(force.travel * t + force.normal * np.cross(axis, t) + force.axial * axis)
 
 
 def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float) -> Array:
-    """(P, 3) N in workpiece: F at every planning point.
+    """Return (P, 3) F in N at every planning point, in the workpiece frame.
 
     Args:
+        path: planning points.
+        force: force components along travel, normal and tool axis, N.
         length: m, ℓ.
     """
     out = np.zeros_like(path.position)
@@ -68,7 +81,7 @@ def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float
 
 
 class _Run:
-    """One run by its length."""
+    """One run parameterised by its length."""
 
     def __init__(self, path: PlanningPath, first: int, last: int) -> None:
         rows = slice(first, last + 1)
@@ -79,10 +92,12 @@ class _Run:
         self.u = np.where(length[:, None] > NO_MOVE, step / np.maximum(length, 1e-300)[:, None], 0.0)  # (n − 1, 3)
         cut = path.move[first + 1 : last + 1] == MoveKind.CUT
         edge = np.flatnonzero(np.diff(np.r_[False, cut & (length > NO_MOVE), False].astype(int)))
-        self.cuts = self.s[edge.reshape(-1, 2)]  # (k, 2) m, from … to
-        long = cut[length > NO_MOVE]  # points at one place make no way
+        self.cuts = self.s[edge.reshape(-1, 2)]  # (k, 2) m, start and end of each cut
+        long = cut[length > NO_MOVE]  # coincident points have no direction
         self.comes, self.goes = bool(len(long) and not long[0]), bool(len(long) and not long[-1])
-        points = np.flatnonzero(path.is_point[rows])  # a move between toolpath points has one c, however it is divided
+        points = np.flatnonzero(
+            path.is_point[rows]
+        )  # a move between toolpath points has one c, independent of its subdivision
         after = np.clip(np.searchsorted(points, np.arange(len(step)), side="right"), 1, max(len(points) - 1, 1))
         low, high = (points[after - 1], points[after]) if len(points) > 1 else (points[:0], points[:0])
         middle = normalise_vectors(self.axis[low] + self.axis[high])
@@ -92,14 +107,19 @@ class _Run:
 
     @staticmethod
     def _carried(across: Array, good: NDArray[np.bool_]) -> Array:
-        """(n − 1, 3) c of every move before it is projected; zero where the run has none."""
+        """Return (n − 1, 3) c of every move before projection; zero where the run has none."""
         rows = np.flatnonzero(good)
         if not len(rows):
             return np.zeros_like(across)
         return np.asarray(across[rows[np.minimum(np.searchsorted(rows, np.arange(len(across))), len(rows) - 1)]])
 
     def direction(self, move: NDArray[np.intp], axis: Array) -> Array:
-        """t (..., 3) of moves (...,) with the tool axes (..., 3) there."""
+        """Return t (..., 3) of moves.
+
+        Args:
+            move: (...,) index of the move in the run.
+            axis: (..., 3) unit tool axes.
+        """
         bare = _unit(compute_any_normal(axis.reshape(-1, 3)).reshape(axis.shape), axis)
         if not len(self.u):
             return bare
@@ -112,13 +132,22 @@ class _Run:
         return np.asarray(w * across / np.maximum(size, 1e-300) + (1.0 - w) * c)
 
     def into_cuts(self, s: Array) -> Array:
-        """Places (...,) m moved to the nearest cut."""
+        """Return places moved to the nearest cut.
+
+        Args:
+            s: (...,) m, length along the run.
+        """
         inside = np.clip(s[..., None], self.cuts[:, 0], self.cuts[:, 1])  # (..., k)
         nearest = np.abs(inside - s[..., None]).argmin(axis=-1)
         return np.asarray(np.take_along_axis(inside, nearest[..., None], axis=-1)[..., 0])
 
     def force(self, s: Array, force: ProcessForce) -> Array:
-        """(..., 3) N at places (...,) m, of the move that lies there; at the end of a cut of the one ending there."""
+        """Return the (..., 3) force in N of the move at each place; at the end of a cut, of the move that ends there.
+
+        Args:
+            s: (...,) m, length along the run.
+            force: force components, N.
+        """
         move = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.u) - 1)
         ends = np.isin(s, self.cuts[:, 1])
         move = np.where(ends, np.clip(np.searchsorted(self.s, s, side="left") - 1, 0, len(self.u) - 1), move)
@@ -127,7 +156,11 @@ class _Run:
         return compute_process_force(axis, self.direction(move, axis), force)
 
     def share(self, length: float) -> Array:
-        """(n,) a."""
+        """Return (n,) a.
+
+        Args:
+            length: m, ℓ.
+        """
         away = np.abs(self.into_cuts(self.s) - self.s)
         out = np.clip(1.0 - away / length, 0.0, 1.0)
         if self.comes:

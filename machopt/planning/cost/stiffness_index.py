@@ -1,4 +1,4 @@
-"""What a configuration costs: the index.
+"""Stiffness index: the cost of a configuration.
 
 Cost c of a configuration, always "less is better":
 
@@ -46,11 +46,17 @@ class LoadDirections:
     k: Array  # (P, 6) N·m/rad, joint stiffness at the TCP position
     in_grid: NDArray[np.bool_]  # (P,)
     drilling: NDArray[np.bool_]  # (P,)
-    beside: Array | None = None  # (P, 6, 6) compliance at the TCP of what external joints give; None: they are rigid
+    beside: Array | None = None  # (P, 6, 6) compliance of the external joints at the TCP; None: they are rigid
     unsure: Array | None = None  # (P, K, 6) TCP twist for 1 σ of each external joint whose stiffness has a σ
 
     def elastic(self, elasticity: ArmElasticity, q: Array, points: NDArray[np.integer[Any]]) -> ElasticState:
-        """The elasticity of configurations q (M, 6) rad at planning points (M,) where external joints are as there."""
+        """Return the elastic state of configurations, with the external joints as at their planning points.
+
+        Args:
+            elasticity: compliance model of the arm.
+            q: (M, 6) rad, joints.
+            points: (M,) planning points.
+        """
         return elasticity.evaluate(q, self.k[points], None if self.beside is None else self.beside[points])
 
 
@@ -64,7 +70,7 @@ class CandidateScores:
     crowded: Array | None = (
         None  # (S, R, B) :func:`machopt.planning.cost.objective.compute_crowding`; None: it does not count
     )
-    elsewhere: float = 0.0  # worst index of what is planned beside this, in units of c₀: below it a worst one is free
+    elsewhere: float = 0.0  # worst index of the other tools, in units of c₀: a lower one has no price
 
     @property
     def raw(self) -> Array:
@@ -73,7 +79,11 @@ class CandidateScores:
 
 
 def resolve_index(options: PlanOptions) -> StiffnessIndex:
-    """The index "auto" stands for: deflection where a force is given, else directional stiffness."""
+    """Return the index that "auto" selects: deflection where a force is given, else directional stiffness.
+
+    Args:
+        options: plan options with ``index`` and ``force``.
+    """
     if options.index != "auto":
         return options.index
     return "deflection" if options.force.given else "stiffness"
@@ -82,12 +92,15 @@ def resolve_index(options: PlanOptions) -> StiffnessIndex:
 def compute_load_directions(
     path: PlanningPath, arm: PlanningArm, elasticity: ArmElasticity, force: ProcessForce, across: Array | None = None
 ) -> LoadDirections:
-    """Of a path, where the external joints stand along it.
+    """Return directions and force of a path, with the external joints as they are along it.
 
     Args:
-        across: (P, 3) :func:`machopt.planning.cost.process_force_direction.compute_sideways_directions` of it,
-            which no external joint changes; None: not
-        known.
+        path: planning points.
+        arm: arm model with the base pose per external position.
+        elasticity: compliance model of the arm.
+        force: force components, N.
+        across: (P, 3) :func:`machopt.planning.cost.process_force_direction.compute_sideways_directions` of the path,
+            which no external joint changes; None: it is computed.
     """
     e = path.external
     axial, travel = arm.directions(e, path.axis), arm.directions(e, path.travel)
@@ -98,7 +111,7 @@ def compute_load_directions(
     place = arm.places(e, path.position)
     joint = compute_joint_stiffness(elasticity.stiffness, place)
     carried = ExternalJointCompliance.build(arm.machine, elasticity.stiffness.external)
-    beside = None if carried is None else carried.compute_compliance(e, place)
+    external_compliance = None if carried is None else carried.compute_compliance(e, place)
     unsure = None if carried is None else carried.compute_uncertain_twists(e, place)
     return LoadDirections(
         axial=axial,
@@ -107,7 +120,7 @@ def compute_load_directions(
         k=joint.k,
         in_grid=joint.is_in_grid,
         drilling=path.is_drilling,
-        beside=beside,
+        beside=external_compliance,
         unsure=unsure,
     )
 
@@ -115,10 +128,17 @@ def compute_load_directions(
 def compute_configuration_cost(
     elasticity: ArmElasticity, d: LoadDirections, points: NDArray[np.integer[Any]], q: Array, index: StiffnessIndex
 ) -> Array:
-    """Cost (M,) of configurations q (M, 6) at planning points (M,).
+    """Return the (M,) cost of configurations.
+
+    Args:
+        elasticity: compliance model of the arm.
+        d: directions and force per planning point.
+        points: (M,) planning points.
+        q: (M, 6) rad, joints.
+        index: stiffness index, not "auto".
 
     Raises:
-        InputError: a force the joint springs do not hold.
+        InputError: a force that the joint springs cannot support.
     """
 
     def cost(a: int) -> Array:
@@ -145,7 +165,15 @@ def compute_configuration_cost(
 def score_candidates(
     path: PlanningPath, candidates: CandidateGrid, elasticity: ArmElasticity, d: LoadDirections, options: PlanOptions
 ) -> CandidateScores:
-    """Cost of every feasible candidate."""
+    """Return the cost of every feasible candidate and the scale c₀.
+
+    Args:
+        path: planning points.
+        candidates: candidate grid of the search.
+        elasticity: compliance model of the arm.
+        d: directions and force per planning point.
+        options: plan options with the index.
+    """
     index = resolve_index(options)
     usable = candidates.usable
     cost = np.full(usable.shape, np.nan)
@@ -155,7 +183,7 @@ def score_candidates(
         some = slice(start, start + size)
         there = usable[some]
         points = path.stations[some][np.nonzero(there)[0]]
-        # a spring that gives over a sector does not repeat every turn: it counts where the arm mostly stands
+        # a joint spring with an angular sector is not periodic: it is evaluated at the usual turn
         q = np.asarray(wrap_angle(candidates.q[some][there]))
         cost[some][there] = compute_configuration_cost(elasticity, d, points, q, index)
 

@@ -1,6 +1,6 @@
-"""External joints over a grid: what was asked of them, and which of their values are good.
+"""External joints: user requests, grids of values and curves along the path.
 
-In: a setup, a path, what the user asked. Out: groups of operations that share where the joints stand, values for each
-group and curves for joints that move along, in the order in which they look good at some stations. Nothing is planned
-in full here.
+In: a setup, a path, the user's options. Out: groups of operations that share the positions of the joints, values for
+each group, and curves for joints that move along the path, ordered by their estimate at some stations. No plan is
+computed in full here.
 """

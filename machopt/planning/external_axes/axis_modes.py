@@ -1,4 +1,4 @@
-"""How the external joints are used: the options of each, held against the cell."""
+"""Use of the external joints: the options of each, checked against the cell."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from machopt.errors import InputError, suggest_nearest_word
 
 
 def resolve_axis_options(cell: Cell, options: PlanOptions) -> tuple[ExternalJointOptions, ...]:
-    """The options of each external joint, in the order of the cell.
+    """Return the options of each external joint, in the order of the cell.
+
+    Args:
+        cell: cell with the external joints.
+        options: plan options with ``external``.
 
     Raises:
         InputError: an option names no external joint, has another joint's unit, or a value out of the joint's range.
@@ -31,9 +35,9 @@ def resolve_axis_options(cell: Cell, options: PlanOptions) -> tuple[ExternalJoin
                 file="options",
                 where=f"external.{axis.joint}",
             )
-        # "rail" in the cell and "e1" beside it: what the later one says counts, the rest stays
-        said = {f.name: getattr(axis, f.name) for f in fields(axis) if getattr(axis, f.name) != f.default}
-        by_name[name] = replace(by_name[name], **said)
+        # both "rail" (name in the cell) and "e1": the later option overrides the earlier one
+        changed = {f.name: getattr(axis, f.name) for f in fields(axis) if getattr(axis, f.name) != f.default}
+        by_name[name] = replace(by_name[name], **changed)
         now = by_name[name]
         if now.at is not None and not now.mode and not now.locks:
             raise InputError(
@@ -46,7 +50,14 @@ def resolve_axis_options(cell: Cell, options: PlanOptions) -> tuple[ExternalJoin
 
 
 def compute_axis_range(cell: Cell, k: int, axis: ExternalJointOptions, *, locked: bool) -> tuple[float, float]:
-    """What joint ``k`` of the external ones may take, m or rad; both ends are the same where it is locked."""
+    """Return the permitted range of one external joint in m or rad; both ends are equal where it is locked.
+
+    Args:
+        cell: cell with limits and home of the joint.
+        k: index of the external joint.
+        axis: options of the joint.
+        locked: whether the joint keeps ``axis.at``, or its home where that is not given.
+    """
     if locked:
         at = float(cell.external_home[k]) if axis.at is None else axis.at
         return at, at
@@ -56,7 +67,7 @@ def compute_axis_range(cell: Cell, k: int, axis: ExternalJointOptions, *, locked
 
 
 def _name(axis: ExternalJointOptions, names: Sequence[str]) -> str:
-    """The joint's own name, where it is called e1, e2 … too."""
+    """Return the joint's own name, which may also be given as e1, e2 …."""
     k = find_external_joint(axis.joint, names)
     if k is None:
         what = suggest_nearest_word(axis.joint, [*names, *(f"e{k + 1}" for k in range(len(names)))])

@@ -1,15 +1,14 @@
-"""One value of the external joints for each group of operations: which values are good, by some stations.
+"""Search for one value of the external joints per group of operations, by estimates at some stations.
 
     value g ─► candidates and scores at some stations, 15° of rotation ─► the best sequence: mean m, worst w, motion
 
-Each is first judged by the least index of every station, which no sequence is below, and only where that may be the
-best by the best sequence whose poses are free of contacts (:mod:`machopt.planning.external_axes.sampled_sequence`). The
-values
-that come out are those of judging all of them in full. It saves work only where some value loses no station to
-contacts.
+Each value is first assessed by the least index of every station, a lower bound of every sequence. Only where it may
+be the best, it is assessed by the best sequence whose poses are free of contacts
+(:mod:`machopt.planning.external_axes.sampled_sequence`). The resulting values equal those of assessing all of them in
+full. It saves work only where some value loses no station to contacts.
 
-Groups hang together by the worst index and by the way between their values: with a cap on the worst the cheapest chain
-of values is exact, and every cap that matters is tried.
+Groups are coupled by the worst index and by the travel between their values. With a cap on the worst index the cheapest
+chain of values is exact, and every relevant cap is tried.
 """
 
 from __future__ import annotations
@@ -38,30 +37,30 @@ from machopt.planning.stations.path_subset import list_run_points, select_path_r
 from machopt.planning.stations.planning_path import PlanningPath
 
 COARSE = {1: 9, 2: 5, 3: 4}  # values of each joint in the first grid, by how many are free
-FINER = 3  # times the grid is halved around the best value of each group
-STATIONS = 160  # at which a value is judged
+FINER = 3  # number of times the grid is halved around the best value of each group
+STATIONS = 160  # stations at which a value is assessed
 STEP = np.radians(15.0)  # of rotation, there
-LOST = 1e3  # of J for all stations lost: a value that loses fewer is better
-CAPS = 48  # on the worst index that are tried at most
-RAPID = 1.5  # times a travel counts on the way to another value (:mod:`machopt.planning.cost.objective`, b)
+LOST = 1e3  # price of J for all stations lost: a value that loses fewer is better
+CAPS = 48  # maximum number of caps on the worst index
+RAPID = 1.5  # factor of the travel to another value (:mod:`machopt.planning.cost.objective`, b)
 
-LEAST, FREE = range(2)  # what a value has been judged by
+LEAST, FREE = range(2)  # stage of the assessment of a value
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValueAssessment:
-    """What a value comes to for one group, at some stations; at least, where it is not judged to the end."""
+    """Estimate of a value for one group, at some stations; a lower bound where it is not assessed to the end."""
 
     value: Array  # (E,) m or rad
     lost: float  # share of the stations without a free pose, or behind a break
     mean: float  # over the length the group cuts, in the unit of the index
     worst: float  # the same
-    motion: float  # what J counts beside them, within the group
+    motion: float  # other terms of J, within the group
     by: int  # LEAST or FREE
 
 
 class FixedValueSearch:
-    """The values of all groups; ``scale`` is c₀."""
+    """Search over the values of all groups; ``scale`` is c₀."""
 
     def __init__(
         self,
@@ -84,7 +83,7 @@ class FixedValueSearch:
         self.worth = AxisPlanRanking.of(setup, axes)
         self.weight = self.worth.weight
         self.medians: list[float] = []
-        self.median = 1.0  # of them, as they grow: asked for tens of thousands of times
+        self.median = 1.0  # running median of the costs; read tens of thousands of times
         self.short = np.ones(len(groups))  # least share of the stations of each that a value does not reach
 
     @property
@@ -94,13 +93,13 @@ class FixedValueSearch:
 
     @property
     def out_of_reach(self) -> bool:
-        """Some group has no value that reaches all of its stations."""
+        """Whether some group has no value that reaches all of its stations."""
         return bool((self.short > 0).any())
 
-    # --- which values are judged -------------------------------------------------------------------------------------
+    # --- which values are assessed ------------------------------------------------------------------------------------
 
     def judge(self) -> None:
-        """Judge the coarse grid of every group, then finer ones around its best."""
+        """Assess the coarse grid of every group, then finer ones around its best value."""
         for n, group in enumerate(self.groups):
             free = np.flatnonzero(group.high > group.low)
             count = COARSE.get(len(free), 4)
@@ -108,7 +107,9 @@ class FixedValueSearch:
             grid = [np.linspace(a, b, count if b > a else 1) for a, b in zip(group.low, group.high, strict=True)]
             inside = group.snapped(self.home)
             self._judge(n, [inside, *map(np.array, itertools.product(*grid))])
-            if len(free) > 1:  # each joint alone as finely as if the others were locked: no freedom makes it worse
+            if (
+                len(free) > 1
+            ):  # each joint alone as finely as if the others were locked: more freedom never makes the result worse
                 for k in free:
                     self._along_one(n, int(k), inside)
             for _ in range(FINER):
@@ -119,7 +120,9 @@ class FixedValueSearch:
                 self._judge(n, [np.clip(centre + side * step, group.low, group.high) for side in sides])
 
     def _along_one(self, n: int, k: int, inside: Array) -> None:
-        """Judge the values of joint ``k`` with the others at home: the grid of one joint, and finer around its best."""
+        """Assess the values of joint ``k`` with the others at home: the grid of one joint, and a finer one around
+        its best.
+        """
         group = self.groups[n]
         off = np.arange(len(inside)) == k
         values = np.linspace(group.low[k], group.high[k], COARSE[1])
@@ -131,10 +134,12 @@ class FixedValueSearch:
             centre = self._best(n, own).value
             self._judge(n, [np.clip(centre + side * off, group.low, group.high) for side in (-step, step)])
 
-    # --- judging -----------------------------------------------------------------------------------------------------
+    # --- assessment --------------------------------------------------------------------------------------------------
 
     def _judge(self, n: int, values: Sequence[Array]) -> None:
-        """Judge the allowed values next to some by the least index of each station, where they are not judged yet."""
+        """Assess the allowed values nearest to given ones by the least index of each station, unless already
+        assessed.
+        """
         allowed = [self.groups[n].snapped(v) for v in values]
         new = {v.tobytes(): v for v in allowed if v.tobytes() not in self.judged[n]}
         every = list(new.values())
@@ -152,7 +157,7 @@ class FixedValueSearch:
         self.median = float(np.median(self.medians)) if self.medians else 1.0
 
     def _candidates(self, n: int, value: Array) -> tuple[PlanningPath, CandidateGrid, CandidateScores] | None:
-        """What there is at a value (E,), or along (n, E), and what it costs; None where no pose is in reach."""
+        """Return the candidates at a value (E,), or along (n, E), and their cost; None where no pose is in reach."""
         part, setup = fix_external_axes(self.parts[n], value), self.setup
         candidates = enumerate_candidates(part, setup.arm, self.options)
         if not candidates.feasible.any():
@@ -174,7 +179,9 @@ class FixedValueSearch:
         ), scores.scale
 
     def _follows(self, n: int, values: Sequence[Array]) -> tuple[object, ...]:
-        """What the judgement of some values of a group follows from: of the user's wishes those about its points."""
+        """Return all inputs that the assessment of a group's values depends on; of the user's requests, those about
+        its points.
+        """
         part, options = self.parts[n], self.options
         points = set(part.index.tolist())
         fixed = tuple(f for f in options.fixed if f.point in points)
@@ -183,7 +190,7 @@ class FixedValueSearch:
         return self.setup, own, self.across[n], tuple(getattr(part, f.name) for f in fields(part)), tuple(values)
 
     def _further(self, n: int, key: bytes) -> None:
-        """Judge a value by the next stage."""
+        """Assess a value by the next stage."""
         j = self.judged[n][key]
         self.judged[n][key] = compute_cached(
             "places", lambda: (*self._follows(n, [j.value]), j.by), lambda: self._by_next(n, j)
@@ -209,7 +216,7 @@ class FixedValueSearch:
         return ValueAssessment(value=value, lost=lost, mean=mean, worst=worst, motion=motion, by=FREE)
 
     def _best(self, n: int, keys: Iterable[bytes]) -> ValueAssessment:
-        """The best of some values of a group by itself, judged to the end."""
+        """Return the best of some values of a group by itself, assessed to the end."""
         every = list(keys)
         while True:
             key = min(every, key=lambda k: self._rank(self.judged[n][k]))
@@ -225,24 +232,34 @@ class FixedValueSearch:
         return LOST * j.lost + self.options.weights.mean * j.mean / self.scale + j.motion + self._liked(j.value)
 
     def _liked(self, value: Array) -> float:
-        """Price of leaving the preferred values."""
+        """Return the price of a deviation from the preferred values."""
         return float(self.worth.liked(value * self.per))
 
     # --- of all groups -----------------------------------------------------------------------------------------------
 
     def at_home(self) -> list[Array]:
-        """Home, or what is nearest to it, for every group."""
+        """Return the home value, or the allowed one nearest to it, for every group."""
         return [g.snapped(self.home) for g in self.groups]
 
     def exclude(self, n: int, value: Array, share: float) -> None:
-        """Take values of a group away that lie within ``share`` of a coarse step of one."""
+        """Exclude the values of a group near a given one.
+
+        Args:
+            n: index of the group.
+            value: (E,) m or rad.
+            share: half-width of the excluded range, as a share of a coarse grid step.
+        """
         group = self.groups[n]
         step = (group.high - group.low) / max(COARSE.get(int((group.high > group.low).sum()), 4) - 1, 1)
         near = share * step + 1e-12
         self.excluded[n] |= {key for key, j in self.judged[n].items() if (np.abs(j.value - value) <= near).all()}
 
     def estimate(self, values: Sequence[Array]) -> float:
-        """J of values that were judged, by the stations."""
+        """Return J of assessed values, estimated at the stations.
+
+        Args:
+            values: (E,) m or rad, for each group.
+        """
         chosen = [self._best(n, [value.tobytes()]) for n, value in enumerate(values)]
         worst = max(j.worst for j in chosen) / self.scale
         return sum(g.share * self._alone(j) for g, j in zip(self.groups, chosen, strict=True)) + (
@@ -250,7 +267,11 @@ class FixedValueSearch:
         )
 
     def estimate_along(self, external: Array) -> float:
-        """J of joints (P, E) that move, by the stations."""
+        """Return J of moving joints, estimated at the stations.
+
+        Args:
+            external: (P, E) m or rad, external joints along the path.
+        """
         w, worst = self.options.weights, 0.0
         total = float(self.path.weight @ self.worth.liked(external * self.per))
         for n, group in enumerate(self.groups):
@@ -279,7 +300,7 @@ class FixedValueSearch:
         return self.options.weights.travel * RAPID / np.pi
 
     def chain(self) -> list[Array] | None:
-        """The cheapest values of all groups, of those that are left; None where a group has none."""
+        """Return the cheapest values of all groups among the remaining ones; None where a group has none."""
         left = [[k for k in own if k not in out] for own, out in zip(self.judged, self.excluded, strict=True)]
         if not all(left):
             return None
@@ -299,7 +320,7 @@ class FixedValueSearch:
         return min((self._under(judged, float(cap)) for cap in caps), key=lambda f: f[0])[1]
 
     def _under(self, judged: list[list[ValueAssessment]], cap: float) -> tuple[float, list[ValueAssessment]]:
-        """The cheapest chain whose worst index is at most ``cap``, and its J."""
+        """Return the cheapest chain whose worst index is at most ``cap``, and its J."""
         before, at = np.zeros(1), self.home[None]
         back = []
         for group, every in zip(self.groups, judged, strict=True):

@@ -1,4 +1,4 @@
-"""External joints that may move along the path: which of them do, and between which values at each planning point."""
+"""External joints that may move along the path: which of them move, and their range at each planning point."""
 
 from __future__ import annotations
 
@@ -23,41 +23,50 @@ from machopt.planning.pipeline.planning_setup import PlanningSetup
 from machopt.planning.stations.path_subset import list_run_points
 from machopt.planning.stations.planning_path import PlanningPath
 
-ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve through points may pass beyond them
+ROOM = 0.01  # share of a range that a moving joint keeps from its ends: a curve may overshoot between points
 
 
 def list_moving_subsets(
-    groups: Sequence[OperationGroup], stands: Sequence[Array], home: Array
+    groups: Sequence[OperationGroup], fixed_values: Sequence[Array], home: Array
 ) -> list[list[OperationGroup]]:
-    """The groups with all their joints moving, and with fewer, the others at home or where they stand in the best plan.
+    """Return the groups with all their joints moving, and with fewer, the others at home or at the best fixed values.
 
-    More joints have a coarser grid, so that by itself more freedom could end in a worse plan.
+    More joints have a coarser grid, so that more freedom alone could end in a worse plan.
+
+    Args:
+        groups: operation groups.
+        fixed_values: (E,) m or rad, best fixed values of each group.
+        home: (E,) m or rad.
     """
     free = np.flatnonzero(np.any([g.moves for g in groups], axis=0))
     must = np.any([g.must for g in groups], axis=0)
     out = [list(groups)]
     for n in range(len(free) - 1, 0, -1):
-        for some in itertools.combinations(free, n):
-            rests = np.isin(np.arange(len(home)), free) & ~np.isin(np.arange(len(home)), some)
-            if (rests & must).any():
+        for subset in itertools.combinations(free, n):
+            is_fixed = np.isin(np.arange(len(home)), free) & ~np.isin(np.arange(len(home)), subset)
+            if (is_fixed & must).any():
                 continue
-            at_home, as_best = [g.snapped(home) for g in groups], list(stands)
-            same = all(np.array_equal(a[rests], b[rests]) for a, b in zip(at_home, as_best, strict=True))
+            at_home, as_best = [g.snapped(home) for g in groups], list(fixed_values)
+            same = all(np.array_equal(a[is_fixed], b[is_fixed]) for a, b in zip(at_home, as_best, strict=True))
             for values in [at_home] if same else [at_home, as_best]:
-                out.append([_resting(g, rests & g.moving, v) for g, v in zip(groups, values, strict=True)])
+                out.append([_resting(g, is_fixed & g.moving, v) for g, v in zip(groups, values, strict=True)])
     return out
 
 
 def list_partly_fixed_groups(groups: Sequence[OperationGroup]) -> list[list[OperationGroup]]:
-    """The groups with some of their joints moving, and one value for each of the others, wherever that is."""
+    """Return the groups with some of their joints moving, and one value, still to be found, for each of the others.
+
+    Args:
+        groups: operation groups.
+    """
     free = np.flatnonzero(np.any([g.moves for g in groups], axis=0))
     must = np.any([g.must for g in groups], axis=0)
     out = []
     for n in range(len(free) - 1, 0, -1):
-        for some in itertools.combinations(free, n):
-            rests = np.isin(np.arange(len(must)), free) & ~np.isin(np.arange(len(must)), some)
-            if not (rests & must).any():
-                out.append([replace(g, moving=g.moving & ~rests) for g in groups])
+        for subset in itertools.combinations(free, n):
+            is_fixed = np.isin(np.arange(len(must)), free) & ~np.isin(np.arange(len(must)), subset)
+            if not (is_fixed & must).any():
+                out.append([replace(g, moving=g.moving & ~is_fixed) for g in groups])
     return out
 
 
@@ -77,30 +86,38 @@ def compute_moving_axis_path(
     path: PlanningPath,
     groups: Sequence[OperationGroup],
     axes: Sequence[ExternalJointOptions],
-    stands: Sequence[Array],
+    fixed_values: Sequence[Array],
     scale: float,
     *,
     clear: bool = False,
     turns: bool = False,
 ) -> Array:
-    """(P, E) the external joints along the path where they may move, elsewhere at the values (E,) of their group.
+    """Return the (P, E) external joints in m or rad: curves where they may move, else the values of their group.
 
     Args:
-        clear, turns: as for :func:`machopt.planning.external_axes.moving_axis_search.compute_axis_curve`.
+        setup: planning setup of the cell.
+        options: plan options.
+        path: planning points.
+        groups: operation groups.
+        axes: options of each external joint.
+        fixed_values: (E,) m or rad, fixed values of each group.
+        scale: c₀.
+        clear: as for :func:`machopt.planning.external_axes.moving_axis_search.compute_axis_curve`.
+        turns: as for :func:`machopt.planning.external_axes.moving_axis_search.compute_axis_curve`.
     """
-    stands = [g.snapped(value) for g, value in zip(groups, stands, strict=True)]
+    fixed_values = [g.snapped(value) for g, value in zip(groups, fixed_values, strict=True)]
     out = np.empty((len(path.index), len(axes)))
-    for g, value in zip(groups, stands, strict=True):
+    for g, value in zip(groups, fixed_values, strict=True):
         out[list_run_points(path, g.runs)] = value
     weight = np.array([axis.weight for axis in axes])
-    for g, value in zip(groups, stands, strict=True):
+    for g, value in zip(groups, fixed_values, strict=True):
         if g.moves.any():
             rows = list_run_points(path, g.runs)
-            sides = [_side(g, stand, float(value[stand.joint])) for stand in g.stands]
+            sides = [_side(g, wish, float(value[wish.joint])) for wish in g.stands]
             low, high = _narrowed(g, sides)
             home = g.snapped(setup.cell.external_home)
             bounds = tuple(
-                _bound(rows, stand, side) for stand, side in zip(g.stands, sides, strict=True) if g.moving[stand.joint]
+                _bound(rows, wish, side) for wish, side in zip(g.stands, sides, strict=True) if g.moving[wish.joint]
             )
             group = GroupAxisRange(
                 runs=g.runs,
@@ -117,23 +134,25 @@ def compute_moving_axis_path(
     return out
 
 
-def _side(group: OperationGroup, stand: AxisPositionWish, at: float) -> Interval:
-    """What a wish leaves to a joint that moves; of a zone the side next to where it stands in the best plan."""
-    whole = (float(group.least[stand.joint]), float(group.most[stand.joint]))
-    return min(stand.allowed((whole,)), key=lambda side: abs(find_nearest_allowed((side,), at) - at))
+def _side(group: OperationGroup, wish: AxisPositionWish, at: float) -> Interval:
+    """Return the interval a wish leaves to a moving joint; of a zone the side that contains the best fixed value."""
+    whole = (float(group.least[wish.joint]), float(group.most[wish.joint]))
+    return min(wish.allowed((whole,)), key=lambda side: abs(find_nearest_allowed((side,), at) - at))
 
 
 def _narrowed(group: OperationGroup, sides: Sequence[Interval]) -> tuple[Array, Array]:
-    """(E,) each: the range of the joints that move, with ROOM at its ends where no wish leads nearer to them."""
+    """Return (E,) each: the range of the moving joints, reduced by ROOM at its ends where no wish needs values
+    there.
+    """
     low, high = group.low.copy(), group.high.copy()
     room = ROOM * (group.most - group.least)
     for k in np.flatnonzero(group.moving):
-        own = [side for stand, side in zip(group.stands, sides, strict=True) if stand.joint == k]
+        own = [side for wish, side in zip(group.stands, sides, strict=True) if wish.joint == k]
         low[k] = min([group.least[k] + room[k], *(b for _, b in own)])
         high[k] = max([group.most[k] - room[k], *(a for a, _ in own)])
     return low, high
 
 
-def _bound(rows: NDArray[np.intp], stand: AxisPositionWish, side: Interval) -> AxisBound:
-    own = np.flatnonzero((rows >= stand.rows[0]) & (rows <= stand.rows[1]))
-    return AxisBound(stand.joint, (int(own[0]), int(own[-1])), *side)
+def _bound(rows: NDArray[np.intp], wish: AxisPositionWish, side: Interval) -> AxisBound:
+    own = np.flatnonzero((rows >= wish.rows[0]) & (rows <= wish.rows[1]))
+    return AxisBound(wish.joint, (int(own[0]), int(own[-1])), *side)

@@ -1,7 +1,6 @@
-"""The compiled search behind :mod:`machopt.planning.external_axes.moving_axis_search`: steps over values, rotations and
-branches.
+"""Compiled search of :mod:`machopt.planning.external_axes.moving_axis_search` over values, rotations and branches.
 
-In a file of its own, which imports no planner: it is compiled while a wheel is built, where only NumPy and numba are.
+This file imports no planner: it is compiled while a wheel is built, where only NumPy and numba are installed.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ def compute_transition_costs(
     R: int,
     B: int,
     joined: Bools,
-    kept: Bools,
+    is_plunge: Bools,
     winds: Bools,
     seconds: Array,
     slowness: Array,
@@ -33,15 +32,25 @@ def compute_transition_costs(
     most: float,
     lost: float,
 ) -> NDArray[np.float32]:
-    """(S, K·3, V) price of the step into each vertex, from its neighbour values and rotations, of station s − 1.
+    """Return the (S, K·3, V) price of the step into each vertex from its neighbour values and rotations of station s −
+    1.
 
     Args:
         q: (S, V, 6) rad, NaN where there is no pose; vertex (g·R + r)·B + b.
-        e: (S, G, E) external joints, lengths as they count in rad.
-        near: (G, K).
-        kept: (S,) value and rotation are kept into it: the tool drills or plunges.
-        winds: (6,) joints whose whole turns are left out of it: they may pass from one end of ``q`` to the other.
-        most: rad, a joint that turns farther has left the branch.
+        e: (S, G, E) external joints, lengths scaled to equivalent rad.
+        near: (G, K) indices of neighbouring values, −1 outside the grid.
+        R: number of rotations.
+        B: number of branches.
+        joined: (S,) the step into the station is inside a run.
+        is_plunge: (S,) value and rotation are kept into it: the tool drills or plunges.
+        winds: (6,) joints whose whole turns are not counted: they may pass from one end of ``q`` to the other.
+        seconds: (S,) s, time of the step at the programmed feed.
+        slowness: (6 + E,) s/rad, inverse of the usable speed of each axis.
+        weight: (E,) factor of the travel of each external joint.
+        travel: (S,) price per rad of the axes.
+        rotation: (S,) price per rad about the tool axis.
+        feed: (S,) price per s of lost time.
+        most: rad, a larger joint step means another branch.
         lost: price of such a step.
     """
     S, V = q.shape[0], q.shape[1]
@@ -62,11 +71,11 @@ def compute_transition_costs(
                         way += weight[c] * d
                         slow = max(slow, d * slowness[6 + c])
                 for dr in range(-1, 2):
-                    if h < 0 or (kept[s] and (k > 0 or dr != 0)):
+                    if h < 0 or (is_plunge[s] and (k > 0 or dr != 0)):
                         out[s, 3 * k + dr + 1, v] = np.inf
                         continue
                     u = (h * R + (r + dr) % R) * B + b
-                    length, late, far = way, slow, 0.0
+                    length, late, largest_step = way, slow, 0.0
                     for c in range(6):
                         d = q[s, v, c] - q[s - 1, u, c]
                         if winds[c]:
@@ -74,13 +83,13 @@ def compute_transition_costs(
                         d = abs(d)
                         length += d
                         late = max(late, d * slowness[c])
-                        far = max(far, d)
-                    if np.isnan(length):  # a place that is not reached is paid for by itself
-                        length, late, far = way, slow, 0.0
+                        largest_step = max(largest_step, d)
+                    if np.isnan(length):  # an unreachable place has its own price
+                        length, late, largest_step = way, slow, 0.0
                     price = edge_price_compiled(
                         length, turn * abs(dr), late_compiled(late, seconds[s]), travel[s], rotation[s], feed[s]
                     )
-                    out[s, 3 * k + dr + 1, v] = price + (lost if far > most else 0.0)
+                    out[s, 3 * k + dr + 1, v] = price + (lost if largest_step > most else 0.0)
     return out
 
 
@@ -95,7 +104,18 @@ def find_cheapest_value_sequence(
     joined: Bools,
     flown: Array,
 ) -> tuple[NDArray[np.int64], float]:
-    """The cheapest way: its vertex (S,) and its price. ``e`` (S, G, E) weighed, ``flown`` (S,) its price on rapids."""
+    """Return the vertices (S,) of the cheapest sequence and its price.
+
+    Args:
+        node: (S, V) price of each vertex.
+        edges: (S, K·3, V) from :func:`compute_transition_costs`.
+        near: (G, K) indices of neighbouring values, −1 outside the grid.
+        e: (S, G, E) external joints in equivalent rad, times their weight.
+        R: number of rotations.
+        B: number of branches.
+        joined: (S,) the step into the station is inside a run.
+        flown: (S,) price per equivalent rad of the external joints over a rapid move.
+    """
     S, V = node.shape
     G, K = near.shape
     back = np.full((S, V), -1, np.int64)

@@ -1,18 +1,18 @@
-"""External joints that move along the path: the best way over a grid of values, coarse to fine, then made smooth.
+"""Curves of external joints along the path: the best sequence over a grid of values, coarse to fine, then smoothed.
 
 At some stations every value g of a grid, rotation r (15°) and branch b is a vertex. Inside a run a step leads to the
-neighbouring value and rotation in the same branch; over a rapid move any value follows any. With c the index, c₀ its
-unit, and the terms of :mod:`machopt.planning.cost.objective`:
+neighbouring value and rotation in the same branch; over a rapid move any value may follow any other. With c the index,
+c₀ its unit, and the terms of :mod:`machopt.planning.cost.objective`:
 
     cost = Σ w_mean·share·c/c₀ + Σ (travel + rotation + time lost) + w_worst·max c/c₀
 
-The worst index is traded by caps on it. The stairs that come out are smoothed along the path (Whittaker's smoother with
-third differences: Eilers 2003, eq. 4, here by path length), and a finer grid is laid around the curve, a few times.
-What is found is a proposal: it is planned in full like a fixed value, and taken where it is better
-(:mod:`machopt.planning.external_axis_optimization.coarse_to_fine_search`). Contacts are looked for, and whole turns of
-the arm's joints counted, only in
-further tries, where without that points are lost or the way is broken off. Point operations, and runs too short for a
-curve, keep one value each; joints that keep one value for an operation are tried at a few.
+The worst index is traded by caps on it. The resulting step function is smoothed along the path (Whittaker's smoother
+with third differences: Eilers 2003, eq. 4, here by path length), and a finer grid is built around the curve, a few
+times. The result is a proposal: it is planned in full like a fixed value, and accepted where it is better
+(:mod:`machopt.planning.external_axis_optimization.coarse_to_fine_search`). Contacts and whole turns of
+the arm's joints are considered only in further attempts, where points are lost or the sequence breaks without them.
+Point operations, and runs too short for a curve, keep one value each. Joints with one value per operation are tried at
+a few.
 """
 
 from __future__ import annotations
@@ -44,38 +44,38 @@ from machopt.planning.stations.path_subset import select_path_runs
 from machopt.planning.stations.planning_path import PlanningPath
 
 COARSE = {1: 9, 2: 7, 3: 4}  # most values of each joint, by how many move
-CLEAR = {1: 25, 2: 9, 3: 5}  # the same where contacts are looked for: what they leave may be narrow
+CLEAR = {1: 25, 2: 9, 3: 5}  # the same with contact checks: free ranges may be narrow
 WOUND = {1: np.pi / 9.0, 2: np.pi / 4.0, 3: np.pi / 2.0}  # rad between coarse values where turns are counted
-WINDS = 3.0 * np.pi  # rad, of a joint's range that makes its whole turns count for nothing on a way
-APART = 0.8  # rad, or as much as counts so: coarse values need not lie closer
-HELD = 5  # values of a joint that keeps one, beside home and that of the best plan in which none moves
+WINDS = 3.0 * np.pi  # rad, joint range from which whole turns are ignored
+APART = 0.8  # equivalent rad: minimum distance of coarse values
+HELD = 5  # values of a joint that keeps one, besides home and that of the best fixed plan
 AROUND = {1: 2, 2: 1, 3: 1}  # steps to either side of the curve in the finer grids
-FINER = 4  # finer grids at most, of half the step each, until that is
-FINEST = 0.2  # rad, or as much as counts so
-VERTICES = 1_500_000  # of a grid in all
+FINER = 4  # maximum number of finer grids, each with half the step, down to FINEST
+FINEST = 0.2  # equivalent rad
+VERTICES = 1_500_000  # maximum size of a grid
 MOST, LEAST = 240, 60  # stations
 STEP = np.radians(15.0)  # of rotation
-LOST = 1e3  # price of a path on which no station is reached
-CAPS = (0.0, 0.15, 0.3, 0.5, 0.75)  # between the least possible worst index and that of the cheapest way
-WAVE = 1.0 / 6.0  # share of a run: shorter waves of the stairs are smoothed away
-SHORTEST = 0.2, 2.0  # m and s: at least so long
+LOST = 1e3  # price of a path without a reachable station
+CAPS = (0.0, 0.15, 0.3, 0.5, 0.75)  # position between the least possible worst index and that of the cheapest sequence
+WAVE = 1.0 / 6.0  # share of a run: shorter waves of the step function are removed by smoothing
+SHORTEST = 0.2, 2.0  # m and s: minimum wave length
 SAMPLE = 0.01  # m, of the grid a run is smoothed on
 SAMPLES = 400  # at most
 
 
 @dataclass(frozen=True, kw_only=True)
 class GroupAxisRange:
-    """What the external joints of one group of operations may do."""
+    """Permitted motion of the external joints of one group of operations."""
 
     runs: tuple[int, ...]
     moving: Bools  # (E,)
-    fixed: Array  # (E,) m or rad, values of the best plan in which none moves
+    fixed: Array  # (E,) m or rad, values of the best fixed plan
     home: Array  # (E,)
-    low: Array  # (E,) what may be used; equal to ``high`` where a joint is locked
+    low: Array  # (E,) range; equal to ``high`` where a joint is locked
     high: Array  # (E,)
     share: float  # of the length cut
-    bounds: tuple[AxisBound, ...] = ()  # what the user wants of those that move
-    allowed: tuple[tuple[Interval, ...], ...] = ()  # (E,) of those that keep one value; empty: all of it
+    bounds: tuple[AxisBound, ...] = ()  # user requests about the moving joints
+    allowed: tuple[tuple[Interval, ...], ...] = ()  # (E,) of those that keep one value; empty: the full range
 
 
 def compute_axis_curve(
@@ -89,13 +89,17 @@ def compute_axis_curve(
     clear: bool = False,
     turns: bool = False,
 ) -> Array:
-    """(n, E) where the external joints stand at the planning points of a group's runs, in order.
+    """Return the (n, E) external joints in m or rad at the planning points of a group's runs, in order.
 
     Args:
+        setup: planning setup of the cell.
+        options: plan options.
+        path: planning points.
+        group: group of operations and the ranges of its joints.
         scale: c₀.
-        weight: (E,) of their travel.
-        clear: of poses that touch anything no way is made. Every one has to be looked at, so there are fewer stations.
-        turns: whole turns of the arm's joints count: a part may have to be turned lest one runs into its limit.
+        weight: (E,) factor of their travel.
+        clear: use only poses without contact. Every pose has to be checked, so there are fewer stations.
+        turns: count whole turns of the arm's joints: a part may have to be turned to keep a joint inside its limits.
     """
     free = np.flatnonzero(group.moving & (group.high > group.low))
     size = (group.high - group.low)[free] * setup.per_rad[6:][free]
@@ -125,12 +129,12 @@ def compute_axis_curve(
         cost, at = _best_way(setup, opts, part, stood(u, part.stations), near, scale, weight, group.share, clear, winds)
         return cost, np.asarray(u[np.arange(len(u)), at])
 
-    def coarse(held: Array) -> tuple[float, Array]:
-        grid = _offsets(free, of_each, held)
+    def coarse(fixed_values: Array) -> tuple[float, Array]:
+        grid = _offsets(free, of_each, fixed_values)
         return way(np.broadcast_to(grid, (len(part.stations), *grid.shape)))
 
-    tries = [(*coarse(held), held) for held in _held(group)]  # of joints that keep one value
-    _, stairs, held = min(tries, key=lambda found: found[0])
+    tries = [(*coarse(fixed_values), fixed_values) for fixed_values in _held(group)]  # of joints that keep one value
+    _, stairs, fixed_values = min(tries, key=lambda found: found[0])
     found = _smooth(part, stairs, group, WAVE)
     for level in range(1, FINER + 1):
         if float((step * setup.per_rad[6:]).max()) <= FINEST:
@@ -140,13 +144,13 @@ def compute_axis_curve(
         around = _offsets(free, [np.arange(-side, side + 1) * step[k] for k in free], np.zeros(len(group.fixed)))
         around = found[part.stations][:, None] + around
         near = _neighbours([2 * side + 1] * len(free))
-        _, stairs = way(np.where(group.moving, np.clip(around, group.low, group.high), held))
+        _, stairs = way(np.where(group.moving, np.clip(around, group.low, group.high), fixed_values))
         found = _smooth(part, stairs, group, WAVE / 1.5**level)
-    return np.where(group.moving, stood(found, slice(None)), held)
+    return np.where(group.moving, stood(found, slice(None)), fixed_values)
 
 
 def _counts(setup: PlanningSetup, free: NDArray[np.intp], size: Array, *, clear: bool, turns: bool) -> list[int]:
-    """Coarse values of each free joint whose range counts as ``size`` in rad."""
+    """Return the number of coarse values of each free joint whose range is equivalent to ``size`` rad."""
     if clear:
         return [CLEAR[len(free)]] * len(free)
     finest = COARSE[len(free)]
@@ -158,7 +162,7 @@ def _counts(setup: PlanningSetup, free: NDArray[np.intp], size: Array, *, clear:
 
 
 def _held(group: GroupAxisRange) -> list[Array]:
-    """(E,) values tried of the joints that keep one; those of the best plan without motion first."""
+    """Return the (E,) values tried of the joints with one value; those of the best fixed plan first."""
     choices = [
         [group.fixed[k]]
         if group.moving[k] or a == b
@@ -204,7 +208,7 @@ def _best_way(
     clear: bool,
     winds: Bools,
 ) -> tuple[float, NDArray[np.int64]]:
-    """What the best way through the grid of values (S, G, E) costs, and which of G it takes (S,)."""
+    """Return the cost of the best sequence through the grid of values (S, G, E), and the index (S,) in G it takes."""
     S, G = values.shape[:2]
     station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
     across = compute_sideways_directions(part)
@@ -229,7 +233,7 @@ def _best_way(
     lost = LOST / S
     joined = np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
     still: Bools = part.is_drilling | part.plunge
-    kept = still[part.stations]
+    is_plunge = still[part.stations]
     edges = compute_transition_costs(
         np.stack(q, axis=1).reshape(S, -1, 6),
         values * per,
@@ -237,7 +241,7 @@ def _best_way(
         R,
         B,
         joined,
-        kept,
+        is_plunge,
         winds,
         terms.seconds,
         terms.slowness,
@@ -286,13 +290,15 @@ def _free(cost: Array, q: Array, external: Array, part: PlanningPath, setup: Pla
 
 
 def _brushing(free: Bools, near: NDArray[np.int64]) -> Bools:
-    """(S, G) free values next to one that is not, where their station has others: a smooth curve cuts corners."""
+    """Return (S, G) contact-free values next to one with contact, where their station has others: a smooth curve
+    cuts corners.
+    """
     inner = free & (free[:, near] | (near < 0)).all(axis=2)
     return np.asarray(free & ~inner & np.any(inner, axis=1, keepdims=True))
 
 
 def _smooth(part: PlanningPath, stairs: Array, group: GroupAxisRange, wave: float) -> Array:
-    """(n, E) a smooth curve for each run through the stairs (S, E) at its stations."""
+    """Return an (n, E) smooth curve for each run through the step function (S, E) at its stations."""
     from scipy.interpolate import CubicSpline
 
     out = np.empty((len(part.index), stairs.shape[1]))
@@ -324,14 +330,14 @@ def _smooth(part: PlanningPath, stairs: Array, group: GroupAxisRange, wave: floa
 
 
 def _shortest(part: PlanningPath, run: tuple[int, int]) -> float:
-    """m of path over which an external joint may at least move, in a run."""
+    """Return the shortest path length in m over which an external joint may move, in a run."""
     first, last = run
     length, seconds = float(part.s[last] - part.s[first]), float(part.time[last] - part.time[first])
     return max(SHORTEST[0], SHORTEST[1] * length / max(seconds, 1e-9))
 
 
 def _keeps_one(part: PlanningPath, run: tuple[int, int]) -> bool:
-    """A run in which external joints stand still: of point operations, or too short for a curve."""
+    """Return whether external joints keep one value in a run: point operations, or too short for a curve."""
     first, last = run
     stations = int(((part.stations >= first) & (part.stations <= last)).sum())
     length = float(part.s[last] - part.s[first])
@@ -339,14 +345,16 @@ def _keeps_one(part: PlanningPath, run: tuple[int, int]) -> bool:
 
 
 def _near(part: PlanningPath, run: tuple[int, int]) -> float:
-    """m of path over which the room narrows towards a wish; infinite in a run that keeps one value."""
+    """Return the path length in m over which the range narrows towards a wish; infinite in a run that keeps one
+    value.
+    """
     if _keeps_one(part, run):
         return np.inf
     return max(WAVE * float(part.s[run[1]] - part.s[run[0]]), _shortest(part, run))
 
 
 def _whittaker(values: Array, wave: float) -> Array:
-    """The columns (n, E) without waves shorter than so many samples (half of such a wave is left)."""
+    """Return the columns (n, E) smoothed; a wave of the given number of samples is damped to half."""
     from scipy.linalg import solveh_banded
 
     n = len(values)

@@ -1,4 +1,4 @@
-"""The operations that share where the external joints stand, and what the user asked of these there."""
+"""Groups of operations that share the positions of the external joints, and the user's requests about them."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from machopt.planning.stations.path_subset import list_run_points
 from machopt.planning.stations.planning_path import PlanningPath
 
 MOVING = "moving"
-MOST = 3  # external joints whose places are chosen together
+MOST = 3  # maximum number of external joints whose positions are chosen together
 
 
 @dataclass(frozen=True, kw_only=True)
 class OperationGroup:
-    """Operations that share their values."""
+    """Operations that share their external joint values."""
 
     runs: tuple[int, ...]
     operations: tuple[int, ...]
     moving: Bools  # (E,) the joint may move along the path
-    low: Array  # (E,) m or rad where it stands in one place; equal to ``high`` where that is given
+    low: Array  # (E,) m or rad, range of a fixed position; equal to ``high`` where that is given
     high: Array  # (E,)
     share: float  # of the length cut
-    least: Array  # (E,) m or rad where it moves
+    least: Array  # (E,) m or rad, range of a moving joint
     most: Array  # (E,)
-    allowed: tuple[tuple[Interval, ...], ...]  # (E,) of ``low`` … ``high``, what zones leave
-    must: Bools  # (E,) no one place is what the user wants: it has to move
-    stands: tuple[AxisPositionWish, ...] = ()  # the user's wishes about its joints
+    allowed: tuple[tuple[Interval, ...], ...]  # (E,) parts of ``low`` … ``high`` outside the zones
+    must: Bools  # (E,) no single position satisfies the requests: the joint has to move
+    stands: tuple[AxisPositionWish, ...] = ()  # position requests of the user
 
     @property
     def moves(self) -> Bools:
@@ -50,8 +50,13 @@ class OperationGroup:
         return self.moving & (self.most > self.least)
 
     def around(self, value: Array) -> OperationGroup:
-        """The group with what is left around values (E,) for ``low`` and ``high``: of a joint that moves all of its
-        range, of one that stands the room between two zones that it stands in."""
+        """Return the group with ``low`` and ``high`` restricted to the interval around given values.
+
+        A moving joint gets its full range, a fixed one the interval between two zones that contains the value.
+
+        Args:
+            value: (E,) m or rad.
+        """
         own = [
             min(parts, key=lambda ab: max(ab[0] - v, v - ab[1])) for parts, v in zip(self.allowed, value, strict=True)
         ]
@@ -59,7 +64,11 @@ class OperationGroup:
         return replace(self, low=np.where(self.moving, self.least, low), high=np.where(self.moving, self.most, high))
 
     def snapped(self, value: Array) -> Array:
-        """The allowed places (E,) that are next to some."""
+        """Return the (E,) allowed values nearest to given ones.
+
+        Args:
+            value: (E,) m or rad.
+        """
         return np.array([find_nearest_allowed(own, float(v)) for own, v in zip(self.allowed, value, strict=True)])
 
 
@@ -70,15 +79,19 @@ def build_operation_groups(
     axes: Sequence[ExternalJointOptions],
     wishes: Sequence[SteeringRule] = (),
 ) -> list[OperationGroup]:
-    """Operations joined by runs that they share, in the order of the path.
+    """Return the groups of operations that share a run, in the order of the path.
 
     Args:
-        wishes: of options that are laid down; those about external joints count.
+        cell: cell with the external joints.
+        toolpath: toolpath with the operations.
+        path: planning points.
+        axes: options of each external joint.
+        wishes: steering rules with resolved points; those about external joints count.
 
     Raises:
-        InputError: operations that share a run and are to have two modes or places, or wishes that no place keeps.
+        InputError: operations that share a run request two modes or places, or no place satisfies all wishes.
     """
-    stands = build_axis_position_wishes(cell, path, wishes)
+    position_wishes = build_axis_position_wishes(cell, path, wishes)
     labels = [o.label for o in toolpath.operations]
     for axis in axes:
         for label, _ in (*axis.operations, *axis.at_operations):
@@ -99,26 +112,28 @@ def build_operation_groups(
         runs = tuple(k for k, (first, _) in enumerate(path.runs) if group[of_row[first]] == g)
         low, high, moving = np.empty(len(axes)), np.empty(len(axes)), np.zeros(len(axes), bool)
         mine = tuple(
-            s for s in stands if any(s.rows[0] <= path.runs[r][1] and path.runs[r][0] <= s.rows[1] for r in runs)
+            s
+            for s in position_wishes
+            if any(s.rows[0] <= path.runs[r][1] and path.runs[r][0] <= s.rows[1] for r in runs)
         )
         least, most, must = low.copy(), high.copy(), moving.copy()
         allowed: list[tuple[Interval, ...]] = []
         for k, axis in enumerate(axes):
             modes = {dict(axis.operations).get(labels[o], axis.mode or MOVING): labels[o] for o in operations}
             if len(modes) > 1:
-                told = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
+                message = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
                 raise InputError(
-                    f"{told}: they share a run without a rapid move, so they share a mode; one mode would work",
+                    f"{message}: they share a run without a rapid move, so they share a mode; one mode would work",
                     file="options",
                     where=f"external.{axis.joint}.operations",
                 )
             mode = next(iter(modes))
             moving[k] = mode == MOVING
-            given = _given(axis, [labels[o] for o in operations])
-            asked = axis if given is None else replace(axis, at=given)
-            locked = mode == "locked" or given is not None
-            moving[k] &= given is None
-            left = _room(cell, k, asked, [s for s in mine if s.joint == k], locked=locked, moves=bool(moving[k]))
+            requested = _given(axis, [labels[o] for o in operations])
+            axis_options = axis if requested is None else replace(axis, at=requested)
+            locked = mode == "locked" or requested is not None
+            moving[k] &= requested is None
+            left = _room(cell, k, axis_options, [s for s in mine if s.joint == k], locked=locked, moves=bool(moving[k]))
             must[k], allowed_here, (least[k], most[k]) = left
             allowed.append(allowed_here)
             low[k], high[k] = allowed_here[0][0], allowed_here[-1][1]
@@ -152,25 +167,25 @@ def build_operation_groups(
 
 
 def _room(
-    cell: Cell, k: int, axis: ExternalJointOptions, stands: Sequence[AxisPositionWish], *, locked: bool, moves: bool
+    cell: Cell, k: int, axis: ExternalJointOptions, wishes: Sequence[AxisPositionWish], *, locked: bool, moves: bool
 ) -> tuple[bool, tuple[Interval, ...], Interval]:
-    """Whether joint ``k`` has to move, the places allowed where it does not, and its range where it does.
+    """Return whether joint ``k`` has to move, the places allowed where it does not, and its range where it does.
 
-    A pin goes before the place of a locked joint, and before the range the user gave for all.
+    A pin overrides the place of a locked joint, and the general range of the options.
     """
     low, high = compute_axis_range(cell, k, axis, locked=locked)
-    pins = [s.at for s in stands if s.at is not None]
+    pins = [s.at for s in wishes if s.at is not None]
     base = (min([low, *pins]), max([high, *pins]))
-    check_compatible_wishes(stands, base)
+    check_compatible_wishes(wishes, base)
     whole = (low, high) if not pins or not locked else (min(pins), max(pins))
-    left = intersect_wishes(stands, (base if pins else whole,))
+    left = intersect_wishes(wishes, (base if pins else whole,))
     if left:
         return False, left, base
     if moves:
         return True, (whole,), base
-    told = " and ".join(s.said for s in stands) or f"{axis.joint!r} locked"
+    origin = " and ".join(s.said for s in wishes) or f"{axis.joint!r} locked"
     raise InputError(
-        f"{told}: they are in operations that share a run without a rapid move, where {cell.external_joints[k]!r} "
+        f"{origin}: they are in operations that share a run without a rapid move, where {cell.external_joints[k]!r} "
         "stands in one place, and none keeps all of that; one of them, or mode: moving, would work",
         file="options",
         where="steer",
@@ -178,13 +193,15 @@ def _room(
 
 
 def _given(axis: ExternalJointOptions, labels: Sequence[str]) -> float | None:
-    """Where the user wants a joint in operations that share it, m or rad; None where that is left to the plan."""
-    asked = {value: label for label, value in axis.at_operations if label in labels}
-    if len(asked) > 1:
-        told = " and ".join(repr(label) for label in asked.values())
+    """Return the requested value of a joint in operations that share it, m or rad; None where the plan is free to
+    choose.
+    """
+    requested = {value: label for label, value in axis.at_operations if label in labels}
+    if len(requested) > 1:
+        message = " and ".join(repr(label) for label in requested.values())
         raise InputError(
-            f"{told} share a run without a rapid move, so the joint stands in one place; one value would work",
+            f"{message} share a run without a rapid move, so the joint stands in one place; one value would work",
             file="options",
             where=f"external.{axis.joint}.at_operations_{axis.unit}",
         )
-    return next(iter(asked), None)
+    return next(iter(requested), None)

@@ -1,8 +1,7 @@
-"""What plans with external joints are compared by: J, and what the user's wishes about these joints cost beside it.
+"""Ranking value of plans with external joints: J plus the cost of the user's requests about these joints.
 
-J (:mod:`machopt.planning.cost.objective`) counts their travel as that of the arm's joints. An option may weigh it
-otherwise, and prefer a place; the search, the refinement and the comparison of plans in full all ask here what that
-costs:
+J (:mod:`machopt.planning.cost.objective`) counts their travel like that of the arm's joints. An option may weigh it
+differently, and prefer a place. The search, the refinement and the comparison of full plans all use this value:
 
     worth = J + w_travel·Σ a·b·(weight − 1)·|Δe|/π + Σ share·PREFERRED·(e − preferred)²
 """
@@ -20,33 +19,52 @@ from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup
 
-PREFERRED = 0.1  # of J, price of the square of a rad (or as much as counts so) from a preferred value
+PREFERRED = 0.1  # price in J per squared equivalent rad from a preferred value
 
 
 @dataclass(frozen=True)
 class AxisPlanRanking:
-    """Of one cell's external joints and the user's options about them."""
+    """Ranking function of one cell's external joints and the user's options about them."""
 
-    per: Array  # (E,) rad that a rad or m of each counts as
+    per: Array  # (E,) equivalent rad of a rad or m of each
     weight: Array  # (E,) of their travel
-    preferred: Array  # (E,) as they count, NaN where none is
+    preferred: Array  # (E,) equivalent rad, NaN where none is preferred
 
     @classmethod
     def of(cls, setup: PlanningSetup, axes: Sequence[ExternalJointOptions]) -> AxisPlanRanking:
+        """Return the ranking function of a cell.
+
+        Args:
+            setup: planning setup of the cell.
+            axes: options of each external joint.
+        """
         per = setup.per_rad[6:]
-        asked = np.array([np.nan if axis.preferred is None else axis.preferred for axis in axes])
-        return cls(per, np.array([axis.weight for axis in axes]), asked * per)
+        preferred = np.array([np.nan if axis.preferred is None else axis.preferred for axis in axes])
+        return cls(per, np.array([axis.weight for axis in axes]), preferred * per)
 
     def plan(self, plan: Plan) -> float:
-        """Of a whole plan; less is better, infinite where a cut point is lost."""
+        """Return the value of a whole plan; less is better, infinite where a cut point is lost.
+
+        Args:
+            plan: plan to rank.
+        """
         terms = ObjectiveTerms.of(plan.path, plan.setup.velocity, plan.options)
         return plan.chosen.objective.total + self.wished(plan.path.external * self.per, terms)
 
     def wished(self, x: Array, terms: ObjectiveTerms) -> float:
-        """Price beyond J of external joints x (n, E), as they count."""
+        """Return the price of external joints beyond J.
+
+        Args:
+            x: (n, E) external joints in equivalent rad.
+            terms: terms of J at the n places.
+        """
         more = float(terms.travel[1:] @ (np.abs(np.diff(x, axis=0)) @ (self.weight - 1.0)))
         return terms.weights.travel * more + float(terms.share @ self.liked(x))
 
     def liked(self, x: Array) -> Array:
-        """(…,) price of each place x (…, E), as it counts, for leaving the preferred one."""
+        """Return the (…,) price of a deviation from the preferred place.
+
+        Args:
+            x: (…, E) external joints in equivalent rad.
+        """
         return np.asarray(PREFERRED * np.nansum((x - self.preferred) ** 2, axis=-1))

@@ -1,8 +1,9 @@
-"""Where the user wants single external joints: wishes about places laid down at planning points, joint by joint.
+"""Position requests of the user for single external joints, resolved to planning points.
 
-A pin allows one value, a zone what lies to either side of it. Operations that share a run share where a joint stands,
-so a joint that may not move along the path has to be allowed somewhere by all wishes about its group; one that moves
-is given the wishes' own room near their points and all of its range elsewhere (:func:`compute_axis_range_along_path`).
+A pin allows one value, a zone the values to either side of it. Operations that share a run share the joint position,
+so a joint that may not move along the path needs a position allowed by all requests about its group. A moving joint
+gets the permitted range of each request near its points and its full range elsewhere
+(:func:`compute_axis_range_along_path`).
 """
 
 from __future__ import annotations
@@ -30,16 +31,20 @@ MET = 1e-9  # m or rad, round-off of the file's numbers
 
 @dataclass(frozen=True)
 class AxisPositionWish:
-    """One wish about one external joint."""
+    """One position request for one external joint."""
 
     joint: int
-    rows: tuple[int, int]  # first and last planning point it is about
+    rows: tuple[int, int]  # first and last planning point concerned
     at: float | None  # m or rad
     away: Interval | None
     said: str
 
     def allowed(self, within: Sequence[Interval]) -> tuple[Interval, ...]:
-        """What the wish leaves of some intervals."""
+        """Return the parts of some intervals that the request allows.
+
+        Args:
+            within: intervals in m or rad.
+        """
         if self.at is not None:
             return ((self.at, self.at),) if any(a - MET <= self.at <= b + MET for a, b in within) else ()
         if self.away is None:
@@ -51,7 +56,7 @@ class AxisPositionWish:
 
 @dataclass(frozen=True)
 class AxisBound:
-    """What one joint may take at some of a group's planning points, where it moves along the path."""
+    """Range of one moving joint at some of a group's planning points."""
 
     joint: int
     rows: tuple[int, int]  # first and last, among those of the group
@@ -62,10 +67,15 @@ class AxisBound:
 def build_axis_position_wishes(
     cell: Cell, path: PlanningPath, wishes: Sequence[SteeringRule]
 ) -> tuple[AxisPositionWish, ...]:
-    """The wishes about external joints, of options that are laid down.
+    """Return the requests about external joints from the steering rules.
+
+    Args:
+        cell: cell with the external joints.
+        path: planning points.
+        wishes: steering rules with resolved points.
 
     Raises:
-        InputError: a joint the cell has not, another unit than its own, or a place out of its range.
+        InputError: a joint the cell does not have, another unit than its own, or a place out of its range.
     """
     out = []
     for wish in wishes:
@@ -80,7 +90,11 @@ def build_axis_position_wishes(
 
 
 def check_known_axes_and_places(cell: Cell, wishes: Sequence[SteeringRule]) -> None:
-    """Refuse wishes about joints and places that the cell has not.
+    """Refuse requests about joints and places that the cell does not have.
+
+    Args:
+        cell: cell with the external joints.
+        wishes: steering rules.
 
     Raises:
         InputError: with what would work.
@@ -91,37 +105,59 @@ def check_known_axes_and_places(cell: Cell, wishes: Sequence[SteeringRule]) -> N
 
 
 def find_nearest_allowed(intervals: Sequence[Interval], value: float) -> float:
-    """The allowed value that is next to one."""
+    """Return the allowed value nearest to a given one.
+
+    Args:
+        intervals: allowed intervals in m or rad.
+        value: m or rad.
+    """
     return min((min(max(value, a), b) for a, b in intervals), key=lambda v: abs(v - value))
 
 
-def compute_allowed_side(stand: AxisPositionWish, value: Array) -> Interval:
-    """What a zone leaves to a joint on the side that its values (n,) are on, without end."""
-    if stand.away is None:
+def compute_allowed_side(wish: AxisPositionWish, value: Array) -> Interval:
+    """Return the half-open range that a zone leaves on the side of the joint's values.
+
+    Args:
+        wish: request with a zone.
+        value: (n,) m or rad, values of the joint.
+
+    Raises:
+        AssertionError: the request is a pin.
+    """
+    if wish.away is None:
         raise AssertionError("a pin has no sides")
-    below = float(np.max(value)) <= 0.5 * (stand.away[0] + stand.away[1])
-    return (-np.inf, stand.away[0]) if below else (stand.away[1], np.inf)
+    below = float(np.max(value)) <= 0.5 * (wish.away[0] + wish.away[1])
+    return (-np.inf, wish.away[0]) if below else (wish.away[1], np.inf)
 
 
-def intersect_wishes(stands: Sequence[AxisPositionWish], within: Sequence[Interval]) -> tuple[Interval, ...]:
-    """What all of some wishes leave of some intervals."""
-    left = tuple(within)
-    for stand in stands:
-        left = stand.allowed(left)
-    return left
+def intersect_wishes(wishes: Sequence[AxisPositionWish], within: Sequence[Interval]) -> tuple[Interval, ...]:
+    """Return the parts of some intervals that all requests allow.
+
+    Args:
+        wishes: requests about one joint.
+        within: intervals in m or rad.
+    """
+    remaining = tuple(within)
+    for wish in wishes:
+        remaining = wish.allowed(remaining)
+    return remaining
 
 
-def check_compatible_wishes(stands: Sequence[AxisPositionWish], within: Interval) -> None:
-    """Refuse wishes that leave a joint no place at one planning point.
+def check_compatible_wishes(wishes: Sequence[AxisPositionWish], within: Interval) -> None:
+    """Refuse requests that leave a joint no position at one planning point.
+
+    Args:
+        wishes: requests about one joint.
+        within: range of the joint in m or rad.
 
     Raises:
         InputError: naming them.
     """
-    for start in sorted({s.rows[0] for s in stands}):
-        here = [s for s in stands if s.rows[0] <= start <= s.rows[1]]
-        if not intersect_wishes(here, (within,)):
+    for start in sorted({s.rows[0] for s in wishes}):
+        overlapping = [s for s in wishes if s.rows[0] <= start <= s.rows[1]]
+        if not intersect_wishes(overlapping, (within,)):
             raise InputError(
-                f"{' and '.join(s.said for s in here)} leave the joint no place; one of them would work",
+                f"{' and '.join(s.said for s in overlapping)} leave the joint no place; one of them would work",
                 file="options",
                 where="steer",
             )
@@ -130,15 +166,20 @@ def check_compatible_wishes(stands: Sequence[AxisPositionWish], within: Interval
 def compute_axis_range_along_path(
     path: PlanningPath, low: Array, high: Array, bounds: Sequence[AxisBound], near: Sequence[float]
 ) -> tuple[Array, Array]:
-    """Lowest and highest values (n, E) at the planning points of a group: ``low`` … ``high`` (E,) away from all bounds.
+    """Return the lowest and highest values (n, E) at the planning points of a group.
 
-    Towards a bound the room narrows evenly in the second derivative, so that a smooth curve in a share of the room is
-    a smooth curve of the joint. No bound reaches into the points of another; where two lie on one another, the room of
-    both is what they share.
+    Away from all bounds the range is ``low`` … ``high``. Towards a bound it narrows with a continuous second
+    derivative, so
+    that a smooth curve in a share of the range is a smooth curve of the joint. No bound extends into the points of
+    another.
+    Where two overlap, the range is their intersection.
 
     Args:
-        path: of the group alone.
-        near: for each of the path's runs, m of path over which the room narrows; infinite: the run keeps one value.
+        path: planning points of the group alone.
+        low: (E,) m or rad, lower end away from all bounds.
+        high: (E,) m or rad, upper end away from all bounds.
+        bounds: ranges of single joints at some of the points.
+        near: for each of the path's runs, m of path over which the range narrows; infinite: the run keeps one value.
     """
     n = len(path.index)
     least, most = np.tile(low, (n, 1)), np.tile(high, (n, 1))
@@ -167,7 +208,7 @@ def compute_axis_range_along_path(
 
 
 def _eased(share: Array) -> Array:
-    """0 at 0, 1 from 1 on, with two derivatives that vanish at both ends."""
+    """Return a smooth step: 0 at 0, 1 from 1 on, with zero first and second derivatives at both ends."""
     x = np.clip(share, 0.0, 1.0)
     return np.asarray(x**3 * (10.0 - 15.0 * x + 6.0 * x**2))
 

@@ -1,7 +1,8 @@
-"""A choice at some stations whose own poses are free of contacts: what a value of external joints is judged by.
+"""Sequence at some stations whose own poses are free of contacts: the assessment of a value of external joints.
 
-Only the poses of the choice are looked at, and what lies near a contact; ways between them, and whether the rest of the
-path is free, the plan in full says. A few times, as a value where much collides is no good one anyway.
+Only the poses of the sequence and their neighbours near a contact are checked. The full plan checks the moves between
+them and the rest of the path. The number of repetitions is small, because a value with many contacts is not a good
+one anyway.
 """
 
 from __future__ import annotations
@@ -16,14 +17,22 @@ from machopt.planning.sampling.configurations import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.stations.planning_path import PlanningPath
 
-TIMES = 4  # the choice is made again after contacts at most
-LOOKED = 2000  # vertices looked at around the contacts of each
+TIMES = 4  # maximum number of repetitions of the choice after contacts
+LOOKED = 2000  # vertices checked around the contacts of each
 
 
 def choose_collision_free_sequence(
     part: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, setup: PlanningSetup, options: PlanOptions
 ) -> tuple[SequenceChoice, int]:
-    """The choice, and at how many of its stations the pose still collides; ``candidates`` lose what does."""
+    """Return the sequence, and the number of its stations whose pose still collides.
+
+    Args:
+        part: path with few stations.
+        candidates: candidate grid; colliding candidates are removed in place.
+        scores: cost of the candidates.
+        setup: planning setup of the cell.
+        options: plan options.
+    """
     velocity = setup.cell.limits.velocity[:6]
     choice = choose_sequence(part, candidates, scores, velocity, options)
     if setup.collision is None:

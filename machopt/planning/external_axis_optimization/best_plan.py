@@ -1,6 +1,6 @@
-"""One toolpath's best plan, whether the robot's base and the part stand still or can move.
+"""Best plan of one toolpath, with or without external joints.
 
-What chooses external joints is loaded only where a cell has some.
+The modules that choose external joints are imported only where a cell has some.
 """
 
 from __future__ import annotations
@@ -24,14 +24,19 @@ def find_best_plan(
     *,
     scale: float | None = None,
 ) -> Plan:
-    """Plan one toolpath, the external joints where they serve it best by their modes.
+    """Plan one toolpath, with the external joints chosen according to their modes.
 
     Args:
-        before: a plan of the same but for the user's wishes (:func:`machopt.planning.pipeline.path_planner.plan_path`).
+        cell: robot cell.
+        toolpath: toolpath of one tool.
+        options: plan options.
+        timings: receives the duration of the stages.
+        before: a plan that differs only in the user's requests
+            (:func:`machopt.planning.pipeline.path_planner.plan_path`).
         scale: c₀ of a plan that this one belongs to; None: of its own.
 
     Raises:
-        InputError: an option names no external joint or asks for what is not planned.
+        InputError: an option names no external joint or requests something that is not supported.
     """
     if cell.external_joints:
         from machopt.planning.external_axis_optimization import coarse_to_fine_search
@@ -43,7 +48,14 @@ def find_best_plan(
 
 
 def compute_external_axis_bound(plan: Plan, toolpath: Toolpath, timings: StageTimings) -> ExternalAxisBound | None:
-    """The bound of a plan of one tool over the external joints' values; None where no external joint was free."""
+    """Return the lower bound of a plan of one tool over the external joint values; None where no external joint was
+    free.
+
+    Args:
+        plan: plan of one tool.
+        toolpath: its toolpath.
+        timings: receives the duration of the stages.
+    """
     if not plan.setup.cell.external_joints:
         return None
     from machopt.planning.external_axis_optimization import external_axis_bound

@@ -1,16 +1,13 @@
-"""Where the external joints stand: at home, at one value for each operation, or moving along the path.
+"""Coarse-to-fine search for the external joints: at home, at one value per operation, or moving along the path.
 
-A run cannot be left to move a rail, so operations that share a run share a value. For each such group a grid of values
-is laid over the ranges of its joints, coarse first and then finer around the best, and each is judged by some stations
-(:mod:`machopt.planning.external_axes.fixed_value_search`), where the best sequence has the mean m, the worst w and
-motion. c₀, the unit of
-the index, is the median over the candidates of all values. The best few are then planned in full
-(:func:`machopt.planning.pipeline.path_planner.plan_path`), with home among them, and the best plan is taken: fewest
-points lost, then
-least J. Joints that may move along the path are first held at such values too, where any reaches all of it; the way of
-:mod:`machopt.planning.external_axes.moving_axis_search`, of all of them or of some, is planned in full beside them, and
-never taken where it
-is worse.
+The joint values must be the same over a run, so operations that share a run share a value. For each such group a grid
+of values covers the ranges of its joints, first coarse and then finer around the best. Each value is assessed at some
+stations (:mod:`machopt.planning.external_axes.fixed_value_search`), where the best sequence has the mean m, the worst w
+and motion. c₀, the unit of the index, is the median over the candidates of all values. The best few are then planned in
+full (:func:`machopt.planning.pipeline.path_planner.plan_path`), with home among them, and the best plan is selected:
+fewest points lost, then least J. Joints that may move along the path are first kept at such values too, where any
+reaches all of it. The curve of :mod:`machopt.planning.external_axes.moving_axis_search`, of all of them or of some, is
+planned in full as well, and never selected where it is worse.
 
     J = Σ share·(m + motion) + w_worst·max w + Σ price·|Δe|
 """
@@ -50,33 +47,42 @@ from machopt.planning.stations.planning_path import PlanningPath, build_planning
 
 PLANNED = 3  # values planned in full where all can be driven
 TRIED = 8  # where the first ones cannot
-AS_GOOD = 1.15  # times the best estimate: home is planned in full below that, and what is refined a second time
+AS_GOOD = 1.15  # times the best estimate: threshold for planning home in full, and for a second refinement
 MOVES_TRIED = 3  # the same where the joints may move along the path
-TRUSTS = (TRUST, np.radians(25.0))  # of the refinement's steps: each leads down its own way, the best is taken
-FAR = (np.radians(40.0),)  # the same of long paths, which are refined once for the time it takes: fewer passes lead on
-SHORT = 600  # planning points: a longer path is long
-ONCE = 1  # pass of a long path before it is led on by a leap, which makes the others up
-LEAPS = 4, 1  # at most, of short paths and of long ones
-WORTH_IT = 1e-3  # of J: a sequence that saves less is no other start
-AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned below that
+TRUSTS = (
+    TRUST,
+    np.radians(25.0),
+)  # trust regions of the refinement: each leads to another local optimum, the best is selected
+FAR = (np.radians(40.0),)  # the same for long paths, which are refined once to save time
+SHORT = 600  # planning points: a longer path counts as long
+ONCE = 1  # passes of a long path before improvement by a sequence, which replaces the other passes
+LEAPS = 4, 1  # maximum number, for short paths and for long ones
+WORTH_IT = 1e-3  # share of J: a sequence that saves less is not used as a start
+AS_NEAR = 1.5  # times the least estimate: threshold for planning a curve of moving joints
 
-Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
+Key = tuple[float, float]  # points lost and breaks; ranking value: less is better
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Asked:
-    """What is to be planned."""
+    """Planning request."""
 
     cell: Cell
     toolpath: Toolpath
     options: PlanOptions
     axes: Sequence[ExternalJointOptions]
     clock: StageTimings
-    before: Plan | None  # of the same but for the user's wishes
+    before: Plan | None  # of the same job with other user requests
     scale: float | None  # c₀ of a plan that this one belongs to
 
     def planned(self, scale: float | None, setup: PlanningSetup | None = None, external: Array | None = None) -> Plan:
-        """In full, the external joints (P, E) standing where they are told to."""
+        """Plan in full with given external joints.
+
+        Args:
+            scale: c₀; None: of the plan itself.
+            setup: planning setup; None: it is built.
+            external: (P, E) m or rad, external joints along the path; None: at home.
+        """
         return plan_path(
             self.cell,
             self.toolpath,
@@ -98,38 +104,48 @@ def find_best_external_axis_plan(
     *,
     scale: float | None = None,
 ) -> Plan:
-    """:func:`machopt.planning.external_axis_optimization.best_plan.find_best_plan` in a cell that has external
-    joints."""
+    """Plan one toolpath in a cell with external joints.
+
+    See :func:`machopt.planning.external_axis_optimization.best_plan.find_best_plan`.
+
+    Args:
+        cell: robot cell with external joints.
+        toolpath: toolpath of one tool.
+        options: plan options.
+        timings: receives the duration of the stages.
+        before: a plan that differs only in the user's requests.
+        scale: c₀ of a plan that this one belongs to; None: of its own.
+    """
     clock = timings or StageTimings()
     axes = resolve_axis_options(cell, options)
     check_known_axes_and_places(cell, options.steer)
-    asked = _Asked(cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale)
-    if options.method != "global" or options.rotation_step >= STEP or _stand_still(asked):
-        return _refined(asked)
-    coarse = _refined(replace(asked, options=replace(options, rotation_step=STEP)))
+    request = _Asked(cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale)
+    if options.method != "global" or options.rotation_step >= STEP or _stand_still(request):
+        return _refined(request)
+    coarse = _refined(replace(request, options=replace(options, rotation_step=STEP)))
     found = plan_on_other_grid(
         coarse, toolpath, options.rotation_step, AxisPlanRanking.of(coarse.setup, axes), clock, before
     )
     if not _lost(found):
-        return found if found.over_external is not None else _led_on(found, asked)
-    # Where few rotations are left, a finer grid may find places that the coarse one has not.
-    other = _refined(asked)
+        return found if found.over_external is not None else _led_on(found, request)
+    # Where few rotations are feasible, a finer grid may find some that the coarse one misses.
+    other = _refined(request)
     return min(found, other, key=_key_of(found.setup, axes))
 
 
-def _refined(asked: _Asked) -> Plan:
+def _refined(request: _Asked) -> Plan:
     """The best plan on one grid of rotations."""
-    toolpath, clock, before = asked.toolpath, asked.clock, asked.before
-    starts = _coarse_to_fine(asked)
+    toolpath, clock, before = request.toolpath, request.clock, request.before
+    starts = _coarse_to_fine(request)
     found = starts[0]
-    groups = build_operation_groups(asked.cell, toolpath, found.path, asked.axes, found.options.steer)
+    groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
     if _locked(groups):
         return found
-    worth, key = AxisPlanRanking.of(found.setup, asked.axes), _key_of(found.setup, asked.axes)
-    # Where the joints stand is a local best of its own, so that moving is no worse than that.
+    worth, key = AxisPlanRanking.of(found.setup, request.axes), _key_of(found.setup, request.axes)
+    # The best fixed plan is a local optimum of its own, so that the moving plan is never worse.
     still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
     best, rivals, every = found, starts[1:], list[Plan]()
-    stands: Plan | None = None
+    fixed_plan: Plan | None = None
     long = len(found.path.index) > SHORT
     passes = ONCE if long and not (found.options.fixed or found.options.steer) else PASSES
     for trust in FAR if long else TRUSTS:
@@ -140,16 +156,16 @@ def _refined(asked: _Asked) -> Plan:
             every.append(refine_plan(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best), trust))
             if worth.plan(every[-1]) < AS_GOOD * worth.plan(best):
                 near.append(other)
-                stands = every[-1] if stands is None else min(stands, every[-1], key=key)
+                fixed_plan = every[-1] if fixed_plan is None else min(fixed_plan, every[-1], key=key)
             best = min(best, every[-1], key=key)
         rivals = near
     led = _leapt(best, toolpath, groups, worth, clock, before)
-    if passes < PASSES and len(led) == 1:  # no leap led on, so what the passes would have led to is not there yet
+    if passes < PASSES and len(led) == 1:  # no sequence improved the plan, so the remaining passes are still to be done
         further = refine_plan(best, toolpath, groups, worth, clock, before, trust=FAR[0])
         led += [] if further is best else _leapt(further, toolpath, groups, worth, clock, before)
     every += led
-    if stands is not None and worth.plan(stands) <= AS_GOOD * worth.plan(every[-1]):
-        every += [replace(p, over_external=None) for p in _leapt(stands, toolpath, still, worth, clock, before)]
+    if fixed_plan is not None and worth.plan(fixed_plan) <= AS_GOOD * worth.plan(every[-1]):
+        every += [replace(p, over_external=None) for p in _leapt(fixed_plan, toolpath, still, worth, clock, before)]
     for one in sorted(every, key=lambda one: (key(one), one.over_external is None)):
         if one.chosen is found.chosen or (key(one) < key(found) and is_drivable(one, toolpath, clock)):
             return one
@@ -164,9 +180,10 @@ def _leapt(
     clock: StageTimings,
     before: Plan | None,
 ) -> list[Plan]:
-    """A local best, and where one leads on as long as a sequence over grids around it is better and leads to a better.
+    """Return a local optimum and its improvements by better sequences over grids around it, until one leads no further.
 
-    What no such sequence undercuts (:mod:`machopt.planning.external_axis_optimization.external_axis_bound`) is kept
+    The lower bound over such sequences (:mod:`machopt.planning.external_axis_optimization.external_axis_bound`) is
+    stored
     with each plan.
     """
     if _lost(best) or best.found is None:
@@ -189,21 +206,21 @@ def _leapt(
     return out
 
 
-def _led_on(found: Plan, asked: _Asked) -> Plan:
-    """What a plan that another grid has made better leads to by leaps."""
-    toolpath, clock = asked.toolpath, asked.clock
-    groups = build_operation_groups(asked.cell, toolpath, found.path, asked.axes, found.options.steer)
-    led = _leapt(found, toolpath, groups, AxisPlanRanking.of(found.setup, asked.axes), clock, asked.before)
-    for one in sorted(led[1:], key=_key_of(found.setup, asked.axes)):
+def _led_on(found: Plan, request: _Asked) -> Plan:
+    """Return the improvement by sequences of a plan that a finer rotation grid has made better."""
+    toolpath, clock = request.toolpath, request.clock
+    groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
+    led = _leapt(found, toolpath, groups, AxisPlanRanking.of(found.setup, request.axes), clock, request.before)
+    for one in sorted(led[1:], key=_key_of(found.setup, request.axes)):
         if is_drivable(one, toolpath, clock):
             return one
     return led[0]
 
 
-def _stand_still(asked: _Asked) -> bool:
-    options = resolve_steering(asked.options, asked.toolpath)
-    path = build_planning_path(asked.toolpath, list_constrained_points(options))
-    return _locked(build_operation_groups(asked.cell, asked.toolpath, path, asked.axes, options.steer))
+def _stand_still(request: _Asked) -> bool:
+    options = resolve_steering(request.options, request.toolpath)
+    path = build_planning_path(request.toolpath, list_constrained_points(options))
+    return _locked(build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer))
 
 
 def _locked(groups: Sequence[OperationGroup]) -> bool:
@@ -215,31 +232,31 @@ def _key_of(setup: PlanningSetup, axes: Sequence[ExternalJointOptions]) -> Calla
     return lambda one: (_lost(one), worth.plan(one))
 
 
-def _coarse_to_fine(asked: _Asked) -> list[Plan]:
-    """The best plan over grids of values, and along a curve between them where the joints may move.
+def _coarse_to_fine(request: _Asked) -> list[Plan]:
+    """Return the best plan over grids of values, and along a curve between them where the joints may move.
 
-    Behind it, where they may, the best plan in which they stand, which may be the same.
+    Where they may move, the best plan with fixed joints follows, which may be the same.
     """
-    asked = replace(asked, options=resolve_steering(asked.options, asked.toolpath))
-    options, before = asked.options, asked.before
-    with asked.clock.stage("prepare"):
-        setup = prepare_planning(asked.cell, options) if before is None else before.setup
-        path = build_planning_path(asked.toolpath, list_constrained_points(options))
-        groups = build_operation_groups(asked.cell, asked.toolpath, path, asked.axes, options.steer)
+    request = replace(request, options=resolve_steering(request.options, request.toolpath))
+    options, before = request.options, request.before
+    with request.clock.stage("prepare"):
+        setup = prepare_planning(request.cell, options) if before is None else before.setup
+        path = build_planning_path(request.toolpath, list_constrained_points(options))
+        groups = build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer)
     if _locked(groups):
         at = _spread(path, groups, [g.low for g in groups])
-        return [asked.planned(asked.scale, setup, at)]
-    with asked.clock.stage("external"):
-        search = FixedValueSearch(setup, options, path, groups, asked.axes, asked.scale)
+        return [request.planned(request.scale, setup, at)]
+    with request.clock.stage("external"):
+        search = FixedValueSearch(setup, options, path, groups, request.axes, request.scale)
         search.judge()
-    tries = _Tries(asked=asked, setup=setup, path=path, groups=groups, search=search)
+    tries = _Tries(asked=request, setup=setup, path=path, groups=groups, search=search)
     moves = any(g.moves.any() for g in groups)
     return tries.moving() if moves else [tries.fixed(TRIED)[1]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Tries:
-    """What is planned in full, and which of it is taken."""
+    """Full plans of candidate values, and the selection of the best."""
 
     asked: _Asked
     setup: PlanningSetup
@@ -248,12 +265,16 @@ class _Tries:
     search: FixedValueSearch
 
     def _planned(self, external: Array, options: PlanOptions | None = None) -> tuple[Key, Plan]:
-        asked = self.asked if options is None else replace(self.asked, options=options)
-        found = asked.planned(self.search.scale, self.setup, external)
+        request = self.asked if options is None else replace(self.asked, options=options)
+        found = request.planned(self.search.scale, self.setup, external)
         return (_lost(found), self.search.worth.plan(found)), found
 
     def fixed(self, tried: int) -> tuple[Key, Plan]:
-        """The best plan with one value for each group, of the best few by the stations and home."""
+        """Return the best plan with one value per group, among the best few by the estimate and home.
+
+        Args:
+            tried: maximum number of full plans.
+        """
         search, groups = self.search, self.groups
         every: list[tuple[Key, Plan]] = []
         seen: list[list[Array]] = []
@@ -279,33 +300,33 @@ class _Tries:
         return min(every, key=lambda one: one[0])
 
     def moving(self) -> list[Plan]:
-        """The best plan with the joints moving where they may; with fixed values where these are better.
+        """Return the best plan with the joints moving where they may; with fixed values where these are better.
 
-        Where no fixed value reaches all stations, fixed values are planned only if the joints cannot do it by moving.
-        Behind it the best plan with fixed values, where there is one that lacks nothing.
+        Where no fixed value reaches all stations, fixed values are planned only if moving joints fail too.
+        The best plan with fixed values follows, where there is a complete one.
         """
         search = self.search
         best = None if search.out_of_reach else self.fixed(MOVES_TRIED)
         if best is None:
             with self.asked.clock.stage("external"):
-                stands = search.chain() or search.at_home()
+                fixed_values = search.chain() or search.at_home()
         else:
-            stands = [best[1].path.external[list_run_points(self.path, g.runs)[0]] for g in self.groups]
-        ways = list_moving_subsets(self.groups, stands, self.asked.cell.external_home)
-        key, found = self._along(ways, stands)
+            fixed_values = [best[1].path.external[list_run_points(self.path, g.runs)[0]] for g in self.groups]
+        ways = list_moving_subsets(self.groups, fixed_values, self.asked.cell.external_home)
+        key, found = self._along(ways, fixed_values)
         if any(not b.pair for b in found.breaks) and (best is None or best[0][0]):
-            wound = self._along([*ways, *list_partly_fixed_groups(self.groups)], stands, turns=True)
+            wound = self._along([*ways, *list_partly_fixed_groups(self.groups)], fixed_values, turns=True)
             key, found = min((key, found), wound, key=lambda one: one[0])
         contacts = _unreached(found) or any(b.pair for b in found.breaks)
         if contacts and (best is None or best[0][0]) and self.setup.collision is not None:
-            key, found = min((key, found), self._clear_of_contacts(stands), key=lambda one: one[0])
+            key, found = min((key, found), self._clear_of_contacts(fixed_values), key=lambda one: one[0])
         if any(g.must.any() for g in self.groups) or (best is None and not key[0]):
-            return [found]  # no place keeps what was asked, or reaches all of it
+            return [found]  # no position satisfies the requests, or reaches all of the path
         best = best or self.fixed(MOVES_TRIED)
         fixed = [best[1]] if best[0][0] == 0 else []
         if not key < best[0]:
             return [best[1], *fixed]
-        if fixed:  # there is another answer, should this one not be driven
+        if fixed:  # there is an alternative if this one cannot be driven
             with self.asked.clock.stage("external"):
                 drives = has_motion(found, self.asked.toolpath)
             if not drives:
@@ -313,10 +334,12 @@ class _Tries:
         return [found, *fixed]
 
     def _clear_of_contacts(self, stands: list[Array]) -> tuple[Key, Plan]:
-        """The plan along a way that is made of free poses alone: where arm or part are in the way wherever they stand.
+        """Return the plan along a curve of contact-free poses: for cells where arm or part collide at every fixed
+        value.
 
-        Looking for contacts at every pose of the grid costs more than the way itself, so nothing else waits for it; and
-        it is not taken for breaks that no body is the cause of, which free poses would not mend.
+        Checking every pose of the grid costs more than the curve itself, so this is tried last. It is skipped for
+        breaks
+        without a contact, which free poses would not remove.
         """
         search = self.search
         with self.asked.clock.stage("external"):
@@ -333,13 +356,13 @@ class _Tries:
         return self._planned(way)
 
     def _along(self, tries: list[list[OperationGroup]], stands: list[Array], turns: bool = False) -> tuple[Key, Plan]:
-        """The best plan with the joints moving where they may, all or some
+        """Return the best plan with the joints moving where they may, all or some
         (:func:`machopt.planning.external_axes.moving_axes.list_moving_subsets`).
 
-        Where all of these are broken off, whole turns of the arm's joints count, and the others may keep one value
-        elsewhere (:func:`machopt.planning.external_axes.moving_axes.list_partly_fixed_groups`).
-
-        Ways that are far from the best one by the stations are not looked at further, the others at 15°.
+        Where all of these have breaks, whole turns of the arm's joints are counted, and the other joints may keep a
+        different
+        value (:func:`machopt.planning.external_axes.moving_axes.list_partly_fixed_groups`).
+        Curves whose estimate is far from the best are not examined further, the others at 15°.
         """
         search = self.search
         with self.asked.clock.stage("external"):
@@ -355,10 +378,10 @@ class _Tries:
                 ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
         looks = replace(self.asked.options, rotation_step=max(self.asked.options.rotation_step, STEP))
         if len(ways) > 1:
-            looked = [self._planned(at, looks) for at in ways]
-            k = min(range(len(ways)), key=lambda k: looked[k][0])
+            assessed = [self._planned(at, looks) for at in ways]
+            k = min(range(len(ways)), key=lambda k: assessed[k][0])
             if looks.rotation_step == self.asked.options.rotation_step:
-                return looked[k]
+                return assessed[k]
             ways = [ways[k]]
         return self._planned(ways[0])
 
@@ -374,12 +397,12 @@ def _lost_groups(found: Plan, groups: Sequence[OperationGroup]) -> list[int]:
 
 
 def _lost(found: Plan) -> float:
-    """Points that have no configuration, and breaks."""
+    """Return the number of points without a configuration plus the number of breaks."""
     return float(_unreached(found) + len(found.breaks))
 
 
 def _unreached(found: Plan) -> int:
-    """Points that have no configuration where contacts count."""
+    """Return the number of points without a configuration where contacts count."""
     return int(found.path.may_touch[found.missing].sum())
 
 

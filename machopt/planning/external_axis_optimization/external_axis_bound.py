@@ -1,20 +1,21 @@
-"""What no sequence undercuts when the values of the external joints are free too: a lower bound of J over them.
+"""Lower bound of J over all sequences that also choose the values of the external joints.
 
-The bound of :mod:`machopt.planning.optimality_certificate` holds with the external joints as the plan has them. Here
-they
-are part of the sequence: at some stations of the path every value g, rotation r and branch b is a vertex
-(:mod:`~.lattice`). The values are a grid over what the joints may take, the plan's own at each station and some near it
-(:mod:`~.valuesaround`); the rotations are the plan's own there and every 15° from it. So the plan is one of the
-sequences, and the bound is never above it. A joint that moves may take any of them at any station; one that keeps a
-value for an operation takes one wherever that operation goes on without another in between; while the tool drills or
-plunges nothing moves. J is that of :mod:`~.objective` at these stations, the worst index traded exactly
-(:mod:`~.caps`).
+The bound of :mod:`machopt.planning.optimality_certificate` applies to the external joints of the plan. Here they are
+part of the sequence: at some stations of the path every value g, rotation r and branch b is a vertex
+(:mod:`~machopt.planning.external_axis_optimization.value_grid_sequences`). The values are a grid over the joint ranges,
+the plan's own at each station and some near it (:mod:`~machopt.planning.external_axis_optimization.value_grid`); the
+rotations are the plan's own there and every 15° from it. The plan is therefore one of the sequences, and the bound is
+never above it. A joint that moves may take any value at any station. One that keeps a value for an operation takes one
+wherever that operation continues without another in between. While the tool drills or plunges nothing moves. J is that
+of :mod:`~machopt.planning.cost.objective` at these stations, with the worst index traded exactly
+(:mod:`~machopt.planning.sequence_search.worst_value_constraint`).
 
-Of the arm's whole turns each step takes what suits it best, within the limits; where those of the best sequence do not
-fit together, they are told apart (:mod:`~.unfolded`). Crowding is left out, and so are contacts but where the best
-sequence has one: there it is struck out, with what else of that station touches something and is likely, and the best
-one is looked for again, a few times. What is left out can only raise J, so the bound holds for what can be driven as
-well. What lies between the stations counts as the stations beside it do.
+Each step uses the whole turns of the arm's joints that suit it best, within the limits. Where those of the best
+sequence are inconsistent, the turns become part of the vertices
+(:mod:`~machopt.planning.external_axis_optimization.turn_resolved_grid`). Crowding is left out. Contacts are left out
+unless the best sequence has one: that vertex and likely colliding ones of the same station are excluded, and the search
+is repeated, a few times. Everything left out can only raise J, so the bound holds for drivable plans as well. The path
+between the stations counts like the stations next to it.
 """
 
 from __future__ import annotations
@@ -49,23 +50,26 @@ from machopt.planning.stations.path_subset import select_path_runs
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
 STEP = np.radians(15.0)  # of rotation
-VERTICES = 600_000  # in all, where stations can be fewer: what the bound may cost
-REFUSED = 1_200_000  # where they cannot
+VERTICES = 600_000  # maximum in all, where the number of stations can be reduced
+REFUSED = 1_200_000  # maximum where it cannot
 MOST, LEAST = 240, 24  # stations
-STRUCK = 6  # times that poses which touch something are struck out,
-LOOKED_AT = 2_000  # and so many each time
-TOLD_APART = 2_500_000  # vertices at most where turns are told apart, for the memory
-ROUNDED = 1e-9  # of a turn: so much beyond a limit is on it
-SLACK = 1e-9  # of J, for rounding: what the plan itself takes is not left out
-HIGH = 0.97  # of the worst index: near it
+STRUCK = 6  # maximum number of rounds in which colliding poses are excluded,
+LOOKED_AT = 2_000  # and maximum number per round
+TOLD_APART = 2_500_000  # maximum number of vertices of a turn-resolved grid, limited by memory
+ROUNDED = 1e-9  # of a turn: tolerance of the joint limits
+SLACK = 1e-9  # of J, rounding tolerance: vertices of the plan itself are kept
+HIGH = 0.97  # share of the worst index from which a point counts as near it
 
 
 def bound_over_external_axes(
     plan: Plan, toolpath: Toolpath, timings: StageTimings, values: dict[int, int] | None = None
 ) -> ExternalAxisBound | None:
-    """The bound of a plan of one tool, as it was made or now; None where no external joint was free.
+    """Return the lower bound of a plan of one tool, stored or newly computed; None where no external joint was free.
 
     Args:
+        plan: plan of one tool.
+        toolpath: its toolpath.
+        timings: receives the duration of the stages.
         values: of each joint in the grid, by how many are free; default :data:`VALUES`.
     """
     if plan.over_external is not None and values is None:
@@ -84,7 +88,7 @@ def bound_over_external_axes(
 
 @dataclass(frozen=True)
 class BoundSequence:
-    """The best sequence found."""
+    """Best sequence of the bound search."""
 
     total: float  # its J at the stations
     bound: float  # no sequence has less
@@ -93,18 +97,24 @@ class BoundSequence:
 
 @dataclass(frozen=True, kw_only=True)
 class BoundSearch:
-    """All sequences over values, rotations and branches around a plan, which is one of them."""
+    """Search over values, rotations and branches around a plan, which is one of the sequences."""
 
     setup: PlanningSetup
     part: PlanningPath  # the stations
     lattice: ValueGridSequences
     own: float  # J of the plan there
-    values: int  # of the grid, beside the plan's own
+    values: int  # of the grid, without the plan's own
     step: float  # rad, of rotation
 
     @classmethod
     def of(cls, plan: Plan, groups: Sequence[OperationGroup], values: dict[int, int]) -> BoundSearch | str:
-        """Around a plan that lacks nothing; why not, where that is too much to look at."""
+        """Return the search around a complete plan; a message where the grid would be too large.
+
+        Args:
+            plan: plan without gaps or breaks.
+            groups: operation groups.
+            values: number of grid values per joint, by the number of free joints.
+        """
         setup, path = plan.setup, plan.path
         options = replace(plan.options, rotation_step=max(plan.options.rotation_step, STEP))
         grids = [build_group_value_grid(g, path, setup.per_rad[6:], values) for g in groups]
@@ -126,9 +136,9 @@ class BoundSearch:
         return cls(setup=setup, part=part, lattice=lattice, own=own, values=most - 1, step=step)
 
     def best(self) -> BoundSequence | None:
-        """The best sequence, poses that touch something struck out where it had them; None where there is none.
+        """Return the best sequence, with colliding poses of earlier ones excluded; None where there is none.
 
-        Its turns fit together, unless there is too much to tell apart.
+        Its turns are consistent, unless the turn-resolved grid would be too large.
         """
         found = self._free(self.lattice)
         if found is None or is_turn_consistent(self.lattice, found.vertex):
@@ -142,7 +152,7 @@ class BoundSearch:
         return BoundSequence(finer.total, bound, apart.vertex[finer.vertex])
 
     def _free(self, lattice: ValueGridSequences, of: NDArray[np.int64] | None = None) -> BoundSequence | None:
-        """The best sequence of a lattice whose vertices are those (V,) of the own one."""
+        """Return the best sequence of a grid whose vertices are those (V,) of the original one."""
         onward = lattice.onward(self.own)
         found = lattice.best(GAP, onward, self.own)
         for _ in range(STRUCK):
@@ -157,7 +167,11 @@ class BoundSearch:
         return None if found is None else BoundSequence(*found)
 
     def bound(self, found: BoundSequence | None) -> ExternalAxisBound:
-        """What the best sequence says of the plan."""
+        """Return the bound of the plan from the best sequence.
+
+        Args:
+            found: best sequence, or None.
+        """
         if found is None:
             return ExternalAxisBound(why="no sequence of the grid leads through all of the path")
         return ExternalAxisBound(
@@ -170,7 +184,12 @@ class BoundSearch:
         )
 
     def start(self, vertex: NDArray[np.int64], plan: Plan) -> RefinementStart:
-        """A sequence as what the refinement of the plan may begin from."""
+        """Return a sequence as a starting point for the refinement of the plan.
+
+        Args:
+            vertex: (S,) vertices of the sequence.
+            plan: plan that is refined.
+        """
         x, st, a = self.lattice, self.part.stations, plan.chosen.assignment
         at, R = np.arange(len(vertex)), x.phi.shape[1]
         e = x.e[at, vertex // (R * x.branches)] / self.setup.per_rad[6:] - plan.path.external[st]
@@ -183,7 +202,9 @@ class BoundSearch:
         return RefinementStart(a.phi + phi, plan.path.external + external, a.q + seed)
 
     def _unwound(self, vertex: NDArray[np.int64], plan: Array) -> Array:
-        """(S, 6) rad, the joints of a sequence without whole turns in its runs, and with the fewest between them."""
+        """Return (S, 6) rad, the joints of a sequence without whole turns in its runs, and with the fewest between
+        them.
+        """
         st, arm = self.part.stations, self.setup.arm
         q = self.lattice.q[np.arange(len(vertex)), vertex]
         own = [np.flatnonzero((st >= first) & (st <= last)) for first, last in self.part.runs]
@@ -193,7 +214,12 @@ class BoundSearch:
         return q + 2 * np.pi * compute_run_turns(q, own, arm.lower, arm.upper, plan)
 
     def touching(self, station: NDArray[np.int64], vertex: NDArray[np.int64]) -> Bools:
-        """(n,) vertices at stations (n,) whose pose touches what it must not."""
+        """Return (n,) whether the pose of each vertex has a forbidden contact.
+
+        Args:
+            station: (n,) index of the station.
+            vertex: (n,) vertex at that station.
+        """
         if self.setup.collision is None:
             return np.zeros(len(vertex), bool)
         x = self.lattice
@@ -213,7 +239,7 @@ class BoundSearch:
         vertex: NDArray[np.int64],
         onward: Array,
     ) -> None:
-        """Take away vertices (n,) at stations (n,), and what else touches something there, the most likely first."""
+        """Exclude vertices (n,) at stations (n,), and other colliding ones there, the most likely first."""
         through = lattice.through(onward, self.own)[stations]
         s, others = np.nonzero(np.isfinite(through))
         first = np.argsort(through[s, others], kind="stable")[:LOOKED_AT]
@@ -224,7 +250,12 @@ class BoundSearch:
 
 
 def select_busy_points(plan: Plan) -> Array:
-    """(P,) where a plan moves much, and where its index is near its worst: there more stations are worth it."""
+    """Return (P,) weights: large where a plan moves much or its index is near its worst, so that stations are denser
+    there.
+
+    Args:
+        plan: complete plan.
+    """
     path, x = plan.path, plan.setup.in_rad(plan.path, plan.chosen.assignment.q)
     step = np.abs(np.diff(x, axis=0, prepend=x[:1])).sum(axis=1)
     step[[first for first, _ in path.runs]] = 0.0
@@ -234,7 +265,7 @@ def select_busy_points(plan: Plan) -> Array:
 
 
 def _at_stations(plan: Plan, part: PlanningPath) -> float:
-    """J of the plan as the sequences are priced: at the stations of a part that has all runs."""
+    """Return J of the plan as the sequences are priced: at the stations of a part that has all runs."""
     terms, w, rows = (
         ObjectiveTerms.at_stations(part, plan.setup.velocity, plan.options),
         plan.options.weights,
@@ -255,9 +286,14 @@ def build_value_grid_sequences(
     scale: float,
     turned: Array | None = None,
 ) -> ValueGridSequences:
-    """All sequences over the values of each group, at the stations of a path.
+    """Return all sequences over the values of each group, at the stations of a path.
 
     Args:
+        setup: planning setup of the cell.
+        options: plan options.
+        part: path with few stations.
+        groups: operation groups.
+        grids: value grid of each group.
         scale: c₀.
         turned: (P,) rad, rotation that the grid of rotations is counted from; None: the path's own reference.
     """
@@ -292,11 +328,11 @@ def build_value_grid_sequences(
     terms, w, S = ObjectiveTerms.at_stations(part, setup.velocity, options), options.weights, len(st)
     c = np.stack(index, axis=1)  # (S, G, R, B)
     q, more = unwrap_to_lower_limits(np.stack(joints, axis=1).reshape(S, -1, 6), setup.arm.lower, setup.arm.upper)
-    liked = terms.liked(phi.T).T[:, None, :, None]
-    node = terms.share[:, None, None, None] * compute_node_cost(c, liked, w.mean)
+    preference_price = terms.liked(phi.T).T[:, None, :, None]
+    node = terms.share[:, None, None, None] * compute_node_cost(c, preference_price, w.mean)
     same_run = np.r_[False, np.diff(part.run[st]) == 0]
     plunged = np.r_[0, np.cumsum(~part.plunge)]
-    still = np.r_[False, plunged[st[1:] + 1] == plunged[st[:-1] + 1]]  # made only of plunges
+    still = np.r_[False, plunged[st[1:] + 1] == plunged[st[:-1] + 1]]  # plunges only
     return ValueGridSequences(
         node=np.where(np.isfinite(c), node, np.inf).reshape(S, -1),
         raw=np.where(terms.counted[:, None, None, None] & np.isfinite(c), c, 0.0).reshape(S, -1),
@@ -317,7 +353,14 @@ def build_value_grid_sequences(
 
 
 def unwrap_to_lower_limits(q: Array, lower: Array, upper: Array) -> tuple[Array, NDArray[np.int8]]:
-    """Joints (…, 6) rad as near to their lower limits as whole turns bring them, and how many turns the upper leave."""
+    """Return joints shifted by whole turns to the range above their lower limits, and how many turns the upper limits
+    leave.
+
+    Args:
+        q: (…, 6) rad, joints.
+        lower: (6,) rad, lower limits.
+        upper: (6,) rad, upper limits.
+    """
     whole = 2.0 * np.pi
     low = q - whole * np.floor((q - lower) / whole + ROUNDED)
     more = np.floor((upper - low) / whole + ROUNDED)

@@ -1,6 +1,6 @@
-"""Values of external joints that the bound over them looks at: a grid over what they may take, and some near the plan.
+"""Values of external joints for the bound search: a grid over their ranges, and some near the plan.
 
-A row is what the joints of one group of operations stand at: at values, or so far from where the plan has them at that
+A row is a position of the joints of one group of operations: absolute values, or offsets from the plan at that
 station. The grid has all combinations, and so have the steps to either side of the plan.
 """
 
@@ -18,20 +18,24 @@ from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.stations.planning_path import PlanningPath
 
 VALUES = {1: 13, 2: 5, 3: 3}  # of each joint in the grid, by how many are free
-NEAR = tuple(np.radians((8.0, 2.0)).tolist())  # from the plan's own, or as much as counts so
+NEAR = tuple(np.radians((8.0, 2.0)).tolist())  # equivalent rad from the plan's own values
 
 
 @dataclass(frozen=True)
 class GroupValueGrid:
-    """What the external joints of one group of operations may stand at; all groups of a lattice have as many rows."""
+    """Possible positions of the external joints of one group of operations; all groups of a grid have as many rows."""
 
-    value: Array  # (G, E) m or rad, NaN where the path has them
+    value: Array  # (G, E) m or rad, NaN where the value of the path is used
     offset: Array  # (G, E) m or rad, added to that
-    held: NDArray[np.int64]  # (G,) what the joints that keep one value stand at, by number
-    exists: Bools  # (G,) False: only there to have as many
+    held: NDArray[np.int64]  # (G,) number of the position of the joints that keep one value
+    exists: Bools  # (G,) False: padding
 
     def padded(self, count: int) -> GroupValueGrid:
-        """With rows that do not exist."""
+        """Return the grid with additional rows that do not exist.
+
+        Args:
+            count: number of rows of the result.
+        """
         more = count - len(self.value)
         value = np.vstack([self.value, np.full((more, self.value.shape[1]), np.nan)])
         offset = np.vstack([self.offset, np.zeros((more, self.value.shape[1]))])
@@ -46,10 +50,12 @@ def build_group_value_grid(
     per: Array | None = None,
     counts: Mapping[int, int] = VALUES,
 ) -> GroupValueGrid:
-    """A grid over what the group's joints may take, values near the plan's, and the plan's own last.
+    """Return a grid over the ranges of the group's joints, values near the plan's, and the plan's own last.
 
     Args:
-        per: (E,) rad that a rad or m of each counts as; None: the grid and the plan's own are all.
+        group: group of operations.
+        path: planning points with the external joints of the plan.
+        per: (E,) equivalent rad of a rad or m of each; None: no values near the plan.
         counts: of each joint in the grid, by how many are free.
     """
     own = path.external[path.runs[group.runs[0]][0]]
@@ -71,11 +77,11 @@ def build_group_value_grid(
     value = np.vstack([*rows, own])
     keeps = np.zeros(len(own), bool)
     keeps[free] = ~group.moving[free]
-    _, held = np.unique(value[:, keeps], axis=0, return_inverse=True)
+    _, position_number = np.unique(value[:, keeps], axis=0, return_inverse=True)
     value[-1] = np.nan
     return GroupValueGrid(
         value,
         np.vstack([*offsets, np.zeros(len(own))]),
-        np.asarray(held, np.int64).reshape(-1),
+        np.asarray(position_number, np.int64).reshape(-1),
         np.ones(len(value), bool),
     )

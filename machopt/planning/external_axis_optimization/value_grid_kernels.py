@@ -1,13 +1,12 @@
-"""The compiled search behind :mod:`machopt.planning.external_axis_optimization.external_axis_bound`: sequences over
-values of external joints, rotations and
-branches.
+"""Compiled search of :mod:`machopt.planning.external_axis_optimization.external_axis_bound`: sequences over
+values of external joints, rotations and branches.
 
-A vertex is v = (g·R + r)·B + b, the values g as often as whole turns are told apart. Inside a run any vertex of the
-same branch may follow, over a rapid move any at all; an external joint that keeps one value keeps it. No step costs
-less than nothing, so a vertex is reached from the cheapest vertices first, and from no more of them than can still be
-better.
+A vertex is v = (g·R + r)·B + b, with the values g repeated for each set of whole turns in a turn-resolved grid. Inside
+a run any vertex of the same branch may follow, over a rapid move any vertex. An external joint that keeps one value
+keeps it. No step has a negative price. A vertex is therefore reached from the cheapest vertices first, and only from
+those that can still be better.
 
-In a file of its own, which imports no planner: it is compiled while a wheel is built, where only NumPy and numba are.
+This file imports no planner: it is compiled while a wheel is built, where only NumPy and numba are installed.
 """
 
 from __future__ import annotations
@@ -21,8 +20,8 @@ from machopt.planning.cost.objective import edge_price_compiled, late_compiled
 from machopt.planning.sequence_search.search_kernels import _sort
 
 TWO_PI = 2.0 * np.pi
-SECONDS, TRAVEL, ROTATION, FEED = range(4)  # columns of what a step has: s, and the prices per rad, rad and s
-SAME, JOINED, KEPT = range(3)  # columns of what a step is
+SECONDS, TRAVEL, ROTATION, FEED = range(4)  # columns of ``priced``: s, and the prices per rad, rad and s
+SAME, JOINED, KEPT = range(3)  # columns of ``kind``
 
 
 @jit_compile
@@ -37,7 +36,8 @@ def _step(
     slowness: Array,
     priced: Array,
 ) -> float:
-    """Price of a step between joints (6,) rad, the shortest by the whole turns (6,) that either end has ``more``.
+    """Return the price of a step between joints (6,) rad, the shortest by the whole turns (6,) that either end has
+    ``more``.
 
     ``way`` rad and ``slow`` s are those of the external joints.
     """
@@ -53,7 +53,7 @@ def _step(
 
 @jit_compile
 def _turns(phi: Array, last: Array, out: Array) -> None:
-    """(R, R) rad between the rotations of a station and those of the one before, the shorter way round."""
+    """Write (R, R) rad between the rotations of a station and those of the previous one, the shorter way round."""
     for r in range(len(phi)):
         for p in range(len(last)):
             d = phi[r] - last[p]
@@ -64,14 +64,16 @@ def _turns(phi: Array, last: Array, out: Array) -> None:
 def _ways(
     e: Array,
     last: Array,
-    held: NDArray[np.int64],
+    position_number: NDArray[np.int64],
     before: NDArray[np.int64],
     same: bool,
     slowness: Array,
     way: Array,
     slow: Array,
 ) -> None:
-    """(G, G) rad and s between values of two stations; infinite where a joint that keeps its value would not."""
+    """Write (G, G) rad and s between values of two stations; infinite where a joint that keeps its value would
+    change it.
+    """
     for g in range(len(e)):
         for h in range(len(last)):
             total, most = 0.0, 0.0
@@ -79,7 +81,7 @@ def _ways(
                 d = abs(e[g, c] - last[h, c])
                 total += d
                 most = max(most, d * slowness[6 + c])
-            way[g, h] = np.inf if same and held[g] != before[h] else total
+            way[g, h] = np.inf if same and position_number[g] != before[h] else total
             slow[g, h] = most
 
 
@@ -90,7 +92,7 @@ def compute_reach_costs(
     more: NDArray[np.int8],
     e: Array,
     phi: Array,
-    held: NDArray[np.int64],
+    position_number: NDArray[np.int64],
     branches: int,
     stable: bool,
     kind: Bools,
@@ -100,23 +102,26 @@ def compute_reach_costs(
     onward: Array,
     limit: float,
 ) -> Array:
-    """(S, V) what the cheapest way to each vertex costs, its own price included; infinite where that exceeds ``limit``.
+    """Return the (S, V) price of the cheapest sequence up to each vertex, inclusive; infinite where that exceeds
+    ``limit``.
 
     Args:
         node: (S, V) price of the vertices, infinite where there is none.
-        q: (S, V, 6) rad, the least that the limits leave of what whole turns make the same.
-        more: (S, V, 6) whole turns that they leave beyond that; what a step takes of them the next one need not know.
-        e: (S, G, E) external joints, lengths as they count in rad.
-        phi: (S, R) rad.
-        held: (S, G) what the joints that keep one value stand at, by number.
-        stable: the branch is an assembly mode, which nothing leaves inside a run.
-        kind: (S, 3) of the step into each station. SAME: its operations share their values with those before; JOINED:
-            it is none over a rapid move; KEPT: value and rotation are kept, the tool drills or plunges.
+        q: (S, V, 6) rad, the smallest joint angles inside the limits among those equal up to whole turns.
+        more: (S, V, 6) whole turns that the limits leave beyond that; each step uses them independently of the next.
+        e: (S, G, E) external joints, lengths in equivalent rad.
+        phi: (S, R) rad, rotations.
+        position_number: (S, G) number of the position of the joints that keep one value.
+        branches: number of branches B.
+        stable: the branch is an assembly mode, which no motion leaves inside a run.
+        kind: (S, 3) of the step into each station. SAME: its operations share their values with the previous ones;
+            JOINED:
+            it is no rapid move; KEPT: value and rotation are kept, the tool drills or plunges.
         priced: (S, 4) SECONDS … FEED.
         slowness: (6 + E,) s/rad.
-        turns: the vertices are so many times the same ones, which whole turns of the arm's joints tell apart: what
-            keeps value and rotation may be any of these.
-        onward: (S, V) what the way from each vertex on costs at least, its own price included.
+        turns: number of copies of the vertices, one per set of whole turns of the arm's joints; a step that
+            keeps value and rotation may lead to any copy.
+        onward: (S, V) lower bound of the price from each vertex to the end, its own price included.
         limit: of the whole sequence.
     """
     S, V = node.shape
@@ -129,7 +134,7 @@ def compute_reach_costs(
         if onward[0, v] <= limit:
             out[0, v] = node[0, v]
     for s in range(1, S):
-        before, kept = out[s - 1], kind[s, KEPT]
+        before, is_plunge = out[s - 1], kind[s, KEPT]
         every = not (stable and kind[s, JOINED])
         for b in range(B):
             count[b] = 0
@@ -137,17 +142,19 @@ def compute_reach_costs(
                 if before[k * B + b] < np.inf:
                     order[b, count[b]] = k * B + b
                     count[b] += 1
-            if not kept:
+            if not is_plunge:
                 _sort(before, order[b, : count[b]])
         _turns(phi[s], phi[s - 1], turn)
-        _ways(e[s], e[s - 1], held[s], held[s - 1], kind[s, SAME], slowness, way, slow)
+        _ways(e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow)
         for v in range(V):
             if not node[s, v] < np.inf:
                 continue
             b, r, g = v % B, (v // B) % R, v // (B * R)
-            most = np.nextafter(limit - onward[s, v], np.inf)  # as dear as the limit is not too dear
+            most = np.nextafter(limit - onward[s, v], np.inf)  # a price equal to the limit is permitted
             value = most
-            for u in range(v % same if kept else v, V if kept else v + 1, same):  # near, so that few others need a look
+            for u in range(
+                v % same if is_plunge else v, V if is_plunge else v + 1, same
+            ):  # near values first, so that few others are examined
                 h = u // (B * R)
                 if before[u] < value and way[g, h] < np.inf:
                     price = _step(
@@ -162,7 +169,7 @@ def compute_reach_costs(
                         priced[s],
                     )
                     value = min(value, before[u] + price)
-            if not kept:
+            if not is_plunge:
                 for a in range(0 if every else b, B if every else b + 1):
                     for k in range(count[a]):
                         u = order[a, k]
@@ -195,7 +202,7 @@ def trace_cheapest_sequence(
     more: NDArray[np.int8],
     e: Array,
     phi: Array,
-    held: NDArray[np.int64],
+    position_number: NDArray[np.int64],
     branches: int,
     stable: bool,
     kind: Bools,
@@ -203,7 +210,22 @@ def trace_cheapest_sequence(
     slowness: Array,
     turns: int,
 ) -> NDArray[np.int64]:
-    """(S,) the vertices of the cheapest sequence, from what :func:`compute_reach_costs` found; arguments as there."""
+    """Return the (S,) vertices of the cheapest sequence.
+
+    Args:
+        reached: (S, V) result of :func:`compute_reach_costs`.
+        q: as in :func:`compute_reach_costs`.
+        more: as there.
+        e: as there.
+        phi: as there.
+        position_number: as there.
+        branches: as there.
+        stable: as there.
+        kind: as there.
+        priced: as there.
+        slowness: as there.
+        turns: as there.
+    """
     S, V = reached.shape
     G, R, B = e.shape[1], phi.shape[1], branches
     same, out = V // turns, np.zeros(S, np.int64)
@@ -211,7 +233,7 @@ def trace_cheapest_sequence(
     turn, way, slow = np.empty((R, R)), np.empty((G, G)), np.empty((G, G))
     for s in range(S - 1, 0, -1):
         _turns(phi[s], phi[s - 1], turn)
-        _ways(e[s], e[s - 1], held[s], held[s - 1], kind[s, SAME], slowness, way, slow)
+        _ways(e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow)
         v, least = out[s], np.inf
         b, r, g = v % B, (v // B) % R, v // (B * R)
         for u in range(V):

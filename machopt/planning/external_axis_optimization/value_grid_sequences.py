@@ -1,7 +1,7 @@
 """Sequences over values of external joints, rotations and branches, and the cheapest of them.
 
-What they are made of is the affair of :mod:`machopt.planning.external_axis_optimization.external_axis_bound`, how they
-are searched of :mod:`~.lattice`.
+:mod:`machopt.planning.external_axis_optimization.external_axis_bound` builds them;
+:mod:`~machopt.planning.external_axis_optimization.value_grid_kernels` searches them.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from machopt.numerics.array_types import Array, Bools
 from machopt.planning.external_axis_optimization.value_grid_kernels import compute_reach_costs, trace_cheapest_sequence
 from machopt.planning.sequence_search.worst_value_constraint import GAP, WorstLimitedSequence, trade_worst_index
 
-SLACK = 1e-12  # of a limit, for rounding: both ways of adding up one sequence
+SLACK = 1e-12  # of a limit, rounding tolerance between forward and backward sums
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValueGridSequences:
-    """Sequences over values, rotations and branches, and what they cost."""
+    """Vertices over values, rotations and branches, and the prices of sequences through them."""
 
     node: Array  # (S, V) price of the vertices without the worst index, infinite where there is none
     raw: Array  # (S, V) index in units of c₀ where it counts, 0 elsewhere
-    q: Array  # (S, V, 6) rad, the least that the limits leave of what whole turns make the same
-    more: NDArray[np.int8]  # (S, V, 6) whole turns that they leave beyond that
-    e: Array  # (S, G, E) lengths as they count in rad
+    q: Array  # (S, V, 6) rad, smallest joint angles inside the limits, up to whole turns
+    more: NDArray[np.int8]  # (S, V, 6) further whole turns inside the limits
+    e: Array  # (S, G, E) lengths in equivalent rad
     phi: Array  # (S, R) rad
-    held: NDArray[np.int64]  # (S, G) what the joints that keep one value stand at, by number
+    held: NDArray[np.int64]  # (S, G) number of the position of the joints that keep one value
     branches: int
     stable: bool
     kind: (
@@ -37,16 +37,17 @@ class ValueGridSequences:
     priced: Array  # (S, 4) likewise
     slowness: Array  # (6 + E,) s/rad
     worst: float  # price of the worst index
-    turns: int = 1  # so many times all vertices, with other whole turns of the arm's joints: ``G`` has all of them
+    turns: int = 1  # number of copies of the vertices, one per set of whole turns; ``G`` includes them
 
     def best(
         self, gap: float = GAP, onward: Array | None = None, known: float = np.inf
     ) -> tuple[float, float, NDArray[np.int64]] | None:
-        """J of the best sequence, what none has less than, and the vertices (S,) of it; None where there is none.
+        """Return J of the best sequence, a lower bound of all, and the vertices (S,) of the best; None where there is
+        none.
 
         Args:
             gap: share of J by which a better one may be missed.
-            onward: of :meth:`onward` of the same ``known``, perhaps from when more vertices were left.
+            onward: result of :meth:`onward` with the same ``known``; it may be from before vertices were excluded.
             known: J of a sequence that is one of them.
         """
         ahead = self.onward() if onward is None else onward
@@ -66,11 +67,16 @@ class ValueGridSequences:
         return found.total, min(found.bound, found.total), found.best.vertex.astype(np.int64)
 
     def floor(self) -> float:
-        """No sequence has a lower worst index."""
+        """Return the lower bound of the worst index of all sequences."""
         return float(np.where(np.isfinite(self.node), self.raw, np.inf).min(axis=1).max())
 
     def through(self, onward: Array, known: float) -> Array:
-        """(S, V) what a sequence through each vertex costs at least; infinite where that is more than ``known``."""
+        """Return the (S, V) lower bound of a sequence through each vertex; infinite where that is more than ``known``.
+
+        Args:
+            onward: (S, V) result of :meth:`onward`.
+            known: J of a known sequence.
+        """
         floor = self.floor()
         reached = self._reach(self.node, self.kind, self.priced, onward, known - self.worst * floor)
         with np.errstate(invalid="ignore"):
@@ -78,19 +84,24 @@ class ValueGridSequences:
         return np.asarray(np.where(total <= known, total, np.inf))
 
     def onward(self, known: float = np.inf) -> Array:
-        """(S, V) what the way from each vertex on costs, its own price included.
+        """Return the (S, V) price from each vertex to the end, its own price included.
 
-        Infinite where no sequence of at most J ``known`` leads on.
+        It is infinite where no sequence of at most J ``known`` continues.
+
+        Args:
+            known: J of a known sequence.
         """
         after = np.r_[0, np.arange(len(self.node) - 1, 0, -1)]  # the step into a station of the reversed path
         node = np.ascontiguousarray(self.node[::-1])
-        before = np.r_[0.0, np.cumsum(self.node.min(axis=1))[:-1]][::-1, None] + node  # at least, and its own price
+        before = np.r_[0.0, np.cumsum(self.node.min(axis=1))[:-1]][::-1, None] + node  # lower bound, with its own price
         limit = known if np.isinf(known) else (known - self.worst * self.floor()) * (1.0 + SLACK)
         back = self._reach(node, self.kind[after], self.priced[after], before, limit, reverse=True)
         return np.ascontiguousarray(back[::-1])
 
     def _capped(self, node: Array, onward: Array, limit: float) -> WorstLimitedSequence | None:
-        """The cheapest sequence over the vertices that ``node`` (S, V) leaves; None where none is below the limit."""
+        """Return the cheapest sequence over the finite vertices of ``node`` (S, V); None where none is below the
+        limit.
+        """
         reached = self._reach(node, self.kind, self.priced, onward, limit)
         value = float(reached[-1].min())
         if not np.isfinite(value):
@@ -104,17 +115,17 @@ class ValueGridSequences:
     def _reach(
         self, node: Array, kind: Bools, priced: Array, onward: Array, limit: float, reverse: bool = False
     ) -> Array:
-        q, more, e, phi, held = self.q, self.more, self.e, self.phi, self.held
+        q, more, e, phi, position_number = self.q, self.more, self.e, self.phi, self.held
         if reverse:
             q, e, phi = (np.ascontiguousarray(a[::-1]) for a in (q, e, phi))
-            more, held = np.ascontiguousarray(more[::-1]), np.ascontiguousarray(held[::-1])
+            more, position_number = np.ascontiguousarray(more[::-1]), np.ascontiguousarray(position_number[::-1])
         found: Array = compute_reach_costs(
             node,
             q,
             more,
             e,
             phi,
-            held,
+            position_number,
             self.branches,
             self.stable,
             kind,

@@ -1,4 +1,4 @@
-"""Whole turns of the arm's joints along a sequence that knows its poses only up to these."""
+"""Whole turns of the arm's joints along a sequence whose poses are known only up to whole turns."""
 
 from __future__ import annotations
 
@@ -9,14 +9,21 @@ from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
 
-BEYOND, AS_NEAR = 1e3, 1e-6  # price of a rad beyond a limit, and away from the plan, beside one between runs
-TURNS = 2.0  # to either side of what is nearest
+BEYOND, AS_NEAR = 1e3, 1e-6  # price per rad beyond a limit, and away from the plan; 1 per rad between runs
+TURNS = 2.0  # turns to either side of the nearest one
 
 
 def compute_run_turns(q: Array, runs: Sequence[NDArray[np.intp]], lower: Array, upper: Array, near: Array) -> Array:
-    """(S, 6) whole turns that each run of some joints (S, 6) rad is to be away, within the limits if that can be.
+    """Return the (S, 6) whole turns by which each run is to be shifted, within the limits where possible.
 
-    Of what the limits leave, the least way between runs; of several such the nearest to ``near`` (S, 6) rad.
+    Among the permitted turns, the travel between runs is minimal; among several such, the nearest to ``near``.
+
+    Args:
+        q: (S, 6) rad, joints of the sequence.
+        runs: rows of each run.
+        lower: (6,) rad, lower limits.
+        upper: (6,) rad, upper limits.
+        near: (S, 6) rad, joints of the plan.
     """
     whole, out = 2.0 * np.pi, np.zeros_like(q)
     first = np.stack([np.round((near - q)[rows].mean(axis=0) / whole) for rows in runs])  # (runs, 6)

@@ -1,7 +1,8 @@
-"""Another rotation where the path shifted against its deflection cannot be driven at the one that was chosen.
+"""Retries with another rotation where the path shifted against its deflection cannot be driven.
 
-The choice knows nothing of the shift, which follows from what is chosen. Where it is lost to a contact or a margin, or
-refused, the plan is made again without the rotations around the one taken there, a few times and each time wider.
+The choice of the rotation does not consider the shift, which follows from it. Where the shift leads to a contact,
+violates a margin or is refused, the plan is repeated without the rotations around the chosen one, a few times with a
+growing excluded range.
 """
 
 from __future__ import annotations
@@ -22,23 +23,23 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma
 
-TRIES = 4  # plans made again
-NARROWEST = np.radians(
-    10.0
-)  # to either side of the rotation that was taken, doubled from try to try; or the grid's step
-WIDEST = 0.95 * pi  # to either side: some rotation has to be left
-MOST = 200  # points the shift is lost at: where it is more, no rotation here and there is what lacks
+TRIES = 4  # maximum number of new plans
+NARROWEST = np.radians(10.0)  # to either side of the chosen rotation, doubled in each attempt; or the grid's step
+WIDEST = 0.95 * pi  # to either side: some rotation has to remain
+MOST = 200  # maximum number of points without shift: with more, other rotations do not help
 
 
 def compensate_with_retries(
-    stint: ToolSegment, planned: Plan, whole: PlanOptions, timings: StageTimings, again: Callable[[PlanOptions], Plan]
+    stint: ToolSegment, planned: Plan, whole: PlanOptions, timings: StageTimings, replan: Callable[[PlanOptions], Plan]
 ) -> Plan:
-    """The plan shifted against its deflection, with other rotations where that alone makes it whole.
+    """Return the plan shifted against its deflection, with other rotations where these make it complete.
 
     Args:
-        planned: before the shift.
+        stint: toolpath of one tool.
+        planned: plan before the shift.
         whole: options it was planned with, for the whole job.
-        again: plans the same with other options for the whole job.
+        timings: receives the duration of the stages.
+        replan: plans the same with other options for the whole job.
 
     Returns:
         The shifted plan; the first one where no other loses fewer points.
@@ -57,28 +58,30 @@ def compensate_with_retries(
             break
         options = replace(options, steer=(*options.steer, *zones))
         avoided |= {zone.points[0] for zone in zones if zone.points is not None}
-        other = again(options)
-        if _missing(other) > _missing(planned):  # these rotations are needed
+        alternative = replan(options)
+        if _missing(alternative) > _missing(planned):  # these rotations are needed
             break
-        found = shifted(restore_requested_margins(other, asked, arm))
+        found = shifted(restore_requested_margins(alternative, asked, arm))
         if _missing(found) < _missing(best):
             best = replace(found, elsewhere=tuple(sorted(avoided)))
     return best
 
 
 def _zones(plan: Plan, first: int, half: float) -> tuple[SteeringRule, ...]:
-    """What not to choose where the shift is lost, at toolpath points of the whole job; none where that is no remedy."""
+    """Return the rotation zones to exclude where the shift is lost, at toolpath points of the whole job; none if no
+    remedy.
+    """
     if plan.compensation is None:
         return ()
     rows = np.flatnonzero(plan.compensation.lost)
     if len(rows) > MOST:
         return ()
-    taken = compute_gamma(plan)
+    gamma = compute_gamma(plan)
     out: dict[tuple[int, int], tuple[float, float]] = {}
     for p in rows.tolist():
         ends = first + floor(plan.path.index[p] + 1e-9), first + ceil(plan.path.index[p] - 1e-9)
-        low, high = out.get(ends, (taken[p], taken[p]))
-        g = low + float(wrap_angle(taken[p] - low))
+        low, high = out.get(ends, (gamma[p], gamma[p]))
+        g = low + float(wrap_angle(gamma[p] - low))
         out[ends] = min(low, g), max(high, g)
     return tuple(
         SteeringRule(points=ends, forbid=(low - half, high + half))
@@ -88,5 +91,5 @@ def _zones(plan: Plan, first: int, half: float) -> tuple[SteeringRule, ...]:
 
 
 def _missing(plan: Plan) -> int:
-    """How many planning points are not planned, and how often the sequence breaks off."""
+    """Return the number of planning points without a plan, and the number of breaks of the sequence."""
     return int((plan.chosen.assignment.reason != InfeasibilityReason.OK).sum()) + len(plan.breaks)

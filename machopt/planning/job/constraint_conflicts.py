@@ -1,9 +1,9 @@
-"""Which of the user's wishes cannot be kept together, where without them there is a plan.
+"""Conflicts between user constraints: a minimal set of constraints that cannot be satisfied together.
 
-A wish is a pin, zone, branch or place of an external joint; preferences forbid nothing. The least set that cannot be
-kept is found by leaving wishes out, in halves where many are given (Junker, QuickXplain: preferred explanations and
-relaxations for over-constrained problems, AAAI 2004): every wish in it is needed for the conflict, so any one of them
-given up ends it.
+A constraint is a pin, a zone, a branch or a position of an external joint; preferences forbid nothing. The minimal set
+is found by leaving constraints out, in halves where there are many (Junker, QuickXplain: preferred explanations and
+relaxations for over-constrained problems, AAAI 2004). Every constraint in it is needed for the conflict, so removing
+any one of them resolves it.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 
-NEAREST = 3  # wishes told beside a place that cannot be driven
-MOST = 60  # plans that are made for it; with more wishes the set told may not be the least
+NEAREST = 3  # number of constraints reported near a place that cannot be driven
+MOST = 60  # maximum number of plans; with more constraints the reported set may not be minimal
 
 
 @dataclass(frozen=True)
 class AxisPositionPin:
-    """An external joint that is to stand somewhere in an operation."""
+    """Required position of an external joint in an operation."""
 
     joint: str
     operation: str
@@ -43,10 +43,14 @@ Wish = FixedRotation | SteeringRule | AxisPositionPin
 def add_constraint_conflict(
     plan: Plan, cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: StageTimings
 ) -> Plan:
-    """The plan with the wishes that keep it from being one; the same where it is whole, or would not be without them.
+    """Return the plan with the conflicting constraints; unchanged where it is complete, or incomplete without them too.
 
     Args:
+        plan: plan of the job.
+        cell: robot cell.
+        toolpath: toolpath of the job.
         options: as the user gave them.
+        timings: receives the duration of the stages.
     """
     wishes = list_constraints(options)
     if not wishes or options.allow_gaps or is_complete(plan):
@@ -61,21 +65,24 @@ def add_constraint_conflict(
         if not possible(()):
             return plan
         least = find_minimal_conflict(wishes, possible)
-    told = ", ".join(describe_constraint(w) for w in least)
+    description = ", ".join(describe_constraint(w) for w in least)
     alone = "No plan keeps" if len(least) == 1 else "No plan keeps together:"
     end = "without it there is one." if len(least) == 1 else "without any one of them this conflict ends."
-    return replace(plan, conflict=f"{alone} {told}; {end}")
+    return replace(plan, conflict=f"{alone} {description}; {end}")
 
 
 def add_undrivable_conflict(
     plan: Plan, stops: Sequence[SequenceBreak], toolpath: Toolpath, options: PlanOptions
 ) -> Plan:
-    """The plan with the wishes nearest to where its motion cannot be driven; the same where it can, or none is given.
+    """Return the plan with the constraints nearest to the place where its motion fails; unchanged where it does not
+    fail.
 
-    Its points are whole, so no set of wishes is known to be in conflict: what lies between them is found in time only.
+    Its points are complete, so no set of constraints is known to conflict: the failure occurs between points.
 
     Args:
-        stops: what keeps the motion from being driven.
+        plan: plan of the job.
+        stops: causes of the failure of the motion.
+        toolpath: toolpath of the job.
         options: as the user gave them.
     """
     if not stops or plan.conflict:
@@ -95,7 +102,7 @@ def add_undrivable_conflict(
 
 
 def _distance(wish: Wish, ends: Sequence[float], toolpath: Toolpath) -> float:
-    """How many toolpath points a wish is from a place."""
+    """Return the number of toolpath points between a constraint and a place."""
     if isinstance(wish, FixedRotation):
         parts = [(wish.point, wish.point)]
     else:
@@ -108,42 +115,55 @@ def _distance(wish: Wish, ends: Sequence[float], toolpath: Toolpath) -> float:
 
 
 def is_complete(plan: Plan) -> bool:
-    """Nothing that is cut is missing, and no way breaks off."""
+    """Return whether no cut point is missing and the sequence has no break.
+
+    Args:
+        plan: plan to check.
+    """
     missing = plan.missing
     return not plan.path.may_touch[missing].any() and not plan.breaks
 
 
 def list_constraints(options: PlanOptions) -> tuple[Wish, ...]:
-    """Everything the user decided that may forbid a plan."""
+    """Return all user constraints that may make a plan infeasible.
+
+    Args:
+        options: plan options.
+    """
     steer = [w for w in options.steer if w.forbids]
-    stands = [
+    pins = [
         AxisPositionPin(a.joint, label, value, a.unit) for a in options.external for label, value in a.at_operations
     ]
-    return (*options.fixed, *steer, *stands)
+    return (*options.fixed, *steer, *pins)
 
 
 def restrict_to_constraints(options: PlanOptions, wishes: Sequence[Wish]) -> PlanOptions:
-    """The options with these wishes only; preferences stay."""
-    kept = set(wishes)
+    """Return the options with the given constraints only; preferences remain.
+
+    Args:
+        options: plan options.
+        wishes: constraints to keep.
+    """
+    allowed = set(wishes)
 
     def stands(axis: ExternalJointOptions) -> ExternalJointOptions:
-        at = tuple((k, v) for k, v in axis.at_operations if AxisPositionPin(axis.joint, k, v, axis.unit) in kept)
+        at = tuple((k, v) for k, v in axis.at_operations if AxisPositionPin(axis.joint, k, v, axis.unit) in allowed)
         return replace(axis, at_operations=at)
 
     return replace(
         options,
-        fixed=tuple(f for f in options.fixed if f in kept),
-        steer=tuple(w for w in options.steer if w in kept or w not in list_constraints(options)),
+        fixed=tuple(f for f in options.fixed if f in allowed),
+        steer=tuple(w for w in options.steer if w in allowed or w not in list_constraints(options)),
         external=tuple(stands(axis) for axis in options.external),
     )
 
 
 def find_minimal_conflict(wishes: Sequence[Wish], possible: Callable[[Sequence[Wish]], bool]) -> list[Wish]:
-    """A least set of wishes that is not possible, in their order; no part of it is.
+    """Return a minimal infeasible set of constraints, in their order; every proper subset is feasible.
 
     Args:
-        wishes: not possible together.
-        possible: whether some of them are; asked MOST times at most, after which what is left counts as needed.
+        wishes: constraints that are infeasible together.
+        possible: whether some of them are feasible; called at most MOST times, after which the rest counts as needed.
     """
     asked = 0
 
@@ -168,7 +188,11 @@ def find_minimal_conflict(wishes: Sequence[Wish], possible: Callable[[Sequence[W
 
 
 def describe_constraint(wish: Wish) -> str:
-    """A wish as the user would say it."""
+    """Return a constraint in the words of the options.
+
+    Args:
+        wish: constraint.
+    """
     if isinstance(wish, FixedRotation):
         return f"the rotation {degrees(wish.gamma):.6g}° at point {wish.point}"
     if isinstance(wish, AxisPositionPin):

@@ -1,4 +1,4 @@
-"""From a job to its plan and its motion: tool after tool where it changes them."""
+"""Planning of a job and of its motion, tool after tool where the tool changes."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.move_results import add_slowdown_notes, mark_undriven_points
 from machopt.planning.plan_output.point_table import PointResults, build_point_table
 
-ROUNDINGS = (0.25, 0.05, 0.01)  # shares of the corner tolerances, one after the other
-SPARES = 2  # plans made again where driving one takes of the margins it keeps
+ROUNDINGS = (0.25, 0.05, 0.01)  # shares of the corner tolerances, tried in this order
+SPARES = 2  # maximum number of new plans where driving uses up the margins
 
 
 @dataclass(frozen=True)
 class JobPlan:
-    """A job that is planned and, where that can be, driven."""
+    """Plan of a job with its points and, where possible, its motion."""
 
     plan: Plan
     points: PointResults
     timeline: MotionTimeline | None
-    parts: tuple[DrivenToolSegment, ...]  # one, or one a tool that is on, in the order of the stints
+    parts: tuple[DrivenToolSegment, ...]  # one per stint, in order
 
 
 def plan_job(
@@ -56,17 +56,17 @@ def plan_job(
     timings: StageTimings,
     before: Sequence[Plan] = (),
 ) -> JobPlan:
-    """Plan a job, and drive it where nothing is missing.
+    """Plan a job, and compute its motion where no point is missing.
 
     Args:
-        stints: the job, cut where it changes tools.
+        stints: the job, divided at tool changes.
         toolpath: the whole of it.
         options: for the whole job.
-        timings: what the stages take, of all tools together.
-        before: the plans of the same stints but for the user's wishes, which lend what these do not change; or none.
+        timings: durations of the stages, of all tools together.
+        before: plans of the same stints with other user requests, whose unchanged parts are reused; or none.
 
     Raises:
-        InputError: an option asks for what is not planned.
+        InputError: an option requests something that is not supported.
     """
     with use_temporary_cache() if stints[0].cell.external_joints else contextlib.nullcontext():
         job = _job(stints, toolpath, options, timings, before)
@@ -87,7 +87,7 @@ def _job(
         done = _whole_job(stints[0], options, timings, lent[0])
         return JobPlan(done.stretch.plan, done.points, done.timeline, (done,))
     plans = [_planned(stints[0], options, timings, len(stints), lent[0])]
-    scale = plans[0].scores.scale  # of all: the worst index is that of the whole job
+    scale = plans[0].scores.scale  # common scale: the worst index is that of the whole job
     rest = zip(stints[1:], lent[1:], strict=True)
     plans += [_planned(s, options, timings, len(stints), one, scale=scale) for s, one in rest]
     plans, bound = plan_worst_index_over_tools(plans, compute_length_shares(plans), timings)
@@ -105,9 +105,9 @@ def _whole_job(
 ) -> DrivenToolSegment:
     """A job of one tool; with fewer external joints free where it has no complete motion with all of them."""
 
-    def done(asked: PlanOptions, lent: Plan | None = None) -> DrivenToolSegment:
-        first = _planned(stint, asked, timings, 1, lent)
-        return _done(stint, first, asked, timings, lambda o: _planned(stint, o, timings, 1))
+    def done(locked_options: PlanOptions, lent: Plan | None = None) -> DrivenToolSegment:
+        first = _planned(stint, locked_options, timings, 1, lent)
+        return _done(stint, first, locked_options, timings, lambda o: _planned(stint, o, timings, 1))
 
     subsets = (
         list(iterate_locked_subsets(stint.cell, stint.restrict_options(options))) if stint.cell.external_joints else []
@@ -118,9 +118,9 @@ def _whole_job(
         free = done(options, before)
     if has_trajectory(free):
         return free
-    for names, asked in subsets:
+    for names, locked_options in subsets:
         with limit_search(SearchBudget()):
-            found = done(replace(options, external=asked.external))
+            found = done(replace(options, external=locked_options.external))
         if has_trajectory(found):
             return add_locked_axes_note(found, names, options)
     return free
@@ -146,7 +146,7 @@ def _planned(
 def _done(
     stint: ToolSegment, the_plan: Plan, whole: PlanOptions, timings: StageTimings, again: Callable[[PlanOptions], Plan]
 ) -> DrivenToolSegment:
-    """One tool's plan with its points, and its motion where there is one.
+    """Return one tool's plan with its points, and its motion where there is one.
 
     Args:
         again: plans the same with other options for the whole job.
@@ -165,54 +165,58 @@ def _done(
 
 
 def _rounded_less(
-    planned: Plan, taken: Plan, timeline: MotionTimeline, motion: Callable[[Plan], tuple[Plan, MotionTimeline | None]]
+    planned: Plan, driven: Plan, timeline: MotionTimeline, motion: Callable[[Plan], tuple[Plan, MotionTimeline | None]]
 ) -> tuple[Plan, Plan, MotionTimeline | None]:
-    """Drive a plan whose rounded corners fall short of a margin with narrower corners in the runs where they do.
+    """Drive a plan whose rounded corners violate a margin with smaller corner rounding in the affected runs.
 
-    With corners that are rounded less the arm stands at the planning points as planned, where it keeps the margins;
-    the price is feed. Without an answer the motion is given up where a margin is missed.
+    With less rounding the arm is at the planning points as planned, where it keeps the margins; the cost is feed. If
+    that
+    fails, the motion is dropped where a margin is violated.
     """
-    the_plan, first = planned, find_lost_margin(planned, taken)
+    the_plan, first = planned, find_lost_margin(planned, driven)
     for rounding in ROUNDINGS:
-        stop = find_lost_margin(the_plan, taken)
+        stop = find_lost_margin(the_plan, driven)
         if stop is None:
-            return the_plan, taken, timeline
-        runs = {**the_plan.rounding, **dict.fromkeys(find_runs_with_lost_margins(the_plan, taken), rounding)}
+            return the_plan, driven, timeline
+        runs = {**the_plan.rounding, **dict.fromkeys(find_runs_with_lost_margins(the_plan, driven), rounding)}
         the_plan, narrower = motion(replace(the_plan, rounding=runs))
         if narrower is None or narrower.trajectory is None:
             break
-        timeline, taken = narrower, apply_driven_rotation(the_plan, narrower.phi)
-    if first is None or find_lost_margin(the_plan, taken) is None:
-        return the_plan, taken, timeline
+        timeline, driven = narrower, apply_driven_rotation(the_plan, narrower.phi)
+    if first is None or find_lost_margin(the_plan, driven) is None:
+        return the_plan, driven, timeline
     return planned, planned, replace(timeline, trajectory=None, obstructions=(first,))
 
 
 def drive_tool_segment(
     stint: ToolSegment, the_plan: Plan, whole: PlanOptions, timings: StageTimings, again: Callable[[PlanOptions], Plan]
 ) -> tuple[Plan, Plan, MotionTimeline | None]:
-    """The plan, what is driven of it, and the motion; made again with spare where driving takes of the margins.
+    """Return the plan, the plan as driven, and the motion; replanned with larger margins where driving uses them up.
 
     Args:
+        stint: toolpath of one tool.
+        the_plan: plan of that tool.
         whole: options of the whole job.
+        timings: receives the duration of the stages.
         again: plans the same with other options for the whole job.
     """
-    toolpath, options, spared, arm = stint.toolpath, stint.restrict_options(whole), whole, the_plan.setup.arm
+    toolpath, options, reserved, arm = stint.toolpath, stint.restrict_options(whole), whole, the_plan.setup.arm
     for tries_left in range(SPARES, -1, -1):
 
-        def motion(one: Plan, asked: PlanOptions = spared) -> tuple[Plan, MotionTimeline | None]:
+        def motion(one: Plan, asked: PlanOptions = reserved) -> tuple[Plan, MotionTimeline | None]:
             shifted = compensate_with_retries(stint, one, asked, timings, again) if options.compensate else one
             return shifted, plan_motion(shifted, toolpath, options, timings)
 
         the_plan, timeline = reroute_blocked_rapids(the_plan, motion, timings)
         if timeline is None or timeline.trajectory is None:
             return the_plan, the_plan, timeline
-        taken = apply_driven_rotation(the_plan, timeline.phi)
-        stop = find_lost_margin(the_plan, taken)
+        driven = apply_driven_rotation(the_plan, timeline.phi)
+        stop = find_lost_margin(the_plan, driven)
         if stop is None:
-            return the_plan, taken, timeline
-        spared = add_margin_reserve(spared, the_plan, taken)
-        other = again(spared) if tries_left else None
-        if other is None or not (is_whole(other) or options.allow_gaps):
-            return _rounded_less(the_plan, taken, timeline, motion)
-        the_plan = restore_requested_margins(other, options, arm)
+            return the_plan, driven, timeline
+        reserved = add_margin_reserve(reserved, the_plan, driven)
+        alternative = again(reserved) if tries_left else None
+        if alternative is None or not (is_whole(alternative) or options.allow_gaps):
+            return _rounded_less(the_plan, driven, timeline, motion)
+        the_plan = restore_requested_margins(alternative, options, arm)
     raise AssertionError("the last try returns")

@@ -1,14 +1,13 @@
-"""The plans of a job that changes tools, put together: each tool's stretch is planned by itself.
+"""Joined plan of a job with tool changes: each tool's stretch is planned by itself.
 
-Between two of them the machine stands at one known pose, where the tool is changed. So nothing of one stretch's motion
-hangs on another's, and with s_k a stretch's share of the length cut the whole has
+Between two stretches the machine rests at one known pose, where the tool is changed. The motions of the stretches are
+therefore independent. With s_k a stretch's share of the length cut the whole has
 
     J = Σ s_k (J_k − w_worst·m_k) + w_worst·max m_k,    m_k its worst index in units of one c₀ (the first stretch's)
 
-The stretches are planned for J_k alone, and then for the worst index of them all
-(:mod:`machopt.planning.job.worst_index_over_tools`). Where that is not done, no plan of the whole has less than Σ
-s_k·bound_k, as
-Σ s_k = 1.
+The stretches are planned for J_k alone, and then for the common worst index
+(:mod:`machopt.planning.job.worst_index_over_tools`). Without that step, Σ s_k·bound_k is a lower bound of
+the whole, as Σ s_k = 1.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ from machopt.planning.sampling.configurations import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.stations.planning_path import PlanningPath
 
-COUNTED_UP = ("time", "s")  # of a path: what rises along it, over all stretches
+COUNTED_UP = ("time", "s")  # columns of a path that increase over all stretches
 
 
 @dataclass(frozen=True)
 class ToolSegmentPlan:
-    """One tool's plan before it is put together with the others."""
+    """One tool's plan before it is joined with the others."""
 
     plan: Plan  # its toolpath indices count from the stretch's first point
     first: int  # toolpath point of the whole
@@ -44,8 +43,12 @@ class ToolSegmentPlan:
 
 
 def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None) -> Plan:
-    """The job as one plan, its stretches in ``parts``; ``bound`` as in
-    :class:`~machopt.planning.pipeline.plan.Plan`."""
+    """Return the job as one plan, with its stretches in ``parts``.
+
+    Args:
+        stretches: plans in order.
+        bound: as in :class:`~machopt.planning.pipeline.plan.Plan`.
+    """
     plans = [_in_the_whole(s) for s in stretches]
     share = compute_length_shares(plans)
     rows = np.cumsum([0, *(len(p.path.index) for p in plans)])[:-1]
@@ -96,14 +99,21 @@ def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None)
 
 
 def shift_break_indices(b: SequenceBreak, s: ToolSegmentPlan) -> SequenceBreak:
-    """A break of a stretch with the toolpath indices of the whole job."""
+    """Return a break of a stretch with the toolpath indices of the whole job.
+
+    Args:
+        b: break with indices of the stretch.
+        s: stretch that has the break.
+    """
     begin, end = (HOME if at is None else CHANGE for at in (s.plan.begin, s.plan.end))
     text = f"with tool {s.tool}: {b.text}"
     return replace(b, before=b.before + s.first, after=b.after + s.first, text=text, begin=begin, end=end)
 
 
 def _in_the_whole(s: ToolSegmentPlan) -> Plan:
-    """The plan with the toolpath indices of the whole job; its sentences count points from the stretch's first."""
+    """Return the plan with the toolpath indices of the whole job; its messages count points from the stretch's
+    first.
+    """
     notes = {p: f"with tool {s.tool}, points counted from {s.first}: {text}" for p, text in s.plan.notes.items()}
     return replace(
         s.plan,
@@ -116,7 +126,11 @@ def _in_the_whole(s: ToolSegmentPlan) -> Plan:
 
 
 def compute_length_shares(plans: Sequence[Plan]) -> Array:
-    """(K,) of the length cut; by the counted points where nothing has a length."""
+    """Return (K,) shares of the length cut; of the counted points where nothing has a length.
+
+    Args:
+        plans: plans of the stretches.
+    """
     length = []
     for p in plans:
         step = np.linalg.norm(np.diff(p.path.position, axis=0), axis=1)
@@ -147,14 +161,14 @@ def _summed(parts: Sequence[PlanObjective], share: Array, options: PlanOptions) 
 
 
 def _stacked(arrays: Sequence[Array]) -> Any:
-    """Arrays of whatever numbers or flags, one behind the other; None where no stretch has any."""
+    """Concatenate arrays of numbers or flags; None where no stretch has any."""
     if arrays[0] is None:
         return None
     return np.concatenate(arrays)
 
 
 def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
-    """One path of all runs; nothing joins the last of one stretch and the first of the next."""
+    """Return one path of all runs; the last of one stretch and the first of the next are not connected."""
     before = dict.fromkeys(COUNTED_UP, 0.0)
     columns: dict[str, list[Array]] = {}
     runs: list[tuple[int, int]] = []
@@ -176,7 +190,7 @@ def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
 
 
 def _candidates(some: Sequence[CandidateGrid]) -> CandidateGrid:
-    """All stations with the whole turns that occur anywhere."""
+    """Return all stations with the union of their whole turns."""
     turns = np.unique(np.concatenate([c.turns for c in some]), axis=0)
     feasible = []
     for c in some:
@@ -198,7 +212,7 @@ def _candidates(some: Sequence[CandidateGrid]) -> CandidateGrid:
 
 
 def _places(turns: Array, among: Array) -> Array:
-    """(T,) which of the rows ``among`` each of ``turns`` is."""
+    """Return (T,) the row of ``among`` equal to each of ``turns``."""
     return np.array([int(np.flatnonzero((among == t).all(axis=1))[0]) for t in turns], np.intp)
 
 
@@ -218,7 +232,7 @@ def _choice(plans: Sequence[Plan], candidates: CandidateGrid, stations: Sequence
 
 
 def _compensation(plans: Sequence[Plan]) -> PathCompensation | None:
-    """The shifts of all stretches; none where a stretch has none."""
+    """Return the shifts of all stretches; None where a stretch has none."""
     some = [p.compensation for p in plans if p.compensation is not None]
     if not some:
         return None

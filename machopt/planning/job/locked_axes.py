@@ -1,8 +1,8 @@
-"""A job that has no complete motion with its external joints free, planned with fewer of them free.
+"""Planning with fewer free external joints, for a job that has no complete motion with all of them free.
 
 A plan with an external joint locked at its home value is one of the plans with that joint free. Where the search over
 the larger set ends without a complete motion, the smaller sets are searched: each free joint locked alone, in the order
-of the cell, then all of them. The first complete motion is taken. A job with external joints therefore never ends
+of the cell, then all of them. The first complete motion is selected. A job with external joints therefore never ends
 without a motion where one of these subsets has one.
 """
 
@@ -19,10 +19,13 @@ from machopt.planning.motion.search_budget import EXTENSIONS
 
 
 def iterate_locked_subsets(cell: Cell, options: PlanOptions) -> Iterator[tuple[tuple[str, ...], PlanOptions]]:
-    """The names of joints that are locked in addition, and the options with these locked at home.
+    """Yield the names of joints that are locked in addition, and the options with these locked at home.
 
-    A joint with values or modes of single operations, a preferred value, or a range without its home is left as the
-    user wants it.
+    A joint with values or modes of single operations, a preferred value, or a range without its home is not locked.
+
+    Args:
+        cell: cell with the external joints.
+        options: plan options.
     """
     names = []
     for k, axis in enumerate(resolve_axis_options(cell, options)):
@@ -32,7 +35,7 @@ def iterate_locked_subsets(cell: Cell, options: PlanOptions) -> Iterator[tuple[t
         if axis.mode != "locked" and not own and low <= home <= high:
             names.append(axis.joint)
     sets = [(name,) for name in names] + ([tuple(names)] if len(names) > 1 else [])
-    if any(wish.joint for wish in options.steer):  # a wish about an external joint says where it is to be
+    if any(wish.joint for wish in options.steer):  # a request about an external joint fixes its position
         return
     for some in sets:
         locks = tuple(ExternalJointOptions(joint=name, mode="locked") for name in some)
@@ -40,15 +43,19 @@ def iterate_locked_subsets(cell: Cell, options: PlanOptions) -> Iterator[tuple[t
 
 
 def has_trajectory(done: DrivenToolSegment) -> bool:
-    """All of it is planned and driven."""
+    """Return whether the whole stretch is planned and driven.
+
+    Args:
+        done: stretch of one tool.
+    """
     return done.timeline is not None and done.timeline.trajectory is not None
 
 
 def add_locked_axes_note(done: DrivenToolSegment, names: tuple[str, ...], options: PlanOptions) -> DrivenToolSegment:
-    """The plan of a subset as the answer to what the user wanted, with a note about the joints that were locked.
+    """Return the plan of a subset as the result of the user's request, with a note about the locked joints.
 
     Args:
-        done: with a motion.
+        done: stretch with a motion.
         names: of the joints that were locked at home.
         options: as the user gave them.
     """

@@ -1,4 +1,4 @@
-"""What more stiffness costs in time, joint travel and clearance: further plans, and which of them others beat."""
+"""Alternative plans that trade stiffness against time, joint travel and clearance, and their Pareto front."""
 
 from __future__ import annotations
 
@@ -15,29 +15,34 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.sequence_search.worst_value_constraint import GAP
 
-INDEX = GAP  # relative: the choice claims its objective no nearer than this, so no difference below it is one
-TIME = 0.1  # s: eight control samples; what a controller adds at stops differs by more from one run to the next
-TRAVEL = 1.0  # deg of all axes together: below the rotation grid, and nothing that wears or heats an axis
-CLEARANCE = 0.01  # mm: clearance is kept before corners are rounded, by up to path_tolerance_mm (0.015)
-SAME = 1.0 + 1e-6  # of such a difference: round-off of a plain 0.1 s
+INDEX = GAP  # relative: accuracy of the objective of the choice, so smaller differences are not significant
+TIME = 0.1  # s: eight control samples; the time a controller adds at stops varies by more between runs
+TRAVEL = 1.0  # deg of all axes together: below the rotation grid, and irrelevant for wear and heating
+CLEARANCE = 0.01  # mm: clearance is checked before corners are rounded, by up to path_tolerance_mm (0.015)
+SAME = 1.0 + 1e-6  # factor of such a difference: round-off of 0.1 s
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrontPlan:
-    """One whole plan; the index is deflection in mm, or compliance in mm/N where no force is given."""
+    """Criteria of one whole plan; the index is deflection in mm, or compliance in mm/N where no force is given."""
 
     plan: str
-    changed: str  # against the options in force
+    changed: str  # difference from the active options
     mean_index: float  # over the length cut, from the objective
     worst_index: float
     cycle_time_s: float
     joint_travel_deg: float  # of all axes together, over the whole motion
     clearance_mm: float | None  # least at the points; None where collisions are not checked
-    objective: float | None = None  # J by the weights in force, in units of the plan asked for
+    objective: float | None = None  # J by the active weights, in units of the requested plan
     dominated: bool = False  # another plan is better in one of these, worst_index aside, and worse in none
 
     def worse(self, other: FrontPlan) -> tuple[float, ...]:
-        """By how many times what counts as a difference this plan is worse than another, criterion by criterion."""
+        """Return, per criterion, how much worse this plan is than another, in units of the smallest significant
+        difference.
+
+        Args:
+            other: plan to compare with.
+        """
         least = INDEX * max(abs(self.mean_index), abs(other.mean_index))
         pairs = [
             (self.mean_index, other.mean_index, least),
@@ -51,6 +56,9 @@ class FrontPlan:
 
 def check_front_options(options: PlanOptions) -> None:
     """Refuse options that leave nothing to trade, or plans that cannot be compared.
+
+    Args:
+        options: plan options.
 
     Raises:
         InputError: with what would work.
@@ -67,7 +75,11 @@ def check_front_options(options: PlanOptions) -> None:
 
 
 def list_front_variants(options: PlanOptions) -> list[tuple[str, str, PlanOptions]]:
-    """Name, what is changed, and the options of each further plan."""
+    """Return name, description of the change, and options of each alternative plan.
+
+    Args:
+        options: plan options.
+    """
     w = options.weights
     out = [
         (
@@ -90,40 +102,61 @@ def list_front_variants(options: PlanOptions) -> list[tuple[str, str, PlanOption
 
 
 def describe_missing_plans(points: Sequence[FrontPlan], options: PlanOptions) -> tuple[str, ...]:
-    """One sentence where further plans are missing from a front; none where no front was asked for."""
-    have = {p.plan for p in points}
-    lacking = [name for name, _, _ in list_front_variants(options) if name not in have]
-    if not points or not lacking:
+    """Return one sentence where alternative plans are missing from a front; none where no front was requested.
+
+    Args:
+        points: plans of the front.
+        options: plan options.
+    """
+    present = {p.plan for p in points}
+    missing = [name for name, _, _ in list_front_variants(options) if name not in present]
+    if not points or not missing:
         return ()
-    return (f"--front: {', '.join(lacking)} left out: no motion was found, or it failed the checks",)
+    return (f"--front: {', '.join(missing)} left out: no motion was found, or it failed the checks",)
 
 
 def describe_better_plans(points: Sequence[FrontPlan]) -> tuple[str, ...]:
-    """One sentence where a further plan has less of what the plan asked for was to have least of.
+    """Return one sentence where an alternative plan has a lower objective than the requested one.
 
-    The smoothed choice is the best in its neighbourhood only: other weights may lead to another, better one.
+    The smoothed choice is only a local optimum: other weights may lead to another, better one.
+
+    Args:
+        points: plans of the front, the requested one first.
     """
-    own = points[0].objective if points else None
+    requested = points[0].objective if points else None
     rivals = [(p.objective, p) for p in points[1:] if p.objective is not None]
-    if own is None or not rivals:
+    if requested is None or not rivals:
         return ()
     least, best = min(rivals, key=lambda r: r[0])
-    if not least < own * (1.0 - INDEX):
+    if not least < requested * (1.0 - INDEX):
         return ()
     return (
         f"--front: the plan '{best.plan}' ({best.changed}) is better by the weights asked for as well: objective "
-        f"{least:.4f} against {own:.4f}, {100.0 * (1.0 - least / own):.2f} % less; these options would make it",
+        f"{least:.4f} against {requested:.4f}, {100.0 * (1.0 - least / requested):.2f} % less; "
+        "these options would make it",
     )
 
 
 def measure_front_plan(
-    name: str, changed: str, the_plan: Plan, timeline: MotionTimeline, points: PointResults, asked: Plan
+    name: str, changed: str, the_plan: Plan, timeline: MotionTimeline, points: PointResults, requested_plan: Plan
 ) -> FrontPlan:
-    """What one driven plan comes to, the objective by the weights of the plan that was asked for."""
+    """Return the criteria of one driven plan, with the objective by the weights of the requested plan.
+
+    Args:
+        name: name of the plan.
+        changed: description of the changed options.
+        the_plan: plan to measure.
+        timeline: its motion.
+        points: its point results.
+        requested_plan: requested plan.
+
+    Raises:
+        ValueError: the plan has no motion.
+    """
     motion, o = timeline.trajectory, the_plan.chosen.objective
     if motion is None:
         raise ValueError("a plan without a motion is no point of the front")
-    unit, share = 1e3 * the_plan.scores.scale, the_plan.scores.scale / asked.scores.scale
+    unit, share = 1e3 * the_plan.scores.scale, the_plan.scores.scale / requested_plan.scores.scale
     in_its_units = replace(o, mean=share * o.mean, worst=share * o.worst)
     clearance = points.table.clearance
     return FrontPlan(
@@ -134,18 +167,23 @@ def measure_front_plan(
         cycle_time_s=float(motion.time[-1]),
         joint_travel_deg=float(np.degrees(np.abs(np.diff(motion.q, axis=0)).sum())),
         clearance_mm=1e3 * float(np.nanmin(clearance)) if np.isfinite(clearance).any() else None,
-        objective=compute_total(in_its_units, asked.options.weights),
+        objective=compute_total(in_its_units, requested_plan.options.weights),
     )
 
 
 def mark_dominated_plans(points: list[FrontPlan]) -> list[FrontPlan]:
-    """The points with ``dominated`` told, by differences that count (INDEX, TIME, TRAVEL, CLEARANCE).
+    """Return the points with ``dominated`` set, by significant differences (INDEX, TIME, TRAVEL, CLEARANCE).
 
-    A plan is dominated by one that is worse in nothing and better in something; of two alike the later is. Being alike
-    does not carry over from one pair to the next, so the dominated are taken away one by one, the last first, and
-    compared with what is left: some plan always is.
+    A plan is dominated by one that is worse in nothing and better in something; of two equal ones the later is
+    dominated.
+    This equality is not transitive. Dominated plans are therefore removed one by one, the last first, and the others
+    are
+    compared with the remaining ones, so that at least one plan remains.
+
+    Args:
+        points: plans of the front, the requested one first.
     """
-    left = list(range(len(points)))
+    remaining = list(range(len(points)))
 
     def beaten(a: int, b: int, *, alike: bool) -> bool:
         """Plan b by plan a."""
@@ -154,6 +192,6 @@ def mark_dominated_plans(points: list[FrontPlan]) -> list[FrontPlan]:
 
     for alike in (False, True):
         for b in reversed(range(len(points))):
-            if b in left and any(beaten(a, b, alike=alike) for a in left if a != b):
-                left.remove(b)
-    return [replace(p, dominated=k not in left) for k, p in enumerate(points)]
+            if b in remaining and any(beaten(a, b, alike=alike) for a in remaining if a != b):
+                remaining.remove(b)
+    return [replace(p, dominated=k not in remaining) for k, p in enumerate(points)]

@@ -1,10 +1,10 @@
-"""A rapid move that no free way was found for: the same postures by other whole turns, or others.
+"""Rerouting of rapid moves without a collision-free path: the same postures with other whole turns, or other postures.
 
-The choice takes any rapid move for one that can be driven, and pays its travel. That may not be so: the upper arm of a
-robot whose shoulder goes right round would have to pass through its own base, which the other way round it need not.
-Where the motion shows that, what follows is turned by whole turns of its joints, as far as limits allow. Where that
-does not help, the job is chosen once more without a rapid move between these two branches, and without the branch that
-is not come by from home or leads to no way home. The new plan is taken if all of it can be driven.
+The choice assumes that any rapid move can be driven, and prices its travel. That may be wrong: the upper arm of a
+robot with a shoulder range of more than a full turn might have to pass through its own base in one direction. Where the
+motion fails for that reason, the rest is shifted by whole turns of its joints, as far as limits allow. Where that
+fails, the job is chosen again without a rapid move between these two branches, and without a branch that
+cannot be reached from home or cannot return home. The new plan is accepted if all of it can be driven.
 """
 
 from __future__ import annotations
@@ -28,41 +28,47 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import NO_WAY_FOUND, SequenceBreak
 
-TRIES = 6  # plans made again: each goes round otherwise, or shuts a change of branch, of which six axes have 28
-AROUND = 12  # whole turns that are tried at a place, the nearest first
-JOINTS = 2  # most joints that go round at once
+TRIES = 6  # maximum number of new plans: each shifts turns, or forbids a branch change, of which six axes have 28
+AROUND = 12  # maximum number of whole turns tried at a place, the nearest first
+JOINTS = 2  # maximum number of joints shifted at once
 
 Motion = Callable[[Plan], tuple[Plan, MotionTimeline | None]]
 
 
 @dataclass(frozen=True)
 class _Shut:
-    """Changes of branch that no free way was found for."""
+    """Branch changes without a collision-free path."""
 
     between: Bools  # (B, B)
     ends: frozenset[tuple[int, int]]  # station at an end of the path, branch
-    told: tuple[str, ...]  # of each in words
+    told: tuple[str, ...]  # description of each
 
     def more_than(self, other: _Shut) -> bool:
+        """Return whether these changes include one that the other set does not.
+
+        Args:
+            other: set to compare with.
+        """
         return bool((self.between & ~other.between).any()) or not self.ends <= other.ends
 
 
 def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) -> tuple[Plan, MotionTimeline | None]:
-    """The plan and its motion, or what goes round, or does without, changes of branch that cannot be driven.
+    """Return the plan and its motion, or an alternative that avoids the branch changes that cannot be driven.
 
     Args:
         plan: as it was searched for, not shifted against the load.
-        motion: what is driven of a plan, and how.
+        motion: computes the driven plan and its motion.
+        timings: receives the duration of the stages.
 
     Returns:
-        those of the plan itself where it can be driven, or where no other can be either.
+        Those of the plan itself where it can be driven, or where no alternative can be either.
     """
     first = motion(plan)
-    if not is_complete(plan):  # what is missing or gouges is the plan's, and another search would not know of it
+    if not is_complete(plan):  # missing points and gouges belong to the plan; another search would not remove them
         return first
     driven, timeline = first
     B = plan.candidates.q.shape[2]
-    shut, told = _Shut(np.zeros((B, B), bool), frozenset(), ()), dict[str, str]()
+    shut, descriptions = _Shut(np.zeros((B, B), bool), frozenset(), ()), dict[str, str]()
     for _ in range(TRIES):
         stops = _stops(timeline)
         if timeline is None or timeline.trajectory is not None or not stops or is_used_up():
@@ -74,12 +80,12 @@ def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) ->
                 if turned is None:
                     stuck.append(stop)
                 else:
-                    plan, told[stop.where] = turned
+                    plan, descriptions[stop.where] = turned
         if stuck:
             more = _shut_by(driven, stuck, shut)
             if plan.found is None or not plan.candidates.stable or not more.more_than(shut):
                 return first
-            shut, told = more, {}
+            shut, descriptions = more, {}
             with timings.stage("choose"):
                 plan = search_without_branch_changes(plan, plan.found, shut.between, sorted(shut.ends), timings)
             if not is_complete(plan):
@@ -87,22 +93,23 @@ def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) ->
         driven, timeline = motion(plan)
     if timeline is None or timeline.trajectory is None:
         return first
-    return driven, replace(timeline, detours=(*timeline.detours, *shut.told, *told.values()))
+    return driven, replace(timeline, detours=(*timeline.detours, *shut.told, *descriptions.values()))
 
 
 def _stops(timeline: MotionTimeline | None) -> list[SequenceBreak]:
-    """Rapid moves between two free places that no way was found for."""
-    every = () if timeline is None else timeline.obstructions[:SEARCHED]  # of the others little is known
+    """Return the rapid moves between two contact-free places without a collision-free path."""
+    every = () if timeline is None else timeline.obstructions[:SEARCHED]  # the others were not searched fully
     return [stop for stop in every if stop.code in NO_WAY_FOUND and stop.pair != UNDER]
 
 
 def _turned(plan: Plan, stop: SequenceBreak) -> tuple[Plan, str] | None:
-    """The plan with what follows a blocked move turned by whole turns to where a free way leads; and that in words.
+    """Return the plan with the rest after a blocked move shifted by whole turns to a reachable posture, and its
+    description.
 
-    On the way home it is the last stretch that is turned.
+    For a blocked return to home, the last stretch is shifted.
     """
     q, home = plan.chosen.assignment.q, not np.isfinite(stop.after)
-    known = np.flatnonzero(np.isfinite(q).all(axis=1))  # points that are passed by have no posture
+    known = np.flatnonzero(np.isfinite(q).all(axis=1))  # skipped points have no posture
     begin, before = _row(plan, stop.after), _row(plan, stop.before)
     if home:
         run = next(first for first, last in plan.path.runs if last >= before)
@@ -127,14 +134,14 @@ def _turned(plan: Plan, stop: SequenceBreak) -> tuple[Plan, str] | None:
 
 
 def _stands(plan: Plan, row: int, q: Array) -> Array:
-    """(6 + E,) the machine at a planning point with joints q (6,) rad."""
+    """Return the (6 + E,) machine joints at a planning point with joints q (6,) rad."""
     return np.asarray(plan.path.whole(q[None], np.array([row]))[0])
 
 
 def _other_turns(plan: Plan, begin: int, rest: Array) -> Iterator[tuple[Array, int]]:
-    """Whole turns (6,) rad that the stretch from a planning point on may be turned by, and the last point that may.
+    """Yield whole turns (6,) rad by which the stretch from a planning point on may be shifted, and its last point.
 
-    Nearest to where the machine stands first, rest (6,) rad.
+    The turns nearest to the present posture ``rest`` (6,) rad come first.
     """
     a, arm, runs = plan.chosen.assignment, plan.setup.arm, plan.path.runs
     later = [(first, last) for first, last in runs if last >= begin]
@@ -159,7 +166,7 @@ def _other_turns(plan: Plan, begin: int, rest: Array) -> Iterator[tuple[Array, i
 
 
 def _free(plan: Plan, a: Array, b: Array) -> bool:
-    """A free way leads from a to b, (6 + E,) rad or m."""
+    """Return whether a collision-free path leads from a to b, (6 + E,) rad or m."""
     setup, options = plan.setup, plan.options
     if not np.isfinite([a, b]).all():
         return False
@@ -179,20 +186,20 @@ def _free(plan: Plan, a: Array, b: Array) -> bool:
 
 
 def _shut_by(plan: Plan, stops: list[SequenceBreak], shut: _Shut) -> _Shut:
-    """With what stands in the way of one more motion."""
-    between, ends, told = shut.between.copy(), set(shut.ends), list(shut.told)
+    """Return the set extended by the blocked moves of one more motion."""
+    between, ends, descriptions = shut.between.copy(), set(shut.ends), list(shut.told)
     for stop in stops:
         a, b = (_branch(plan, place) for place in (stop.before, stop.after))
         if a == b or (a >= 0 and b >= 0 and between[a, b]):
             continue
         if a >= 0 and b >= 0:
             between[a, b] = between[b, a] = True
-            told.append(_words(stop, f"between branches {a} and {b}"))
+            descriptions.append(_words(stop, f"between branches {a} and {b}"))
         else:
             row = _row(plan, stop.after if a < 0 else stop.before)
             ends.add((min(int(np.searchsorted(plan.path.stations, row)), len(plan.path.stations) - 1), max(a, b)))
-            told.append(_words(stop, f"{'to' if a < 0 else 'from'} branch {max(a, b)}"))
-    return _Shut(between, frozenset(ends), tuple(told))
+            descriptions.append(_words(stop, f"{'to' if a < 0 else 'from'} branch {max(a, b)}"))
+    return _Shut(between, frozenset(ends), tuple(descriptions))
 
 
 def _row(plan: Plan, place: float) -> int:

@@ -1,4 +1,4 @@
-"""Requests that no plan can answer, and from a plan to its motion."""
+"""Checks of requests that no plan can satisfy, and the step from a plan to its motion."""
 
 from __future__ import annotations
 
@@ -20,28 +20,31 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.unit_check import compute_maximum_reach, explain_wrong_unit
 
-SAMPLES = 2e7  # 67 h at 12 ms: more is no motion but a feed in another unit
+SAMPLES = 2e7  # 67 h at 12 ms: more indicates a feed in another unit
 
 
 def check_length_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: bool) -> None:
-    """Refuse a path whose numbers count another unit: all out of reach is no answer to it.
+    """Refuse a path whose numbers are probably in another unit, instead of reporting every point as out of reach.
 
     Args:
         cell: the robot cell.
         toolpath: as it was read.
-        file: what it was read from.
-        stated: the user gave the unit: small or far is then meant.
+        file: source file of the toolpath.
+        stated: the user gave the unit, so that a very small or distant path is intended.
+
+    Raises:
+        InputError: all points are out of reach, and in another unit they would not be.
     """
     robot = load_robot(cell)
     machine = load_machine(cell, robot)
-    stands = machine.compute_T_base_workpiece(_corners(cell))
-    why = [explain_wrong_unit(toolpath, robot, T, cell.tool.T_flange_tcp, stated=stated) for T in stands]
-    if all(why):  # wherever the external joints stand
+    workpiece_poses = machine.compute_T_base_workpiece(_corners(cell))
+    why = [explain_wrong_unit(toolpath, robot, T, cell.tool.T_flange_tcp, stated=stated) for T in workpiece_poses]
+    if all(why):  # for all positions of the external joints
         raise InputError(why[0], file=file)
 
 
 def add_reach_warning(cell: Cell, toolpath: Toolpath) -> Toolpath:
-    """The path with a warning where cuts lie farther from the robot than it reaches, wherever external joints stand.
+    """Return the path with a warning where cuts are out of the robot's reach for all external joint positions.
 
     Args:
         cell: the robot cell.
@@ -57,22 +60,29 @@ def add_reach_warning(cell: Cell, toolpath: Toolpath) -> Toolpath:
     beyond = int((distance > reach).sum())
     if not beyond:
         return toolpath
-    told = (
+    message = (
         f"{beyond} of {len(cuts)} cut points lie beyond the reach of the robot ({reach:.3g} m), the farthest at "
         f"{distance.max():.4g} m: are unit (--unit), decimals (--decimals) and the pose of the workpiece right?"
     )
-    return replace(toolpath, warnings=(*toolpath.warnings, told))
+    return replace(toolpath, warnings=(*toolpath.warnings, message))
 
 
 def _corners(cell: Cell) -> Array:
-    """(N, E) home of the external joints, and the places between the ends of their ranges."""
+    """Return (N, E): home of the external joints, and the grid between the ends of their ranges."""
     ends = [np.linspace(a, b, 5) for a, b in zip(cell.limits.lower[6:], cell.limits.upper[6:], strict=True)]
     grid = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, len(ends)) if ends else np.empty((0, 0))
     return np.vstack([cell.external_home, grid])
 
 
 def check_fixed_rotation_method(options: PlanOptions) -> None:
-    """Refuse fixed rotations and other wishes beside a method that would not keep them."""
+    """Refuse fixed rotations and other constraints with a method that does not support them.
+
+    Args:
+        options: plan options.
+
+    Raises:
+        InputError: the method chooses every rotation by itself.
+    """
     if (options.fixed or options.steer) and options.method != "global":
         raise InputError(
             f"method {options.method} chooses every rotation by itself and would not keep fixed ones; method global "
@@ -83,7 +93,15 @@ def check_fixed_rotation_method(options: PlanOptions) -> None:
 
 
 def check_fixed_rotation_points(toolpath: Toolpath, options: PlanOptions) -> None:
-    """Refuse fixed rotations and other wishes that no plan would keep."""
+    """Refuse fixed rotations and other constraints that no plan can satisfy.
+
+    Args:
+        toolpath: toolpath of the job.
+        options: plan options.
+
+    Raises:
+        InputError: a constraint names a point that does not exist, or the method does not support it.
+    """
     check_fixed_rotation_method(options)
     for fixed in options.fixed:
         if fixed.point >= len(toolpath):
@@ -97,13 +115,29 @@ def check_fixed_rotation_points(toolpath: Toolpath, options: PlanOptions) -> Non
 
 
 def check_plannable(toolpath: Toolpath, options: PlanOptions) -> None:
-    """Refuse wishes that no plan would keep, and a motion without end."""
+    """Refuse constraints that no plan can satisfy, and a motion of excessive length.
+
+    Args:
+        toolpath: toolpath of the job.
+        options: plan options.
+
+    Raises:
+        InputError: with the constraint or the point.
+    """
     check_fixed_rotation_points(toolpath, options)
     check_motion_length(toolpath, options)
 
 
 def check_motion_length(toolpath: Toolpath, options: PlanOptions) -> None:
-    """Refuse feeds at which the motion has more samples than any file should hold: a feed in another unit."""
+    """Refuse feeds at which the motion has more samples than a file should contain: a feed in another unit.
+
+    Args:
+        toolpath: toolpath of the job.
+        options: plan options with the sample time.
+
+    Raises:
+        InputError: with the longest move.
+    """
     feed = np.where(np.isfinite(toolpath.feed), toolpath.feed, options.approach_feed)
     feed = np.where(toolpath.move == MoveKind.RAPID, np.inf, feed)[1:]
     seconds = np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1) / feed
@@ -123,11 +157,18 @@ def check_motion_length(toolpath: Toolpath, options: PlanOptions) -> None:
 def plan_motion(
     the_plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: StageTimings
 ) -> MotionTimeline | None:
-    """The motion, unless points are missing that the user did not allow to miss."""
+    """Return the motion; None where points are missing without the user's permission.
+
+    Args:
+        the_plan: plan of one tool.
+        toolpath: its toolpath.
+        options: plan options with ``allow_gaps``.
+        timings: receives the duration of the stages.
+    """
     cut = the_plan.path.counted
     missing = the_plan.missing
     path = the_plan.path
-    needed = missing[path.may_touch[missing] | path.is_point[missing]]  # between rapid points another way may be found
+    needed = missing[path.may_touch[missing] | path.is_point[missing]]  # rapid points may be bypassed
     if (len(needed) or the_plan.breaks) and not options.allow_gaps:
         return None
     if cut.any() and not np.setdiff1d(np.flatnonzero(cut), missing).size:

@@ -1,15 +1,16 @@
-"""The worst index of a job that changes tools, traded over all its stretches at once.
+"""Common worst index of a job with tool changes, traded over all its stretches at once.
 
 With s_k a stretch's share of the length cut, V_k(c) the rest of its objective under a cap c on its worst index, and w
-the price of the worst, the whole costs (:mod:`machopt.planning.job.joined_plan`)
+the price of the worst index, the whole costs (:mod:`machopt.planning.job.joined_plan`)
 
     J = Σ s_k V_k + w·max m_k = Σ s_k V_k(c) + w·c at the best common cap c.
 
-Each V_k falls as c rises, so their sum does: the branch and bound of
+Each V_k decreases with c, and so does their sum: the branch and bound of
 :mod:`machopt.planning.sequence_search.worst_value_constraint` over one cap
-is exact, and its bound holds for the whole job. Alone, a stretch is planned for V_k + w·m_k, which asks too much of one
-that another softens anyway and too little of the softest. Those whose own answer is not the common one are searched
-again, for V_k + (w/s_k)·max(m_k, c), on the grids that the first search has left; what is better of the whole is taken.
+is exact, and its bound holds for the whole job. Alone, a stretch is planned for V_k + w·m_k. That demands too much of a
+stretch if another is softer anyway, and too little of the softest one. Stretches whose own result differs from the
+common one are searched again, for V_k + (w/s_k)·max(m_k, c), on the grids that the first search has left. The better
+plan of the whole job is selected.
 """
 
 from __future__ import annotations
@@ -33,9 +34,11 @@ from machopt.planning.sequence_search.worst_value_constraint import (
     trade_worst_index,
 )
 
-ROUNDS = 3  # the search of a stretch may strike out what the common answer took
-CLOSED = 2e-3  # of J: nearer to the bound nothing is searched again
-LEAST = 1e-3  # share of the length below which a stretch is not searched again: its price would be all of it
+ROUNDS = 3  # the search of a stretch may exclude vertices of the common result
+CLOSED = 2e-3  # of J: within this gap to the bound nothing is searched again
+LEAST = (
+    1e-3  # share of the length below which a stretch is not searched again: the worst index would dominate its price
+)
 
 Solve = Callable[[float, float], WorstLimitedSequence | None]
 
@@ -43,11 +46,12 @@ Solve = Callable[[float, float], WorstLimitedSequence | None]
 def plan_worst_index_over_tools(
     plans: Sequence[Plan], share: Array, timings: StageTimings
 ) -> tuple[list[Plan], float | None]:
-    """The stretches planned for the worst index of them all, and what no sequences over their grids undercut.
+    """Return the stretches planned for the common worst index, and a lower bound of all sequences over their grids.
 
     Args:
         plans: each for its own worst index, in units of one c₀.
         share: (K,) of the length cut.
+        timings: receives the duration of the stages.
 
     Returns:
         The plans, those of the arguments where nothing is better; and the bound without the travel of external joints,
@@ -59,7 +63,7 @@ def plan_worst_index_over_tools(
         return best, None
     with timings.stage("together"):
         bound = None
-        grids = list(best)  # with all that was struck out
+        grids = list(best)  # with all exclusions
         ways = float(share @ [compute_external_travel_cost(p) for p in best])
         for _ in range(ROUNDS):
             common = _traded([grids[k] for k in cuts], share[cuts], w, _beside(best, cuts))
@@ -68,9 +72,9 @@ def plan_worst_index_over_tools(
             bound = common.bound
             if _whole([p.chosen.objective for p in best], share, w) <= (bound + ways) * (1 + CLOSED):
                 break
-            asked = [k for n, k in enumerate(cuts) if share[k] > LEAST and common.differs(n, best[k])]
+            searched = [k for n, k in enumerate(cuts) if share[k] > LEAST and common.differs(n, best[k])]
             tried = list(best)
-            for k in asked:
+            for k in searched:
                 found = grids[k].found
                 if found is None:
                     raise AssertionError("every stretch was searched")
@@ -96,14 +100,19 @@ class _Common:
     values: tuple[float, ...]  # V_k under it
 
     def differs(self, n: int, one: Plan) -> bool:
-        """The stretch's own sequence is another than that under the common cap."""
+        """Return whether the stretch's own sequence differs from the one under the common cap.
+
+        Args:
+            n: index of the stretch.
+            one: its plan.
+        """
         own = _worst(one)
         value = one.choice.total - one.options.weights.worst * own
         return own > self.worst * (1 + GAP) or value > self.values[n] + GAP * abs(one.choice.total)
 
 
-def _traded(grids: Sequence[Plan], share: Array, w: float, beside: float) -> _Common | None:
-    """The common cap of some stretches; ``beside`` is the worst index of the others."""
+def _traded(grids: Sequence[Plan], share: Array, w: float, worst_elsewhere: float) -> _Common | None:
+    """The common cap of some stretches; ``worst_elsewhere`` is the worst index of the others."""
     some = []
     for p in grids:
         if p.found is None:
@@ -120,12 +129,12 @@ def _traded(grids: Sequence[Plan], share: Array, w: float, beside: float) -> _Co
 
     def whole(answers: Sequence[WorstLimitedSequence]) -> WorstLimitedSequence:
         value = float(share @ [a.value for a in answers])
-        worst = max(beside, *(a.worst for a in answers))
+        worst = max(worst_elsewhere, *(a.worst for a in answers))
         found[value] = tuple(a.value for a in answers)
         return WorstLimitedSequence(np.empty((0, 3), np.int32), value, worst)
 
     def under(cap: float, limit: float) -> WorstLimitedSequence | None:
-        if cap < beside:
+        if cap < worst_elsewhere:
             return None
         answers: list[WorstLimitedSequence] = []
         left = limit - float(share @ least)
@@ -138,13 +147,13 @@ def _traded(grids: Sequence[Plan], share: Array, w: float, beside: float) -> _Co
         return whole(answers)
 
     free = whole([s.free for s in some])
-    done: WorstTradeResult = trade_worst_index(free, max(beside, *(s.floor for s in some)), w, under)
+    done: WorstTradeResult = trade_worst_index(free, max(worst_elsewhere, *(s.floor for s in some)), w, under)
     return _Common(done.bound, done.best.worst, found[done.best.value])
 
 
 @dataclass
 class _Stretch:
-    """One stretch's cheapest sequences under caps, each looked for once."""
+    """Cheapest sequences of one stretch under caps, each searched once."""
 
     free: WorstLimitedSequence
     floor: float
@@ -152,7 +161,12 @@ class _Stretch:
     known: list[tuple[float, WorstLimitedSequence]] = field(default_factory=list)  # cap, and the cheapest under it
 
     def under(self, cap: float, limit: float) -> WorstLimitedSequence | None:
-        """The cheapest under a cap, None where its value is not below a limit."""
+        """Return the cheapest sequence under a cap, None where its value is not below a limit.
+
+        Args:
+            cap: maximum worst index, in units of c₀.
+            limit: value that the sequence must be below.
+        """
         if self.free.worst <= cap:
             return self.free if self.free.value < limit else None
         if cap < self.floor:
@@ -167,7 +181,7 @@ class _Stretch:
 
 
 def _beside(plans: Sequence[Plan], cuts: Sequence[int]) -> float:
-    """The worst index of the stretches that cut no length: they have one answer."""
+    """Return the worst index of the stretches that cut no length: they have only one result."""
     return max((p.chosen.objective.worst for k, p in enumerate(plans) if k not in cuts), default=0.0)
 
 
@@ -179,7 +193,7 @@ def _worst(one: Plan) -> float:
 
 
 def _as_before(again: Plan, before: Plan) -> Plan:
-    """The plan in the prices that the user asked for, and with the bound that the first search has proven."""
+    """Return the plan with the prices of the request, and with the bound that the first search has proven."""
     dear, floor, w = again.options.weights.worst, again.scores.elsewhere, before.options.weights.worst
 
     def priced(o: PlanObjective) -> PlanObjective:
@@ -204,7 +218,7 @@ def _whole(parts: Sequence[PlanObjective], share: Array, w: float) -> float:
 
 
 def _better(best: list[Plan], tried: list[Plan], share: Array, w: float) -> list[Plan]:
-    """All of the new ones, or one after the other those that make the whole better; ``best`` where none does."""
+    """Return all new plans, or successively those that make the whole better; ``best`` where none does."""
 
     def cost(plans: Sequence[Plan]) -> float:
         return _whole([p.chosen.objective for p in plans], share, w)

@@ -1,8 +1,8 @@
-"""Rapid moves where nobody says where the part's material is: over what is cut, not through it.
+"""Rapid moves above the cuts, for cells without workpiece geometry.
 
-Without ``workpiece.geometry`` no contact with the part is looked for. What is known all the same: below a cut, seen
-along its tool axis, there was material. So a free tip stays over every cut that it passes within the cutter's radius;
-it may be below one cut where another one near by goes as deep.
+Without ``workpiece.geometry`` there is no collision check with the part. Still, below a cut, seen
+along its tool axis, there was material. A free tip therefore stays above every cut that it passes within the cutter's
+radius. It may be below one cut where another one near by is as deep.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import interpolate_axis
 
-BELOW = 1.5e-4  # m, a rapid move's graze that is let pass: the verifier's own limit is 0.2 mm
-SAME_SIDE = float(np.cos(np.radians(30.0)))  # a tool more oblique to a cut than this says nothing about its level
-THINNEST = 1e-3  # m, half of a cutter that nobody gave
-MOST = 20  # places a move of a cut is looked at
+BELOW = 1.5e-4  # m, permitted depth of a rapid move below a cut; the limit of the verification is 0.2 mm
+SAME_SIDE = float(np.cos(np.radians(30.0)))  # the level of a cut is undefined for a tool inclined more than this
+THINNEST = 1e-3  # m, radius of an unspecified cutter
+MOST = 20  # maximum number of checked places per cutting move
 
 
 class CutSurface:
@@ -43,14 +43,23 @@ class CutSurface:
 
     @classmethod
     def of(cls, cell: Cell, toolpath: Toolpath) -> CutSurface | None:
-        """None where the workpiece's geometry tells where material is, or nothing is cut."""
+        """Return the cuts of a toolpath; None where the workpiece geometry describes the material, or nothing is cut.
+
+        Args:
+            cell: robot cell with tool and workpiece.
+            toolpath: toolpath in the workpiece frame.
+        """
         if cell.workpiece.geometry or not toolpath.cutting[1:].any():
             return None
         cutter = cell.tool.cutter
         return cls(toolpath, max(cutter.diameter / 2.0 if cutter is not None else THINNEST, THINNEST))
 
     def under(self, tcp: Array) -> float:
-        """m, how deep the deepest of some free poses (S, 4, 4) in the workpiece frame lies under a cut; 0: over all."""
+        """Return the greatest depth in m of some free poses below a cut; 0: all are above.
+
+        Args:
+            tcp: (S, 4, 4) TCP poses in the workpiece frame.
+        """
         return float(_deepest(np.array(tcp, float, order="C"), self.place, self.axis, self.radius, SAME_SIDE))
 
 

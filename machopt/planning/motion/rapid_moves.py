@@ -1,8 +1,8 @@
-"""Rapid moves: from rest to rest through free space, straight in joint space or around what is in the way.
+"""Rapid moves: from rest to rest through free space, straight in joint space or around obstacles.
 
-Tried in this order: the straight line, the caller's detours (retract, go across, approach), and a random tree
+Tried in this order: the straight line, the caller's detours (retract, move across, approach), and a random tree
 from both ends (RRT-Connect: Kuffner and LaValle 2000) with its corners cut. Each leg is a straight line in joint
-space, and the line that was checked is the line that is driven: one jerk-limited profile times the place along
+space, and the checked line is the driven line: one jerk-limited profile times the place along
 it (Ruckig with one degree of freedom), which keeps all joints in phase by construction.
 """
 
@@ -22,10 +22,10 @@ from machopt.planning.motion.search_budget import allow_extensions, count_in_vai
 
 STILL = 1e-9  # rad, joints that differ by less do not move
 REACH = 0.8  # rad, longest extension of the tree: benchmarks/rapids_ompl.py
-WIDE = np.pi / 3  # rad, how far beyond the two ends the tree looks at first
+WIDE = np.pi / 3  # rad, initial sampling range beyond the two ends
 ITERATIONS = 400  # extensions of the tree before giving up (a few ms each)
-UNDER = "cutter ~ workpiece (no geometry: under a cut)"  # what bars a move that touches nothing
-LOOKS = 4  # a step between collision checks, at what a way of the tree may be barred by
+UNDER = "cutter ~ workpiece (no geometry: under a cut)"  # cause of a barred move without contact
+LOOKS = 4  # checks of ``barred`` per collision step
 SHORTCUTS = 60  # attempts to cut corners of the tree's path
 
 
@@ -40,10 +40,10 @@ class RapidMove:
 
 @dataclass(frozen=True)
 class BlockedRapid:
-    """No free motion was found."""
+    """Result of a search that found no free motion."""
 
-    pair: str  # what touches first on the straight line (or at an end), "a ~ b"
-    where: Array  # (n,) rad or m, there
+    pair: str  # first contact on the straight line (or at an end), "a ~ b"
+    where: Array  # (n,) rad or m, joints at that contact
     fraction: float  # of the straight line; 0 or 1 where an end itself is not free
     reason: Literal["start", "end", "way"]
 
@@ -67,18 +67,22 @@ def plan_rapid(
     """Plan and time a rapid move.
 
     Args:
-        q_from, q_to: (n,) rad or m, of the arm and then of the external joints.
-        limits: of the same; position, velocity, acceleration, jerk.
+        q_from: (n,) rad or m, start, of the arm and then of the external joints.
+        q_to: (n,) rad or m, end.
+        limits: of the same joints; position, velocity, acceleration, jerk.
         scale: share of the velocity, acceleration and jerk limits to use.
         sample: s, control sample.
         collision: None leaves collisions unchecked.
         step: rad, greatest joint step between collision checks.
-        detours: called only when the straight line is blocked; gives waypoints (W, n) in between, best first.
+        detours: called only when the straight line is blocked; yields intermediate waypoints (W, n), best first.
         rng: for the random tree; the same state gives the same move.
-        iterations: extensions of the random tree before giving up; 0 leaves it out.
+        iterations: extensions of the random tree before giving up; 0 disables it.
         known_free: the straight line has been checked already and is free.
-        per_rad: (n,) how much of each joint counts as a rad in the random tree; None: a rad.
-        barred: whether samples (S, n) of a move that touches nothing may not be driven all the same; None: none is.
+        per_rad: (n,) factor from each joint to equivalent rad in the random tree; None: 1.
+        barred: whether samples (S, n) of a collision-free move are forbidden for another reason; None: never.
+
+    Returns:
+        The move, or the reason why none was found.
     """
     q_from, q_to = np.asarray(q_from, float), np.asarray(q_to, float)
     direct = np.array([q_from, q_to])
@@ -112,7 +116,7 @@ def plan_rapid(
     if path is None:
         count_in_vain(extensions)
         return blocked
-    for waypoints in (_shortcut(space, path, rng), path):  # between the tree's looks the shorter one may be barred
+    for waypoints in (_shortcut(space, path, rng), path):  # between checked samples the shortened path may be barred
         sampled = moved(waypoints, "sampled")
         if allowed(sampled):
             return sampled
@@ -120,11 +124,17 @@ def plan_rapid(
 
 
 def retime_straight_segments(waypoints: Array, limits: JointLimits, scale: float, sample: float) -> Array:
-    """(S, n) samples along straight legs, at rest at every waypoint, which all fall on a sample.
+    """Return (S, n) samples along straight legs, at rest at every waypoint, which all fall on a sample.
 
     With s ∈ [0, 1] along a leg Δq, joint i keeps its limits where |ds/dt| ≤ v_i / |Δq_i|, and so for the
-    second and third derivative; the tightest joint rules. A leg's time is stretched to a whole number of
+    second and third derivative; the tightest joint decides. A leg's time is stretched to a whole number of
     samples, which lowers all three. Equal waypoints take no time.
+
+    Args:
+        waypoints: (W, n) rad or m.
+        limits: velocity, acceleration and jerk of the joints.
+        scale: share of these limits to use.
+        sample: s, control sample.
     """
     waypoints = np.asarray(waypoints, float)
     rows = [waypoints[:1]]
@@ -146,7 +156,7 @@ def _profile(delta: Array, limits: JointLimits, scale: float, sample: float) -> 
     import ruckig
 
     moving = np.abs(delta) > STILL * 1e-3
-    size = np.abs(delta).max()  # the profile runs in rad (or m) of the joint that goes farthest
+    size = np.abs(delta).max()  # the profile is in rad (or m) of the joint with the longest travel
     ratio = size / np.abs(delta[moving])
     command = ruckig.InputParameter(1)
     command.current_position, command.target_position = [0.0], [float(size)]
@@ -170,7 +180,7 @@ def _free(collision: CollisionModel, waypoints: Array, step: float) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class _Space:
-    """Where the tree may grow: free of bodies, and not barred."""
+    """Free space of the tree: without collisions, and not barred."""
 
     collision: CollisionModel | None
     barred: Callable[[Array], bool] | None
@@ -178,7 +188,12 @@ class _Space:
     measure: Array  # (n,) per rad
 
     def free(self, a: Array, b: Array) -> bool:
-        """The straight way from one place (n,) to another."""
+        """Return whether the straight line between two places is free.
+
+        Args:
+            a: (n,) rad or m, start.
+            b: (n,) rad or m, end.
+        """
         if self.barred is not None:
             size = float(np.abs((b - a) * self.measure).max())
             count = max(int(np.ceil(LOOKS * size / self.step)), 1)
@@ -211,15 +226,30 @@ class _Tree:
     parent: list[int] = field(default_factory=lambda: [-1])
 
     def nearest(self, q: Array) -> int:
+        """Return the entry nearest to a position.
+
+        Args:
+            q: (n,) rad or m.
+        """
         return int(np.argmin(np.abs((np.array(self.q) - q) * self.measure).max(axis=1)))
 
     def add(self, q: Array, parent: int) -> int:
+        """Append a position and return its entry number.
+
+        Args:
+            q: (n,) rad or m.
+            parent: entry it was reached from.
+        """
         self.q.append(q)
         self.parent.append(parent)
         return len(self.q) - 1
 
     def branch(self, n: int) -> list[Array]:
-        """From the root to entry n."""
+        """Return the positions from the root to an entry.
+
+        Args:
+            n: number of the entry.
+        """
         out = []
         while n >= 0:
             out.append(self.q[n])
@@ -257,10 +287,10 @@ def _connect(
 def _extend(space: _Space, tree: _Tree, near: int, target: Array) -> int | None:
     """One step of at most REACH from entry ``near`` towards the target; None if it is not free."""
     away = target - tree.q[near]
-    far = float(np.abs(away * tree.measure).max())
-    q = target if far <= REACH else tree.q[near] + away * (REACH / far)
-    if far < STILL or not space.free(tree.q[near], q):
-        return None if far >= STILL else near
+    distance = float(np.abs(away * tree.measure).max())
+    q = target if distance <= REACH else tree.q[near] + away * (REACH / distance)
+    if distance < STILL or not space.free(tree.q[near], q):
+        return None if distance >= STILL else near
     return tree.add(q, near)
 
 
@@ -273,7 +303,7 @@ def _shortcut(space: _Space, path: Array, rng: np.random.Generator) -> Array:
         i, j = sorted(rng.choice(len(points), size=2, replace=False))
         if j - i >= 2 and space.free(points[i], points[j]):
             del points[i + 1 : j]
-    k = 0  # what chance left over
+    k = 0  # index of the remaining path
     while k + 2 < len(points):
         if space.free(points[k], points[k + 2]):
             del points[k + 1]

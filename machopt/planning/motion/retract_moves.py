@@ -1,5 +1,5 @@
-"""Where the tool goes straight along its axis before or after a rapid move: out of a cut, over a gap, around what is in
-the way; and which rapid moves between the ends of runs are free as they are.
+"""Straight retracts and approaches along the tool axis before or after a rapid move: out of a cut, over a gap, around
+obstacles; and the rapid moves between the ends of runs that are free without them.
 """
 
 from __future__ import annotations
@@ -22,16 +22,24 @@ LIFT_STEP = 0.01  # m between the configurations along a lift
 
 
 def compute_rest_poses(plan: Plan) -> tuple[Array, Array]:
-    """(6 + E,) each, where the machine stands before and after the motion, true angles."""
+    """Return the (6 + E,) machine joints before and after the motion, true angles, rad or m.
+
+    Args:
+        plan: plan of one tool.
+    """
     return _true(plan, plan.begin), _true(plan, plan.end)
 
 
-def _true(plan: Plan, told: Array | None) -> Array:
-    """Where the machine stands with these encoder angles; at home without."""
-    if told is None:
+def _true(plan: Plan, encoder_angles: Array | None) -> Array:
+    """Return the true angles of given encoder angles; home without them."""
+    if encoder_angles is None:
         return np.asarray(np.r_[plan.setup.driven.home, plan.setup.cell.external_home])
     correction = plan.setup.correction
-    return told if correction is None else np.r_[correction.compute_true_angles(told[None, :6])[0], told[6:]]
+    return (
+        encoder_angles
+        if correction is None
+        else np.r_[correction.compute_true_angles(encoder_angles[None, :6])[0], encoder_angles[6:]]
+    )
 
 
 class RetractMoves:
@@ -39,12 +47,16 @@ class RetractMoves:
 
     def __init__(self, plan: Plan) -> None:
         self.plan, self.path, self.options, self.q = plan, plan.path, plan.options, plan.chosen.assignment.q
-        self.x = plan.path.whole(self.q)  # (P, 6 + E) with the external joints, which stand still along a lift
+        self.x = plan.path.whole(self.q)  # (P, 6 + E) with the external joints, which do not move during a lift
         self.touch = EndContacts(frozenset(), frozenset(), frozenset())
         self.heights: dict[int, float] = {}  # m by planning point, of withdrawals
 
     def gap(self, row: int) -> float:
-        """m along the tool axis out of the cut at a gap, to where a rapid move may begin; NaN if there is no room."""
+        """Return the retract in m along the tool axis at a gap, until a rapid move may begin; NaN if there is no room.
+
+        Args:
+            row: planning point.
+        """
         model = self.plan.setup.collision
         for height in GAP_LIFTS:
             way = self._way(row, height)
@@ -61,7 +73,12 @@ class RetractMoves:
         return float("nan")
 
     def detours(self, row_a: int, row_b: int) -> Iterator[Array]:
-        """Way points that lift the tool off at either end, or both."""
+        """Yield waypoints that lift the tool off at either end of a rapid move, or at both.
+
+        Args:
+            row_a: planning point at the start, −1 at home.
+            row_b: planning point at the end, −1 at home.
+        """
         for height in LIFTS:
             up_a, up_b = (self.lifted(row, height) if row >= 0 else None for row in (row_a, row_b))
             if up_a is not None and up_b is not None:
@@ -71,7 +88,12 @@ class RetractMoves:
                     yield np.array([up])
 
     def lifted(self, row: int, height: float) -> Array | None:
-        """(6 + E,) the tool drawn back along its axis by the arm, or None where there is no configuration nearby."""
+        """Return the (6 + E,) joints with the tool retracted by the arm; None where there is no configuration nearby.
+
+        Args:
+            row: planning point.
+            height: m along the tool axis.
+        """
         way = self._way(row, height)
         return None if way is None else self._whole(row, way[-1:])[0]
 
@@ -80,7 +102,9 @@ class RetractMoves:
         return self.path.whole(way, np.full(len(way), row))
 
     def _way(self, row: int, height: float) -> Array | None:
-        """(n, 6) configurations LIFT_STEP apart that draw the tool back along its axis, None where one is missing."""
+        """Return (n, 6) configurations LIFT_STEP apart that retract the tool along its axis, None where one is
+        missing.
+        """
         arm = self.plan.setup.arm
         q: Array = self.q[row]
         rows = np.array([row], np.int32)
@@ -98,11 +122,15 @@ class RetractMoves:
         return np.array(way)
 
     def free_between(self, pieces: list[Stretch]) -> frozenset[Way]:
-        """Straight rapid moves from where the motion begins over these stretches to its end that are free."""
+        """Return the free straight rapid moves from the start of the motion over the stretches to its end.
+
+        Args:
+            pieces: stretches in order.
+        """
         model, (rest, last) = self.plan.setup.collision, compute_rest_poses(self.plan)
         if model is None or not pieces:
             return frozenset()
-        whole = set(self.path.runs)  # where others begin and end depends on what is found at the gap
+        whole = set(self.path.runs)  # start and end of other stretches depend on the gap
         self.touch = EndContacts.of(model, self.x, (row for piece in pieces for row in piece))
         ends: list[tuple[Array, Array]] = []
         here: Array | None = rest
@@ -116,12 +144,16 @@ class RetractMoves:
         return find_free_rapids(model, ends, self.options.collision_step)
 
     def _stands(self, row: int) -> Array | None:
-        """Where a rapid move to or from the end of a run begins or ends."""
+        """Return the joints where a rapid move to or from the end of a run begins or ends."""
         height = self.withdrawal(row)
         return self.lifted(row, height) if height else np.asarray(self.x[row])
 
     def withdrawal(self, row: int) -> float:
-        """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""
+        """Return the retract in m along the tool axis until a rapid move may begin; 0 if it may at once, or never.
+
+        Args:
+            row: planning point.
+        """
         if row not in self.heights:
             self.heights[row] = self._measured(row)
         return self.heights[row]

@@ -1,9 +1,9 @@
-"""A bound on what searches for rapid moves may spend in vain over a whole job.
+"""Limit of unsuccessful searches for rapid moves over a whole job.
 
-The random tree of :mod:`.rapids` finds a way or gives up; it never proves that there is none. In a cell with free
-external joints the same blocked move would be searched again for every plan that is tried. So the extensions of trees
-that found nothing are counted, and once the budget is used up a tree may only grow AFTERWARDS extensions. The budget
-counts extensions and not seconds, so that the same job gives the same answer on every machine.
+The random tree of :mod:`machopt.planning.motion.rapid_moves` finds a path or gives up; it never proves that there is
+none. In a cell with free external joints the same blocked move would be searched again for every plan. The extensions
+of unsuccessful trees are therefore counted. Once the budget is used up, a tree may only have AFTERWARDS extensions. The
+budget counts extensions and not seconds, so that the same job gives the same result on every machine.
 """
 
 from __future__ import annotations
@@ -13,18 +13,19 @@ from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
 
-EXTENSIONS = 4_000  # in vain, of one choice of free external joints: two searches to the end
+EXTENSIONS = 4_000  # unsuccessful, per choice of free external joints: two full searches
 AFTERWARDS = 40  # extensions of a tree once the budget is used up
 
 
 @dataclass
 class SearchBudget:
-    """Tree extensions that may still be spent in vain."""
+    """Number of unsuccessful tree extensions that remain."""
 
     left: int = EXTENSIONS
 
     @property
     def used_up(self) -> bool:
+        """Whether no extensions remain."""
         return self.left <= 0
 
 
@@ -33,7 +34,11 @@ _BUDGET: ContextVar[SearchBudget | None] = ContextVar("search_budget", default=N
 
 @contextlib.contextmanager
 def limit_search(budget: SearchBudget) -> Iterator[None]:
-    """Count the searches made within it against the budget."""
+    """Count the searches inside the block against a budget.
+
+    Args:
+        budget: budget to use; decreased by unsuccessful searches.
+    """
     token = _BUDGET.set(budget)
     try:
         yield
@@ -41,20 +46,28 @@ def limit_search(budget: SearchBudget) -> Iterator[None]:
         _BUDGET.reset(token)
 
 
-def allow_extensions(wanted: int) -> int:
-    """Return how many extensions a tree may have."""
+def allow_extensions(requested: int) -> int:
+    """Return how many extensions a tree may have.
+
+    Args:
+        requested: number without a budget.
+    """
     budget = _BUDGET.get()
-    return min(wanted, AFTERWARDS) if budget is not None and budget.used_up else wanted
+    return min(requested, AFTERWARDS) if budget is not None and budget.used_up else requested
 
 
 def count_in_vain(extensions: int) -> None:
-    """Count a tree that found no way."""
+    """Count a tree that found no path.
+
+    Args:
+        extensions: number of its extensions.
+    """
     budget = _BUDGET.get()
     if budget is not None:
         budget.left -= extensions
 
 
 def is_used_up() -> bool:
-    """A budget is in force and nothing is left of it."""
+    """Return whether a budget is active and used up."""
     budget = _BUDGET.get()
     return budget is not None and budget.used_up

@@ -1,7 +1,7 @@
-"""One leg of the motion at a time: a rapid move, a lift along the tool axis, a run at the feed, a touch.
+"""Planner of single legs of the motion: a rapid move, a lift along the tool axis, a run at the feed, a touch.
 
-Where the cell has kinematic corrections, the plan's configurations are true angles and a leg's are those told to the
-robot: runs are timed in them, rapid moves are straight in them.
+Where the cell has kinematic corrections, the plan's configurations are true angles and a leg has the encoder angles
+sent to the robot: runs are timed in them, rapid moves are straight in them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from machopt.planning.retiming.slowdowns import FeedSlowdown
 
 @dataclass(frozen=True)
 class RestPose:
-    """Where the machine stands between two stretches."""
+    """Pose of the machine at rest between two stretches."""
 
     x: Array  # (6 + E,) rad or m, true angles
     index: float  # along the toolpath, NaN at home
@@ -38,17 +38,18 @@ class RestPose:
 
     @property
     def name(self) -> str:
+        """Description of the place."""
         return "the tool change" if self.change else describe_place(self.index)
 
 
 class SegmentPlanner:
-    """Drives one leg of a plan at a time; what is noted on the way (dips, detours, time at the feed) adds up."""
+    """Planner of one leg of a plan at a time; slowdowns, detours and time at the feed accumulate."""
 
     def __init__(self, plan: Plan, toolpath: Toolpath, lifts: RetractMoves) -> None:
         self.plan, self.toolpath, self.lifts = plan, toolpath, lifts
         self.options, self.path = plan.options, plan.path
         self.q = plan.chosen.assignment.q
-        self.phi = plan.chosen.assignment.phi.copy()  # as driven, once its run is
+        self.phi = plan.chosen.assignment.phi.copy()  # replaced by the driven rotation after each run
         self.feed_after = self._feed_after()
         self.rests = count_rest_samples(toolpath, self.options.sample)
         self.rng = np.random.default_rng(self.options.seed)
@@ -60,6 +61,13 @@ class SegmentPlanner:
         self.graze = BELOW + self._shifted()
 
     def rapid(self, a: RestPose, b: RestPose, extensions: int) -> MotionSegment | SequenceBreak:
+        """Return the rapid move between two rest poses, or the break where none is found.
+
+        Args:
+            a: start.
+            b: end.
+            extensions: maximum number of extensions of the random tree.
+        """
         move = plan_rapid(
             a.x,
             b.x,
@@ -84,7 +92,7 @@ class SegmentPlanner:
                 waypoints, self.plan.setup.cell.limits, self.options.rapid_scale, self.options.sample
             )
         if len(x) == 1 and np.isfinite(a.index) and np.isfinite(b.index):
-            x = np.repeat(x, 2, axis=0)  # the file names one place twice: a sample for the second, too
+            x = np.repeat(x, 2, axis=0)  # the file lists one place twice: a sample for the second, too
         n = len(x)
         if move.kind != "direct":
             via = len(waypoints) - 2
@@ -105,24 +113,37 @@ class SegmentPlanner:
         )
 
     def _held(self, a: RestPose, b: RestPose) -> bool:
-        """Whether a rapid move has to stay over the cuts: any but one from or to a home under one of them."""
+        """Return whether a rapid move has to stay above the cuts: any except one from or to a home below one of
+        them.
+        """
         resting = [place.x for place in (a, b) if not np.isfinite(place.index) and not place.change]
         return self.level is not None and not (resting and self._under(np.array(resting)))
 
     def _under(self, x: Array) -> bool:
-        """Whether a rapid move (S, 6 + E) leads through what lies under a cut."""
-        assert self.level is not None  # asked only then
+        """Return whether a rapid move (S, 6 + E) passes below a cut."""
+        assert self.level is not None  # called only then
         arm = self.plan.setup.arm
         return self.level.under(arm.machine.compute_fk(x, arm.T_flange_tcp)) > self.graze
 
     def _shifted(self) -> float:
-        """m, how far the commanded cuts are off those of the file: a free move begins where a shifted cut ends."""
+        """Return the distance in m of the commanded cuts from those of the file: a free move begins where a shifted
+        cut ends.
+        """
         rows = np.flatnonzero(self.path.is_point)
         away = self.path.position[rows] - self.toolpath.position[np.round(self.path.index[rows]).astype(int)]
         return float(np.linalg.norm(away, axis=1).max(initial=0.0))
 
     def straight(self, a: Array, b: Array, row: int, move: MoveKind, height: float) -> MotionSegment | SequenceBreak:
-        """A straight lift or descent along the tool axis; down not faster than the cut that follows."""
+        """Return a straight retract or approach along the tool axis; an approach is not faster than the cut that
+        follows.
+
+        Args:
+            a: (6 + E,) rad or m, start, true angles.
+            b: (6 + E,) rad or m, end, true angles.
+            row: planning point at its lower end.
+            move: RETRACT or APPROACH.
+            height: m along the tool axis.
+        """
         rows = np.array([row, row], np.int32)
         up = np.asarray([height, 0.0]) if move is MoveKind.APPROACH else np.asarray([0.0, height])
         position = self.path.position[rows] + up[:, None] * self.path.axis[rows]
@@ -151,7 +172,12 @@ class SegmentPlanner:
         )
 
     def touch(self, first: int, last: int) -> MotionSegment:
-        """Points without any way between them: the tool stands there for a sample each."""
+        """Return a leg for points without distance between them: the tool rests there for one sample each.
+
+        Args:
+            first: first planning point.
+            last: last planning point.
+        """
         rows = np.r_[first, first, np.arange(first, last + 1)]
         n = len(rows)
         leg = MotionSegment(
@@ -174,6 +200,12 @@ class SegmentPlanner:
         return leg
 
     def run(self, first: int, last: int) -> MotionSegment | SequenceBreak:
+        """Return a run at the feed, or the break where it cannot be driven.
+
+        Args:
+            first: first planning point.
+            last: last planning point.
+        """
         rows = np.arange(first, last + 1, dtype=np.int32)
         feed = np.where(self.path.feed[rows] > 0, self.path.feed[rows], self.options.approach_feed)
         index = self.path.index[rows]
@@ -186,17 +218,17 @@ class SegmentPlanner:
             at = float(np.interp(done.point, np.arange(len(rows)), index))
             return build_undriven_break(at, at, done.reason)
         local = done.point
-        segment = np.clip(np.ceil(local - 1e-9).astype(int), 1, len(rows) - 1)  # the segment a sample lies on
+        segment = np.clip(np.ceil(local - 1e-9).astype(int), 1, len(rows) - 1)  # segment of each sample
         move = self.path.move[rows][segment]
         below = np.clip(np.floor(local + 1e-9).astype(int), 0, len(rows) - 1)
         move = label_cut_samples(move, local, index, rows, self.path)
         gamma = done.phi + self.path.offset[rows][below]
         self.phi[rows] = np.interp(np.arange(len(rows)), local, done.phi)
         phi = self.plan.chosen.assignment.phi[rows]
-        told = select_program_points(phi, self.path.is_point[rows], index, self.path.position[rows])
+        is_target = select_program_points(phi, self.path.is_point[rows], index, self.path.position[rows])
         if np.ptp(self.path.external[rows], axis=0).any():
-            told[:] = True  # between two targets the controller moves them on the line
-        told[0] = False  # the move starts there
+            is_target[:] = True  # between two targets the controller interpolates linearly
+        is_target[0] = False  # the move starts there
         cutting = move == MoveKind.CUT
         self.cut_time += float(cutting.sum()) * self.options.sample
         self.held_time += float((cutting & done.held).sum()) * self.options.sample
@@ -208,11 +240,11 @@ class SegmentPlanner:
             move=move,
             operation=self._operation(rows[segment]),
             gamma=gamma,
-            waypoints=self._told(self.q[rows][told]),
-            waypoint_index=index[told],
-            waypoint_feed=feed[told],
+            waypoints=self._told(self.q[rows][is_target]),
+            waypoint_index=index[is_target],
+            waypoint_feed=feed[is_target],
             external=done.external,
-            waypoint_external=self.path.external[rows][told],
+            waypoint_external=self.path.external[rows][is_target],
         )
         for n, row in reversed(list(zip(rests, done.rests, strict=True))):
             leg = leg.standing(row, self.samples_at(first + n))
@@ -247,7 +279,11 @@ class SegmentPlanner:
         return compute_cached("retime", lambda: values, lambda: retime_run(run))
 
     def samples_at(self, row: int) -> int:
-        """How many samples the machine stands at a planning point."""
+        """Return how many samples the machine rests at a planning point.
+
+        Args:
+            row: planning point.
+        """
         return self.rests.get(round(float(self.path.index[row])), 0) if self.path.is_point[row] else 0
 
     def _feed_after(self) -> Array:
@@ -259,7 +295,7 @@ class SegmentPlanner:
         return feed[known[np.minimum(np.searchsorted(known, np.arange(len(feed))), len(known) - 1)]]
 
     def _told(self, q: Array) -> Array:
-        """(W, 6 or more) with encoder angles of true angles; what follows the arm's joints is left as it is."""
+        """Return (W, 6 or more) encoder angles of true angles; columns after the arm's joints are unchanged."""
         correction = self.plan.setup.correction
         return q if correction is None else np.hstack([correction.compute_encoder_angles(q[:, :6]), q[:, 6:]])
 

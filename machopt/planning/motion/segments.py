@@ -1,9 +1,8 @@
-"""Stretches of the motion from rest to rest, and where the file makes the machine stand between two of them.
+"""Stretches of the motion from rest to rest, and the dwells of the file between them.
 
-A dwell of the file stands just before the move to a point (:class:`machopt.data_types.toolpath.ToolpathEvent`), so the
-machine
-comes to rest at the point before, and the motion has that many rows more there; at a stop it comes to rest only, as how
-long it stands there is the operator's matter.
+A dwell of the file occurs just before the move to a point (:class:`machopt.data_types.toolpath.ToolpathEvent`). The
+machine comes to rest at the previous point, and the motion has that many additional rows there. At a stop it comes to
+rest only, because the operator decides when it continues.
 """
 
 from __future__ import annotations
@@ -19,10 +18,10 @@ from machopt.errors import InputError
 from machopt.numerics.array_types import Array
 from machopt.planning.stations.planning_path import PlanningPath
 
-BEND = np.radians(0.1)  # rotation that a straight move between two toolpath points may miss before a point is added
-BOW = 2e-6  # m, the same of a shifted path; unshifted it is straight between toolpath points to rounding
-LONGEST = 600.0  # s: what waits longer is no dwell, and a row a sample would make gigabytes of it
-BEFORE_ALL = -1  # where a dwell ahead of the first point stands: before the motion begins
+BEND = np.radians(0.1)  # maximum rotation error of a straight move between two toolpath points before a point is added
+BOW = 2e-6  # m, the same for a shifted path; an unshifted one is straight between toolpath points
+LONGEST = 600.0  # s: longest dwell; one row per sample would otherwise give gigabytes
+BEFORE_ALL = -1  # index of a dwell before the first point: before the motion begins
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +41,12 @@ class MotionSegment:
     waypoint_external: Array  # (W, E)
 
     def standing(self, row: int, count: int) -> MotionSegment:
-        """The leg with its row there ``count`` times more: so many samples the machine stands."""
+        """Return the leg with one row repeated, so that the machine rests there.
+
+        Args:
+            row: row to repeat.
+            count: number of additional samples.
+        """
         if not count:
             return self
         times = np.ones(len(self.q), int)
@@ -59,21 +63,21 @@ class MotionSegment:
 
 
 def count_rest_samples(toolpath: Toolpath, sample: float) -> dict[int, int]:
-    """Samples that the machine stands at each toolpath point where it comes to rest for a dwell or a stop.
+    """Return the samples of rest at each toolpath point with a dwell or a stop.
 
     Args:
-        toolpath: with its events; point ``BEFORE_ALL`` is where the motion begins.
+        toolpath: with its events; point ``BEFORE_ALL`` is the start of the motion.
         sample: s.
 
     Raises:
-        InputError: a dwell is too long to be told row by row.
+        InputError: a dwell is too long to be written row by row.
     """
     seconds: dict[int, float] = {}
     for event in toolpath.events:
         if event.kind not in ("dwell", "stop"):
             continue
         point = min(event.index, len(toolpath)) - 1
-        known = event.kind == "dwell" and event.value > 0.0  # NaN: the file gives turns of the spindle, or nothing
+        known = event.kind == "dwell" and event.value > 0.0  # NaN: the file gives spindle revolutions, or nothing
         if known and event.value > LONGEST:
             raise InputError(
                 f"{event.text!r} waits {event.value:g} s; the longest dwell is {LONGEST:g} s; a program stop (M0) in "
@@ -88,10 +92,17 @@ def count_rest_samples(toolpath: Toolpath, sample: float) -> dict[int, int]:
 def label_cut_samples(
     move: NDArray[np.int8], local: Array, index: Array, rows: NDArray[np.int32], path: PlanningPath
 ) -> NDArray[np.int8]:
-    """(S,) moves of the samples, so that each cut point lies between two samples of a cut, or near one.
+    """Return the (S,) moves of the samples, so that each cut point lies between two samples of a cut, or near one.
 
     Where points are denser than samples, the last points of a cut lie before a sample that already belongs to the
-    retract (and the first ones behind a sample of the approach); such samples count to the cut they complete.
+    retract (and the first ones behind a sample of the approach). Such samples count as part of the cut they complete.
+
+    Args:
+        move: (S,) move of each sample.
+        local: (S,) fractional index into ``rows``.
+        index: (S,) fractional toolpath index.
+        rows: planning points of the run.
+        path: planning points.
     """
     out = move.copy()
     place = np.interp(local, np.arange(len(rows)), index)
@@ -104,9 +115,15 @@ def label_cut_samples(
 
 
 def select_program_points(phi: Array, is_point: NDArray[np.bool_], index: Array, position: Array) -> NDArray[np.bool_]:
-    """(n,) planning points a program needs: toolpath points, and those where rotation or path leave the straight line.
+    """Return (n,) planning points a program needs: toolpath points, and those where rotation or path are not linear.
 
-    The path does so only where it is shifted against a deflection that changes along it.
+    The path is not linear only where it is shifted against a deflection that changes along it.
+
+    Args:
+        phi: (n,) rad, rotation.
+        is_point: (n,) toolpath points.
+        index: (n,) fractional toolpath index.
+        position: (n, 3) m.
     """
     keep = is_point.copy()
     keep[[0, -1]] = True

@@ -1,7 +1,7 @@
-"""Which ends of stretches, and which straight rapid moves between them, are free: asked for all of them at once.
+"""Contact checks of the ends of stretches and of the straight rapid moves between them, all in one batch.
 
-A drilling job has hundreds of rapid moves, most of them free as they are. One question about all of them costs little
-more than one about a few: poses and bounds are computed together, and distances known at one hold on at the next.
+A drilling job has hundreds of rapid moves, most of them free. One batch costs little more than a few single checks:
+poses and bounds are computed together, and distances known at one pose bound those at the next.
 """
 
 from __future__ import annotations
@@ -20,31 +20,43 @@ Way = tuple[bytes, bytes]
 
 @dataclass(frozen=True)
 class EndContacts:
-    """What touches at the ends of stretches."""
+    """Contacts at the ends of stretches."""
 
-    asked: frozenset[int]  # rows that were looked at
-    rapid: frozenset[int]  # rows where something touches, were the tool to move off in rapid
-    cut: frozenset[int]  # those of them where something touches that may not in a cut either
+    asked: frozenset[int]  # rows that were checked
+    rapid: frozenset[int]  # rows with a contact that is forbidden in a rapid move
+    cut: frozenset[int]  # those of them with a contact that is forbidden in a cut as well
 
     @classmethod
     def of(cls, model: CollisionModel, q: Array, rows: Iterable[int]) -> EndContacts:
-        """Of some rows of q (P, 6 + E) rad or m."""
-        asked = np.unique(np.fromiter(rows, np.int64))
-        hit = asked[model.check_configurations(q[asked], np.zeros(len(asked), bool)).hit]
+        """Return the contacts at some rows.
+
+        Args:
+            model: collision model.
+            q: (P, 6 + E) rad or m, joints.
+            rows: rows to check.
+        """
+        checked = np.unique(np.fromiter(rows, np.int64))
+        hit = checked[model.check_configurations(q[checked], np.zeros(len(checked), bool)).hit]
         worse = hit[model.check_configurations(q[hit], np.ones(len(hit), bool)).hit] if len(hit) else hit
-        return cls(frozenset(asked.tolist()), frozenset(hit.tolist()), frozenset(worse.tolist()))
+        return cls(frozenset(checked.tolist()), frozenset(hit.tolist()), frozenset(worse.tolist()))
 
 
 def build_rapid_key(a: Array, b: Array) -> Way:
-    """What a straight rapid move is known by: the joints (6 + E,) at its ends, to the last bit."""
+    """Return the cache key of a straight rapid move: the joints at its ends, to the last bit.
+
+    Args:
+        a: (6 + E,) rad or m, start.
+        b: (6 + E,) rad or m, end.
+    """
     return np.asarray(a, float).tobytes(), np.asarray(b, float).tobytes()
 
 
 def find_free_rapids(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: float) -> frozenset[Way]:
-    """Of straight rapid moves, each from joints (6 + E,) to joints (6 + E,), those that are free, ends included.
+    """Return those of some straight rapid moves that are free, ends included.
 
     Args:
-        ends: in the order in which they are driven, so that one begins near where the last one ended.
+        model: collision model.
+        ends: joints (6 + E,) at both ends of each, in driving order, so that one begins near the end of the last one.
         step: rad, as for :meth:`CollisionModel.check_motion`.
     """
     known = get_known_rapids(model, step)
@@ -55,14 +67,23 @@ def find_free_rapids(model: CollisionModel, ends: Sequence[tuple[Array, Array]],
 
 
 def get_known_rapids(model: CollisionModel, step: float) -> dict[Way, bool]:
-    """Whether straight moves are free, of those that were asked for; a store of earlier plans adds to it in place."""
+    """Return the straight moves checked so far, with whether each is free; the cache shares this dictionary between
+    plans.
+
+    Args:
+        model: collision model.
+        step: rad, joint step between collision checks.
+    """
     return compute_cached("ways", lambda: (model, step), dict)
 
 
 def _asked(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: float) -> dict[Way, bool]:
     rows = np.array([row for pair in ends for row in pair], float)
     starts = np.arange(len(rows)) % 2 == 0
-    begun = model.check_configurations(rows[starts], np.zeros(len(ends), bool)).hit
-    # What the model says of a start is of the way to it, which nobody drives straight: the cutter may be in the part.
+    starts_in_contact = model.check_configurations(rows[starts], np.zeros(len(ends), bool)).hit
+    # The contact at a start belongs to the move before it: the cutter may be in the part there.
     driven = model.check_motion(rows, starts, step).hit[~starts]
-    return {build_rapid_key(a, b): not blocked for (a, b), blocked in zip(ends, (begun | driven).tolist(), strict=True)}
+    return {
+        build_rapid_key(a, b): not blocked
+        for (a, b), blocked in zip(ends, (starts_in_contact | driven).tolist(), strict=True)
+    }

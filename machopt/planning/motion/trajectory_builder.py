@@ -1,17 +1,15 @@
-"""The whole motion in time: home → rapid → run → rapid → … → home, one row a control sample.
+"""The whole motion in time: home → rapid → run → rapid → … → home, one row per control sample.
 
-Runs are retimed at the programmed feed (:mod:`machopt.planning.retiming.run_retiming`), rapid moves go from rest to
-rest in joint
-space (:mod:`machopt.planning.motion.rapid_moves`) and are checked for collisions like everything else. Where points
-were dropped
-(``allow_gaps``) the tool lifts along its axis, goes over by a rapid move and comes down again. Where the CAM file
-leaves or enters the workpiece in a rapid move (a drill drawn out, a cut without approach), the tool goes straight
-along its axis at a feed until it is out, and only then in rapid. Where the file dwells or stops, the machine comes to
-rest at that very point and stands there as long as the file says.
+Runs are retimed at the programmed feed (:mod:`machopt.planning.retiming.run_retiming`). Rapid moves go from rest to
+rest in joint space (:mod:`machopt.planning.motion.rapid_moves`) and are checked for collisions like everything else.
+Where points were dropped (``allow_gaps``) the tool lifts along its axis, crosses the gap by a rapid move and
+approaches again. Where the CAM file leaves or enters the workpiece in a rapid move (a drill retracted, a cut without
+approach), the tool moves straight along its axis at a feed until it is out, and only then in rapid. Where the file
+dwells or stops, the machine comes to rest at that point for the programmed time.
 
-Where the cell has kinematic corrections, the plan's configurations are true angles and everything in the result is told
-to the robot, so in encoder angles: runs are timed in them, rapid moves are straight in them. Rapid moves were checked
-for collisions straight in true angles, which differ by how much the corrections change on the way.
+Where the cell has kinematic corrections, the plan's configurations are true angles, and the result has the encoder
+angles sent to the robot: runs are timed in them, rapid moves are straight in them. Rapid moves were checked
+for collisions straight in true angles. The difference is the change of the corrections along the move.
 """
 
 from __future__ import annotations
@@ -33,34 +31,45 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.sequence_breaks import NO_WAY_FOUND, SequenceBreak
 from machopt.planning.retiming.slowdowns import FeedSlowdown
 
-SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees
-SEARCH_IN_VAIN = 100  # the same once a stretch is given up, or so many moves are known to be stuck
+SEARCH = 2000  # extensions of the random tree for a rapid move without a simpler solution
+SEARCH_IN_VAIN = 100  # the same after a stretch was given up, or after SEARCHED blocked moves
 SEARCHED = 6
-BLOCK = 20_000  # samples whose frames are held at a time
+BLOCK = 20_000  # samples per block of frames
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionTimeline:
-    """The motion, what slows it, and what stops it."""
+    """The motion with its slowdowns and obstructions."""
 
     trajectory: Trajectory | None  # None where something stops it
     dips: tuple[FeedSlowdown, ...]  # with toolpath indices
-    obstructions: tuple[SequenceBreak, ...]  # rapid moves no free way was found for, runs that cannot be driven
+    obstructions: tuple[SequenceBreak, ...]  # rapid moves without a collision-free path, runs that cannot be driven
     detours: tuple[str, ...]  # rapid moves that could not go straight
     legs: tuple[MotionSegment, ...]
     held_share: float  # of the cutting time at ≥ 95 % of the programmed feed
     phi: Array  # (P,) rad, the rotation as driven: a little smoother than planned
     driven: tuple[Stretch, ...] = ()  # first and last planning point of each stretch driven
-    given_up: dict[Stretch, str] = field(default_factory=dict)  # stretches left out (``allow_gaps``) and why
+    given_up: dict[Stretch, str] = field(default_factory=dict)  # stretches left out (``allow_gaps``) with the reason
 
 
 def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], None] | None = None) -> MotionTimeline:
-    """Drive the chosen assignment from home through every run and back home."""
+    """Compute the motion of the chosen assignment from home through every run and back home.
+
+    Args:
+        plan: plan of one tool.
+        toolpath: its toolpath.
+        progress: called with the completed share, 0 … 1.
+    """
     return _Builder(plan, toolpath, progress or (lambda _: None)).build()
 
 
 def has_motion(plan: Plan, toolpath: Toolpath) -> bool:
-    """Whether the chosen assignment can be driven; the first obstruction decides, and no other is looked for."""
+    """Return whether the chosen assignment can be driven; the search ends at the first obstruction.
+
+    Args:
+        plan: plan of one tool.
+        toolpath: its toolpath.
+    """
     builder = _Builder(plan, toolpath, lambda _: None)
     builder.first_only = True
     return builder.build().trajectory is not None
@@ -78,13 +87,15 @@ class _Builder:
         self.withdrawn: list[tuple[float, float]] = []  # toolpath index, m
         self.driven: list[Stretch] = []
         self.given_up: dict[Stretch, str] = {}
-        self.in_the_way: list[SequenceBreak] = []  # what stretches were given up for
+        self.in_the_way: list[SequenceBreak] = []  # causes for which stretches were given up
         self.first_only = False  # end at the first obstruction
 
     def build(self) -> MotionTimeline:
         here, home = (
-            RestPose(rest, float("nan"), -1, told is not None)
-            for rest, told in zip(compute_rest_poses(self.plan), (self.plan.begin, self.plan.end), strict=True)
+            RestPose(rest, float("nan"), -1, encoder_angles is not None)
+            for rest, encoder_angles in zip(
+                compute_rest_poses(self.plan), (self.plan.begin, self.plan.end), strict=True
+            )
         )
         reason, breaks = self.plan.chosen.assignment.reason, self.plan.breaks
         pieces = find_driven_stretches(self.path, reason, breaks)
@@ -111,27 +122,28 @@ class _Builder:
                 f"along its axis at a feed, by up to {1e3 * max(height for _, height in self.withdrawn):.0f} mm"
             )
         if not find_uncut_points(self.path, []).sum() > find_uncut_points(self.path, self.driven).sum():
-            self.obstructions += [b for b in self.in_the_way if b not in self.obstructions]  # nothing is left to cut
+            self.obstructions += [b for b in self.in_the_way if b not in self.obstructions]  # no cut remains
         trajectory = None if self.obstructions else self._joined()
-        held = self.made.held_time / self.made.cut_time if self.made.cut_time > 0 else 1.0
+        held_share = self.made.held_time / self.made.cut_time if self.made.cut_time > 0 else 1.0
         return MotionTimeline(
             trajectory=trajectory,
             dips=tuple(self.made.dips),
             obstructions=tuple(self.obstructions),
             detours=tuple(self.made.detours),
             legs=tuple(self.legs),
-            held_share=held,
+            held_share=held_share,
             phi=self.made.phi,
             driven=tuple(self.driven),
             given_up=self.given_up,
         )
 
     def _stretch(self, here: RestPose, first: int, last: int) -> RestPose | None:
-        """Drive one stretch from ``here``; returns where it ends, None where it cannot be driven.
+        """Drive one stretch from ``here``; return its end, None where it cannot be driven.
 
-        Behind a way that was not found it goes on all the same: every other such way is told, too.
+        After a rapid move without a solution the remaining stretches are driven anyway, so that every obstruction is
+        reported.
         """
-        wanted = (first, last)
+        requested = (first, last)
         while True:
             found = self._legs(here, first, last)
             if not isinstance(found, SequenceBreak):
@@ -140,15 +152,15 @@ class _Builder:
                 self.obstructions.append(found)
                 if found.code not in NO_WAY_FOUND:
                     return None
-                height = self.lifts.withdrawal(last)  # what follows is looked at by itself
+                height = self.lifts.withdrawal(last)  # the next part is checked separately
                 end = self.lifts.lifted(last, height) if height else self.x[last]
                 return None if end is None else RestPose(end, float(self.path.index[last]), last)
             self.in_the_way.append(found)
             shorter = self._shorter(found, first, last)
             if shorter is None:
-                self.given_up[wanted] = f"left out with the stretch it is in: {found.text} ({found.where})"
+                self.given_up[requested] = f"left out with the stretch it is in: {found.text} ({found.where})"
                 return None
-            self.given_up[wanted] = f"the cut to it is left out: {found.text} ({found.where})"
+            self.given_up[requested] = f"the cut to it is left out: {found.text} ({found.where})"
             first, last = shorter
         legs, end = found
         self.legs += legs
@@ -156,7 +168,9 @@ class _Builder:
         return end
 
     def _shorter(self, why: SequenceBreak, first: int, last: int) -> Stretch | None:
-        """The stretch without its first or last toolpath point, where that stops it; None where nothing is left."""
+        """Return the stretch without its first or last toolpath point, if that one blocks it; None where nothing
+        remains.
+        """
         if why.code != "no_room":
             return None
         points = first + np.flatnonzero(self.path.is_point[first : last + 1])
@@ -187,30 +201,31 @@ class _Builder:
         down = self.made.straight(start, self.x[first], first, MoveKind.APPROACH, lift_in) if lift_in else None
         up = self.made.straight(self.x[last], end, last, MoveKind.RETRACT, lift_out) if lift_out else None
         run: MotionSegment | SequenceBreak | None = None
-        held: MotionSegment | None = None
+        rapid_leg: MotionSegment | None = None
         if isinstance(down, SequenceBreak) or isinstance(up, SequenceBreak):
             return down if isinstance(down, SequenceBreak) else up  # type: ignore[return-value]  # one of them is a break
         if last > first and np.ptp(self.path.s[first : last + 1]) > 0:
             begin = self._stood_until(first, last)
-            held = self.made.touch(first, begin) if begin > first else None
+            rapid_leg = self.made.touch(first, begin) if begin > first else None
             run = self.made.run(begin, last)
         elif last > first or self.path.move[first] != MoveKind.RAPID:
             run = self.made.touch(first, last)
         if isinstance(run, SequenceBreak):
             return run
         legs = [leg for leg in (to, down) if leg is not None]
-        if run is not None and last > first:  # where it begins, the machine stands before
+        if run is not None and last > first:  # the rest at its start is before the run
             legs[-1] = legs[-1].standing(-1, self.made.samples_at(first))
-        if held is not None:
-            legs.append(held.standing(-1, self.made.samples_at(begin)))
+        if rapid_leg is not None:
+            legs.append(rapid_leg.standing(-1, self.made.samples_at(begin)))
         legs += [] if run is None else [run]
         legs[-1] = legs[-1].standing(-1, self.made.samples_at(last))
         return legs + ([] if up is None else [up]), RestPose(end, float(index[last]), last)
 
     def _stood_until(self, first: int, last: int) -> int:
-        """The last planning point at the place where a stretch begins, if the file rests there behind its first one.
+        """Return the last planning point coincident with the start of a stretch, if the file rests there after its
+        first one.
 
-        A motion along the path passes such points all at once, and could not say where it stands.
+        A motion along the path passes such points at once and could not rest at one of them.
         """
         there = first + int(np.searchsorted(self.path.s[first : last + 1] - self.path.s[first], 0.0, side="right")) - 1
         index = self.path.index[first + 1 : there + 1]
@@ -231,17 +246,19 @@ class _Builder:
         )
 
     def _withdrawal(self, row: int) -> float:
-        """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""
+        """Return the retract in m along the tool axis until a rapid move may begin; 0 if it may at once, or never."""
         height = self.lifts.withdrawal(row)
         if height:
             self.withdrawn.append((float(self.path.index[row]), height))
         return height
 
     def _in_part(self, q: Array, external: Array) -> Array:
-        """(S, 3) m, the TCP where feed is measured: as the workpiece sees it where anything moves it."""
+        """Return (S, 3) m, the TCP where the feed is measured: in the workpiece frame where an external joint moves
+        it.
+        """
         setup, T_flange_tcp = self.plan.setup, self.plan.setup.cell.tool.T_flange_tcp
         out = np.empty((len(q), 3))
-        for start in range(0, len(q), BLOCK):  # the frames of all joints are many times what is kept
+        for start in range(0, len(q), BLOCK):  # the frames of all joints need much more memory than the result
             some = slice(start, start + BLOCK)
             if not setup.arm.machine.external_count:
                 T = setup.robot.compute_fk(q[some], T_flange_tcp)
@@ -251,7 +268,7 @@ class _Builder:
         return out
 
     def _joined(self) -> Trajectory:
-        """Legs share their ends; the later one's first row is dropped."""
+        """Join the legs; they share their ends, so the first row of the later one is dropped."""
         first, later = self.legs[0], self.legs[1:]
 
         def join(name: str) -> NDArray[np.float64]:
@@ -259,9 +276,9 @@ class _Builder:
 
         q = join("q")
         correction = self.plan.setup.correction
-        stands = q if correction is None else correction.compute_true_angles(q)
+        true_angles = q if correction is None else correction.compute_true_angles(q)
         external = join("external")
-        place = self._in_part(stands, external)
+        place = self._in_part(true_angles, external)
         speed = np.r_[0.0, np.linalg.norm(np.diff(place, axis=0), axis=1) / self.options.sample]
         return Trajectory(
             time=np.arange(len(q), dtype=float) * self.options.sample,

@@ -1,7 +1,6 @@
-"""A path planned from its first step to its last, the external joints standing where they are told to.
+"""Planning of a path from its first step to its last, with given external joints.
 
-In: a cell, a toolpath, options, where the external joints stand. Out: :class:`~machopt.planning.pipeline.plan.Plan`
-with
-the result of every step (:func:`~machopt.planning.pipeline.path_planner.plan_path`), where it breaks off and which
-stretches are driven.
+In: a cell, a toolpath, options, positions of the external joints. Out: :class:`~machopt.planning.pipeline.plan.Plan`
+with the result of every step (:func:`~machopt.planning.pipeline.path_planner.plan_path`), its breaks, and the driven
+stretches.
 """

@@ -1,24 +1,22 @@
-"""The best sequence that really is free: choose, look, strike out what itself collides, choose again.
+"""Search for the best collision-free sequence: choose, check, exclude what collides, choose again.
 
 ::
 
     choose ─► smooth ─► check ─► free: done
       ▲                   │
-      │                   ▼ a contact: less room for the next curve, a few times; then its runs follow the grid
-      │                   │ the choice's own vertices or ways collide
-      └── certify ◄── choose the stretch again ◄─┴─► look at what lies near the contacts
+      │                   ▼ a contact: narrower corridor for the next curve, a few times; then its runs follow the grid
+      │                   │ the sequence's own vertices or edges collide
+      └── certify ◄── choose the stretch again ◄─┴─► check the neighbours of the contacts
 
-A vertex (station, rotation, branch) is struck out only for a contact of its own pose, an edge (two vertices of
-neighbouring stations) only for a contact or a missing pose on its own way. What is struck out is so for good, and
-nothing else ever is: the search ends (each round strikes something out), and a station without vertices, or without
-an edge that leads on, is infeasible on this grid.
+A vertex (station, rotation, branch) is excluded only for a contact of its own pose. An edge (two vertices of
+neighbouring stations) is excluded only for a contact or a missing pose between its ends. Exclusions are permanent, and
+nothing else is excluded. The search therefore ends (each round excludes something). A station without vertices, or
+without a feasible edge, is infeasible on this grid.
 
 Only the stretch around a contact is chosen again (:mod:`machopt.planning.sequence_search.incremental_search`), until
-what the sequence
-takes is free. That loses nothing: then the whole path is chosen once more on what is left of the grid, and the sequence
-stays only if it costs no more than the bound of that choice allows,
-:data:`machopt.planning.sequence_search.worst_value_constraint.GAP`, which is
-what a choice of the whole path claims for itself. Else the whole choice takes its place, and is looked at in turn.
+the sequence is free. This loses nothing: afterwards the whole path is chosen once more on the remaining grid. The
+sequence is kept only if it is within :data:`machopt.planning.sequence_search.worst_value_constraint.GAP` of the bound
+of that choice, the accuracy of a choice of the whole path. Otherwise the whole choice replaces it and is checked.
 """
 
 from __future__ import annotations
@@ -45,32 +43,34 @@ from machopt.planning.sequence_search.worst_value_constraint import GAP
 from machopt.planning.smoothing.rotation_smoothing import SmoothedRotation, follow_grid_rotation, smooth_rotation
 from machopt.planning.stations.planning_path import PlanningPath
 
-EVERY = 16  # of the first choice's stations is looked at before anything else
-STATIONS = 48  # whose ways are looked at in the first round; twice as many in each next
-SMOOTHINGS = 4  # with less room each, before a run that collides follows the grid
-MOST_SAVED = 0.04  # of J, by a curve beside a sequence of the grid: twice the most of six jobs with grids of 5° to 15°
-ROUNDS = 1000  # each strikes something out, so the search ends by itself; an answer this far away is not waited for
+EVERY = 16  # every n-th station of the first choice is checked first
+STATIONS = 48  # number of stations whose edges are checked in the first round; doubled in each next round
+SMOOTHINGS = 4  # attempts with a narrower corridor each, before a colliding run follows the grid
+MOST_SAVED = (
+    0.04  # share of J that a curve saves against its grid sequence: twice the maximum of six jobs with 5° to 15° grids
+)
+ROUNDS = 1000  # each round excludes something, so the search ends by itself; this limits its duration
 
 
 @dataclass(frozen=True, kw_only=True)
 class CollisionFreeSequence:
-    """What the search came to."""
+    """Result of the search."""
 
     assignment: JointAssignment
     source: str  # "smooth", "grid" or "smooth and grid"
     choice: SequenceChoice
     check: PathCollisions
     rounds: int
-    pairs: NDArray[np.int32]  # (S, R, B) pair that a vertex was struck out for, −1 else
-    banned: dict[int, int]  # station → pair of a way into it that was struck out, −1 where no pose is on it
+    pairs: NDArray[np.int32]  # (S, R, B) pair for which a vertex was excluded, else −1
+    banned: dict[int, int]  # station → pair of an excluded edge into it, −1 where it contains no valid pose
     edges: ForbiddenTransitions
-    wide: NDArray[np.bool_]  # (S,) the rotation may turn there while the feed waits
-    looked: NDArray[np.bool_]  # (S, R, B) vertices whose own pose was looked at, but for those struck out ahead
+    wide: NDArray[np.bool_]  # (S,) the rotation may change there at reduced feed
+    looked: NDArray[np.bool_]  # (S, R, B) vertices whose own pose was checked, except those excluded by the look-ahead
 
 
 @dataclass(kw_only=True)
 class CollisionFreeSearch:
-    """One path's search; ``candidates`` lose what collides, in place."""
+    """Search of one path; ``candidates`` loses what collides, in place."""
 
     path: PlanningPath
     candidates: CandidateGrid
@@ -79,9 +79,9 @@ class CollisionFreeSearch:
     options: PlanOptions
     checker: PathCollisionChecker
     progress: Callable[[str], None] = lambda _: None
-    first: SequenceChoice | None = None  # of all the grid, where it was made ahead (:meth:`begin`)
-    below: float = np.inf  # J of what there is already: no curve is looked for where that would have to save MOST_SAVED
-    meanwhile: Callable[[], None] | None = None  # compiled work to be done beside a smoothing, where a core is idle
+    first: SequenceChoice | None = None  # first choice of the full grid, if made in advance (:meth:`begin`)
+    below: float = np.inf  # J of a known plan: no curve is computed if it would have to save MOST_SAVED
+    meanwhile: Callable[[], None] | None = None  # compiled work that runs during a smoothing, where a core is idle
 
     def __post_init__(self) -> None:
         self.rounds = 0
@@ -98,13 +98,17 @@ class CollisionFreeSearch:
         )
 
     def resume(self, found: CollisionFreeSequence) -> None:
-        """Begin with what an earlier search over the same candidates found out."""
-        struck = self.strikes
-        struck.pairs[:], struck.looked[:], self.chooser.wide[:] = found.pairs, found.looked, found.wide
-        struck.edges, struck.banned = found.edges, dict(found.banned)
+        """Start with the exclusions of an earlier search over the same candidates.
+
+        Args:
+            found: result of the earlier search.
+        """
+        exclusions = self.strikes
+        exclusions.pairs[:], exclusions.looked[:], self.chooser.wide[:] = found.pairs, found.looked, found.wide
+        exclusions.edges, exclusions.banned = found.edges, dict(found.banned)
 
     def begin(self) -> None:
-        """Make the first choice, which asks for no contacts: :meth:`run` then begins with it."""
+        """Make the first choice, which needs no contact checks; :meth:`run` then starts with it."""
         self.first = self.chooser.whole(self.strikes.edges)
 
     def run(
@@ -113,11 +117,12 @@ class CollisionFreeSearch:
         """Search to the end.
 
         Args:
-            prefer_grid: told the choice, the smooth and the plain assignment, whether the plain one is better.
+            prefer_grid: called with the choice, the smooth and the plain assignment; returns whether the plain one is
+                better.
         """
         budget, smoothings, grid_is_free = STATIONS, 0, False
         choice, self.first = self.first or self._choose(), None
-        if self.strikes.chosen(choice, EVERY):  # a curve through contacts is not worth its time
+        if self.strikes.chosen(choice, EVERY):  # a curve through contacts is not computed
             choice = self._again(choice)
         while True:
             self.rounds += 1
@@ -126,7 +131,7 @@ class CollisionFreeSearch:
             if partial and (not grid_is_free or not self.options.allow_gaps):
                 source, found, check = "grid", plain, self._checked(plain, choice)
                 if check.free and self.options.allow_gaps and not choice.dropped.all():
-                    grid_is_free = True  # what is left is worth smoothing
+                    grid_is_free = True  # the remaining grid is smoothed
                     continue
                 if check.free:
                     break
@@ -143,12 +148,12 @@ class CollisionFreeSearch:
                         if grid.free:
                             source, found, check = "grid", plain, grid
                     break
-                struck = self.strikes.along(choice, found, check)  # less room for the next curve
+                excluded = self.strikes.along(choice, found, check)  # narrower corridor for the next curve
                 if not self.strikes.chosen(choice) and not self.strikes.gone(choice):
                     grid = self._checked(plain, choice)
                     if grid.free:
                         grid_is_free = True
-                        if struck and smoothings < SMOOTHINGS:
+                        if excluded and smoothings < SMOOTHINGS:
                             smoothings += 1
                             continue
                         found, check, source = self._mixed(found, check, plain, grid)
@@ -174,11 +179,17 @@ class CollisionFreeSearch:
         )
 
     def hopeless(self, choice: SequenceChoice) -> bool:
-        """No curve beside a choice comes near to what there is already."""
+        """Return whether no curve near a choice can be better than the known plan.
+
+        Args:
+            choice: sequence of the grid.
+        """
         return choice.total * (1.0 - MOST_SAVED) > self.below
 
     def _again(self, choice: SequenceChoice) -> SequenceChoice:
-        """A choice in place of one that has lost vertices or ways, with vertices that are free by themselves."""
+        """Return a new choice in place of one that has lost vertices or edges, with vertices that are free by
+        themselves.
+        """
         while self.rounds < ROUNDS:
             local = self.chooser.around(choice, self.strikes.edges)
             if local is None:
@@ -213,7 +224,7 @@ class CollisionFreeSearch:
         return solve_joint_path(self.path, self.checker.arm, self.checker.robot, smoothed.phi, smoothed.seed)
 
     def _checked(self, a: JointAssignment, choice: SequenceChoice) -> PathCollisions:
-        """Contacts, and ``lost``: what the choice covers but the assignment does not."""
+        """Return the contacts, and ``lost``: points covered by the choice but not by the assignment."""
         self.progress("check")
         cuts = tuple(self.path.stations[list(choice.broken)].tolist())
         known = np.where((a.reason == InfeasibilityReason.OK)[:, None], a.q, np.nan)
@@ -223,7 +234,7 @@ class CollisionFreeSearch:
         )
 
     def _without_breaks(self, a: JointAssignment, choice: SequenceChoice) -> JointAssignment:
-        """Points between the stations on either side of a break belong to neither."""
+        """Remove the points between the stations on either side of a break, which belong to neither."""
         lost = np.zeros(len(a.reason), bool)
         for s in choice.broken:
             lost[int(self.path.stations[s - 1]) + 1 : int(self.path.stations[s])] = True
@@ -257,12 +268,17 @@ class CollisionFreeSearch:
 
 
 def find_covered_points(path: PlanningPath, choice: SequenceChoice) -> NDArray[np.bool_]:
-    """(P,) points that the choice covers: between kept stations that are joined, and these themselves."""
+    """Return (P,) points that the choice covers: kept stations and the points between joined ones.
+
+    Args:
+        path: planning points.
+        choice: sequence of the grid.
+    """
     st = path.stations
     out = np.zeros(len(path.index), bool)
-    kept = ~choice.dropped
-    out[st[kept]] = True
-    for s in np.flatnonzero(kept[1:] & kept[:-1]) + 1:
+    has_vertex = ~choice.dropped
+    out[st[has_vertex]] = True
+    for s in np.flatnonzero(has_vertex[1:] & has_vertex[:-1]) + 1:
         if path.run[st[s]] == path.run[st[s - 1]] and s not in choice.broken:
             out[st[s - 1] : st[s]] = True
     return out

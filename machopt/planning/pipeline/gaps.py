@@ -1,8 +1,9 @@
-"""What is driven where not everything can be (``allow_gaps``): stretches of a run, and the cuts that are left out.
+"""Driven parts of an incomplete plan (``allow_gaps``): stretches of a run, and the cuts that are left out.
 
-A cut to a point is driven when the whole way from the point before it is. So a point that cannot be reached costs two
-cuts, the one to it and the one from it, and a break costs the cut it lies on; the point behind such a gap is where the
-next stretch starts, and the cut to it is left out too (``Reason.GAP``). A stretch without any whole cut is not driven.
+A cut to a point is driven when the whole move from the previous point is driven. A point that cannot be reached
+therefore costs two cuts, the one to it and the one from it, and a break costs the cut it lies on. The next stretch
+starts at the point behind such a gap, and the cut to it is left out too (``Reason.GAP``). A stretch without any whole
+cut is not driven.
 """
 
 from __future__ import annotations
@@ -26,10 +27,16 @@ Stretch = tuple[int, int]  # first and last planning point
 def find_driven_stretches(
     path: PlanningPath, reason: NDArray[np.uint8], breaks: tuple[SequenceBreak, ...]
 ) -> list[Stretch]:
-    """Runs, cut at points without a configuration and at breaks.
+    """Return the runs, divided at points without a configuration and at breaks.
 
-    At such gaps a stretch ends at the last toolpath point before it, not somewhere on the way to a point that is
-    never reached. Lonely rapid points without a configuration are passed by.
+    At such gaps a stretch ends at the last toolpath point before it, not between two points. Single rapid points
+    without a
+    configuration are skipped.
+
+    Args:
+        path: planning points.
+        reason: (P,) infeasibility reason of each.
+        breaks: breaks of the sequence.
     """
     ok = reason == InfeasibilityReason.OK
     begins = np.zeros(len(ok), bool)
@@ -47,40 +54,57 @@ def find_driven_stretches(
 
 
 def is_worth_driving(path: PlanningPath, first: int, last: int) -> bool:
-    """A stretch is driven when it is a whole run, or holds a whole cut."""
+    """Return whether a stretch is a whole run, or contains a whole cut.
+
+    Args:
+        path: planning points.
+        first: first planning point of the stretch.
+        last: last planning point of the stretch.
+    """
     if (first, last) in path.runs:
         return True
     return bool((path.move[first + 1 : last + 1][path.is_point[first + 1 : last + 1]] == MoveKind.CUT).any())
 
 
 def find_uncut_points(path: PlanningPath, driven: list[Stretch]) -> Bools:
-    """(P,) toolpath points whose cut is not driven."""
-    there = np.zeros(len(path.index), bool)
+    """Return (P,) toolpath points whose cut is not driven.
+
+    Args:
+        path: planning points.
+        driven: driven stretches.
+    """
+    is_driven = np.zeros(len(path.index), bool)
     for first, last in driven:
-        there[first + 1 : last + 1] = True
-        there[first] |= (first, last) in path.runs or any(first == a for a, _ in path.runs)
-    return np.asarray(path.is_point & (path.move == MoveKind.CUT) & ~there)
+        is_driven[first + 1 : last + 1] = True
+        is_driven[first] |= (first, last) in path.runs or any(first == a for a, _ in path.runs)
+    return np.asarray(path.is_point & (path.move == MoveKind.CUT) & ~is_driven)
 
 
 def mark_gaps(plan: Plan, driven: list[Stretch], given_up: Mapping[Stretch, str]) -> Plan:
-    """The plan with every cut that is left out marked, each with a sentence why."""
+    """Return the plan with every omitted cut marked, each with a message.
+
+    Args:
+        plan: plan of one tool.
+        driven: driven stretches.
+        given_up: message for each stretch that the motion left out.
+    """
     path, a = plan.path, plan.chosen.assignment
-    left = np.flatnonzero(find_uncut_points(path, driven) & (a.reason == InfeasibilityReason.OK))
-    if not len(left):
+    uncut = np.flatnonzero(find_uncut_points(path, driven) & (a.reason == InfeasibilityReason.OK))
+    if not len(uncut):
         return plan
     reason, notes = a.reason.copy(), dict(plan.notes)
-    for p in left.tolist():
+    for p in uncut.tolist():
         why = next((text for (first, last), text in given_up.items() if first <= p <= last), "")
         notes[p] = why or _behind(plan, p)
-    reason[left] = InfeasibilityReason.GAP
+    reason[uncut] = InfeasibilityReason.GAP
     cost = plan.chosen.cost.copy()
-    cost[left] = np.nan
+    cost[uncut] = np.nan
     marked = replace(plan.chosen, assignment=replace(a, reason=reason), cost=cost)
     return replace(plan, chosen=marked, notes=notes)
 
 
 def _behind(plan: Plan, p: int) -> str:
-    """Which gap a cut is left out for."""
+    """Return a description of the gap for which a cut is left out."""
     path, reason = plan.path, plan.chosen.assignment.reason
     before = p - 1
     while before > 0 and not path.is_point[before]:

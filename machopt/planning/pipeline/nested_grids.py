@@ -1,9 +1,9 @@
-"""The coarser grids inside a fine one: what they lead to is never lost by refining.
+"""Coarser grids inside a fine one, so that refining the grid never makes the result worse.
 
-The search over a grid is exact, the smooth curve beside its best sequence is a local optimum: a finer grid's may be a
-little worse than a coarser one's. So the best sequence of every grid that is made of each k-th rotation, up to
-COARSEST, is smoothed too, and the plan with the least objective is taken. Where there is none up to COARSEST, as in a
-grid of 10° or 15°, it is up to ROUGH.
+The search over a grid is exact, but the smooth curve near its best sequence is a local optimum. That of a finer grid
+may be slightly worse than that of a coarser one. The best sequence of every grid that consists of each k-th rotation,
+up to COARSEST, is therefore smoothed too, and the plan with the least objective is selected. Where there is none up to
+COARSEST, as in a grid of 10° or 15°, the limit is ROUGH.
 """
 
 from __future__ import annotations
@@ -23,14 +23,18 @@ from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_pa
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.smoothing.rotation_smoothing import SmoothedRotation, follow_grid_rotation, smooth_rotation
 
-COARSEST = np.radians(10.0)  # step of the coarsest grid looked at inside a fine one
-ROUGH = np.radians(45.0)  # and inside one without any up to COARSEST
+COARSEST = np.radians(10.0)  # step of the coarsest nested grid
+ROUGH = np.radians(45.0)  # the same where none is up to COARSEST
 EQUAL = 1e-9  # of the objective: a smaller gain is rounding
 
 
 def list_nested_strides(rotations: int) -> list[int]:
-    """Every k > 1 for which each k-th of the rotations is a whole grid not coarser than COARSEST, or than ROUGH where
-    none is."""
+    """Return every k > 1 for which each k-th rotation is a full grid not coarser than COARSEST, or than ROUGH if none
+    is.
+
+    Args:
+        rotations: number of rotations of the fine grid.
+    """
     for coarsest in (COARSEST, ROUGH):
         most = int(coarsest / (2 * np.pi / rotations) + 1e-6)
         found = [k for k in range(2, most + 1) if rotations % k == 0]
@@ -40,7 +44,13 @@ def list_nested_strides(rotations: int) -> list[int]:
 
 
 def thin_grid(candidates: CandidateGrid, scores: CandidateScores, k: int) -> tuple[CandidateGrid, CandidateScores]:
-    """Each k-th rotation, on the same scale."""
+    """Return each k-th rotation, on the same scale.
+
+    Args:
+        candidates: candidate grid.
+        scores: cost of the candidates.
+        k: stride.
+    """
     feasible = np.ascontiguousarray(candidates.feasible[:, ::k])
     coarse = replace(
         candidates,
@@ -55,24 +65,28 @@ def thin_grid(candidates: CandidateGrid, scores: CandidateScores, k: int) -> tup
 
 @dataclass
 class NestedGridSearch:
-    """The best sequences of the coarser grids inside a search's grid, made while that is smoothed."""
+    """Best sequences of the coarser grids inside a search's grid, computed while that is smoothed."""
 
     search: CollisionFreeSearch
-    made: dict[int, SequenceChoice] = field(default_factory=dict)  # stride → choice on what was left of the grid
-    left: tuple[int, int] = (-1, -1)  # vertices and wide steps of the grid when they were made
+    made: dict[int, SequenceChoice] = field(default_factory=dict)  # stride → choice on the remaining grid
+    left: tuple[int, int] = (-1, -1)  # vertices and wide steps of the grid at that time
 
     def choose(self) -> None:
-        """All of them, on what is left of the grid now."""
+        """Compute all sequences, on the grid that remains now."""
         if self.left != self._left():
             self.made, self.left = {}, self._left()
         for k in self.strides():
             self.of(k)
 
     def of(self, k: int) -> tuple[CandidateGrid, CandidateScores, SequenceChoice]:
-        """Each k-th rotation and the best sequence over them."""
+        """Return each k-th rotation and the best sequence over them.
+
+        Args:
+            k: stride.
+        """
         search, wide = self.search, self.search.chooser.wide
         candidates, scores = thin_grid(search.candidates, search.scores, k)
-        if self.left != self._left():  # the grid loses vertices and gains wide steps, never the other way
+        if self.left != self._left():  # the grid only loses vertices and gains wide steps
             self.made, self.left = {}, self._left()
         if k not in self.made:
             self.made[k] = choose_sequence(
@@ -81,7 +95,7 @@ class NestedGridSearch:
         return candidates, scores, self.made[k]
 
     def strides(self) -> list[int]:
-        """Of the grids to be looked at; none with pins or zones: these are vertices of the fine grid only."""
+        """Return the strides to examine; none with pins or zones: these are vertices of the fine grid only."""
         options = self.search.options
         return [] if options.fixed or options.steer else list_nested_strides(len(self.search.candidates.phi))
 
@@ -94,9 +108,10 @@ def choose_best_nested_grid(
     prefer_grid: Callable[[SequenceChoice, JointAssignment, JointAssignment], bool],
     total: Callable[[JointAssignment], float],
 ) -> CollisionFreeSequence:
-    """What the search finds, or what a coarser grid inside it leads to where that is better and free of contacts.
+    """Return the search result, or the result of a coarser grid inside it where that is better and free of contacts.
 
     Args:
+        search: search on the fine grid.
         prefer_grid: as for :meth:`CollisionFreeSearch.run`.
         total: J of an assignment.
     """
@@ -106,7 +121,7 @@ def choose_best_nested_grid(
     try:
         found = search.run(prefer_grid)
     finally:
-        search.meanwhile = None  # else the two hold each other, and tens of MiB of prices with them
+        search.meanwhile = None  # breaks a reference cycle that would keep tens of MiB of prices
     if not found.check.free or found.choice.broken or found.choice.dropped.any() or search.hopeless(found.choice):
         return found
     best = total(found.assignment)

@@ -1,10 +1,10 @@
-"""The arrows of the plan: every step's result is kept (:mod:`machopt.planning.pipeline.plan`), for all to look at.
+"""Pipeline of the plan of one path; every step's result is stored (:mod:`machopt.planning.pipeline.plan`).
 
 ::
 
     path ─► candidates ─► score ─► choose ─► smooth ─► realise ─► check ─► timeline
-                             ▲        └───────────◄───────────────┘ strike out what collides, choose again (search)
-                                            (refine ─► compensate ─► timeline, where that is asked for)
+                             ▲        └───────────◄───────────────┘ exclude what collides, choose again (search)
+                                            (refine ─► compensate ─► timeline, where requested)
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ from machopt.planning.smoothing.rotation_smoothing import follow_grid_rotation
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 
-PAPER, DEFAULT = "jiao2022", "cam default"  # where an assignment comes from that no search found
-PINNED = 1e-6  # rad, by how much a pin may be missed
-BOUND_SLACK = np.radians(0.05)  # of the user's rotation bounds, where a yardstick is asked whether it keeps them
+PAPER, DEFAULT = "jiao2022", "cam default"  # sources of assignments without a search
+PINNED = 1e-6  # rad, tolerance of a pin
+BOUND_SLACK = np.radians(0.05)  # tolerance of the user's rotation bounds for the baselines
 
 
 def plan_path(
@@ -74,12 +74,15 @@ def plan_path(
     """Plan one toolpath in one cell; infeasible points are data in the result, never an exception.
 
     Args:
-        setup: of the same cell and options, made before.
-        external: (P, E) m or rad, where the external joints stand at the planning points; None: at home.
+        cell: robot cell.
+        toolpath: toolpath of one tool.
+        options: plan options.
+        timings: receives the duration of the stages.
+        setup: of the same cell and options, prepared before; None: it is prepared here.
+        external: (P, E) m or rad, external joints at the planning points; None: at home.
         scale: c₀, where plans are compared that have other candidates; None: of its own.
-        before: a plan of the same with other pins, zones, preferences or branches; what these do not change is taken
-            from it.
-        below: J of a plan with the same external joints: where the search is far from it no curve is looked for.
+        before: a plan of the same job with other pins, zones, preferences or branches; unchanged parts are reused.
+        below: J of a plan with the same external joints: where the search is far from it, no curve is computed.
     """
     clock = timings or StageTimings()
     options = resolve_steering(options, toolpath)
@@ -110,7 +113,7 @@ def plan_path(
     search = _search(path, setup, candidates, scores, options, clock) if options.method == "global" else None
     if search is not None:
         search.below = below
-    with stage("baselines"):  # and the first choice, which looks at no contacts, beside them
+    with stage("baselines"):  # and, in parallel, the first choice, which needs no contact checks
         begin = search.begin if search is not None else lambda: None
         (by_file, by_paper), _ = run_two_in_threads(lambda: _yardsticks(before, at_home, d_home, setup, options), begin)
         default, paper = map(_scorer(at_home, setup, d_home, scores, options), (by_file, by_paper))
@@ -167,13 +170,14 @@ def plan_path(
 def search_with_worst_price(
     before: Plan, found: CollisionFreeSequence, worst: float, elsewhere: float, clock: StageTimings
 ) -> Plan:
-    """The plan searched once more with another price of the worst index; what was struck out stays so.
+    """Return the plan searched again with another price of the worst index; exclusions remain.
 
     Args:
-        before: without gaps or breaks; keeps its candidates.
-        found: of its search.
+        before: plan without gaps or breaks; its candidates are not changed.
+        found: result of its search.
         worst: price of the worst index.
-        elsewhere: worst index of what is planned beside it, in units of c₀: below it a lower one gains nothing.
+        elsewhere: worst index of the other tools, in units of c₀: below it a lower one gains nothing.
+        clock: stage timings.
     """
     options = replace(before.options, weights=replace(before.options.weights, worst=worst))
     scores = replace(before.scores, elsewhere=elsewhere)
@@ -183,13 +187,14 @@ def search_with_worst_price(
 def search_without_branch_changes(
     before: Plan, found: CollisionFreeSequence, shut: Bools, ends: Sequence[tuple[int, int]], clock: StageTimings
 ) -> Plan:
-    """The plan searched once more without some changes of branch; what was struck out stays so.
+    """Return the plan searched again without some changes of branch; exclusions remain.
 
     Args:
-        before: without gaps or breaks; keeps its candidates.
-        found: of its search.
-        shut: (B, B) rapid moves do not lead from the one branch to the other.
-        ends: stations at the ends of the path, and branches that are not come by there.
+        before: plan without gaps or breaks; its candidates are not changed.
+        found: result of its search.
+        shut: (B, B) branch changes that rapid moves must not make.
+        ends: stations at the ends of the path, and branches that cannot be reached there.
+        clock: stage timings.
     """
     c = before.candidates
     candidates = replace(_own(c), shut=shut if c.shut is None else shut | c.shut)
@@ -201,12 +206,12 @@ def search_without_branch_changes(
             c.reason[station, :, branch],
         )
     after = _with_another_search(before, found, candidates, before.scores, before.options, clock)
-    bound = min(after.choice.bound, before.choice.bound)  # that no way was found is no proof that there is none
+    bound = min(after.choice.bound, before.choice.bound)  # an unsuccessful search is no proof that no path exists
     return replace(after, choice=replace(after.choice, bound=bound), over_external=None)
 
 
 def _own(c: CandidateGrid) -> CandidateGrid:
-    """Candidates that may lose vertices without those of a plan losing them."""
+    """Return a copy of candidates that may lose vertices."""
     return replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
 
 
@@ -244,7 +249,7 @@ def _with_another_search(
 def _scorer(
     path: PlanningPath, setup: PlanningSetup, d: LoadDirections, scores: CandidateScores, options: PlanOptions
 ) -> Callable[[JointAssignment], ScoredAssignment]:
-    """What gives an assignment its cost at every planning point, and its objective."""
+    """Return a function that computes cost and objective of an assignment."""
 
     def scored(assignment: JointAssignment) -> ScoredAssignment:
         cost = np.full(len(path.index), np.nan)
@@ -280,12 +285,12 @@ def _search(
 
 @dataclass(frozen=True)
 class _Picked:
-    """The assignment that is taken."""
+    """The selected assignment."""
 
     chosen: ScoredAssignment
     source: str
-    check: PathCollisions | None  # None: it needs none, or has had it
-    searched: bool = False  # it is the search's own
+    check: PathCollisions | None  # None: not needed, or already done
+    searched: bool = False  # it is the result of the search
 
 
 def _picked(
@@ -295,11 +300,11 @@ def _picked(
     path: PlanningPath,
     options: PlanOptions,
 ) -> _Picked:
-    """What a search found, or a yardstick that is better still: the paper's first, then the CAM file's."""
+    """Return the result of a search, or a baseline that is better: the paper's first, then the CAM file's."""
     best = _Picked(scored(found.assignment), found.source, found.check, searched=True)
     for other, name in zip(others, (PAPER, DEFAULT), strict=False):
-        wanted = is_rotation_allowed(other.assignment.phi, path, options)
-        if wanted and other.objective.total < best.chosen.objective.total and _whole(other, path):
+        is_allowed = is_rotation_allowed(other.assignment.phi, path, options)
+        if is_allowed and other.objective.total < best.chosen.objective.total and _whole(other, path):
             best = _Picked(other, name, None)
     return best
 
@@ -307,7 +312,7 @@ def _picked(
 def _searched(
     search: CollisionFreeSearch, scored: Callable[[JointAssignment], ScoredAssignment], clock: StageTimings
 ) -> CollisionFreeSequence:
-    """The global choice, smoothed and free of contacts as far as that can be had."""
+    """Return the global choice, smoothed and as free of contacts as possible."""
 
     def prefer_grid(choice: SequenceChoice, curve: JointAssignment, plain: JointAssignment) -> bool:
         return scored(curve).objective.total > scored(plain).objective.total * (1 + 1e-9)
@@ -319,7 +324,7 @@ def _searched(
 
 
 def _looked_at(scored: ScoredAssignment, check: PathCollisions) -> ScoredAssignment:
-    """With what a check found of its points."""
+    """Return the assignment with the contacts of a check."""
     a = scored.assignment
     a = a.marked(check.lost & (a.reason == InfeasibilityReason.OK), InfeasibilityReason.NO_PATH).marked(
         check.hit, InfeasibilityReason.COLLIDING
@@ -330,7 +335,7 @@ def _looked_at(scored: ScoredAssignment, check: PathCollisions) -> ScoredAssignm
 def _with_names(
     path: PlanningPath, choice: SequenceChoice, candidates: CandidateGrid, scored: ScoredAssignment
 ) -> ScoredAssignment:
-    """Points whose station has no configuration take its reason: of the candidate that came furthest."""
+    """Set the reason of points whose station has no configuration: that of the candidate that came furthest."""
     at = np.minimum(np.searchsorted(path.stations, np.arange(len(path.index))), len(path.stations) - 1)
     dropped = choice.dropped[at] & (scored.assignment.reason == InfeasibilityReason.NO_PATH)
     known = np.where(candidates.reason == InfeasibilityReason.BOUNDS, 0, candidates.reason).max(axis=(1, 2))
@@ -341,7 +346,13 @@ def _with_names(
 
 
 def is_rotation_allowed(phi: Array, path: PlanningPath, options: PlanOptions) -> bool:
-    """The rotation keeps the user's range and fixed values, which the yardsticks know nothing of."""
+    """Return whether a rotation keeps the user's range and fixed values, which the baselines do not consider.
+
+    Args:
+        phi: (P,) rad, rotation.
+        path: planning points.
+        options: plan options.
+    """
     if options.steer:
         return False
     gamma = np.asarray(wrap_angle(phi + path.offset))
@@ -354,7 +365,13 @@ def is_rotation_allowed(phi: Array, path: PlanningPath, options: PlanOptions) ->
 
 
 def is_assignment_allowed(a: JointAssignment, path: PlanningPath, options: PlanOptions) -> bool:
-    """The rotation and branch keep the user's range, pins, zones and branches at every planning point."""
+    """Return whether rotation and branch keep the user's range, pins, zones and branches at every planning point.
+
+    Args:
+        a: rotation and joints.
+        path: planning points.
+        options: plan options.
+    """
     if not is_rotation_allowed(a.phi, path, replace(options, steer=())):
         return False
     if any(
@@ -374,7 +391,9 @@ def is_assignment_allowed(a: JointAssignment, path: PlanningPath, options: PlanO
 def _yardsticks(
     before: Plan | None, path: PlanningPath, d: LoadDirections, setup: PlanningSetup, options: PlanOptions
 ) -> tuple[JointAssignment, JointAssignment]:
-    """The CAM's own rotation and the paper's, the external joints at home; of another plan, where there is one."""
+    """Return the CAM baseline and the paper's, with the external joints at home; those of another plan, where there
+    is one.
+    """
     if before is not None:
         known = (before.cam_default.assignment, before.jiao2022.assignment)
         return known
@@ -386,7 +405,9 @@ def _yardsticks(
 def _free(
     assignment: JointAssignment, path: PlanningPath, setup: PlanningSetup, options: PlanOptions
 ) -> JointAssignment:
-    """A yardstick with its collisions marked, where it can be driven otherwise: a gain over it is stated only then."""
+    """Return a baseline with its collisions marked, if it is otherwise drivable: only then a gain over it is
+    reported.
+    """
     if setup.collision is not None and (assignment.reason[path.may_touch] == InfeasibilityReason.OK).all():
         q = np.where((assignment.reason == InfeasibilityReason.OK)[:, None], assignment.q, np.nan)
         found = PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, options).whole(assignment.phi, q)
@@ -397,7 +418,7 @@ def _free(
 
 
 def _whole(scored: ScoredAssignment, path: PlanningPath) -> bool:
-    """Executable as it stands."""
+    """Return whether every point is feasible."""
     return bool((scored.assignment.reason == InfeasibilityReason.OK).all()) and not find_configuration_jumps(
         path, scored
     )
@@ -411,11 +432,11 @@ def _grid_objective(
     setup: PlanningSetup,
     options: PlanOptions,
 ) -> PlanObjective:
-    """The objective of the grid optimum; decimated points take the cost of their neighbouring stations."""
+    """Return the objective of the grid optimum; decimated points take the cost of their neighbouring stations."""
     st, rows = path.stations, np.arange(len(path.stations))
     plain = follow_grid_rotation(path, candidates, choice)
     vertex = np.where(choice.dropped, np.nan, scores.cost[rows, choice.rotation, choice.branch])
-    # stations behind rapid moves share a path length with the point before; index by row, not by length
+    # stations behind rapid moves share a path length with the previous point; index by row, not by length
     cost = np.interp(np.arange(len(path.index)), st, vertex)
     crowded = None
     if scores.crowded is not None:
@@ -423,10 +444,10 @@ def _grid_objective(
         crowded = np.interp(np.arange(len(path.index)), st, near)
     x = setup.in_rad(path, plain.seed)
     v = setup.velocity
-    told = compute_objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere)
+    objective = compute_objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere)
     crossed = compute_worst_index(
         scores.raw, path.counted[st], find_hidden_points(path), choice.rotation, choice.branch
     )
-    worst, beside = max(told.worst, crossed), scores.elsewhere
-    more = max(worst, beside) - max(told.worst, beside)
-    return replace(told, worst=worst, total=told.total + options.weights.worst * more)
+    worst, worst_elsewhere = max(objective.worst, crossed), scores.elsewhere
+    more = max(worst, worst_elsewhere) - max(objective.worst, worst_elsewhere)
+    return replace(objective, worst=worst, total=objective.total + options.weights.worst * more)

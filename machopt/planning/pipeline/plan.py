@@ -1,4 +1,4 @@
-"""What planning makes: a plan with the result of each of its steps, and its parts where a job changes tools."""
+"""Data types of a plan: the result of each step, and the parts of a job with tool changes."""
 
 from __future__ import annotations
 
@@ -24,36 +24,36 @@ from machopt.planning.stations.planning_path import PlanningPath
 
 @dataclass(frozen=True)
 class PathCompensation:
-    """What is added to the planning points."""
+    """Shift of the planning points against the deflection."""
 
     offset: Array  # (P, 3) m in workpiece
-    force: Array  # (P, 3) N in workpiece, F: what the offset is against
+    force: Array  # (P, 3) N in workpiece, F: the force whose deflection is compensated
     length: float  # m, ℓ
     lost: NDArray[np.bool_]  # (P,) feasible as programmed, not as shifted
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExternalAxisBound:
-    """What no sequence undercuts that chooses the external joints too
+    """Lower bound over all sequences that also choose the external joints
     (:mod:`machopt.planning.external_axis_optimization.external_axis_bound`); values of J.
 
     All of them at the stations of the bound, which may be fewer than those of the plan.
     """
 
-    why: str = ""  # why there is none; the figures are NaN then
+    why: str = ""  # reason why there is none; the values are NaN then
     bound: float = np.nan  # no sequence over the grid of values, rotations and branches has less
     sequence: float = np.nan  # the best one found
     plan: float = np.nan  # of the plan as it was chosen
-    values: int = 0  # of the external joints in the grid, beside the plan's own
+    values: int = 0  # number of external joint values in the grid, without the plan's own
     stations: int = 0
     step: float = np.nan  # rad, of rotation
 
     @property
     def gap(self) -> float | None:
-        """Share of the plan's J that a sequence over the grid could save at most.
+        """Maximum share of the plan's J that a sequence over the grid could save.
 
-        None where the plan is below all of them: it stands between the values of the grid, and nothing is proven of
-        what else stands there.
+        None where the plan is below all of them: it lies between the values of the grid, and nothing is proven about
+        other plans there.
         """
         if not self.plan > 0 or not self.bound <= self.plan:
             return None
@@ -62,7 +62,7 @@ class ExternalAxisBound:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Everything the plan found out, step by step."""
+    """Plan of a path with the results of all steps."""
 
     setup: PlanningSetup
     options: PlanOptions
@@ -79,28 +79,36 @@ class Plan:
     check: PathCollisions | None
     rounds: int
     rounding: Mapping[int, float] = field(default_factory=dict)  # run → share of the corner tolerances, where below 1
-    breaks: tuple[SequenceBreak, ...] = ()  # where no continuous way leads on inside a run
+    breaks: tuple[SequenceBreak, ...] = ()  # breaks inside a run
     found: CollisionFreeSequence | None = None  # the search, where that was the method
-    notes: dict[int, str] = field(default_factory=dict)  # planning point: why it was given up after the choice
+    notes: dict[int, str] = field(default_factory=dict)  # planning point: reason why it was given up after the choice
     ways: dict[int, SequenceBreak] = field(
         default_factory=dict
     )  # planning point: feasible, but the way that ends there is not
     compensation: PathCompensation | None = None  # then ``path`` is the shifted one
-    conflict: str = ""  # which of the user's wishes cannot be kept together, where without them there is a plan
+    conflict: str = ""  # conflicting user constraints, where without them there is a plan
     begin: Array | None = None  # (6 + E,) rad or m by encoder, where the motion begins; None: at home
     end: Array | None = None  # likewise, where it ends
-    parts: tuple[ToolPlanPart, ...] = ()  # one a tool that is on, of a job that changes tools; empty: it has one tool
-    elsewhere: tuple[int, ...] = ()  # toolpath points that are turned otherwise than chosen, for the shift's sake
-    over_external: ExternalAxisBound | None = None  # None: no external joint was free, or nobody asked
-    bound: float | None = None  # of such a job: no sequences over the grids of its parts have less J; None: not known
+    parts: tuple[ToolPlanPart, ...] = ()  # one per tool of a job with tool changes; empty: one tool
+    elsewhere: tuple[int, ...] = ()  # toolpath points with another rotation than chosen, because of the shift
+    over_external: ExternalAxisBound | None = None  # None: no external joint was free, or not requested
+    bound: float | None = None  # lower bound of J of such a job over the grids of its parts; None: not known
 
     def at(self, point: int) -> tuple[Plan, int]:
-        """The plan that planning point ``point`` was planned in, and which of its points it is."""
+        """Return the plan of the tool that has a planning point, and the number of the point in that plan.
+
+        Args:
+            point: planning point of the whole job.
+        """
         part = next((part for part in reversed(self.parts) if part.row <= point), None)
         return (self, point) if part is None else (part.plan, point - part.row)
 
     def among(self, points: NDArray[np.intp] | NDArray[np.int32]) -> Iterator[tuple[Plan, NDArray[np.intp]]]:
-        """Each plan that some of the planning points (n,) were planned in, and which of the n these are."""
+        """Yield each tool's plan that contains some of the planning points, and the positions of these in the argument.
+
+        Args:
+            points: (n,) planning points of the whole job.
+        """
         if not self.parts:
             yield self, np.arange(len(points))
         part = self.part_of(points)
@@ -110,7 +118,11 @@ class Plan:
                 yield one.plan, mine
 
     def part_of(self, points: NDArray[np.intp] | NDArray[np.int32]) -> NDArray[np.intp]:
-        """(n,) which of the parts planning points (n,) belong to."""
+        """Return the (n,) index of the part that each planning point belongs to.
+
+        Args:
+            points: (n,) planning points of the whole job.
+        """
         return np.searchsorted([one.row for one in self.parts], points, side="right") - 1
 
     @property

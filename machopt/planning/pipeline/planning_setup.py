@@ -1,4 +1,4 @@
-"""A cell made ready for planning, and what every step is given: the clock, a scored assignment."""
+"""Planning setup of a cell, and common types of the steps: stage timings, scored assignment."""
 
 from __future__ import annotations
 
@@ -24,18 +24,19 @@ from machopt.planning.sampling.joint_path import JointAssignment
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
-LENGTH = 0.5  # m of a sliding joint that count as a rad of travel: about an arm's link
-UPRIGHT = np.cos(np.radians(0.1))  # of a joint's axis against the vertical
+LENGTH = 0.5  # m of a sliding joint equivalent to one rad of travel: about an arm's link
+UPRIGHT = np.cos(np.radians(0.1))  # tolerance of a joint axis to the vertical
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanningSetup:
-    """The cell made ready for planning.
+    """Models of a cell that the planning steps use.
 
-    All configurations of a plan are true angles: where the arm stands. The encoders say others where the cell has
-    kinematic corrections; :mod:`machopt.planning.motion.trajectory_builder` turns to them, and what is exported is
-    theirs.
+    All configurations of a plan are true angles, the actual pose of the arm. The encoder angles differ where the cell
+    has
+    kinematic corrections. :mod:`machopt.planning.motion.trajectory_builder` converts to them, and exports contain
+    encoder angles.
     """
 
     cell: Cell  # as written: home and limits are encoder angles
@@ -47,17 +48,22 @@ class PlanningSetup:
 
     @property
     def per_rad(self) -> Array:
-        """(6 + E,) how much of each joint counts as a rad of travel: a length as :data:`LENGTH` of it."""
+        """(6 + E,) factor from each joint to equivalent rad of travel; :data:`LENGTH` of a sliding joint is one rad."""
         lengths = np.array(self.cell.external_prismatic, bool)
         return np.concatenate([np.ones(6), np.where(lengths, 1.0 / LENGTH, 1.0)])
 
     @property
     def velocity(self) -> Array:
-        """(6 + E,) velocity limits of the machine, lengths as they count (:attr:`per_rad`) in rad/s."""
+        """(6 + E,) velocity limits of the machine in equivalent rad/s (:attr:`per_rad`)."""
         return np.asarray(self.cell.limits.velocity * self.per_rad)
 
     def in_rad(self, path: PlanningPath, q: Array) -> Array:
-        """(P, 6 + E) joints of the machine along a path, lengths as they count."""
+        """Return (P, 6 + E) machine joints along a path, in equivalent rad.
+
+        Args:
+            path: planning points with the external joints.
+            q: (P, 6) rad, joints of the arm.
+        """
         return np.asarray(path.whole(q) * self.per_rad)
 
     @property
@@ -86,6 +92,11 @@ class StageTimings:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
+        """Measure the block as one stage.
+
+        Args:
+            name: name of the stage, passed to ``progress``.
+        """
         self.progress(name)
         start = time.perf_counter()
         try:
@@ -94,7 +105,11 @@ class StageTimings:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
     def switch(self, name: str | None) -> None:
-        """Begin the next of several stages that follow one another; None ends the last."""
+        """Start the next of several consecutive stages.
+
+        Args:
+            name: name of the stage; None ends the last one.
+        """
         now = time.perf_counter()
         if self._current is not None:
             self.seconds[self._current] = self.seconds.get(self._current, 0.0) + now - self._since
@@ -104,7 +119,11 @@ class StageTimings:
 
 
 def prepare_planning(cell: Cell, options: PlanOptions) -> PlanningSetup:
-    """Robot, inverse kinematics, stiffness and collision model of a cell.
+    """Build robot, inverse kinematics, stiffness and collision model of a cell.
+
+    Args:
+        cell: robot cell.
+        options: plan options.
 
     Raises:
         InputError: the cell lacks what planning needs (a stiffness), or uses what is not supported.
@@ -137,7 +156,7 @@ def prepare_planning(cell: Cell, options: PlanOptions) -> PlanningSetup:
 
 
 def _refuse_tilting(cell: Cell, machine: Machine) -> None:
-    """Weight is reckoned with in one attitude of the base."""
+    """Refuse a base that an external joint tilts: gravity is modelled for one attitude of the base."""
     up = cell.T_world_base[2, :3]  # in base_link
     for k in range(machine.positioner, machine.external_count):
         if not machine.slides[k] and abs(machine.axis[k] @ up) < UPRIGHT:
@@ -150,12 +169,22 @@ def _refuse_tilting(cell: Cell, machine: Machine) -> None:
 
 
 def fix_external_axes(path: PlanningPath, external: Array) -> PlanningPath:
-    """The path with the external joints at (E,) everywhere, or at (P, E)."""
+    """Return the path with given external joints.
+
+    Args:
+        path: planning points.
+        external: (E,) or (P, E) m or rad.
+    """
     return replace(path, external=np.array(np.broadcast_to(external, (len(path.index), np.shape(external)[-1]))))
 
 
 def convert_to_true_angles(cell: Cell, correction: EncoderCorrection | None) -> Cell:
-    """The cell with home and position limits as true angles."""
+    """Return the cell with home and position limits as true angles.
+
+    Args:
+        cell: cell with encoder angles.
+        correction: from encoder to true angles; None: they are equal.
+    """
     if correction is None:
         return cell
     return replace(

@@ -1,10 +1,9 @@
-"""Where the sequence of configurations breaks off inside a run, what is behind it, and what would help.
+"""Breaks of the sequence of configurations inside a run, with their causes and remedies.
 
-A break into station s is looked at from every configuration that a continuous way reaches at the station before: each
-of their continuations (the same branch where branches are kept, a rotation within the window, joints within
-:func:`machopt.planning.sequence_search.search_kernels.compute_joint_jump_limit`) has its own reason why it cannot be
-taken. Told is the reason that most of
-them have, with the joint or the bodies that come nearest to allowing it.
+A break into station s is examined from every configuration reached at the previous station. Each
+of its continuations (the same branch where branches are kept, a rotation within the window, joints within
+:func:`machopt.planning.sequence_search.search_kernels.compute_joint_jump_limit`) has its own reason why it is
+infeasible. The reported reason is the most frequent one, with the joint or the bodies nearest to permitting it.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from machopt.planning.sampling.configurations import CandidateGrid
 from machopt.planning.sequence_search.search_kernels import compute_joint_jump_limit
 from machopt.planning.stations.planning_path import PlanningPath
 
-FLIP = np.radians(120.0)  # no rotation about the tool axis that a run is given turns a joint so far between two points
+FLIP = np.radians(120.0)  # larger joint steps between two points never come from a rotation about the tool axis
 Code = Literal[
     "joint_jump",
     "joint_limit",
@@ -41,14 +40,14 @@ Code = Literal[
     "no_room",
     "not_driven",
 ]
-NO_WAY_FOUND = ("rapid_blocked", "rapid_search_cut_short")  # a search ended without a way, which proves nothing
+NO_WAY_FOUND = ("rapid_blocked", "rapid_search_cut_short")  # unsuccessful search, which proves nothing
 
 HOME, CHANGE = "home", "the tool change"  # where a motion begins or ends
 
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceBreak:
-    """Two successive places that no motion joins."""
+    """Two successive places without a motion between them."""
 
     before: float  # toolpath index the motion comes from, NaN for home
     after: float  # toolpath index it should go to, NaN for home
@@ -64,11 +63,12 @@ class SequenceBreak:
 
     @property
     def ends(self) -> tuple[str, str]:
-        """Both places in words."""
+        """Descriptions of both places."""
         return describe_place(self.before, self.begin), describe_place(self.after, self.end)
 
     @property
     def where(self) -> str:
+        """Description of the move."""
         begin, end = self.ends
         return f"at {begin}" if begin == end else f"from {begin} to {end}"
 
@@ -78,7 +78,12 @@ def _help(code: Code) -> str:
 
 
 def describe_place(index: float, elsewhere: str = HOME) -> str:
-    """A place along the toolpath, in words; ``elsewhere`` where it has no index."""
+    """Return the description of a place along the toolpath.
+
+    Args:
+        index: fractional toolpath index, NaN where the place has none.
+        elsewhere: description of a place without an index.
+    """
     return elsewhere if not np.isfinite(index) else f"point {index:g}"
 
 
@@ -97,7 +102,13 @@ _HELP: dict[str, str] = {
 
 
 def build_undriven_break(before: float, after: float, why: str) -> SequenceBreak:
-    """A stretch that the axes cannot be timed along."""
+    """Return the break of a stretch that cannot be retimed.
+
+    Args:
+        before: fractional toolpath index before it.
+        after: fractional toolpath index after it.
+        why: message with the cause.
+    """
     return SequenceBreak(
         before=before,
         after=after,
@@ -110,12 +121,24 @@ def build_undriven_break(before: float, after: float, why: str) -> SequenceBreak
 def find_sequence_breaks(
     path: PlanningPath, setup: PlanningSetup, candidates: CandidateGrid, found: CollisionFreeSequence
 ) -> tuple[SequenceBreak, ...]:
-    """Every break of the search's choice."""
+    """Return every break of the search's choice.
+
+    Args:
+        path: planning points.
+        setup: planning setup of the cell.
+        candidates: candidate grid with its exclusions.
+        found: result of the search.
+    """
     return tuple(_break(path, setup, candidates, found, s) for s in found.choice.broken)
 
 
 def find_configuration_jumps(path: PlanningPath, scored: ScoredAssignment) -> tuple[SequenceBreak, ...]:
-    """Breaks of a sequence that was not searched for: another configuration between two points of a run."""
+    """Return the breaks of a baseline: changes of configuration between two points of a run.
+
+    Args:
+        path: planning points.
+        scored: the baseline.
+    """
     a, out = scored.assignment, []
     ok = a.reason == InfeasibilityReason.OK
     for p in np.flatnonzero(ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1])) + 1:
@@ -142,7 +165,7 @@ def _jump(before: float, after: float, joint: int, value: float, limit: float) -
 
 @dataclass
 class _Tally:
-    """Continuations by reason, and the nearest of each kind."""
+    """Number of continuations by reason, and the nearest one of each kind."""
 
     why: Counter[str]
     pair: Counter[int]
@@ -174,8 +197,8 @@ def _break(
 
     if tally.why:
         most = max(tally.why, key=lambda k: (tally.why[k], k))
-        told = ", ".join(f"{n} {_SENTENCE[k]}" for k, n in tally.why.most_common())
-        of = f"of {sum(tally.why.values())} continuous ways {told}"
+        counts = ", ".join(f"{n} {_SENTENCE[k]}" for k, n in tally.why.most_common())
+        of = f"of {sum(tally.why.values())} continuous ways {counts}"
         if most == "limit":
             _, joint, value, limit = tally.over
             v, x = float(np.degrees(value)), float(np.degrees(limit))
@@ -216,7 +239,7 @@ _SENTENCE = {
 
 
 def _continuations(setup: PlanningSetup, c: CandidateGrid, found: CollisionFreeSequence, s: int) -> _Tally:
-    """Every continuation of what is reached at station s − 1 into station s."""
+    """Count every continuation from the configurations reached at station s − 1 into station s."""
     arm = setup.arm
     _, R, B, T = c.feasible.shape
     reached = found.choice.reached

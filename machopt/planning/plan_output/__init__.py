@@ -1,5 +1,5 @@
-"""A plan in rows and words.
+"""Output of a plan as tables and messages.
 
-In: a plan with its motion. Out: a row a point, why a point cannot be reached and what would help, the map of contacts,
-and what result.json tells.
+In: a plan with its motion. Out: one row per point, causes and remedies of infeasible points, the collision map,
+and the sections of result.json.
 """

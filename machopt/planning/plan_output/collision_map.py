@@ -1,7 +1,7 @@
-"""Which configurations of the grid collide, for the report's map: what the plan has looked at, and the rest if asked.
+"""Collision map of the grid for the report: configurations checked by the plan, and the others on request.
 
-The rest is looked at from coarse to fine along the path, so that what a limit of time leaves out is spread over the
-map. It is for the picture only: nothing of the plan follows from it.
+The others are checked from coarse to fine along the path, so that a time limit leaves unchecked configurations evenly
+over the map. The map is for display only; the plan does not depend on it.
 """
 
 from __future__ import annotations
@@ -18,43 +18,44 @@ from machopt.planning.collision_handling.contact_lookahead import ContactLookahe
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.sampling.configurations import CandidateGrid
 
-SECONDS = 30.0  # that the rest may take
+SECONDS = 30.0  # time limit for the unchecked configurations
 COARSE = 32  # stations apart in the first pass, half of that in each next
-BLOCK = 512  # configurations between two looks at the clock
+BLOCK = 512  # configurations between two time checks
 
 
 @dataclass(frozen=True)
 class CollisionMap:
-    """What is known of the contacts of the grid's configurations."""
+    """Known contacts of the grid's configurations."""
 
     candidates: CandidateGrid
-    known: Bools  # (S, R, B) found free; what collides is not feasible any more
-    asked: bool  # everything was to be looked at
-    seconds: float = 0.0  # that it took
+    known: Bools  # (S, R, B) found free; colliding ones are no longer feasible
+    asked: bool  # a full check was requested
+    seconds: float = 0.0  # s, duration of the check
 
     @property
     def open(self) -> int:
-        """Configurations within reach, limits and margins that were not looked at."""
+        """Number of configurations within reach, limits and margins that were not checked."""
         return int((self.candidates.usable & ~self.known).sum())
 
     @property
     def looked_at(self) -> int:
-        """Those that were."""
+        """Number of configurations that were checked."""
         return int((self.candidates.reason == InfeasibilityReason.COLLIDING).sum() + self.known.sum())
 
 
 def compute_collision_map(plan: Plan, full: bool = False, seconds: float = SECONDS) -> CollisionMap:
-    """The contacts of the grid's configurations, as far as they are known.
+    """Return the contacts of the grid's configurations, as far as they are known.
 
     Args:
-        full: look at what the plan did not look at, at cutting stations.
-        seconds: after which no further block is begun.
+        plan: plan of a job or of one tool.
+        full: also check the configurations that the plan did not check, at cutting stations.
+        seconds: s, time after which no further block is started.
     """
     if plan.parts:
         return _of_all(plan, [compute_collision_map(p.plan, full, seconds * p.share) for p in plan.parts])
     c = plan.candidates
-    looked = np.zeros(c.reason.shape, bool) if plan.found is None else plan.found.looked
-    known = looked & c.usable
+    checked = np.zeros(c.reason.shape, bool) if plan.found is None else plan.found.looked
+    known = checked & c.usable
     model = plan.setup.collision
     if not full or model is None:
         return CollisionMap(c, known, full)
@@ -84,7 +85,7 @@ def compute_collision_map(plan: Plan, full: bool = False, seconds: float = SECON
 
 
 def _of_all(plan: Plan, parts: list[CollisionMap]) -> CollisionMap:
-    """What is known of a whole job from its stretches."""
+    """Return the map of a whole job from its stretches."""
     some = [p.candidates for p in parts]
     reason = np.concatenate([c.reason for c in some])
     usable = np.concatenate([c.usable for c in some])
@@ -93,7 +94,9 @@ def _of_all(plan: Plan, parts: list[CollisionMap]) -> CollisionMap:
 
 
 def _look(ahead: ContactLookahead, known: Bools, rows: NDArray[np.intp]) -> None:
-    """Look at configurations (n,), flat over (S, R, B), that are not struck out by now, and on from what collides."""
+    """Check configurations (n,), flat over (S, R, B), that are not excluded yet, and the neighbours of those that
+    collide.
+    """
     s, r, b = np.unravel_index(rows, known.shape)
     left = compute_any_last(ahead.candidates.feasible[s, r, b])
     s, r, b, rows = s[left], r[left], b[left], rows[left]

@@ -1,4 +1,4 @@
-"""The deflection at one point along and across the tool axis, with the interval that the springs' covariance gives."""
+"""Deflection at one point along and across the tool axis, with the interval from the springs' covariance."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class DeflectionSplit:
-    """The deflection of the TCP under the process force; m."""
+    """Components of the TCP deflection under the process force; m."""
 
     along: float  # + towards the shank
     across: float  # length of the rest
@@ -25,10 +25,14 @@ class DeflectionSplit:
 
 
 def split_deflection(plan: Plan, row: int) -> DeflectionSplit | None:
-    """Split the deflection at a planning point with a configuration; None where no force is given.
+    """Return the components of the deflection at a planning point; None where no force is given.
 
     With e the tool axis and f the force, the deflection along is eᵀCf, and its variance gᵀΣg with g = ∂(eᵀCf)/∂c over
-    the joint compliances c; across likewise, with the unit vector of what is left.
+    the joint compliances c; across likewise, with the unit vector of the remaining component.
+
+    Args:
+        plan: plan of a job or of one tool.
+        row: planning point with a configuration.
     """
     plan, row = plan.at(row)
     if not plan.options.force.given:

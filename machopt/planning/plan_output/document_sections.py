@@ -1,4 +1,4 @@
-"""What result.json tells of a plan, part by part."""
+"""Sections of result.json that describe a plan."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from machopt.data_types.documents import optimize_document as told
+from machopt.data_types.documents import optimize_document
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
@@ -25,11 +25,17 @@ from machopt.planning.uncertainty.position_error import predict_position_error
 from machopt.planning.uncertainty.stiffness_uncertainty import IndexGain
 
 
-def list_infeasible_entries(the_plan: Plan, points: PointResults) -> Iterator[told.InfeasiblePointEntry]:
+def list_infeasible_entries(the_plan: Plan, points: PointResults) -> Iterator[optimize_document.InfeasiblePointEntry]:
+    """Yield one entry per infeasible toolpath point.
+
+    Args:
+        the_plan: plan of the job.
+        points: its point results.
+    """
     for p in the_plan.missing:
         if the_plan.path.is_point[p]:
             row = round(the_plan.path.index[p])
-            yield told.InfeasiblePointEntry(
+            yield optimize_document.InfeasiblePointEntry(
                 point=row,
                 status=find_reason(the_plan, p).word,
                 reason=points.table.reason[row],
@@ -37,9 +43,13 @@ def list_infeasible_entries(the_plan: Plan, points: PointResults) -> Iterator[to
             )
 
 
-def build_break_entry(b: SequenceBreak) -> told.MotionBreakEntry:
-    """Two places that no motion joins; the model writes what is not finite as null."""
-    return told.MotionBreakEntry(
+def build_break_entry(b: SequenceBreak) -> optimize_document.MotionBreakEntry:
+    """Return the entry of two places without a motion between them; values that are not finite become null.
+
+    Args:
+        b: break of the motion.
+    """
+    return optimize_document.MotionBreakEntry(
         from_point=b.before,
         to_point=b.after,
         code=b.code,
@@ -52,25 +62,39 @@ def build_break_entry(b: SequenceBreak) -> told.MotionBreakEntry:
     )
 
 
-def build_slowdown_entry(d: FeedSlowdown) -> told.FeedDipEntry:
-    return told.FeedDipEntry(
+def build_slowdown_entry(d: FeedSlowdown) -> optimize_document.FeedDipEntry:
+    """Return the entry of a stretch below the programmed feed.
+
+    Args:
+        d: slowdown with toolpath indices.
+    """
+    return optimize_document.FeedDipEntry(
         first_point=d.first, last_point=d.last, lowest_ratio=d.ratio, where=d.where, axis=d.joint, limit=d.limit
     )
 
 
-def build_objective_section(scored: ScoredAssignment) -> told.ChoiceObjectiveSection:
+def build_objective_section(scored: ScoredAssignment) -> optimize_document.ChoiceObjectiveSection:
+    """Return the objective of an assignment with its share of feasible points.
+
+    Args:
+        scored: assignment with its objective.
+    """
     feasible = int((scored.assignment.reason == 0).sum())
-    return told.ChoiceObjectiveSection(
+    return optimize_document.ChoiceObjectiveSection(
         **vars(scored.objective), feasible_share=feasible / len(scored.assignment.reason)
     )
 
 
-def build_search_section(the_plan: Plan) -> told.SearchBoundSection | None:
-    """How good the plan is at least, against the grid; null where it has breaks or gaps to go round."""
+def build_search_section(the_plan: Plan) -> optimize_document.SearchBoundSection | None:
+    """Return the certificate of the search; None where the plan has breaks or gaps.
+
+    Args:
+        the_plan: plan of the job.
+    """
     found = compute_certificate(the_plan)
     if found is None:
         return None
-    return told.SearchBoundSection(
+    return optimize_document.SearchBoundSection(
         sequence=found.sequence,
         lower_bound=found.bound,
         gap_percent=100.0 * found.gap,
@@ -80,12 +104,12 @@ def build_search_section(the_plan: Plan) -> told.SearchBoundSection | None:
     )
 
 
-def _external_told(the_plan: Plan) -> told.ExternalSearchBoundSection | None:
-    """What holds when the values of the external joints are free too, or why nothing is known of that."""
+def _external_told(the_plan: Plan) -> optimize_document.ExternalSearchBoundSection | None:
+    """Return the bound over the values of the external joints, or the reason why there is none."""
     found = find_external_axis_bound(the_plan)
     if found is None:
         return None
-    return told.ExternalSearchBoundSection(
+    return optimize_document.ExternalSearchBoundSection(
         why_none=found.why,
         values=found.values,
         stations=found.stations,
@@ -97,8 +121,15 @@ def _external_told(the_plan: Plan) -> told.ExternalSearchBoundSection | None:
     )
 
 
-def build_tool_sections(the_plan: Plan, stints: Sequence[ToolSegment]) -> tuple[told.ToolSegmentEntry, ...] | None:
-    """Each stretch of a job that changes tools; None for a job with one."""
+def build_tool_sections(
+    the_plan: Plan, stints: Sequence[ToolSegment]
+) -> tuple[optimize_document.ToolSegmentEntry, ...] | None:
+    """Return the section of each stretch of a job with tool changes; None for a job with one tool.
+
+    Args:
+        the_plan: plan of the job.
+        stints: toolpath of each tool.
+    """
     if not the_plan.parts:
         return None
     out = []
@@ -107,7 +138,7 @@ def build_tool_sections(the_plan: Plan, stints: Sequence[ToolSegment]) -> tuple[
         mean, worst = (part.plan.scores.scale * v if cut and np.isfinite(v) else None for v in (o.mean, o.worst))
         labels = dict.fromkeys(stint.toolpath.operation.tolist())
         out.append(
-            told.ToolSegmentEntry(
+            optimize_document.ToolSegmentEntry(
                 tool=stint.tool,
                 first_point=stint.first,
                 last_point=stint.stop - 1,
@@ -119,10 +150,15 @@ def build_tool_sections(the_plan: Plan, stints: Sequence[ToolSegment]) -> tuple[
     return tuple(out)
 
 
-def build_gain_section(gain: IndexGain) -> told.MeanGainEntry:
-    """How much less the mean cost is: of deflection, or of compliance where no force is given; null where unknown."""
+def build_gain_section(gain: IndexGain) -> optimize_document.MeanGainEntry:
+    """Return the reduction of the mean cost: of deflection, or of compliance where no force is given; null where
+    unknown.
+
+    Args:
+        gain: gain over one baseline.
+    """
     low, high = gain.interval
-    return told.MeanGainEntry(
+    return optimize_document.MeanGainEntry(
         over=gain.over,
         mean_percent=100.0 * gain.mean,
         std_percent=100.0 * gain.std,
@@ -131,12 +167,16 @@ def build_gain_section(gain: IndexGain) -> told.MeanGainEntry:
     )
 
 
-def build_position_error_section(the_plan: Plan) -> told.PositionErrorSection | None:
-    """How far the TCP is from where the plan says, by measured poses."""
+def build_position_error_section(the_plan: Plan) -> optimize_document.PositionErrorSection | None:
+    """Return the predicted position error of the TCP from measured poses; None where the stiffness file has none.
+
+    Args:
+        the_plan: plan of the job.
+    """
     found = predict_position_error(the_plan)
     if found is None:
         return None
-    return told.PositionErrorSection(
+    return optimize_document.PositionErrorSection(
         std_mm=1e3 * found.std,
         beyond_mm=1e3 * found.beyond,
         outside_percent=100.0 * found.uncovered,
@@ -147,13 +187,19 @@ def build_position_error_section(the_plan: Plan) -> told.PositionErrorSection | 
     )
 
 
-def build_compensation_section(the_plan: Plan, toolpath: Toolpath) -> told.CompensationSection | None:
+def build_compensation_section(the_plan: Plan, toolpath: Toolpath) -> optimize_document.CompensationSection | None:
+    """Return shift and residual of a compensated plan; None without a compensation.
+
+    Args:
+        the_plan: plan of the job.
+        toolpath: its toolpath.
+    """
     found = compute_residual(the_plan)
     removed = predict_removals(the_plan, toolpath.operation, tuple(o.label for o in toolpath.operations))
     if found is None:
         return None
     length = the_plan.compensation.length if the_plan.compensation else float("nan")
-    return told.CompensationSection(
+    return optimize_document.CompensationSection(
         length_mm=1e3 * length,
         max_mm=1e3 * found.shift_worst,
         mean_mm=1e3 * found.shift_mean,
@@ -165,13 +211,17 @@ def build_compensation_section(the_plan: Plan, toolpath: Toolpath) -> told.Compe
     )
 
 
-def build_removal_entry(r: DeflectionRemoval) -> told.RemovedDeflectionEntry:
-    """One stretch; drawn numbers with as many digits as draws hold."""
+def build_removal_entry(r: DeflectionRemoval) -> optimize_document.RemovedDeflectionEntry:
+    """Return the removal of one stretch; sampled numbers are rounded to their statistical accuracy.
+
+    Args:
+        r: predicted removal.
+    """
 
     def interval(ends: tuple[float, float] | None, factor: float) -> tuple[float, float] | None:
         return None if ends is None else (round(factor * ends[0], 5), round(factor * ends[1], 5))
 
-    return told.RemovedDeflectionEntry(
+    return optimize_document.RemovedDeflectionEntry(
         operation=r.label,
         removed_percent=100.0 * r.removed,
         removed_ci90_percent=interval(r.removed90, 100.0),
@@ -186,7 +236,13 @@ def _in_mm(interval: tuple[float, float] | None) -> tuple[float, float] | None:
     return None if interval is None else (1e3 * interval[0], 1e3 * interval[1])
 
 
-def build_worst_point_entry(the_plan: Plan, points: PointResults) -> told.WorstPointSection | None:
+def build_worst_point_entry(the_plan: Plan, points: PointResults) -> optimize_document.WorstPointSection | None:
+    """Return the point with the worst index; None where no cut point is feasible.
+
+    Args:
+        the_plan: plan of the job.
+        points: its point results.
+    """
     there = the_plan.path.counted & (
         the_plan.chosen.assignment.reason == InfeasibilityReason.OK
     )  # one that collides has a cost, too
@@ -197,7 +253,7 @@ def build_worst_point_entry(the_plan: Plan, points: PointResults) -> told.WorstP
     t, split = points.table, split_deflection(the_plan, int(points.rows[i]))
     std = np.nan if t.deflection_std is None else 1e3 * float(t.deflection_std[i])
     value = 1e3 * float(t.deflection[i])
-    return told.WorstPointSection(
+    return optimize_document.WorstPointSection(
         point=i,
         k_axial_N_mm=t.k_axial[i] / 1e3,
         k_normal_N_mm=t.k_normal[i] / 1e3,

@@ -1,4 +1,4 @@
-"""What the external joints have to do with a point that has no configuration, in words."""
+"""Messages about the influence of the external joints on a point without a configuration."""
 
 from __future__ import annotations
 
@@ -17,53 +17,57 @@ from machopt.planning.external_axes.position_constraints import MET
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.stations.planning_path import compute_tcp_poses
 
-VALUES = 13  # of one joint that are tried, over its whole range
-TOGETHER = 5  # of each of several
+VALUES = 13  # number of values tried of one joint, over its whole range
+TOGETHER = 5  # the same per joint for several joints
 ROTATIONS = np.radians(np.arange(0.0, 360.0, 45.0))
 AT_END = 0.02  # of a range: a joint that moves along the path keeps half of it (moving_axes.ROOM)
 
 
 @dataclass(frozen=True)
 class ExternalAxisReason:
-    """Of one point."""
+    """Messages for one point."""
 
-    stands: str  # where the external joints stand, and which end of a range or lock holds them; "" without any
-    elsewhere: str  # where they would have to stand for the wrist to be in reach; "" where nothing is known of it
-    help: str  # the option that stands in the way; "" where none does
+    stands: str  # position of the external joints, and the range end or lock that limits them; "" without any
+    elsewhere: str  # position at which the wrist would be in reach; "" if unknown
+    help: str  # limiting option; "" where there is none
 
 
 def explain_external_axes(plan: Plan, point: int, *, out_of_reach: bool) -> ExternalAxisReason:
-    """What of planning point ``point`` the external joints decide.
+    """Return the influence of the external joints on a planning point.
 
     Args:
-        plan: the plan; its joints stand there at ``plan.path.external[point]``.
+        plan: the plan; its joints at the point are ``plan.path.external[point]``.
         point: planning point without a configuration.
-        out_of_reach: ask where they would have to stand, too; only reach is looked at, neither limits nor contacts.
+        out_of_reach: also search for joint values that reach the point; only reach is checked, not limits or contacts.
     """
     cell = plan.setup.cell
     if not cell.external_joints:
         return ExternalAxisReason("", "", "")
     axes = resolve_axis_options(cell, plan.options)
     at = plan.path.external[point]
-    stands = "with " + " and ".join(_stands(plan, k, axis, float(at[k])) for k, axis in enumerate(axes))
+    positions = "with " + " and ".join(_stands(plan, k, axis, float(at[k])) for k, axis in enumerate(axes))
     if not out_of_reach:
-        return ExternalAxisReason(stands, "", "")
+        return ExternalAxisReason(positions, "", "")
     others = np.array(list(_others(plan, at)))
     within = np.flatnonzero(_reached(plan, point, others))
     if not len(within):
         names = " and ".join(_range(plan, k) for k in range(len(at)))
-        return ExternalAxisReason(stands, f"out of reach at every value tried of {names}", "")
+        return ExternalAxisReason(positions, f"out of reach at every value tried of {names}", "")
     found = others[within[0]]
     moved = [k for k in range(len(at)) if abs(found[k] - at[k]) > 1e-9]
     there = " and ".join(f"{cell.external_joints[k]} at {_value(plan, k, float(found[k]))}" for k in moved)
-    held = [_option(plan, k, axes[k], float(found[k])) for k in moved]
+    limiting_options = [_option(plan, k, axes[k], float(found[k])) for k in moved]
     return ExternalAxisReason(
-        stands, f"with {there} it would be in reach", " and ".join(dict.fromkeys(h for h in held if h))
+        positions, f"with {there} it would be in reach", " and ".join(dict.fromkeys(h for h in limiting_options if h))
     )
 
 
 def list_overruled_pins(plan: Plan) -> list[str]:
-    """Pins that go before the place where the options lock their joint, or before the range they give it."""
+    """Return messages for pins that override the locked position or the range of their joint in the options.
+
+    Args:
+        plan: plan of one tool.
+    """
     cell, out = plan.setup.cell, []
     axes = resolve_axis_options(cell, plan.options) if cell.external_joints else ()
     for wish in plan.options.steer:
@@ -72,10 +76,10 @@ def list_overruled_pins(plan: Plan) -> list[str]:
             continue
         low, high = compute_axis_range(cell, k, axes[k], locked=not axes[k].moves)
         if not low - MET <= wish.at <= high + MET:
-            kept = f"the range {_value(plan, k, low)} to {_value(plan, k, high)}" if high > low else ""
-            kept = kept or f"its lock at {_value(plan, k, low)}"
+            range_text = f"the range {_value(plan, k, low)} to {_value(plan, k, high)}" if high > low else ""
+            range_text = range_text or f"its lock at {_value(plan, k, low)}"
             out.append(
-                f"The pin of {format_steering_rule(wish)} (steer) goes before {kept} "
+                f"The pin of {format_steering_rule(wish)} (steer) goes before {range_text} "
                 f"(external.{cell.external_joints[k]})."
             )
     return out
@@ -93,7 +97,7 @@ def _stands(plan: Plan, k: int, axis: ExternalJointOptions, at: float) -> str:
 
 
 def _option(plan: Plan, k: int, axis: ExternalJointOptions, value: float) -> str:
-    """The user's word that keeps a joint from a value."""
+    """Return the option that keeps a joint from a value."""
     if not axis.moves:
         return f"external.{plan.setup.cell.external_joints[k]}.mode other than locked"
     low, high = compute_axis_range(plan.setup.cell, k, axis, locked=False)
@@ -116,7 +120,7 @@ def _others(plan: Plan, at: Array) -> Iterator[Array]:
 
 
 def _reached(plan: Plan, point: int, external: Array) -> Bools:
-    """(M,) the wrist is in reach at some rotation with the external joints at (M, E)."""
+    """Return (M,) whether the wrist is in reach at some rotation with the external joints at (M, E)."""
     arm, n = plan.setup.arm, len(ROTATIONS)
     poses = compute_tcp_poses(plan.path, np.array([point], np.int32), ROTATIONS[None, :])[0]
     there = arm.in_base(np.repeat(external, n, axis=0), np.tile(poses, (len(external), 1, 1)))

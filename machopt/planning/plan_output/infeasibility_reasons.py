@@ -1,4 +1,4 @@
-"""Why a point cannot be reached, and what would help: sentences for people, from the plan's own numbers."""
+"""Messages about infeasible points: cause and remedy, from the plan's own numbers."""
 
 from __future__ import annotations
 
@@ -17,13 +17,17 @@ from machopt.planning.uncertainty.external_axis_springs import describe_settleme
 from machopt.planning.uncertainty.position_error import predict_position_error
 
 NEARLY_PARALLEL = np.radians(8.0)
-LARGE = 0.02  # m; a deflection beyond the small displacements that linear elasticity holds for
-FAR = 20.0  # m; no arm reaches so far, so a length was given in another unit
+LARGE = 0.02  # m; deflection above the validity limit of linear elasticity
+FAR = 20.0  # m; longer than any arm, so a length was given in another unit
 BESIDE = 0.02  # m; a tip farther from axis 6 moves the wrist noticeably when it turns
 
 
 def explain_points(plan: Plan) -> dict[int, str]:
-    """Planning point → one sentence, for every point without a configuration."""
+    """Return one sentence for every planning point without a configuration.
+
+    Args:
+        plan: plan of a job or of one tool.
+    """
     if plan.parts:
         return {part.row + p: text for part in plan.parts for p, text in explain_points(part.plan).items()}
     station_of = np.searchsorted(plan.path.stations, np.arange(len(plan.path.index)))
@@ -35,15 +39,20 @@ def explain_points(plan: Plan) -> dict[int, str]:
 
 
 def list_breaks(plan: Plan, obstructions: tuple[SequenceBreak, ...] = ()) -> tuple[SequenceBreak, ...]:
-    """Every place where the motion breaks off: in the sequence, between toolpath points, and in time."""
+    """Return every break of the motion: in the sequence, between toolpath points, and in time.
+
+    Args:
+        plan: plan of a job or of one tool.
+        obstructions: breaks of its motion.
+    """
     path, reason = plan.path, plan.chosen.assignment.reason
     missing, sentences = reason != InfeasibilityReason.OK, explain_points(plan)
-    missing[list(plan.ways)] = False  # it is the way to them that is told here
+    missing[list(plan.ways)] = False  # here the move to them is reported
     between: dict[tuple[int, int], int] = {}
     for p in np.flatnonzero(missing & ~path.is_point):
         ends = int(np.floor(path.index[p])), int(np.ceil(path.index[p]))
         rows = np.searchsorted(path.index, ends)
-        if not missing[rows].any():  # else the point itself tells
+        if not missing[rows].any():  # else the point itself is reported
             between.setdefault(ends, int(p))
     inner = tuple(
         SequenceBreak(
@@ -60,7 +69,12 @@ def list_breaks(plan: Plan, obstructions: tuple[SequenceBreak, ...] = ()) -> tup
 
 
 def describe_remedy(plan: Plan, point: int) -> str:
-    """What would make planning point ``point`` possible."""
+    """Return what would make a planning point feasible.
+
+    Args:
+        plan: plan of a job or of one tool.
+        point: planning point without a configuration.
+    """
     plan, point = plan.at(point)
     if point in plan.ways:
         return plan.ways[point].help
@@ -80,13 +94,13 @@ def describe_remedy(plan: Plan, point: int) -> str:
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
     rotations = plan.candidates.reason_of_rotation()[s]
     if plan.options.method != "global" and (rotations == InfeasibilityReason.OK).any():
-        word = "would" if plan.setup.collision is None else "may"  # what they collide with was not looked for
+        word = "would" if plan.setup.collision is None else "may"  # collisions were not checked
         return f"--method global, which chooses among them, {word} help{_left_out(plan)}"
     if (plan.candidates.reason[s] == InfeasibilityReason.UNREACHABLE).all():
         return _towards(plan, point)
     words = [_HELP[r] for r in _HELP if (rotations == r).any()]
     missed = _missed_limit(plan, s)[1] if (rotations == InfeasibilityReason.LIMIT).any() else 0.0
-    if missed > plan.options.limit_margin:  # the joint's own range lacks
+    if missed > plan.options.limit_margin:  # the joint's own range is too small
         words = ["a wider joint range" if w == _HELP[InfeasibilityReason.LIMIT] else w for w in words]
     hopeless = {InfeasibilityReason.UNREACHABLE, InfeasibilityReason.BOUNDS} | (
         {InfeasibilityReason.LIMIT} if missed > plan.options.rotation_step else set()
@@ -101,14 +115,16 @@ def _left_out(plan: Plan) -> str:
 
 
 def _towards(plan: Plan, point: int) -> str:
-    """Which way the workpiece would have to go: from the point to axis 1, as far as reach lacks."""
+    """Return the direction in which the workpiece would have to move: from the point to axis 1, by the missing
+    reach.
+    """
     arm = plan.setup.arm
     at = arm.places(plan.path.external[[point]], plan.path.position[[point]])[0]
     middle = plan.setup.robot.point[1]  # axis 2, the shoulder
     way = middle - at
     size = float(np.linalg.norm(way))
     moved = compute_reach_shift(plan, point)
-    far = f"the tip is {1e3 * size:,.0f} mm from the shoulder"
+    distance_text = f"the tip is {1e3 * size:,.0f} mm from the shoulder"
     extent = float(np.linalg.norm(np.ptp(plan.path.position, axis=0)))
     unit = "; is the workpiece frame in mm?" if size > FAR else ""
     if (
@@ -118,7 +134,7 @@ def _towards(plan: Plan, point: int) -> str:
         unit += f"; the path is {extent:.3g} m long: does --unit have to say another unit?"
     by = ", ".join(f"{v:.0f}".replace("-", "\N{MINUS SIGN}") for v in np.round(1e3 * moved.by) + 0.0)
     part = f"moving the part by about ({by}) mm in the robot's base"
-    if not np.round(1e3 * moved.by).any():  # it is near enough: an arm without a wrist centre does not tell what lacks
+    if not np.round(1e3 * moved.by).any():  # near enough: for an arm without a wrist centre the shortfall is unknown
         part = "another pose of the part (machopt place looks for one) or another tool axis"
     whom = "" if moved.points == 1 else f" all {moved.points} points out of reach"
     if not moved.all:
@@ -126,11 +142,16 @@ def _towards(plan: Plan, point: int) -> str:
     option = explain_external_axes(plan, point, out_of_reach=True).help
     if option:
         return f"{option} would help; so would {part}{' for' if whom else ''}{whom}"
-    return f"{part} would help{whom} ({far}{unit})"
+    return f"{part} would help{whom} ({distance_text}{unit})"
 
 
 def compute_reach_shortfall(plan: Plan, point: int) -> float:
-    """m, how far planning point ``point`` lies outside the reach, 0 where it is not reach that lacks."""
+    """Return the distance in m by which a planning point is outside the reach; 0 where reach is sufficient.
+
+    Args:
+        plan: plan of a job or of one tool.
+        point: planning point.
+    """
     plan, point = plan.at(point)
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
     return float(plan.candidates.shortfall[s])
@@ -166,29 +187,29 @@ def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> st
             "points without leaving the path: a retract between them, another rotation range or a smaller "
             "singularity margin would help"
         )
-    far = bool((rows == InfeasibilityReason.UNREACHABLE).all())
-    external = explain_external_axes(plan, point, out_of_reach=far)
-    stands = f" {external.stands}" if external.stands else ""
-    if far:
+    is_out_of_reach = bool((rows == InfeasibilityReason.UNREACHABLE).all())
+    external = explain_external_axes(plan, point, out_of_reach=is_out_of_reach)
+    positions = f" {external.stands}" if external.stands else ""
+    if is_out_of_reach:
         short = 1e3 * plan.candidates.shortfall[s]
         missing = f"{short:.0f}" if short >= 0.5 else "less than 1"
         elsewhere = f"{external.elsewhere}; " if external.elsewhere else ""
         if not short > 0.0:
             return (
-                f"no posture at any rotation{stands} brings the tool here with this axis, though it is not too far "
+                f"no posture at any rotation{positions} brings the tool here with this axis, though it is not too far "
                 f"away; {elsewhere}turning or moving the workpiece would help"
             )
         return (
-            f"out of reach at every rotation{stands}: the wrist centre lies {missing} mm outside the workspace; "
+            f"out of reach at every rotation{positions}: the wrist centre lies {missing} mm outside the workspace; "
             f"{elsewhere}moving the workpiece or the robot by that much would help"
         )
     parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]
     joint = _limiting_joint(plan, s) if (rotations == InfeasibilityReason.LIMIT).any() else ""
-    return f"no rotation works{stands}: of {len(rotations)} tried, " + ", ".join(parts) + joint + _touching(plan, s)
+    return f"no rotation works{positions}: of {len(rotations)} tried, " + ", ".join(parts) + joint + _touching(plan, s)
 
 
 def _touching(plan: Plan, s: int) -> str:
-    """The bodies that most of a station's collisions are between."""
+    """Return the pair of bodies that causes most of a station's collisions."""
     if plan.found is None or plan.setup.collision is None:
         return ""
     pairs = plan.found.pairs[s]
@@ -256,18 +277,18 @@ _HELP_SHIFTED = {
 def _too_near(pair: CollisionPair) -> str:
     own = (
         suggest_remedy(pair) if set(pair.kinds) == {"link"} else ""
-    )  # a spindle at a link is no matter of how an arm is built
+    )  # contacts of a spindle at a link are not caused by the arm design
     return f"{pair.name} touch or come nearer than the clearance{own}"
 
 
 def _limiting_joint(plan: Plan, s: int) -> str:
-    """The joint whose limit is missed by least, and by how much."""
+    """Return the joint whose limit is violated least, and the amount."""
     joint, missed = _missed_limit(plan, s)
     return f" (nearest: joint {joint + 1} by {np.degrees(missed):.1f}°)"
 
 
 def _missed_limit(plan: Plan, s: int) -> tuple[int, float]:
-    """Of the configurations of station s that break a limit the nearest one: its joint, and rad beyond the margin."""
+    """Return, for the configuration of station s nearest to the limits, its joint and the violation in rad."""
     arm = plan.setup.arm
     q = (
         np.asarray(wrap_angle(plan.candidates.q[s][plan.candidates.reason[s] == InfeasibilityReason.LIMIT]))[:, None]
@@ -283,13 +304,17 @@ SURE = "They are only as sure as their intervals say; "
 
 
 def describe_model_misfit(plan: Plan) -> str:
-    """What the stiffness file says of its own misfit; empty where its readings say nothing against it."""
+    """Return the model discrepancy stated in the stiffness file as a sentence; empty where its readings show none.
+
+    Args:
+        plan: plan of one tool.
+    """
     position = predict_position_error(plan)
     return " ".join(w for w in (_springs_words(plan), "" if position is None else position.words()) if w)
 
 
 def _springs_words(plan: Plan) -> str:
-    """Of readings under load."""
+    """Return the sentence about readings under load."""
     stiffness = plan.setup.elasticity.stiffness
     d = stiffness.discrepancy
     if d is None and stiffness.covariance is not None and stiffness.grid is None:
@@ -302,7 +327,11 @@ def _springs_words(plan: Plan) -> str:
 
 
 def list_hints(plan: Plan) -> tuple[str, ...]:
-    """What a user should know about this cell and path, whether or not it works."""
+    """Return hints about the cell and the path, for feasible and infeasible plans.
+
+    Args:
+        plan: plan of a job or of one tool.
+    """
     if plan.parts:
         return tuple(dict.fromkeys(hint for part in plan.parts for hint in list_hints(part.plan)))
     out = [misfit] if (misfit := describe_model_misfit(plan)) else []
@@ -320,11 +349,11 @@ def list_hints(plan: Plan) -> tuple[str, ...]:
     if angle < NEARLY_PARALLEL:
         zero = robot.T_base_flange_zero
         tip = zero[:3, :3] @ arm.T_flange_tcp[:3, 3] + zero[:3, 3]
-        beside = float(np.linalg.norm(np.cross(tip - robot.point[5], robot.axis[5])))  # m, of the tip from axis 6
+        tip_offset = float(np.linalg.norm(np.cross(tip - robot.point[5], robot.axis[5])))  # m, of the tip from axis 6
         effect = (
             "so turning about it only turns joint 6 and hardly changes stiffness or reach"
-            if beside < BESIDE
-            else f"{1e3 * beside:.0f} mm beside it, so turning about it moves the wrist on so small a circle"
+            if tip_offset < BESIDE
+            else f"{1e3 * tip_offset:.0f} mm beside it, so turning about it moves the wrist on so small a circle"
         )
         out.append(
             f"The tool axis is {np.degrees(angle):.1f}° from axis 6, {effect}. What would help: another branch, "
@@ -350,8 +379,8 @@ def list_hints(plan: Plan) -> tuple[str, ...]:
     changes = _changes(plan)
     if changes:
         more = f"; and {len(changes) - 6} more" if len(changes) > 6 else ""
-        told = "; ".join(changes[:6]) + more
-        out.append(f"The arm changes its configuration between runs, where the tool is retracted: {told}")
+        changes_text = "; ".join(changes[:6]) + more
+        out.append(f"The arm changes its configuration between runs, where the tool is retracted: {changes_text}")
     return tuple(out)
 
 
@@ -361,7 +390,7 @@ def _some(points: tuple[int, ...], most: int = 6) -> str:
 
 
 def _where_external(plan: Plan) -> list[str]:
-    """Where each external joint stands while the tool cuts."""
+    """Return the position of each external joint while the tool cuts."""
     cell, cut, out = plan.setup.cell, plan.path.counted, []
     for k, (name, slides) in enumerate(zip(cell.external_joints, cell.external_prismatic, strict=True)):
         value = plan.path.external[cut, k] * (1e3 if slides else np.degrees(1.0))
@@ -392,5 +421,9 @@ def _changes(plan: Plan) -> list[str]:
 
 
 def compute_gamma(plan: Plan) -> Array:
-    """(P,) rad, gamma of the files at every planning point."""
+    """Return the (P,) rotation gamma in rad, as in the files, at every planning point.
+
+    Args:
+        plan: plan of a job or of one tool.
+    """
     return np.asarray(wrap_angle(plan.chosen.assignment.phi + plan.path.offset))

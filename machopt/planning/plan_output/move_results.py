@@ -1,8 +1,8 @@
-"""What happens between two points, told at the one where the move ends: that row of points.csv, of JSON and report.
+"""Results of moves between points, reported at the end point of the move: in points.csv, result.json and the report.
 
-A row stands for a move as much as for a place. So a point that is feasible by itself is given up where the way to it
-is not: a collision or a gouge on the way, a jump of a joint, a stretch that the axes cannot follow. Where the way is
-driven, but not at the programmed feed, the row stays as it is and says so.
+A row represents a move as well as a place. A point that is feasible by itself is therefore marked infeasible where the
+move to it is not: a collision or a gouge on the way, a joint jump, a stretch that the axes cannot follow. Where the
+move is driven, but not at the programmed feed, the row remains and has a note.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _OF_CODE = {"joint_limit": InfeasibilityReason.LIMIT} | dict.fromkeys(
 
 
 def mark_undriven_points(plan: Plan, obstructions: Sequence[SequenceBreak] = ()) -> Plan:
-    """A plan that is not driven, with every point marked whose way fails though it has a pose itself.
+    """Return an undriven plan with every feasible point marked whose move fails.
 
     Args:
-        plan: one tool's.
-        obstructions: what kept its motion from being driven.
+        plan: plan of one tool.
+        obstructions: causes why its motion is not driven.
     """
     path, a = plan.path, plan.chosen.assignment
     begin, end = (HOME if at is None else CHANGE for at in (plan.begin, plan.end))
@@ -52,14 +52,14 @@ def mark_undriven_points(plan: Plan, obstructions: Sequence[SequenceBreak] = ())
 
 
 def _ends_at(path: PlanningPath, b: SequenceBreak) -> int:
-    """Planning row of the toolpath point where the move ends; of the one it begins at where it leads home."""
+    """Return the planning row of the toolpath point at the end of the move; of its start point where it leads home."""
     points = np.flatnonzero(path.is_point)
     at = b.after if np.isfinite(b.after) else np.floor(b.before + ON_POINT) if np.isfinite(b.before) else 0.0
     return int(points[min(int(np.searchsorted(path.index[points], at - ON_POINT)), len(points) - 1)])
 
 
 def _reason(plan: Plan, b: SequenceBreak) -> InfeasibilityReason:
-    """Of a place between two points its own reason, else what the break's code says."""
+    """Return the own reason of a place between two points, else the reason of the break's code."""
     if b.code != "no_pose":
         return _OF_CODE.get(b.code, InfeasibilityReason.NO_PATH)
     index = plan.path.index
@@ -68,19 +68,19 @@ def _reason(plan: Plan, b: SequenceBreak) -> InfeasibilityReason:
 
 
 def add_slowdown_notes(table: PointsTable, dips: Sequence[FeedSlowdown]) -> PointsTable:
-    """The table with a sentence at every driven point on the way to which the programmed feed is not held.
+    """Return the table with a note at every driven point whose move is slower than the programmed feed.
 
-    Ramps from and to rest are no fault of a plan, and are left out.
+    Ramps from and to rest are normal and left out.
 
     Args:
         table: of a plan that is driven.
-        dips: of its motion.
+        dips: slowdowns of its motion.
     """
     stretches = [
         SlowStretch(first=d.first, last=d.last, ratio=d.ratio, where=d.where, axis=d.joint, limit=d.limit) for d in dips
     ]
-    said = list(table.reason)
+    reasons = list(table.reason)
     for k, words in describe_slow_points(stretches, len(table)).items():
         if table.status[k] == InfeasibilityReason.OK.word:
-            said[k] = words
-    return replace(table, reason=tuple(said))
+            reasons[k] = words
+    return replace(table, reason=tuple(reasons))

@@ -1,4 +1,4 @@
-"""One row per toolpath point, from the plan's planning points."""
+"""Table with one row per toolpath point, from the plan's planning points."""
 
 from __future__ import annotations
 
@@ -21,11 +21,16 @@ from machopt.planning.uncertainty.stiffness_uncertainty import (
     compute_cost_gradient,
 )
 
-ROWS = 32_768  # of the table, worked out at once
+ROWS = 32_768  # rows of the table per block
 
 
 def find_reason(plan: Plan, point: int) -> InfeasibilityReason:
-    """Why a planning point has no configuration; where no rotation works, what stopped the one that came farthest."""
+    """Return why a planning point has no configuration; where no rotation works, the reason of the furthest one.
+
+    Args:
+        plan: plan of one tool.
+        point: planning point.
+    """
     reason = InfeasibilityReason(int(plan.chosen.assignment.reason[point]))
     if reason != InfeasibilityReason.NO_PATH:
         return reason
@@ -39,7 +44,7 @@ def find_reason(plan: Plan, point: int) -> InfeasibilityReason:
 
 @dataclass(frozen=True)
 class PointResults:
-    """The table, and what the report shows beside it; N toolpath points."""
+    """The table, and additional data for the report; N toolpath points."""
 
     table: PointsTable
     rows: NDArray[np.intp]  # (N,) planning point of each toolpath point
@@ -47,12 +52,17 @@ class PointResults:
 
 
 def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
-    """Stiffness, deflection, clearance and margins of the chosen configuration at every toolpath point."""
+    """Return stiffness, deflection, clearance and margins of the chosen configuration at every toolpath point.
+
+    Args:
+        plan: plan of one tool.
+        toolpath: its toolpath.
+    """
     rows = np.flatnonzero(plan.path.is_point)
     n, a = len(rows), plan.chosen.assignment
-    q = a.q[rows]  # true angles; the table holds what the encoders say
+    q = a.q[rows]  # true angles; the table has encoder angles
     known = plan.setup.correction
-    told = q if known is None else known.compute_encoder_angles(q)
+    encoder_angles = q if known is None else known.compute_encoder_angles(q)
     ok = np.flatnonzero(a.reason[rows] == InfeasibilityReason.OK)
     axial, normal, paper, bend = (np.full(n, np.nan) for _ in range(4))
     elasticity, d = plan.setup.elasticity, plan.directions
@@ -75,8 +85,8 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         for i, k in zip(ok, near.pair, strict=True):
             pairs[i] = model.pairs[k].name if k >= 0 else ""
     lower, upper = plan.setup.cell.limits.lower[:6], plan.setup.cell.limits.upper[:6]
-    margin = np.minimum(told - lower, upper - told).min(axis=1)
-    shoulder = np.arctan2(a.shoulder[rows], 1.0)  # as an angle seen over 1 m, to compare with the others
+    margin = np.minimum(encoder_angles - lower, upper - encoder_angles).min(axis=1)
+    shoulder = np.arctan2(a.shoulder[rows], 1.0)  # as an angle over 1 m, to compare with the others
     singular = np.fmin(np.fmin(a.wrist[rows], a.elbow[rows]), shoulder)
     why = explain_points(plan)
     table = PointsTable(
@@ -87,7 +97,7 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         operations=tuple(o.label for o in toolpath.operations),
         gamma=np.where(a.reason[rows] == InfeasibilityReason.OK, compute_gamma(plan)[rows], np.nan),
         branch=a.branch[rows].astype(np.int8),
-        q=told,
+        q=encoder_angles,
         external=plan.path.external[rows],
         external_prismatic=plan.setup.cell.external_prismatic,
         k_axial=axial,
@@ -111,18 +121,22 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
 
 
 def list_dwells(toolpath: Toolpath) -> Array | None:
-    """(N,) s that the file waits at its points; None where it waits at none."""
+    """Return the (N,) dwell in s at each point; None where there is none.
+
+    Args:
+        toolpath: toolpath with its events.
+    """
     out = toolpath.dwells[1:]
     return out if out.any() else None
 
 
 def _blocks(rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
-    """The rows, as many at a time as fit the memory whatever is worked out of them."""
+    """Yield the rows in blocks that fit the memory."""
     return (rows[first : first + ROWS] for first in range(0, len(rows), ROWS))
 
 
 def _status(plan: Plan, rows: NDArray[np.intp]) -> tuple[str, ...]:
-    """(N,) the word of :func:`find_reason`, which is asked only where it does not follow from the point alone."""
+    """Return (N,) the word of :func:`find_reason`, which is called only where the point alone does not determine it."""
     reason = plan.chosen.assignment.reason[rows]
     words = {int(known): known.word for known in InfeasibilityReason}
     out = [words[code] for code in reason.tolist()]
@@ -134,7 +148,9 @@ def _status(plan: Plan, rows: NDArray[np.intp]) -> tuple[str, ...]:
 def _uncertainty(
     plan: Plan, rows: NDArray[np.intp], ok: NDArray[np.intp], q: Array, axial: Array
 ) -> tuple[Array | None, Array | None]:
-    """1 sigma of the deflection in m and of the axial stiffness in N/m, (N,) each; None where none is known."""
+    """Return the standard uncertainty of the deflection in m and of the axial stiffness in N/m, (N,) each; None if
+    unknown.
+    """
     spread, doubt = build_compliance_covariance(plan), build_discrepancy_model(plan.setup)
     if not spread.known:
         return None, None
@@ -148,28 +164,30 @@ def _uncertainty(
         by_point[rows[some]] = elastic.compute_sensitivity(along, along, small=True)
         if doubt is not None and moved is not None:
             moved[rows[some]] = doubt.axial(elastic, q[some], along)
-    beside = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=True))
-    own = np.zeros(P)  # what is one pose's own
+    own_std = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=True))
+    own = np.zeros(P)  # contribution of single poses
     if doubt is not None and moved is not None:
         own[at] = doubt.own(plan.directions, at, "stiffness")
-        beside = compute_reported_std(moved, beside**2 + own**2)
-    axial_std[ok] = beside[at] * axial[ok] ** 2  # of 1/c
+        own_std = compute_reported_std(moved, own_std**2 + own**2)
+    axial_std[ok] = own_std[at] * axial[ok] ** 2  # of 1/c
     if not plan.options.force.given:
         return None, axial_std
     for some in _blocks(ok):
         by_point[rows[some]] = compute_cost_gradient(elasticity, plan.directions, rows[some], q[some], "deflection")
         if doubt is not None and moved is not None:
             moved[rows[some]] = doubt.cost(elasticity, plan.directions, rows[some], q[some], "deflection")
-    beside = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=False))
+    own_std = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=False))
     if doubt is not None and moved is not None:
         own[at] = doubt.own(plan.directions, at, "deflection")
-        beside = compute_reported_std(moved, beside**2 + own**2)
-    bend_std[ok] = beside[at]
+        own_std = compute_reported_std(moved, own_std**2 + own**2)
+    bend_std[ok] = own_std[at]
     return bend_std, axial_std
 
 
 def _carriers(plan: Plan, at: NDArray[np.intp], q: Array, *, along_axis: bool) -> Array:
-    """(P,) 1 sigma at some planning points by external joints: of 1/k along the axis, or of the deflection."""
+    """Return (P,) standard uncertainty from external joints at some planning points: of 1/k axially, or of the
+    deflection.
+    """
     out, d = np.zeros(len(plan.path.index)), plan.directions
     if d.unsure is not None and along_axis:
         out[at] = np.linalg.norm(np.einsum("mkc,mc->mk", d.unsure[at, :, :3], d.axial[at]) ** 2, axis=1)

@@ -1,4 +1,4 @@
-"""By how much the part would have to move for the points out of reach: of all of them, not of one."""
+"""Shift of the part that would bring the points out of reach into reach: all of them, not only one."""
 
 from __future__ import annotations
 
@@ -11,42 +11,47 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan
 
-MOST = 64  # points that are looked at, evenly taken
-ROUNDS = 200  # of projections; each mends the point that lacks most
-NEAR = 2e-3  # m, that may be left
+MOST = 64  # maximum number of points, evenly selected
+ROUNDS = 200  # maximum number of projections; each corrects the most violated point
+NEAR = 2e-3  # m, permitted residual
 
 
 @dataclass(frozen=True)
 class ReachShift:
-    """A shift of the part."""
+    """Proposed shift of the part."""
 
     by: Array  # (3,) m in base_link
     points: int  # toolpath points out of reach
-    all: bool  # it brings all of them into reach, and takes none that is reached beyond the least reach of these
+    all: bool  # it brings all of them into reach, and moves no reached point beyond the smallest radius of these
 
 
 def compute_reach_shift(plan: Plan, point: int) -> ReachShift:
-    """The least shift that brings every point out of reach to where the arm would reach; else that of ``point`` alone.
+    """Return the smallest shift that brings every point into reach; otherwise that of one point.
 
-    A point p that lacks s is reached within |p − c| − s of the shoulder c. These are balls for the shift, and so are
-    those of the points that are reached, by the least of these radii where they lie within; projections onto the one
-    violated most end in all of them where they meet.
+    A point p with shortfall s is reached within |p − c| − s of the shoulder c. These are balls for the shift, and so
+    are
+    those of the reached points, with the smallest of these radii where they lie within it. Repeated projection onto the
+    most violated ball converges to the intersection, where one exists.
+
+    Args:
+        plan: plan of one tool.
+        point: planning point that the fallback refers to.
     """
-    path, lacks = plan.path, plan.candidates.shortfall
+    path, shortfall = plan.path, plan.candidates.shortfall
     centre = plan.setup.robot.point[1]  # axis 2, the shoulder
     at = plan.setup.arm.places(path.external, path.position) - centre
-    far = np.linalg.norm(at, axis=1)
-    station = np.minimum(np.searchsorted(path.stations, np.arange(len(far))), len(path.stations) - 1)
+    distance = np.linalg.norm(at, axis=1)
+    station = np.minimum(np.searchsorted(path.stations, np.arange(len(distance))), len(path.stations) - 1)
     unreached = (plan.candidates.reason[station] == InfeasibilityReason.UNREACHABLE).all(axis=(1, 2))
-    radius = far - lacks[station]
+    radius = distance - shortfall[station]
     own = _shift(at[[point]], radius[[point]])
     out = unreached & path.is_point
     count = int(out.sum())
     if count <= 1:
         return ReachShift(own, max(count, 1), True)
     least = float(radius[out].min())
-    others = np.flatnonzero(path.is_point & ~unreached & (far <= least))
-    some = np.concatenate([_few(np.flatnonzero(out), far - radius), _few(others, far)])
+    others = np.flatnonzero(path.is_point & ~unreached & (distance <= least))
+    some = np.concatenate([_few(np.flatnonzero(out), distance - radius), _few(others, distance)])
     limit = np.where(unreached, radius, least)
     by = _shift(at[some], limit[some])
     good = bool((np.linalg.norm(at[some] + by, axis=1) <= limit[some] + NEAR).all())
@@ -54,7 +59,7 @@ def compute_reach_shift(plan: Plan, point: int) -> ReachShift:
 
 
 def _few(rows: NDArray[np.intp], worst: Array) -> NDArray[np.intp]:
-    """At most MOST of the rows, evenly, and the one that is worst."""
+    """Return at most MOST of the rows, evenly, and the worst one."""
     if len(rows) <= MOST:
         return rows
     return np.append(rows[np.linspace(0, len(rows) - 1, MOST).astype(int)], rows[int(np.argmax(worst[rows]))])

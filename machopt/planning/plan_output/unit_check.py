@@ -1,4 +1,4 @@
-"""Paths that no plan can help because their numbers count another unit than they were read in."""
+"""Check for paths whose numbers are probably in another unit than assumed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,12 @@ _HELP = (
 
 
 def compute_maximum_reach(robot: Robot, T_flange_tcp: Array) -> float:
-    """m from axis 1 to the tool tip with all links and the tool in one line."""
+    """Return the distance in m from axis 1 to the tool tip with all links and the tool in one line.
+
+    Args:
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
+    """
     links = np.diff(np.vstack([robot.point, robot.T_base_flange_zero[:3, 3]]), axis=0)
     return float(np.linalg.norm(links, axis=1).sum() + np.linalg.norm(T_flange_tcp[:3, 3]))
 
@@ -26,16 +31,18 @@ def compute_maximum_reach(robot: Robot, T_flange_tcp: Array) -> float:
 def explain_wrong_unit(
     toolpath: Toolpath, robot: Robot, T_base_workpiece: Array, T_flange_tcp: Array, *, stated: bool = False
 ) -> str:
-    """Why the path's size cannot be meant, empty where it can.
+    """Return why the size of the path is implausible, empty where it is plausible.
 
-    It is longer than the arm reaches across, or every cut lies beyond its reach, and the 25.4th or thousandth part
-    lies within; or it is shorter than half a millimetre. Where the unit was stated only the first counts: a small path
-    is meant, and a part that lies out of reach is that, which the plan tells point by point with distances.
+    It is implausible if it is longer than the arm's working diameter, or if every cut lies beyond its reach while the
+    25.4th or thousandth part lies within, or if it is shorter than half a millimetre. Where the unit was stated only
+    the
+    first criterion applies: a small path is then intended, and the plan reports a part out of reach point by point.
 
     Args:
         toolpath: points in the workpiece frame.
-        robot: its links' lengths are the reach.
-        T_base_workpiece, T_flange_tcp: (4, 4).
+        robot: its link lengths define the reach.
+        T_base_workpiece: (4, 4) workpiece in base_link.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
         stated: the user gave the unit.
     """
     extent = float(np.linalg.norm(np.ptp(toolpath.position, axis=0)))

@@ -1,4 +1,4 @@
-"""The joints along a curve of poses, with three exact derivatives, for any 6R arm.
+"""Joints along a curve of poses, with three exact derivatives, for any 6R arm.
 
 With the spatial Jacobian J_s = [S_1 … S_6] (screws in base_link) and V the twist of the pose along the curve:
 
@@ -25,15 +25,17 @@ from machopt.planning.retiming.path_curve import PathCurve
 from machopt.planning.retiming.taylor_series import compute_twist_derivatives
 
 CONVERGED = 1e-11  # m, rad
-STRAY = 0.3  # rad: a node at a point that is farther than this from the joints given there is on another branch
-SWING = 1.2  # rad more half way between two points: near a singularity joints do not go straight; branches are π apart
+STRAY = 0.3  # rad: a node at a point farther than this from the given joints is on another branch
+SWING = 1.2  # rad more half way between two points: joints are curved near a singularity; branches are π apart
 
 
 def compute_poses_along_curve(curve: PathCurve, u: Array, T_base_workpiece: Array) -> tuple[Array, Array, Array, Array]:
-    """TCP poses (M, 4, 4) in base_link, spatial twists with two derivatives (M, 3, 6), phi (M,), |dp/du| (M,).
+    """Return TCP poses (M, 4, 4) in base_link, spatial twists with two derivatives (M, 3, 6), phi (M,), |dp/du| (M,).
 
     Args:
-        T_base_workpiece: (4, 4), or its jets (M, 4, 4, 4) where external joints move; dp is seen from the workpiece.
+        curve: rounded path of the run.
+        u: (M,) m, increasing path parameter.
+        T_base_workpiece: (4, 4), or its jets (M, 4, 4, 4) where external joints move; dp is relative to the workpiece.
     """
     jets, phi = curve.jets(u)
     if T_base_workpiece.ndim == 4:
@@ -53,11 +55,16 @@ def compute_poses_along_curve(curve: PathCurve, u: Array, T_base_workpiece: Arra
 def compute_joints_at_nodes(
     robot: Robot, T_flange_tcp: Array, u: Array, pose: Array, twist: Array, rough: Array, share: Array
 ) -> tuple[Array, int]:
-    """Joints and their derivatives along the nodes.
+    """Return the joints and their derivatives at the nodes.
 
     Args:
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
+        u: (M,) m, path parameter of the nodes.
+        pose: (M, 4, 4) TCP poses in base_link.
+        twist: (M, 3, 6) spatial twists with two derivatives.
         rough: (M, 6) rad, the joints given at the points, interpolated.
-        share: (M,) 0 to 1, how far each node is between the point before it and the one after.
+        share: (M,) 0 to 1, position of each node between the previous and the next point.
 
     Returns:
         (M, 4, 6) rad/mᵏ, and the first node that failed or −1.
@@ -69,7 +76,14 @@ def compute_joints_at_nodes(
 
 
 def solve_joints_near_seeds(robot: Robot, T_flange_tcp: Array, pose: Array, seed: Array) -> tuple[Array, int]:
-    """Joints (M, 6) at poses from close seeds, and the first that failed or −1."""
+    """Return joints (M, 6) in rad at poses from close seeds, and the first that failed or −1.
+
+    Args:
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
+        pose: (M, 4, 4) TCP poses in base_link.
+        seed: (M, 6) rad.
+    """
     end = robot.T_base_flange_zero @ T_flange_tcp
     q, failed = _refine(robot.axis, robot.point, end, pose, robot.compute_line_angles(seed))
     return robot.compute_joint_positions(q), int(failed)
@@ -77,7 +91,7 @@ def solve_joints_near_seeds(robot: Robot, T_flange_tcp: Array, pose: Array, seed
 
 @jit_compile
 def _newton(axis: Array, point: Array, end: Array, goal: Array, q: Array, J: Array, T: Array, e: Array) -> bool:
-    """Newton from q in place; leaves the Jacobian (TCP origin, base_link axes) of the solution in J."""
+    """Iterate Newton's method from q in place; J receives the Jacobian (TCP origin, base_link axes) of the solution."""
     last, A = np.inf, np.empty((6, 6))
     for i in range(12):
         _compute_pose_and_jacobian(axis, point, end, q, J, T)

@@ -1,13 +1,13 @@
 """Geometry of one continuous run: the polyline of toolpath points as a curve with three continuous derivatives.
 
 The path parameter u is cumulative length in the metric du² = |dp|² + (ARM·dθ)², θ the rotation of the TCP, so that
-turning on the spot has length too. In the coordinates X = (position, tool axis, reference, spin) the run is a
+a rotation on the spot has length too. In the coordinates X = (position, tool axis, reference, spin) the run is a
 polyline; each vertex k is rounded on its own:
 
     X(u) = polyline(u) + Σ_k Δd_k e(u − u_k; L_k)      Δd_k change of slope, L_k half-width of the rounding
 
 e is a ramp mollified with the kernel 15/16 (1 − x²)² minus the ramp itself: it vanishes for |x| ≥ L, its peak is
-0.15625 L, and the sum stays three times differentiable however the windows overlap. L_k is as large as the
+0.15625 L, and the sum stays three times differentiable for any overlap of the windows. L_k is as large as the
 tolerance, the ends of the run and the feed allow. Where the path turns back on itself, and where the file dwells or
 stops, the run is split: such a vertex is driven through exactly, from rest to rest.
 """
@@ -28,12 +28,12 @@ from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import compute_tool_rotation, normalise_vectors
 from machopt.planning.retiming.taylor_series import compute_curve_derivatives, compute_frame_derivatives
 
-MERGE = 2e-6  # m of path: points nearer than this to the last kept one are passed, not steered to
+MERGE = 2e-6  # m of path: points nearer than this to the last kept one are merged
 SAME = 1e-9  # m of path: points nearer than this are one point
-TURN_BACK_COS = np.cos(TURN_BACK)  # of corners that are stopped in
-FLIP = np.cos(np.radians(170.0))  # between these axes a straight line of the axis vector is no rotation any more
+TURN_BACK_COS = np.cos(TURN_BACK)  # corners with a stop
+FLIP = np.cos(np.radians(170.0))  # linear interpolation of axis vectors is no rotation beyond this angle
 TIME = 0.1  # s of travel at the programmed feed: the widest rounding
-SPIN_TOLERANCE = np.radians(0.2)  # of reference and spin, where nothing but smoothness is at stake
+SPIN_TOLERANCE = np.radians(0.2)  # of reference and spin, where only smoothness matters
 GRADE = 1.0  # neighbouring half-widths differ by at most this share of their distance
 NODES = 5  # nodes per half-width
 COARSE = 2.5e-3  # m, largest distance of nodes
@@ -57,18 +57,26 @@ class PathCurve:
     X: Array  # (m, 10) vertices: position, axis, reference, spin about the axis
     width: Array  # (m, 2) m, half-width of the rounding of (position, axis) and of (reference, spin)
     first: NDArray[np.int64]  # (m,) point of the run where the vertex begins
-    last: NDArray[np.int64]  # (m,) point where it ends: points in between are passed while standing there
-    turns: Array  # (m,) rad, spin − phi: the part of the spin that the change of reference makes
+    last: NDArray[np.int64]  # (m,) point where it ends: points in between are passed at rest
+    turns: Array  # (m,) rad, spin − phi: part of the spin from the change of reference
     phi_curve: Callable[[Array], Array] | None
 
     def index(self, u: Array) -> Array:
-        """Fractional point index at u."""
+        """Return the fractional point index.
+
+        Args:
+            u: (M,) m, path parameter.
+        """
         k = np.clip(np.searchsorted(self.u, u, side="right") - 1, 0, len(self.u) - 2)
         f = np.clip((u - self.u[k]) / (self.u[k + 1] - self.u[k]), 0.0, 1.0)
         return np.asarray(self.last[k] + f * (self.first[k + 1] - self.last[k]), float)
 
     def coordinates(self, u: Array) -> Array:
-        """X and its derivatives 1…3 at increasing u, (M, 4, 10)."""
+        """Return X and its derivatives 1…3, (M, 4, 10).
+
+        Args:
+            u: (M,) m, increasing path parameter.
+        """
         k = np.clip(np.searchsorted(self.u, u, side="right") - 1, 0, len(self.u) - 2).astype(np.int64)
         slope = np.diff(self.X, axis=0) / np.diff(self.u)[:, None]
         out = np.zeros((len(u), 4, self.X.shape[1]))
@@ -85,13 +93,17 @@ class PathCurve:
         return out
 
     def jets(self, u: Array) -> tuple[PoseJets, Array]:
-        """Poses along the curve and the rotation phi (M,) at increasing u."""
+        """Return poses along the curve and the rotation phi (M,) in rad.
+
+        Args:
+            u: (M,) m, increasing path parameter.
+        """
         X = self.coordinates(u)
         rotation = compute_frame_derivatives(X[:, :, N], X[:, :, B], X[:, :, 9])
         return PoseJets(X[:, :, P], rotation), X[:, 0, 9] - np.interp(u, self.u, self.turns)
 
     def nodes(self) -> Array:
-        """Values of u close enough for everything between them to be interpolated."""
+        """Return values of u dense enough for interpolation between them."""
         inner = self.u[1:-1]
         w = self.width[1:-1]
         edges = [np.clip(inner + side * w[:, c], self.u[0], self.u[-1]) for side in (-1, 1) for c in (0, 1)]
@@ -104,7 +116,14 @@ class PathCurve:
 
 
 def compute_path_parameter(position: Array, axis: Array, reference: Array, phi: Array) -> Array:
-    """Cumulative length (n,) in the metric of this module: the s that a smooth rotation phi(s) is a function of."""
+    """Return the cumulative length (n,) in the metric of this module: the argument s of a smooth rotation phi(s).
+
+    Args:
+        position: (n, 3) m.
+        axis: (n, 3) unit tool axes.
+        reference: (n, 3) directions of TCP x at phi = 0.
+        phi: (n,) rad.
+    """
     R = compute_tool_rotation(axis, reference, phi)
     return np.asarray(np.r_[0.0, np.cumsum(_distance(np.diff(position, axis=0), np.diff(R, axis=0)))])
 
@@ -125,7 +144,19 @@ def build_curves(
     rests: tuple[int, ...] = (),
     spin_tolerance: float = SPIN_TOLERANCE,
 ) -> list[PathCurve] | int:
-    """Split a run where it turns back, and at the points to come to rest at; round the parts.
+    """Split a run where it turns back, and at its rest points; round the parts.
+
+    Args:
+        position: (n, 3) m.
+        axis: (n, 3) unit tool axes.
+        reference: (n, 3) directions of TCP x at phi = 0.
+        phi: (n,) rad.
+        feed: (n,) m/s of the move that ends at each point.
+        phi_curve: phi as a smooth function of :func:`compute_path_parameter`; None: only the values at the points.
+        path_tolerance: m, maximum corner deviation.
+        axis_tolerance: rad, maximum deviation of the tool axis.
+        rests: points at which the run comes to rest, increasing.
+        spin_tolerance: rad, maximum deviation of the rotation about the tool axis.
 
     Returns:
         The parts in order; none where the run has no length. Or the point up to which the tool axis flips.
@@ -134,14 +165,14 @@ def build_curves(
     first, last = _vertices(position, compute_tool_rotation(axis, reference, phi), u_all)
     if len(first) < 2:
         return []
-    at = np.r_[first[:-1], last[-1]]  # the point that stands for the vertex
+    at = np.r_[first[:-1], last[-1]]  # representative point of the vertex
     n = axis[at]
     flips = np.flatnonzero(np.sum(n[1:] * n[:-1], axis=1) < FLIP)
     if len(flips):
         return int(at[flips[0] + 1])
     base, turn = _carried(n, reference[at])
     u = np.r_[u_all[first[:-1]], u_all[last[-1]]]
-    rest = phi[at] - (0.0 if phi_curve is None else phi_curve(u))  # a curve that misses the points is bent to them
+    rest = phi[at] - (0.0 if phi_curve is None else phi_curve(u))  # a curve that misses the points is corrected
     X = np.column_stack([position[at], n, base, turn + rest])
     slope = np.diff(X * np.r_[1, 1, 1, np.full(7, ARM)], axis=0) / np.diff(u)[:, None]
     size = np.linalg.norm(slope, axis=1)
@@ -193,17 +224,17 @@ def _vertices(position: Array, R: Array, u: Array) -> tuple[NDArray[np.int64], N
 
 
 def _carried(axis: Array, reference: Array) -> tuple[Array, Array]:
-    """A reference carried along by minimal rotation, and the angle (m,) from it to the given one, unwrapped."""
+    """Return a reference transported by minimal rotation, and the angle (m,) from it to the given one, unwrapped."""
     seed = reference[0] - (reference[0] @ axis[0]) * axis[0]
     base = _carry(axis, seed / np.linalg.norm(seed))
-    given = normalise_vectors(reference - np.sum(reference * axis, axis=1, keepdims=True) * axis)
+    projected = normalise_vectors(reference - np.sum(reference * axis, axis=1, keepdims=True) * axis)
     side = np.cross(-axis, base)
-    return base, np.unwrap(np.arctan2(np.sum(given * side, axis=1), np.sum(given * base, axis=1)))
+    return base, np.unwrap(np.arctan2(np.sum(projected * side, axis=1), np.sum(projected * base, axis=1)))
 
 
 @jit_compile
 def _carry(axis: Array, start: Array) -> Array:
-    """Carry ``start`` along the axes (m, 3); two reflections make each minimal rotation."""
+    """Transport ``start`` along the axes (m, 3); two reflections make each minimal rotation."""
     out = np.empty((len(axis), 3))
     for d in range(3):
         out[0, d] = start[d]
@@ -224,7 +255,7 @@ def _carry(axis: Array, start: Array) -> Array:
 
 
 def _half_widths(u: Array, X: Array, groups: tuple[int, ...], cap: Array) -> Array:
-    """Half-widths (m,) for which the rounded polyline stays within 1 of the polyline in every group of columns."""
+    """Return half-widths (m,) for which the rounded polyline is within 1 of the polyline in every group of columns."""
     out = np.zeros(len(u))
     if len(u) < 3:
         return out
@@ -244,7 +275,7 @@ def _half_widths(u: Array, X: Array, groups: tuple[int, ...], cap: Array) -> Arr
         weights = [np.sum(bend[:, a:b] ** 2, axis=1) for a, b in pairwise(groups)]
         _shrink(where, excess, inner, np.sqrt(np.max(weights, axis=0)), width)
     else:
-        width[:] = 0.0  # never seen; a run with exact corners would come to the time law as infinitely sharp
+        width[:] = 0.0  # not expected; the time law would see exact corners as infinitely sharp
     out[1:-1] = width
     return out
 
@@ -337,28 +368,28 @@ def _finest(u: Array, uk: Array, width: Array, share: float, spacing: Array) -> 
 @jit_compile
 def _spread(marks: Array, spacing: Array) -> Array:
     """Nodes from mark to mark; marks closer than half the spacing to the node before are left out."""
-    kept = np.empty(len(marks), np.int64)
-    kept[0], n, total = 0, 1, 1
+    kept_marks = np.empty(len(marks), np.int64)
+    kept_marks[0], n, total = 0, 1, 1
     fine = np.inf
     gap = np.empty(len(marks))
     for k in range(1, len(marks)):
         fine = min(fine, spacing[k - 1])
-        step = marks[k] - marks[kept[n - 1]]
-        if step < 0.5 * fine and k == len(marks) - 1 and n > 1:  # the end takes the place of the last node
+        step = marks[k] - marks[kept_marks[n - 1]]
+        if step < 0.5 * fine and k == len(marks) - 1 and n > 1:  # the end replaces the last node
             n -= 1
             fine = min(fine, gap[n])
-            step = marks[k] - marks[kept[n - 1]]
+            step = marks[k] - marks[kept_marks[n - 1]]
             total += 1
         if step >= 0.5 * fine or k == len(marks) - 1:
             gap[n] = fine
-            kept[n] = k
+            kept_marks[n] = k
             total += math.ceil(step / fine)
             n += 1
             fine = np.inf
     out = np.empty(total)
     out[0], m = marks[0], 1
     for k in range(1, n):
-        a, b = marks[kept[k - 1]], marks[kept[k]]
+        a, b = marks[kept_marks[k - 1]], marks[kept_marks[k]]
         parts = math.ceil((b - a) / gap[k])
         for i in range(1, parts + 1):
             out[m] = b if i == parts else a + (b - a) * i / parts

@@ -1,9 +1,9 @@
-"""A run of toolpath points in time: from rest to rest at the programmed feed wherever the axes can hold it.
+"""Retiming of a run of toolpath points: from rest to rest at the programmed feed wherever the axes permit it.
 
     points ─blend─► curve ─follow─► joints and derivatives at nodes ─feedrate─► u(t) ─► samples ─► checked here
 
-What is exported are samples, so the limits are checked on differences between samples; where they are exceeded
-the speed is lowered around the place and the run is timed again.
+The exported data are samples, so the limits are checked on differences between samples. Where they are exceeded
+the speed is reduced near that place and the run is timed again.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from machopt.planning.retiming.slowdowns import HELD, ON_THE_SPOT, FeedSlowdown,
 from machopt.planning.retiming.time_law import SpeedBounds, TimeLaw, compute_node_speed_limits, compute_time_law
 
 STEPS_PER_SAMPLE = 3
-ROUNDS = 8  # of lowering the speed where samples exceed a limit
+ROUNDS = 8  # maximum number of speed reductions where samples exceed a limit
 SLACK = 1.01  # samples may exceed the scaled limits by this (limit_scale leaves more room)
-NO_FEED = 1e3  # m/s: stands for "no feed limit" where the TCP does not travel
-NEAR = 1e-5  # m of path: points nearer than this say nothing of how external joints move between them
+NO_FEED = 1e3  # m/s: means "no feed limit" where the TCP does not travel
+NEAR = 1e-5  # m of path: points nearer than this do not define the motion of external joints between them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class RunInput:
     q: Array  # (n, 6) rad, true angles, continuous
     feed: Array  # (n,) m/s of the move that ends here; feed[0] is not used
     machine: Machine
-    external: Array  # (n, E) m or rad, where the external joints stand
+    external: Array  # (n, E) m or rad, external joints
     T_flange_tcp: Array
     robot: Robot
     limits: JointLimits
@@ -63,12 +63,12 @@ class RunInput:
 
     @cached_property
     def moves(self) -> bool:
-        """The external joints move along the run."""
+        """Whether the external joints move along the run."""
         return bool(np.ptp(self.external, axis=0).any())
 
     @property
     def axes(self) -> int:
-        """How many axes move along the run, those of the arm first."""
+        """Number of axes that move along the run, those of the arm first."""
         return 6 + self.external.shape[1] if self.moves else 6
 
     @cached_property
@@ -86,7 +86,11 @@ class RunInput:
         return curve
 
     def external_along(self, u: Array) -> Array:
-        """(M, 4, E) the external joints and their derivatives at u."""
+        """Return the (M, 4, E) external joints and their derivatives.
+
+        Args:
+            u: (M,) m, path parameter.
+        """
         if not self.moves:
             out = np.zeros((len(u), 4, self.external.shape[1]))
             out[:, 0] = self.external[0]
@@ -94,7 +98,11 @@ class RunInput:
         return np.stack([self._external_curve(u, order) for order in range(4)], axis=1)
 
     def stands(self, u: Array) -> Array:
-        """T_base_workpiece (4, 4), or its jets (M, 4, 4, 4) at u where external joints move."""
+        """Return T_base_workpiece (4, 4), or its jets (M, 4, 4, 4) where external joints move.
+
+        Args:
+            u: (M,) m, path parameter.
+        """
         machine = self.machine
         if self.moves:
             return machine.compute_T_base_workpiece_jets(self.external_along(u))
@@ -105,11 +113,19 @@ class RunInput:
         )
 
     def name(self, axis: int) -> str:
-        """Of an axis by its number from 0 on."""
+        """Return the name of an axis.
+
+        Args:
+            axis: its number from 0 on.
+        """
         return f"axis {axis + 1}" if axis < 6 else f"external joint e{axis - 5}"
 
     def told(self, q: Array) -> Array:
-        """(S, 6) rad by encoder, of true angles."""
+        """Return (S, 6) encoder angles in rad.
+
+        Args:
+            q: (S, 6) rad, true angles.
+        """
         return q if self.correction is None else self.correction.compute_encoder_angles(q)
 
 
@@ -131,7 +147,7 @@ class RunTrajectory:
 
 @dataclass(frozen=True)
 class RunFailure:
-    """The run cannot be driven."""
+    """Reason why a run cannot be driven."""
 
     point: float  # fractional point index
     reason: str
@@ -151,7 +167,14 @@ class _Part:
 
 
 def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
-    """Round the corners within tolerance and drive the run as fast as feed and joint limits allow."""
+    """Round the corners within tolerance and drive the run as fast as feed and joint limits allow.
+
+    Args:
+        run: points, robot and limits.
+
+    Raises:
+        ValueError: a move has no feed above zero.
+    """
     n = len(run.position)
     if n and not (np.isfinite(run.feed[1:]).all() and (run.feed[1:] > 0).all()):
         raise ValueError("every move of a run needs a feed above zero")
@@ -169,7 +192,7 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     )
     if isinstance(curves, int):
         return RunFailure(curves, f"the tool axis turns by more than 170° between points {curves - 1} and {curves}")
-    if not curves:  # no length: stand still for one sample
+    if not curves:  # no length: rest for one sample
         ends = [0, n - 1]
         none = np.zeros(2)
         return RunTrajectory(
@@ -187,7 +210,7 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     parts: list[_Part] = []
     ends = [int(curves[0].last[0]), *(int(curve.last[-1]) for curve in curves)]  # the last point of each stop's vertex
     stop_of = [int(np.searchsorted(ends, k)) for k in run.rests]  # 0: where the run begins
-    back = [is_turn_back(run.position, run.axis, k) for k in ends]  # else only the chosen rotation turns back there
+    back = [is_turn_back(run.position, run.axis, k) for k in ends]  # otherwise only the chosen rotation reverses there
     why: list[Where] = ["rest" if k in stop_of else "reversal" if back[k] else "path" for k in range(len(ends))]
     why[0], why[-1] = "start", "stop"
     for k, curve in enumerate(curves):
@@ -201,7 +224,7 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
 
     point, q = join("point"), join("q")
     point[0], point[-1] = 0.0, n - 1.0
-    held = np.nan_to_num(join("ratio")) >= HELD
+    is_feed_kept = np.nan_to_num(join("ratio")) >= HELD
     dips = tuple(dip for part in parts for dip in part.dips)
     sample_of = np.cumsum([0, *(len(part.q) - 1 for part in parts)]).tolist()
     return RunTrajectory(
@@ -209,11 +232,11 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
         point=point,
         speed=join("speed"),
         phi=join("phi"),
-        held=held,
+        held=is_feed_kept,
         dips=dips,
         external=join("external"),
         duration=(len(q) - 1) * run.sample,
-        held_share=float(held[1:].mean()),
+        held_share=float(is_feed_kept[1:].mean()),
         rests=tuple(sample_of[k] for k in stop_of),
     )
 
@@ -260,7 +283,7 @@ def _drive(run: RunInput, curve: PathCurve, begin: Where, finish: Where) -> _Par
             near = (u >= at[max(int(s) - 3, 0)]) & (u <= at[min(int(s) + 1, len(at) - 1)])
             near |= np.convolve(near, np.ones(3), "same") > 0
             cap = np.where(near, np.minimum(cap, 0.9 * _speed_there(law, at, int(s))), cap)
-    if worst > SLACK:  # slower by the root that the order of the limit asks for; velocity asks for most
+    if worst > SLACK:  # slower by the root of the order of the limit; velocity needs most
         steps = int(np.ceil(steps * worst))
         sampled = _sampled(run, curve, u, D, law.slower(steps * run.sample / law.duration), steps)
         if isinstance(sampled, RunFailure):
@@ -291,12 +314,14 @@ def _drive(run: RunInput, curve: PathCurve, begin: Where, finish: Where) -> _Par
 def _sampled(
     run: RunInput, curve: PathCurve, u: Array, D: Array, law: TimeLaw, steps: int
 ) -> tuple[TimeLaw, Array, Array, Array, Array] | RunFailure:
-    """The law, u, places (S, 3) m of the TCP where the feed is measured, axes (S, axes) as told, phi at the samples."""
+    """Return the law, u, TCP places (S, 3) m where the feed is measured, encoder angles (S, axes), and phi at the
+    samples.
+    """
     t = np.minimum(np.arange(steps + 1) * run.sample, law.duration)
     at = np.maximum.accumulate(np.clip(law.at(t)[0], u[0], u[-1]))
     at[0], at[-1] = u[0], u[-1]
-    stands = run.stands(at)
-    pose, _, phi, _ = compute_poses_along_curve(curve, at, stands)
+    workpiece_jets = run.stands(at)
+    pose, _, phi, _ = compute_poses_along_curve(curve, at, workpiece_jets)
     k = np.clip(np.searchsorted(u, at, side="right") - 1, 0, len(u) - 2)
     h = (at - u[k])[:, None]
     seed = D[k, 0] + h * (D[k, 1] + h * (0.5 * D[k, 2] + h / 6.0 * D[k, 3]))
@@ -307,7 +332,9 @@ def _sampled(
         )
     if not run.moves:
         return law, at, pose[:, :3, 3], run.told(q), phi
-    place = np.einsum("mij,mi->mj", stands[:, 0, :3, :3], pose[:, :3, 3] - stands[:, 0, :3, 3])  # in the workpiece
+    place = np.einsum(
+        "mij,mi->mj", workpiece_jets[:, 0, :3, :3], pose[:, :3, 3] - workpiece_jets[:, 0, :3, 3]
+    )  # in the workpiece
     return law, at, place, np.hstack([run.told(q), run.external_along(at)[:, 0]]), phi
 
 
@@ -328,15 +355,21 @@ def _speed_there(law: TimeLaw, at: Array, s: int) -> float:
 
 
 def compute_programmed_feed(run: RunInput, point: Array) -> Array:
-    """Programmed feed at fractional indices: that of the move to the next point, over its whole length."""
+    """Return the programmed feed in m/s at fractional indices: that of the move to the next point, over its whole
+    length.
+
+    Args:
+        run: points of the run.
+        point: (S,) fractional point index.
+    """
     return np.asarray(run.feed[np.clip(np.ceil(point - 1e-12).astype(int), 1, len(run.position) - 1)])
 
 
 def _feed_cap(run: RunInput, curve: PathCurve, u: Array, slope: Array) -> Array:
-    """Largest du/dt (M,) the feed allows at the nodes.
+    """Return the largest du/dt (M,) the feed allows at the nodes.
 
-    Each move has its own feed from end to end: a higher one holds at once behind its first point, a lower one is
-    reached a sample before it holds, since the step between two samples is judged by the move it ends on.
+    Each move has its own feed from end to end. A higher one applies immediately behind its first point. A lower one is
+    reached a sample earlier, because the step between two samples is assessed by the move it ends on.
     """
     feed = run.feed[curve.first[1:]]  # of the piece between two vertices: the move to the point it leads to
     i = np.clip(np.searchsorted(curve.u, u, side="right") - 1, 0, len(feed) - 1)

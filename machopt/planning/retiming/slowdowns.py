@@ -1,4 +1,4 @@
-"""Where a run is driven slower than programmed, and which limit of which axis is to blame."""
+"""Stretches of a run that are slower than programmed, with the limiting axis and limit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from machopt.data_types.slow_moves import RAMPS
 from machopt.numerics.array_types import Array
 
-HELD = 0.95  # of the programmed feed
+HELD = 0.95  # share of the programmed feed that counts as kept
 ON_THE_SPOT = 0.05  # m of the TCP per m of path parameter: below it the tool turns rather than travels
 Limit = Literal["velocity", "acceleration", "jerk"]
 LIMITS: tuple[Limit, ...] = ("velocity", "acceleration", "jerk")
@@ -19,7 +19,7 @@ Where = Literal["path", "start", "stop", "reversal", "reorientation", "rest"]
 
 @dataclass(frozen=True, kw_only=True)
 class FeedSlowdown:
-    """A stretch driven slower than HELD times the programmed feed, and what is to blame."""
+    """A stretch driven slower than HELD times the programmed feed, with the limiting axis."""
 
     first: float  # fractional point index
     last: float
@@ -30,17 +30,21 @@ class FeedSlowdown:
 
     @property
     def lost(self) -> bool:
-        """The axes do not hold the feed; False: the path demands the stop that the ramp leads from or to."""
+        """Whether the axes cannot keep the feed; False: the ramp leads from or to a stop that the path requires."""
         return self.where not in RAMPS
 
     def at(self, ends: Array) -> FeedSlowdown:
-        """The same dip with other indices for its ends."""
+        """Return the same slowdown with other indices for its ends.
+
+        Args:
+            ends: (2,) first and last index.
+        """
         return replace(self, first=float(ends[0]), last=float(ends[1]))
 
 
 @dataclass(frozen=True, kw_only=True)
 class NodeBounds:
-    """What bounds the speed at the M nodes of a curve, for J axes."""
+    """Speed bounds at the M nodes of a curve, for J axes."""
 
     u: Array  # (M,) rising
     single: Array  # (M, J, 3) largest du/dt that each axis allows by velocity, acceleration and jerk alone
@@ -58,9 +62,21 @@ def find_slowdowns(
     begin: Where,
     finish: Where,
 ) -> list[FeedSlowdown]:
-    """Stretches below HELD. Blamed is what bounds the speed lowest there, or in a ramp the limit that is used most.
+    """Return the stretches below HELD, each with the bound that is lowest there, or in a ramp the limit that is used
+    most.
 
-    Part of a ramp that the axes could not drive at the feed even at constant speed follows as a dip of the path.
+    Part of a ramp that the axes could not drive at the feed even at constant speed follows as a slowdown of the path.
+
+    Args:
+        ratio: (S,) share of the programmed feed of the step that ends at each sample; the first is NaN.
+        at: (S,) m, path parameter of the samples.
+        point: (S,) fractional point index.
+        v: (S,) m/s, du/dt.
+        slope: (S,) m of the TCP per m of path parameter.
+        nodes: speed bounds at the nodes.
+        use: (S, J, 3) use of each axis's limits at the samples.
+        begin: kind of the first ramp.
+        finish: kind of the last ramp.
     """
     low = np.r_[False, ratio[1:] < HELD, False]
     edge = np.flatnonzero(np.diff(low.astype(int)))
@@ -91,11 +107,11 @@ def find_slowdowns(
 
 
 def _unheld(bound: Array, programmed: Array, point: Array) -> list[FeedSlowdown]:
-    """The dip of nodes where an axis allows less than HELD of the feed, stop or no stop; empty where there is none.
+    """Return the slowdown of nodes where an axis allows less than HELD of the feed, regardless of stops; empty if none.
 
     Args:
         bound: (M, J, 3) largest du/dt by each limit of each axis alone.
-        programmed: (M,) du/dt of the feed, NaN where it says nothing.
+        programmed: (M,) du/dt of the feed, NaN where it is undefined.
         point: (M,) fractional point index.
     """
     allowed = bound.min(axis=(1, 2)) / programmed

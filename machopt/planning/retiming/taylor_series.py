@@ -17,13 +17,24 @@ STENCIL = 2e-4  # m, spacing of the samples that a callable rotation is differen
 
 
 def compute_frame_derivatives(axis: Array, reference: Array, spin: Array) -> Array:
-    """Jets (M, 4, 3, 3) of the TCP rotation from jets of tool axis, reference (M, 4, 3), spin (M, 4)."""
+    """Return jets (M, 4, 3, 3) of the TCP rotation.
+
+    Args:
+        axis: (M, 4, 3) jets of the tool axis.
+        reference: (M, 4, 3) jets of the reference direction.
+        spin: (M, 4) jets of the rotation about the axis, rad.
+    """
     f = FACTORIAL[:, None]
     return np.asarray(_frames(axis / f, reference / f, spin / FACTORIAL) * FACTORIAL[:, None, None])
 
 
 def compute_twist_derivatives(position: Array, rotation: Array) -> Array:
-    """Spatial twist (linear part at the origin, then angular) and its derivatives 1, 2: (M, 3, 6) from pose jets."""
+    """Return the spatial twist (linear part at the origin, then angular) and its derivatives 1, 2: (M, 3, 6).
+
+    Args:
+        position: (M, 4, 3) jets of the position.
+        rotation: (M, 4, 3, 3) jets of the rotation.
+    """
     return np.asarray(_twists(np.ascontiguousarray(position), np.ascontiguousarray(rotation)))
 
 
@@ -95,7 +106,7 @@ def _frames(axis: Array, reference: Array, spin: Array) -> Array:
         for m in range(4):
             for k in range(3):
                 part[m, k] = reference[n, m, k] - part[m, k]
-        _unit(part, a, b, y)  # the reference square to the axis
+        _unit(part, a, b, y)  # reference orthogonal to the axis
         _cos_sin(spin[n], c, s)
         _cross(z, y, part)
         _times(c, y, turned)
@@ -139,7 +150,14 @@ def _twists(p: Array, R: Array) -> Array:
 
 
 def compute_curve_derivatives(curve: Callable[[Array], Array], u: Array, low: float, high: float) -> Array:
-    """Jets (M, 4) of a smooth callable inside [low, high], from five samples around each u."""
+    """Return jets (M, 4) of a smooth callable inside [low, high], from five samples around each u.
+
+    Args:
+        curve: function to differentiate.
+        u: (M,) m, places.
+        low: lower end of its domain.
+        high: upper end of its domain.
+    """
     d = min(STENCIL, (high - low) / 8.0)
     c = np.clip(u, low + 2 * d, high - 2 * d)
     y = np.asarray(curve((c[:, None] + d * np.arange(-2, 3)).ravel()), float).reshape(-1, 5)

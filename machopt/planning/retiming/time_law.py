@@ -4,10 +4,10 @@ With q', q'', q''' the joints' derivatives along the curve, speed v = u̇, accel
 
     |q' v| ≤ v_max      |q'' v² + q' a| ≤ a_max      |q''' v³ + 3 q'' v a + q' j| ≤ j_max      |p'| v ≤ feed
 
-Every step takes the largest j for which these hold during the step *and* during a way to a full stop after it.
-That way is a *plan* (c, x): brake to the speed c, keep it as far as u = x, then brake to standstill. Tried are
-(0, ·) and, ahead of a sharp corner, the speed the corner allows and its far side. A plan depends on the state only,
-so its next step is always at hand as a way to go on: the law cannot run into a state without continuation.
+Every step takes the largest j for which these hold during the step *and* during a full stop after it.
+The stop is a *plan* (c, x): brake to the speed c, keep it as far as u = x, then brake to standstill. Tried are
+(0, ·) and, ahead of a sharp corner, the speed the corner allows and its far side. A plan depends on the state only.
+Its next step is therefore always available as a continuation: the law cannot reach a state without continuation.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.planning.retiming.time_law_kernels import compute_greedy_time_law, find_next_corners
 
-FEED = 0.999  # of the programmed feed is aimed at
-ACCELERATION_SHARE = 0.9  # of the limit that path curvature alone may use
+FEED = 0.999  # target share of the programmed feed
+ACCELERATION_SHARE = 0.9  # share of the limit that path curvature alone may use
 JERK_SHARE = 0.85
-SOFT = 4.0  # steps that a change of speed by the whole feed takes at least
+SOFT = 4.0  # minimum number of steps for a speed change by the whole feed
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,15 @@ class TimeLaw:
 
     @property
     def duration(self) -> float:
+        """Duration in s."""
         return float(self.time[-1])
 
     def at(self, time: Array) -> tuple[Array, Array, Array, Array]:
-        """u, v, a, j at times within [0, duration]."""
+        """Return u, v, a, j at given times.
+
+        Args:
+            time: s, within [0, duration].
+        """
         k = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
         t = time - self.time[k]
         a = self.a[k] + self.j[k] * t
@@ -48,12 +53,21 @@ class TimeLaw:
         return self.u[k] + t * (self.v[k] + t * (0.5 * self.a[k] + self.j[k] / 6.0 * t)), v, a, self.j[k]
 
     def slower(self, factor: float) -> TimeLaw:
-        """The same motion in ``factor`` times the time."""
+        """Return the same motion slowed down.
+
+        Args:
+            factor: factor of the duration.
+        """
         f = factor
         return TimeLaw(self.time * f, self.u, self.v / f, self.a / f**2, self.j / f**3)
 
     def stretched(self, u0: float, u1: float) -> TimeLaw:
-        """Scaled in u to end exactly at u1."""
+        """Return the law scaled in u to end exactly at u1.
+
+        Args:
+            u0: m, first value of u.
+            u1: m, last value of u.
+        """
         f = (u1 - u0) / (self.u[-1] - self.u[0])
         u = u0 + (self.u - self.u[0]) * f
         u[-1] = u1
@@ -62,7 +76,7 @@ class TimeLaw:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedBounds:
-    """What limits the speed at the nodes of a curve."""
+    """Speed bounds at the nodes of a curve."""
 
     u: Array  # (M,)
     derivatives: Array  # (M, n, 3) q', q'', q''' of the axes that move
@@ -75,7 +89,15 @@ class SpeedBounds:
 def compute_node_speed_limits(
     D: Array, feed_cap: Array, velocity: Array, acceleration: Array, jerk: Array
 ) -> tuple[Array, Array]:
-    """Largest v (M,) at each node, and what each joint allows by velocity, acceleration and jerk alone (M, n, 3)."""
+    """Return the largest v (M,) at each node, and what each joint allows by velocity, acceleration and jerk (M, n, 3).
+
+    Args:
+        D: (M, n, 3) q', q'', q''' of the joints.
+        feed_cap: (M,) m/s, largest v by the feed.
+        velocity: (n,) scaled limits.
+        acceleration: (n,) scaled limits.
+        jerk: (n,) scaled limits.
+    """
     with np.errstate(divide="ignore"):
         single = np.stack(
             [
@@ -89,7 +111,12 @@ def compute_node_speed_limits(
 
 
 def compute_time_law(bounds: SpeedBounds, step: float) -> TimeLaw:
-    """The fastest law found; where the greedy search gets stuck, one gentle profile slowed down until it fits."""
+    """Return the fastest law found; where the greedy search fails, one smooth profile slowed down until it fits.
+
+    Args:
+        bounds: speed bounds at the nodes.
+        step: s, length of the steps.
+    """
     b = bounds
     Q, cap = np.ascontiguousarray(b.derivatives), np.ascontiguousarray(b.cap)
     easy = (b.jerk / np.maximum(np.abs(Q[:, :, 0]), 1e-9)).min(axis=1)  # scalar jerk at standstill
@@ -107,7 +134,7 @@ def compute_time_law(bounds: SpeedBounds, step: float) -> TimeLaw:
 
 
 def _gentle(b: SpeedBounds) -> TimeLaw:
-    """Rest to rest with a quintic, in the shortest time that holds every limit at the nodes and between them."""
+    """Return a quintic from rest to rest, in the shortest time that keeps every limit at the nodes and between them."""
     length = b.u[-1] - b.u[0]
     t = np.linspace(0.0, 1.0, 2 * len(b.u) + 200)
     s = t**3 * (10.0 - 15.0 * t + 6.0 * t**2)

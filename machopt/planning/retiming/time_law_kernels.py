@@ -1,6 +1,6 @@
-"""The steps of a time law, compiled: each with the largest jerk after which a way to a stop is left.
+"""Compiled steps of a time law: each with the largest jerk after which a full stop is still possible.
 
-What holds during a step, and which ways to a stop are tried, is told in :mod:`machopt.planning.retiming.time_law`.
+:mod:`machopt.planning.retiming.time_law` describes the constraints during a step and the stopping plans.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 
-HOLD = 0.99  # of the speed cap: from here on the speed is kept, not hunted
-CORNER = 0.75  # a corner is where the speed cap is below this share of what it is to both sides
+HOLD = 0.99  # share of the speed cap from which the speed is kept
+CORNER = 0.75  # a corner is where the speed cap is below this share of its neighbourhood
 CORNER_TIME = 0.1  # s of travel: how far to both sides
-CORNER_LONG = 0.3  # s at its lowest cap: what takes longer is no corner
-CORNER_SPEED = 0.97  # of the lowest cap in a corner is planned with
-BRAKING_SHARE = 0.9  # of the limits that the braking policy reckons with
-LANDING_SHARE = 0.6  # of the jerk limit with which braking ends
+CORNER_LONG = 0.3  # s at its lowest cap: maximum duration of a corner
+CORNER_SPEED = 0.97  # planned share of the lowest cap in a corner
+BRAKING_SHARE = 0.9  # share of the limits used by the braking policy
+LANDING_SHARE = 0.6  # share of the jerk limit at the end of braking
 STEPS = 4_000_000  # the longest law
 
 
@@ -75,9 +75,9 @@ def _advance(
     al: Array,
     jl: Array,
 ) -> tuple[int, int, float, float, float]:
-    """One step. Returns code (0 good, 1 breaks a limit, 2 leaves the curve), interval, u, v, a.
+    """Advance one step. Return code (0 good, 1 violates a limit, 2 leaves the curve), interval, u, v, a.
 
-    ``check_start`` is never given as a constant, nor is the first ``i``: numba would compile it once for each.
+    ``check_start`` is never passed as a constant, nor is the first ``i``: numba would compile it once for each.
     """
     a1 = a + j * h
     v1 = v + h * (a + 0.5 * j * h)
@@ -102,9 +102,13 @@ def _advance(
 
 @jit_compile
 def find_next_corners(un: Array, cap: Array, around: Array) -> Array:
-    """(M, 3) of the next corner whose end lies ahead of each node: begin, end, speed; infinite where there is none.
+    """Return (M, 3) of the next corner whose end lies ahead of each node: begin, end, speed; infinite where there is
+    none.
 
-    Fills ``around`` with the largest cap nearby, to either side.
+    Args:
+        un: (M,) m, path parameter of the nodes.
+        cap: (M,) m/s, largest speed.
+        around: (M,) receives the largest cap nearby, to either side.
     """
     n = len(un)
     ahead, behind = cap.copy(), cap.copy()
@@ -160,7 +164,7 @@ def _policy(
     al: Array,
     jl: Array,
 ) -> float:
-    """Jerk of the plan's next step: as hard as allowed, yet so that the speed aimed at is reached with a = 0."""
+    """Return the jerk of the plan's next step: the hardest permitted that reaches the target speed with a = 0."""
     jlo, jhi, _, _ = _window(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, 0.0, Q, al, jl, BRAKING_SHARE)
     v1 = max(v + a * h, 0.0)
     u1 = min(u + 0.5 * (v + v1) * h, un[-1])
@@ -198,7 +202,7 @@ def _brake(
     al: Array,
     jl: Array,
 ) -> tuple[int, float]:
-    """Follow the plan to a stop. Returns code (as _advance) and where it stops or fails."""
+    """Follow the plan to a stop. Return code (as _advance) and the place where it stops or fails."""
     for _ in range(100_000):
         if v < 1e-12:
             return (0 if abs(a) < 1e-6 else 1), u
@@ -230,7 +234,7 @@ def _try(
     al: Array,
     jl: Array,
 ) -> tuple[int, float, float, float]:
-    """A step with jerk j and a way to a stop after it. Returns code (0: there is one), where it stops, its plan."""
+    """Try a step with jerk j and a stop after it. Return code (0: possible), the place of the stop, its plan."""
     code, i, u, v, a = _advance(i, u, v, a, j, h, h > 0.0, un, Q, cap, al, jl)
     if code != 0:
         return code, u, 0.0, 0.0
@@ -248,7 +252,20 @@ def _try(
 def compute_greedy_time_law(
     un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float, i: int, again: bool
 ) -> tuple[int, Array]:
-    """The law from interval ``i`` = 0; ``again`` = False: a start that a try found good is not checked again."""
+    """Return a code (0 good) and the (K, 5) rows of the law.
+
+    Args:
+        un: (M,) m, path parameter of the nodes.
+        Q: (M, n, 3) q', q'', q''' of the joints.
+        cap: (M,) m/s, largest speed.
+        easy: (M,) scalar jerk limit for smooth speed changes.
+        corner: (M, 3) of :func:`find_next_corners`.
+        al: (n,) acceleration limits.
+        jl: (n,) jerk limits.
+        h: s, length of a step.
+        i: first interval, 0.
+        again: False: a start accepted by a trial step is not checked again.
+    """
     rows = np.empty((4096, 5))
     n, t, u, v, a = 0, 0.0, un[0], 0.0, 0.0
     stop, end, c, x = u, un[-1], 0.0, 0.0

@@ -28,27 +28,35 @@ from machopt.numerics.worker_threads import map_in_threads
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
-CHUNK = 4_096  # poses solved at once by a closed form: what lies between poses and branches stays in a core's cache
+CHUNK = 4_096  # poses per block of the closed form: intermediate results fit a core's cache
 MET = 1e-6  # rad: nearer than this a vertex has the rotation that the user fixed
-TRACKED = 16_384  # by the general solver, which labels the branches of so many poses by continuity
+TRACKED = 16_384  # poses per block of the general solver, which labels branches by continuity
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanningArm:
-    """What the steps need of the cell's kinematics."""
+    """Kinematics of the cell for the planning steps."""
 
     solver: InverseKinematicsSolver
-    machine: Machine  # where the workpiece stands in base_link, by the external joints
+    machine: Machine  # pose of the workpiece in base_link, by the external joints
     T_flange_tcp: Array  # (4, 4)
-    lower: Array  # (6,) rad, limit margin taken off
+    lower: Array  # (6,) rad, reduced by the limit margin
     upper: Array  # (6,)
     turns: Array  # (K, 6) rad, whole turns that can bring joints in (−π, π] inside the limits
     origin: Array  # (6,) rad, candidates' joints are counted from it: in [origin, origin + 2π)
-    windings: Array  # (T, 6) rad, whole turns that can bring those inside the limits
+    windings: Array  # (T, 6) rad, whole turns that can bring these joints inside the limits
     margins: SingularityMargins
 
     @classmethod
     def of(cls, cell: Cell, solver: InverseKinematicsSolver, machine: Machine, options: PlanOptions) -> PlanningArm:
+        """Return the arm model of a cell with the margins of the options.
+
+        Args:
+            cell: robot cell with true angles.
+            solver: inverse kinematics.
+            machine: kinematics of the external joints.
+            options: plan options with margins.
+        """
         lower = cell.limits.lower[:6] + options.limit_margin
         upper = cell.limits.upper[:6] - options.limit_margin
         origin, windings = choose_angle_origin(lower, upper)
@@ -67,20 +75,40 @@ class PlanningArm:
         )
 
     def in_base(self, external: Array, poses: Array) -> Array:
-        """Poses (n, …, 4, 4) in the workpiece frame as base_link has them, external joints at ``external`` (n, E)."""
+        """Return poses converted from the workpiece frame to base_link.
+
+        Args:
+            external: (n, E) m or rad, external joints.
+            poses: (n, …, 4, 4) in the workpiece frame.
+        """
         T = self._stands(external)
         return np.asarray(T.reshape(*T.shape[:-2], *(1,) * (poses.ndim - T.ndim), 4, 4) @ poses)
 
     def directions(self, external: Array, v: Array) -> Array:
-        """Directions v (n, 3) in the workpiece frame as base_link has them."""
+        """Return directions (n, 3) converted from the workpiece frame to base_link.
+
+        Args:
+            external: (n, E) m or rad, external joints.
+            v: (n, 3) in the workpiece frame.
+        """
         return _turned(self._stands(external)[..., :3, :3], v)
 
     def back(self, external: Array, v: Array) -> Array:
-        """Directions v (n, 3) in base_link as the workpiece frame has them."""
+        """Return directions (n, 3) converted from base_link to the workpiece frame.
+
+        Args:
+            external: (n, E) m or rad, external joints.
+            v: (n, 3) in base_link.
+        """
         return _turned(np.swapaxes(self._stands(external)[..., :3, :3], -1, -2), v)
 
     def places(self, external: Array, p: Array) -> Array:
-        """Points p (n, 3) m in the workpiece frame as base_link has them."""
+        """Return points (n, 3) in m converted from the workpiece frame to base_link.
+
+        Args:
+            external: (n, E) m or rad, external joints.
+            p: (n, 3) m in the workpiece frame.
+        """
         T = self._stands(external)
         return np.asarray(_turned(T[..., :3, :3], p) + T[..., :3, 3])
 
@@ -99,17 +127,19 @@ def _turned(R: Array, v: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class CandidateGrid:
-    """Fixed shapes: S stations, R rotations, B branches, T turns."""
+    """Candidate configurations with S stations, R rotations, B branches, T turns."""
 
-    phi: Array  # (R,) rad, the grid about the carried reference, full circle
+    phi: Array  # (R,) rad, the grid about the transported reference, full circle
     q: Array  # (S, R, B, 6) rad in [origin, origin + 2π), NaN where the branch does not exist
-    turns: Array  # (T, 6) rad, the whole turns that occur; q + turns[t] is what the robot is told
+    turns: Array  # (T, 6) rad, the whole turns that occur; q + turns[t] are the joints of the robot
     reason: NDArray[np.uint8]  # (S, R, B) Reason; OK where at least one turn lies within the limits
     feasible: NDArray[np.bool_]  # (S, R, B, T)
     stable: bool  # the branch index is the same assembly mode at every pose
     shortfall: Array  # (S,) m, least missing reach over the rotations; 0 where some rotation is reached
-    nudge: Array | None = None  # (S,) rad, added to phi where the user fixed a rotation off the grid; None: nowhere
-    shut: Bools | None = None  # (B, B) rapid moves that do not lead from the one branch to the other; None: all may
+    nudge: Array | None = (
+        None  # (S,) rad, added to phi where the user fixed a rotation between grid steps; None: nowhere
+    )
+    shut: Bools | None = None  # (B, B) forbidden branch changes of rapid moves; None: all are permitted
 
     @property
     def usable(self) -> Bools:
@@ -117,18 +147,27 @@ class CandidateGrid:
         return compute_any_last(self.feasible)
 
     def phi_at(self, rotation: NDArray[np.integer[Any]] | None = None) -> Array:
-        """Rotation in rad: (S, R) of every vertex, or (S,) of one index a station."""
+        """Return the rotation in rad: (S, R) of every vertex, or (S,) of one index per station.
+
+        Args:
+            rotation: (S,) rotation index at each station; None: all rotations.
+        """
         nudge = np.zeros(len(self.q)) if self.nudge is None else self.nudge
         if rotation is None:
             return np.asarray(self.phi[None, :] + nudge[:, None])
         return np.asarray(self.phi[rotation] + nudge)
 
     def phi_of(self, stations: NDArray[np.integer[Any]], rotation: NDArray[np.integer[Any]]) -> Array:
-        """(n,) rad of some stations (n,), one rotation index (n,) each."""
+        """Return the (n,) rotation in rad at some stations.
+
+        Args:
+            stations: (n,) station index.
+            rotation: (n,) rotation index.
+        """
         return np.asarray(self.phi[rotation] + (0.0 if self.nudge is None else self.nudge[stations]))
 
     def reason_of_rotation(self) -> NDArray[np.uint8]:
-        """(S, R) OK where any branch works, else the reason of the branch that came furthest."""
+        """Return (S, R) OK where any branch is feasible, else the reason of the branch that came furthest."""
         ok = compute_any_last(self.reason == InfeasibilityReason.OK)
         return np.where(
             ok, InfeasibilityReason.OK, np.where(self.reason == InfeasibilityReason.OK, 0, self.reason).max(axis=2)
@@ -136,7 +175,13 @@ class CandidateGrid:
 
 
 def enumerate_candidates(path: PlanningPath, arm: PlanningArm, options: PlanOptions) -> CandidateGrid:
-    """Solve the inverse kinematics of every station × rotation and sort out what limits and margins forbid."""
+    """Solve the inverse kinematics of every station × rotation and remove what violates limits and margins.
+
+    Args:
+        path: planning points.
+        arm: arm model.
+        options: plan options.
+    """
     R = max(round(2 * np.pi / options.rotation_step), 1)
     phi: Array = np.asarray(np.arange(R) * (2 * np.pi / R) - np.pi, float)
     S, B, T = len(path.stations), arm.solver.branches, len(arm.windings)
@@ -169,7 +214,7 @@ def enumerate_candidates(path: PlanningPath, arm: PlanningArm, options: PlanOpti
     for start, (occur, fits) in zip(starts, parts, strict=True):
         feasible[start : start + size][..., np.searchsorted(used, occur)] = fits
     _forbid_by_user(path, phi, options, reason, feasible, nudge, numbered=arm.solver.branch_stable)
-    left = np.asarray(feasible.any(axis=(0, 1)).any(axis=0))  # in this order: quicker than all axes at once
+    left = np.asarray(feasible.any(axis=(0, 1)).any(axis=0))  # this order is faster than all axes at once
     left[0] = True
     if not left.all():
         used, feasible = used[left], np.ascontiguousarray(feasible[..., left])
@@ -196,14 +241,14 @@ def _turning_poses(path: PlanningPath, arm: PlanningArm) -> tuple[Array, Array, 
 
 
 def _nudges(path: PlanningPath, phi: Array, options: PlanOptions) -> Array:
-    """(S,) rad: how far the grid is moved where the user fixed a rotation, and along the plunges joined to it.
+    """Return (S,) rad: shift of the grid where the user fixed a rotation, and along the plunges joined to it.
 
-    The rotation is kept along a plunge, so all of its stations stand on one grid.
+    The rotation is kept along a plunge, so all of its stations use one grid.
     """
     st = path.stations
     out = np.zeros(len(st))
     plunged = np.r_[0, np.cumsum(~path.plunge)]
-    joined = np.zeros(len(st), bool)  # to the station before, by plunges only
+    joined = np.zeros(len(st), bool)  # joined to the previous station by plunges only
     for s in range(1, len(st)):
         joined[s] = path.run[st[s]] == path.run[st[s - 1]] and plunged[st[s] + 1] == plunged[st[s - 1] + 1]
     part = np.cumsum(~joined)
@@ -225,9 +270,10 @@ def _forbid_by_user(
     *,
     numbered: bool = True,
 ) -> None:
-    """The user's rotation bounds, fixed rotations, zones and branches, as masks on gamma and branch.
+    """Apply the user's rotation bounds, fixed rotations, zones and branches as masks on gamma and branch.
 
-    ``numbered``: a branch has the same number at every pose. Without that a wish names another branch at every point.
+    ``numbered``: a branch has the same number at every pose. Otherwise a request refers to another branch at every
+    point.
     """
     moved = phi[None, :] + (0.0 if nudge is None else nudge[:, None])
     gamma = np.asarray(wrap_angle(moved + path.offset[path.stations][:, None]))  # (S, R)
@@ -238,9 +284,9 @@ def _forbid_by_user(
     for row, target in find_fixed_rotations(path, options).items():
         if row in row_of:
             off = np.abs(wrap_angle(np.broadcast_to(moved, outside.shape)[row_of[row]] - target))
-            # two pins of one plunge stand on one grid: where they differ, it cannot be both's
+            # two pins of one plunge share a grid: if they differ, it cannot meet both
             outside[row_of[row]] = off > (MET if nudge is not None else off.min() + 1e-9)
-    other = np.zeros((len(index), feasible.shape[2]), bool)  # (S, B) branches that are not to be used
+    other = np.zeros((len(index), feasible.shape[2]), bool)  # (S, B) forbidden branches
     for wish in options.steer:
         rows = select_steered_rows(wish, index)
         if wish.forbid is not None:

@@ -1,4 +1,4 @@
-"""From a rotation curve to joint positions at every planning point, with the reason where that fails."""
+"""Joint positions at every planning point from a rotation curve, with the reason where that fails."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
 from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
-CONVERGED = 1e-9  # m and rad, the accuracy every exported configuration is held to
+CONVERGED = 1e-9  # m and rad, accuracy of every exported configuration
 MARGINS = ("shoulder", "elbow", "wrist")
-ROWS = 4096  # solved at once: matrices of them stay in a core's cache, and a million points in memory
+ROWS = 4096  # rows per block: their matrices fit a core's cache
 SAME_POSE = 1e-4  # rad: a branch farther than this from the configuration is another one
 SAME_BRANCH = np.radians(30.0)  # a Newton step that ends farther from its seed has left the branch
 
@@ -27,7 +27,7 @@ SAME_BRANCH = np.radians(30.0)  # a Newton step that ends farther from its seed 
 class JointAssignment:
     """One configuration per planning point."""
 
-    phi: Array  # (P,) rad about the carried reference, continuous inside each run
+    phi: Array  # (P,) rad about the transported reference, continuous inside each run
     q: Array  # (P, 6) rad, NaN where there is none
     branch: NDArray[np.int32]  # (P,) index of the solver's branch, −1 where there is none
     reason: NDArray[np.uint8]  # (P,) Reason
@@ -39,12 +39,25 @@ class JointAssignment:
         make_arrays_read_only(self)
 
     def marked(self, rows: NDArray[np.bool_], why: InfeasibilityReason | NDArray[np.uint8]) -> JointAssignment:
-        """The same with another reason, one or (P,), at some rows (P,)."""
+        """Return the same assignment with another reason at some rows.
+
+        Args:
+            rows: (P,) mask of the rows.
+            why: the reason, or (P,) reasons.
+        """
         return replace(self, reason=np.where(rows, why, self.reason).astype(np.uint8))
 
 
 def solve_joint_path(path: PlanningPath, arm: PlanningArm, robot: Robot, phi: Array, seed: Array) -> JointAssignment:
-    """Solve for the exact poses near ``seed`` (P, 6); rows with a NaN seed stay without a configuration."""
+    """Solve for the exact poses near a seed; rows with a NaN seed have no configuration.
+
+    Args:
+        path: planning points.
+        arm: arm model with its limits and margins.
+        robot: kinematic model.
+        phi: (P,) rad, rotation.
+        seed: (P, 6) rad.
+    """
     P = len(path.index)
     out: dict[str, NDArray[Any]] = {
         "q": np.full((P, 6), np.nan),
@@ -65,7 +78,7 @@ def solve_joint_path(path: PlanningPath, arm: PlanningArm, robot: Robot, phi: Ar
 def _solved(
     path: PlanningPath, arm: PlanningArm, robot: Robot, known: NDArray[np.intp], phi: Array, seed: Array
 ) -> tuple[NDArray[np.intp], dict[str, NDArray[Any]], NDArray[np.intp]]:
-    """Of some rows (n,): those with a pose, with what an assignment says of them, and those without."""
+    """Return, of some rows (n,), those with a pose with the data of their assignment, and those without."""
     poses = arm.in_base(path.external[known], compute_tcp_poses(path, known.astype(np.int32), phi[known]))
     q, error = refine_by_newton(robot, poses, seed[known], arm.T_flange_tcp, iterations=5)
     bad = (error > CONVERGED) | (np.abs(q - seed[known]).max(axis=1) > SAME_BRANCH)
@@ -90,7 +103,12 @@ def _solved(
 
 
 def interpolate_between_stations(path: PlanningPath, values: Array) -> Array:
-    """Values (S, …) at stations carried to all planning points, linearly in path length inside each run."""
+    """Return values at all planning points, interpolated linearly in path length inside each run.
+
+    Args:
+        path: planning points.
+        values: (S, …) values at the stations.
+    """
     st = path.stations
     out = np.full((len(path.index), *values.shape[1:]), np.nan)
     flat = values.reshape(len(st), -1)

@@ -1,8 +1,8 @@
-"""What a turn between two stations crosses where planning points lie between them that are no stations.
+"""Rotations crossed between two stations that have further planning points between them.
 
-The choice knows the index at stations only. A rotation that swings from one to the next passes through all those in
-between: each with at least the lesser index of the two stations, as far as they can tell. So a swing across what both
-of them exclude is none, and what both of them call soft counts in the worst index.
+The search knows the index at stations only. A change of rotation from one to the next passes through all rotations in
+between, each with at least the lesser index of the two stations, as far as they can tell. A swing across a rotation
+that both stations exclude is therefore forbidden, and one that both rate soft counts in the worst index.
 """
 
 from __future__ import annotations
@@ -15,7 +15,11 @@ from machopt.planning.stations.planning_path import PlanningPath
 
 
 def find_hidden_points(path: PlanningPath) -> Bools:
-    """(S,) True where planning points lie between a station and the one before it, in one run."""
+    """Return (S,) True where planning points lie between a station and the previous one, in one run.
+
+    Args:
+        path: planning points.
+    """
     st = path.stations
     return np.asarray((np.diff(st, prepend=st[:1]) > 1) & (np.diff(path.run[st], prepend=-1) == 0))
 
@@ -23,7 +27,7 @@ def find_hidden_points(path: PlanningPath) -> Bools:
 def compute_worst_index(
     raw: Array, counted: Bools, hidden: Bools, rotation: NDArray[np.int32], branch: NDArray[np.int32]
 ) -> float:
-    """Worst index of a sequence, at its stations and across its swings between them.
+    """Return the worst index of a sequence, at its stations and across its swings between them.
 
     Args:
         raw: (S, R, B) index, inf where there is none.

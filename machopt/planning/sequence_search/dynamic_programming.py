@@ -1,11 +1,10 @@
-"""The best sequence over rotation × branch × turn for the whole path at once.
+"""Cheapest sequence over rotation × branch × turn for the whole path at once.
 
-Dynamic programming over the stations. Inside a run a vertex is joined to the vertices of the station before
-whose rotation differs by at most a window, in the same branch, with the turn that continuity gives; over a
-rapid move anything may follow anything, at the price of the joint travel. The worst index is traded exactly, by branch
-and bound over a cap on it (:mod:`machopt.planning.sequence_search.worst_value_constraint`), and what the best sequence
-of the grid costs at least
-is told.
+Dynamic programming over the stations. Inside a run a vertex is joined to the vertices of the previous station
+whose rotation differs by at most a window, in the same branch, with the turn that continuity gives. Over a
+rapid move any vertex may follow any other, at the price of the joint travel. The worst index is traded exactly, by
+branch and bound over a cap on it (:mod:`machopt.planning.sequence_search.worst_value_constraint`). The lower bound of
+all sequences is returned too.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from machopt.planning.sequence_search.worst_value_constraint import (
 from machopt.planning.stations.planning_path import PlanningPath
 
 Ints = NDArray[np.int32]
-_LARGE = 1e300  # a limit that no sequence meets: with one, breaks are no answer
+_LARGE = 1e300  # a limit above all sequences: with a finite limit, breaks are excluded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,16 +51,17 @@ class SequenceChoice:
     branch: Ints  # (S,)
     turn: Ints  # (S,)
     q: Array  # (S, 6) rad, NaN where dropped
-    broken: tuple[int, ...]  # stations that no continuous way leads to from the station before
-    total: float = np.nan  # what the sequence costs, by the prices of the grid
-    bound: float = np.nan  # no sequence over the grid costs less
-    reached: NDArray[np.bool_] | None = None  # (S, R·B·T) what a continuous way leads to; None: nothing is broken
+    broken: tuple[int, ...]  # stations without a continuous edge from the previous station
+    total: float = np.nan  # price of the sequence on the grid
+    bound: float = np.nan  # lower bound of all sequences over the grid
+    reached: NDArray[np.bool_] | None = None  # (S, R·B·T) continuously reachable vertices; None: no break
 
     def __post_init__(self) -> None:
         make_arrays_read_only(self)
 
     @property
     def dropped(self) -> NDArray[np.bool_]:
+        """(S,) stations without a vertex."""
         return self.rotation < 0
 
 
@@ -74,30 +74,34 @@ def choose_sequence(
     edges: ForbiddenTransitions | None = None,
     wide: NDArray[np.bool_] | None = None,
 ) -> SequenceChoice:
-    """Global choice.
+    """Return the cheapest sequence of the whole path.
 
-    Stations without a feasible vertex are dropped, and where no continuous way leads on the sequence starts
-    afresh (``broken``); whether either is acceptable is the caller's decision. A sequence goes on as far as any does,
-    so there are no more breaks than there must be.
+    Stations without a feasible vertex are dropped. Where no continuous edge exists, the sequence starts
+    again (``broken``). Whether either is acceptable is the caller's decision. A sequence continues as far as any does,
+    so the number of breaks is minimal.
 
     Args:
+        path: planning points.
+        candidates: candidate grid.
+        scores: cost of the candidates.
         velocity: (6,) rad/s, joint velocity limits.
-        edges: ways that must not be taken; default none.
-        wide: (S,) stations into which the rotation may turn faster than the feed leaves time for; default none.
+        options: plan options with the weights.
+        edges: forbidden edges; default none.
+        wide: (S,) stations into which the rotation may change faster than the feed permits; default none.
     """
     return SequenceGrid.of(path, candidates, scores, velocity, options, wide).choose(edges)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceGrid:
-    """What sequences over one grid cost, and which steps there are; a step is numbered by the station it leads into.
+    """Prices and permitted steps of sequences over one grid; a step is numbered by the station it leads into.
 
-    ``candidates`` may lose vertices while it is in use: every choice takes what is feasible then.
+    ``candidates`` may lose vertices while it is in use: every choice uses what is feasible at that time.
     """
 
     candidates: CandidateGrid
     counted: NDArray[np.bool_]  # (S,) the worst index counts there
-    window: Ints  # (S,) grid steps that the rotation may turn, FREE or LIFT
+    window: Ints  # (S,) grid steps that the rotation may change, FREE or LIFT
     seconds: Array  # (S,) s
     shift: Ints  # (S,) :func:`match_tcp_directions`
     node: Array  # (S, R, B) price of a vertex
@@ -106,11 +110,11 @@ class SequenceGrid:
     price_q: Array  # (S,) 1/rad
     price_r: Array  # (S,) 1/rad
     price_t: Array  # (S,) 1/s
-    nudged: Array  # (S,) rad, how far its grid is turned against that of the station before
-    hidden: Bools  # (S,) planning points that are no stations lie on the way there
+    nudged: Array  # (S,) rad, shift of its grid relative to that of the previous station
+    hidden: Bools  # (S,) further planning points lie between it and the previous station
     worst: float  # price of the worst index
-    priced: TransitionCostTable  # what the searches have found steps to cost so far
-    elsewhere: float = 0.0  # worst index beside this grid, in units of the scale
+    priced: TransitionCostTable  # prices of steps computed so far
+    elsewhere: float = 0.0  # worst index outside this grid, in units of the scale
 
     @classmethod
     def of(
@@ -122,7 +126,16 @@ class SequenceGrid:
         options: PlanOptions,
         wide: NDArray[np.bool_] | None = None,
     ) -> SequenceGrid:
-        """Arguments as for :func:`choose_sequence`."""
+        """Build the grid of a path.
+
+        Args:
+            path: planning points.
+            candidates: candidate grid.
+            scores: cost of the candidates.
+            velocity: (6,) rad/s, joint velocity limits.
+            options: plan options with the weights.
+            wide: as for :func:`choose_sequence`.
+        """
         window, seconds = compute_transition_windows(path, candidates, float(velocity.min()), wide)
         terms, w = ObjectiveTerms.at_stations(path, velocity, options), options.weights
         nudge = np.zeros(len(path.stations)) if candidates.nudge is None else candidates.nudge
@@ -147,10 +160,14 @@ class SequenceGrid:
         )
 
     def choose(self, edges: ForbiddenTransitions | None = None) -> SequenceChoice:
-        """The best sequence of the whole path."""
+        """Return the best sequence of the whole path.
+
+        Args:
+            edges: forbidden edges; default none.
+        """
         part = _Part(self, ForbiddenTransitions.none() if edges is None else edges, slice(0, len(self.window)))
         free, broken, reached = part.free(self.candidates.feasible)
-        part.window[broken] = LIFT  # a cap may add no further break
+        part.window[broken] = LIFT  # a cap must not add a break
         traded = part.traded(self.candidates.feasible, free)
         return self._made(
             part.near_zero(traded.best.vertex),
@@ -163,7 +180,12 @@ class SequenceGrid:
     def capped(
         self, edges: ForbiddenTransitions
     ) -> tuple[WorstLimitedSequence, float, Callable[[float, float], WorstLimitedSequence | None]] | None:
-        """The cheapest sequence, and under caps: :meth:`_Part.capped`. None where the path has breaks or gaps."""
+        """Return the cheapest sequence and the search under caps: :meth:`_Part.capped`. None if the path has breaks or
+        gaps.
+
+        Args:
+            edges: forbidden edges.
+        """
         part = _Part(self, edges, slice(0, len(self.window)))
         free, broken, _ = part.free(self.candidates.feasible)
         if broken.any() or (free.vertex[:, 0] < 0).any():
@@ -173,16 +195,18 @@ class SequenceGrid:
     def again(
         self, choice: SequenceChoice, first: int, last: int, edges: ForbiddenTransitions, gap: float = GAP
     ) -> SequenceChoice | None:
-        """The choice with the stations between ``first`` and ``last`` chosen again, the best that keeps the others.
+        """Return the choice with the stations between ``first`` and ``last`` chosen again, the best that keeps the
+        others.
 
         Args:
             choice: without breaks; the vertices that it keeps are feasible.
             first: station that keeps its vertex, −1 for none before the stretch.
             last: the same behind it; S for none.
+            edges: forbidden edges.
             gap: share of the objective by which a better one may be missed.
 
         Returns:
-            None where no continuous sequence keeps the others. ``bound`` stays what it was: taking vertices or ways
+            None where no continuous sequence keeps the others. ``bound`` is unchanged: removing vertices or edges
             from a grid makes no sequence cheaper.
         """
         S = len(self.window)
@@ -190,11 +214,11 @@ class SequenceGrid:
         part = _Part(self, edges, rows)
         old = np.stack([choice.rotation, choice.branch, choice.turn], axis=1)
         mask = self.candidates.feasible[rows]
-        if first >= 0 or last < S:  # else there are no others, which cost nothing
+        if first >= 0 or last < S:  # otherwise there are no other stations
             only = np.zeros_like(mask)
-            kept = np.flatnonzero(old[rows, 0] >= 0)
-            r, b, t = old[rows][kept].T
-            only[kept, r, b, t] = True
+            has_vertex = np.flatnonzero(old[rows, 0] >= 0)
+            r, b, t = old[rows][has_vertex].T
+            only[has_vertex, r, b, t] = True
             _, before, stop, broken, _ = part.solve(only, _LARGE, ForbiddenTransitions.none())
             mask = mask.copy()
             for end in ([0] if first >= 0 else []) + ([-1] if last < S else []):
@@ -210,8 +234,8 @@ class SequenceGrid:
         elsewhere = np.ones(S, bool)
         elsewhere[rows] = False
         others = np.where(elsewhere, choice.rotation, -1).astype(np.int32)
-        beside = compute_worst_index(self.raw, self.counted, self.hidden, others, choice.branch)
-        part.worst_elsewhere = max(beside, self.elsewhere)
+        worst_elsewhere = compute_worst_index(self.raw, self.counted, self.hidden, others, choice.branch)
+        part.worst_elsewhere = max(worst_elsewhere, self.elsewhere)
         traded = part.traded(mask, WorstLimitedSequence(vertex, value + part.value_elsewhere, part.most(vertex)), gap)
         old[rows] = traded.best.vertex
         return self._made(old, (), traded.total, choice.bound, choice.reached)
@@ -255,11 +279,14 @@ class _Part:
         loose: bool = False,
         allowed: Bools | None = None,
     ) -> tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]]:
-        """As :func:`machopt.planning.sequence_search.search_kernels.find_cheapest_sequence` says; ``limit`` is on the
-        value of the stretch.
+        """Call :func:`machopt.planning.sequence_search.search_kernels.find_cheapest_sequence` for the stretch.
 
         Args:
-            allowed: (S, R, B) what may be crossed between stations, where there is something to cross; None: all.
+            mask: (S, R, B, T) feasible vertices.
+            limit: upper limit on the value of the stretch.
+            edges: forbidden edges; None: those of the stretch.
+            loose: whole turns are free and unlimited, as there.
+            allowed: (S, R, B) rotations that may be crossed between stations, where there are hidden points; None: all.
         """
         g, rows = self.grid, self.rows
         edges = self.edges if edges is None else edges
@@ -296,9 +323,13 @@ class _Part:
         return answer
 
     def free(self, mask: Bools) -> tuple[WorstLimitedSequence, Bools, Bools | None]:
-        """The cheapest sequence without a cap, its breaks (S,), and what is reached where it has some, else None.
+        """Return the cheapest sequence without a cap, its breaks (S,), and the reached vertices where it has some, else
+        None.
 
-        Looked for without turns first, as in :meth:`below`: with tens of turns that is tens of times less.
+        It is first searched without turns, as in :meth:`below`: with tens of turns that is tens of times faster.
+
+        Args:
+            mask: (S, R, B, T) feasible vertices.
         """
         if mask.shape[3] > 1:
             vertex, value, stop, broken = self._turnless(compute_any_last(mask), np.inf)
@@ -309,10 +340,17 @@ class _Part:
         return WorstLimitedSequence(vertex, value, self.most(vertex)), broken, reached
 
     def below(self, mask: Bools, some: Bools, allowed: Bools, limit: float) -> tuple[Ints, float] | None:
-        """The cheapest sequence over allowed (S, R, B) vertices, and its value; None where none is below ``limit``.
+        """Return the cheapest sequence over allowed vertices, and its value; None where none is below ``limit``.
 
-        Whole turns change no price, only what fits the limits. So it is first looked for as if every turn fitted: where
-        its turns do, as they mostly do, no other sequence is cheaper. ``some`` (S, R, B) is mask.any(axis=3).
+        Whole turns change no price, only the feasibility. The search therefore first assumes that every turn is
+        feasible. Where
+        the turns of the result are, as is usual, no other sequence is cheaper.
+
+        Args:
+            mask: (S, R, B, T) feasible vertices.
+            some: (S, R, B) mask.any(axis=3).
+            allowed: (S, R, B) vertices that may be used.
+            limit: upper limit on the value.
         """
         if mask.shape[3] > 1:
             vertex, value, stop, _ = self._turnless(some & allowed, limit, allowed)
@@ -325,39 +363,57 @@ class _Part:
         return None if stop >= 0 else (vertex, value)
 
     def _turnless(self, some: Bools, limit: float, allowed: Bools | None = None) -> tuple[Ints, float, int, Bools]:
-        """The cheapest sequence over some (S, R, B) as if every turn fitted, its value, where it stopped, breaks."""
+        """Return the cheapest sequence over some (S, R, B) as if every turn were feasible, its value, its stop, its
+        breaks.
+        """
         edges = self.edges.in_every_turn(self.grid.candidates.feasible)
         return self.solve(some[..., None], limit, edges, loose=True, allowed=allowed)[:4]
 
     def _turned(self, vertex: Ints, mask: Bools) -> Ints | None:
-        """The sequence with turns that lead on from station to station; None where these do not fit the mask."""
+        """Return the sequence with continuous turns from station to station; None where these do not fit the mask."""
         c, rows = self.grid.candidates, self.rows
         return fit_turns(c, rows, vertex, compute_shortest_turns(c, rows, vertex), mask, self.edges)
 
     def near_zero(self, vertex: Ints) -> Ints:
-        """The sequence (S, 3) by whole turns nearer to zero at its end, where all of it can be, at the same price."""
+        """Return the sequence shifted by whole turns towards zero at its end, where possible at the same price.
+
+        Args:
+            vertex: (S, 3) rotation, branch and turn.
+        """
         c, rows = self.grid.candidates, self.rows
-        for asked in (
+        for turns in (
             compute_shortest_turns(c, rows, vertex),
             count_whole_turns(c.turns)[vertex[:, 2]],
-        ):  # where travel is free, no turns for nothing
-            turned = fit_turns(c, rows, vertex, asked, c.feasible[rows], self.edges)
+        ):  # where travel has no price, avoid unnecessary turns
+            turned = fit_turns(c, rows, vertex, turns, c.feasible[rows], self.edges)
             if turned is not None:
                 return turned
         return vertex
 
     def traded(self, mask: NDArray[np.bool_], free: WorstLimitedSequence, gap: float = GAP) -> WorstTradeResult:
-        """The best sequence under caps on the worst index, from the best without one."""
+        """Return the best sequence under caps on the worst index, starting from the best without one.
+
+        Args:
+            mask: (S, R, B, T) feasible vertices.
+            free: cheapest sequence without a cap.
+            gap: share of the objective by which a better one may be missed.
+        """
         floor, under = self.capped(mask, free)
         return trade_worst_index(free, floor, self.grid.worst, under, gap)
 
     def capped(
         self, mask: NDArray[np.bool_], free: WorstLimitedSequence
     ) -> tuple[float, Callable[[float, float], WorstLimitedSequence | None]]:
-        """Below which cap there is no sequence, and the cheapest one under a cap, as :func:`trade_worst_index` asks for
-        it."""
-        kept = free.vertex[:, 0] >= 0
-        at = np.flatnonzero(kept & self.counted)
+        """Return the lowest feasible cap, and a function for the cheapest sequence under a cap, as
+        :func:`trade_worst_index`
+        needs it.
+
+        Args:
+            mask: (S, R, B, T) feasible vertices.
+            free: cheapest sequence without a cap.
+        """
+        has_vertex = free.vertex[:, 0] >= 0
+        at = np.flatnonzero(has_vertex & self.counted)
         some = compute_any_last(mask)
 
         def under(cap: float, limit: float) -> WorstLimitedSequence | None:
@@ -365,7 +421,7 @@ class _Part:
                 return None
             allowed = (self.raw <= cap) | ~self.counted[:, None, None]
             found = self.below(mask, some, allowed, limit - self.value_elsewhere)
-            if found is None or ((found[0][:, 0] < 0) & kept).any():
+            if found is None or ((found[0][:, 0] < 0) & has_vertex).any():
                 return None
             vertex, value = found
             return WorstLimitedSequence(vertex, value + self.value_elsewhere, self.most(vertex))
@@ -373,11 +429,15 @@ class _Part:
         return max(float(self.raw[at].min(axis=(1, 2)).max(initial=0.0)), self.worst_elsewhere), under
 
     def most(self, vertex: Ints) -> float:
-        """Worst index of a sequence, here or elsewhere."""
+        """Return the worst index of a sequence, here or elsewhere.
+
+        Args:
+            vertex: (S, 3) rotation, branch and turn.
+        """
         here = compute_worst_index(self.raw, self.counted, self.grid.hidden[self.rows], vertex[:, 0], vertex[:, 1])
         return max(here, self.worst_elsewhere)
 
 
 def _shut(c: CandidateGrid) -> Bools:
-    """(B, B) between which branches no rapid move leads."""
+    """Return (B, B) the branch pairs without a rapid move between them."""
     return np.zeros((c.q.shape[2],) * 2, bool) if c.shut is None else c.shut

@@ -1,4 +1,4 @@
-"""Ways between neighbouring stations that must not be taken."""
+"""Forbidden edges between neighbouring stations."""
 
 from __future__ import annotations
 
@@ -15,57 +15,71 @@ Ints = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class ForbiddenTransitions:
-    """Ways from a station to the next that were looked at and do not work (a contact, or no pose in between).
+    """Edges from a station to the next that were checked and are blocked (a contact, or no pose in between).
 
-    What touches does so whatever the whole turns: such ways stand once in ``closed``, and not turn by turn.
+    A contact does not depend on whole turns: such edges are stored once in ``closed``, and not turn by turn.
     """
 
-    station: Ints  # (E,) the station they lead into, not falling
+    station: Ints  # (E,) the station they lead into, not decreasing
     source: Ints  # (E,) vertex at the station before, (rotation · B + branch) · T + turn
     target: Ints  # (E,) vertex at the station
-    closed: Ints  # (W, 3) those that work in no turn: station, not falling, source and target without turns
+    closed: Ints  # (W, 3) edges blocked in every turn: station, not decreasing, source and target without turns
 
     @classmethod
     def none(cls) -> ForbiddenTransitions:
+        """Return an empty set."""
         nothing = np.zeros(0, np.int32)
         return cls(nothing, nothing, nothing, np.zeros((0, 3), np.int32))
 
     def plus(self, station: Ints, source: Ints, target: Ints) -> ForbiddenTransitions:
-        """These and more, each once."""
+        """Return the union with more edges, each once.
+
+        Args:
+            station: (n,) station they lead into.
+            source: (n,) vertex at the previous station.
+            target: (n,) vertex at the station.
+        """
         rows = _each_once(
             np.column_stack([np.r_[self.station, station], np.r_[self.source, source], np.r_[self.target, target]])
         )
         return replace(self, station=rows[0], source=rows[1], target=rows[2])
 
     def plus_closed(self, ways: NDArray[np.integer[Any]]) -> ForbiddenTransitions:
-        """These and more (n, 3) that work in no turn."""
+        """Return the union with more edges that are blocked in every turn.
+
+        Args:
+            ways: (n, 3) station, source and target without turns.
+        """
         return replace(self, closed=np.ascontiguousarray(_each_once(np.vstack([self.closed, ways])).T))
 
     def __len__(self) -> int:
         return len(self.station) + len(self.closed)
 
     def into(self, vertex: NDArray[np.int_], turns: int) -> Bools:
-        """(S,) stations into which a sequence takes one of them from the station before.
+        """Return (S,) stations into which a sequence uses one of the edges.
 
         Args:
             vertex: (S,) as ``target``.
+            turns: number of turns T.
         """
-        gone = np.zeros(len(vertex), bool)
+        is_forbidden = np.zeros(len(vertex), bool)
         s = self.station
-        gone[s[(vertex[s - 1] == self.source) & (vertex[s] == self.target)]] = True
+        is_forbidden[s[(vertex[s - 1] == self.source) & (vertex[s] == self.target)]] = True
         (s, u, v), plain = self.closed.T, vertex // turns
-        gone[s[(plain[s - 1] == u) & (plain[s] == v)]] = True
-        return gone
+        is_forbidden[s[(plain[s - 1] == u) & (plain[s] == v)]] = True
+        return is_forbidden
 
     def taken(self, rows: slice, vertex: NDArray[np.int_], turns: int) -> bool:
-        """One of them is in a sequence over the stations ``rows``.
+        """Return whether a sequence over the stations ``rows`` uses one of the edges.
 
         Args:
-            vertex: (S,) as ``target``, −1 where a station is passed over.
+            rows: stations of the sequence.
+            vertex: (S,) as ``target``, −1 where a station is skipped.
+            turns: number of turns T.
         """
-        kept = np.flatnonzero(vertex >= 0)
+        with_vertex = np.flatnonzero(vertex >= 0)
         before = np.full(len(vertex), -1)
-        before[kept[1:]] = vertex[kept[:-1]]
+        before[with_vertex[1:]] = vertex[with_vertex[:-1]]
         for station, source, target, among in (
             (self.station, self.source, self.target, 1),
             (*self.closed.T, turns),
@@ -78,7 +92,7 @@ class ForbiddenTransitions:
         return False
 
     def in_every_turn(self, feasible: Bools) -> ForbiddenTransitions:
-        """Those of which no turn is left, as ``closed`` ones.
+        """Return the edges blocked in all feasible turns, as ``closed`` ones.
 
         Args:
             feasible: (S, R, B, T) of the whole path.
@@ -89,7 +103,7 @@ class ForbiddenTransitions:
         ways = np.column_stack([self.station, self.source // T, self.target // T])
         way, which = np.unique(ways, axis=0, return_inverse=True)
         s, u = np.maximum(self.station - 1, 0), self.source // T
-        left = feasible[s, u // B, u % B, self.source % T]  # a turn that is gone by itself needs no ban
+        left = feasible[s, u // B, u % B, self.source % T]  # an infeasible turn needs no exclusion
         count = np.bincount(which.ravel(), weights=left, minlength=len(way))
         s, u = np.maximum(way[:, 0] - 1, 0), way[:, 1]
         turns = feasible[s, u // B, u % B].sum(axis=1) * T
@@ -97,7 +111,7 @@ class ForbiddenTransitions:
 
 
 class TransitionCollector:
-    """Ways that work in no turn, gathered over many stations and merged once."""
+    """Edges blocked in every turn, collected over many stations and merged once."""
 
     def __init__(self, edges: ForbiddenTransitions, stations: int) -> None:
         self.edges = edges
@@ -105,14 +119,28 @@ class TransitionCollector:
         self._found: dict[int, list[NDArray[np.int64]]] = {}
 
     def open(self, s: int, source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> Bools:
-        """(n,) ways into station s that are not among them, source and target (n,) without turns."""
+        """Return (n,) which edges into station s are not among them.
+
+        Args:
+            s: station.
+            source: (n,) vertex at the previous station, without turns.
+            target: (n,) vertex at the station, without turns.
+        """
         known = self.edges.closed[self._begins[s] : self._begins[s + 1]]
         return np.isin(_way(source, target), np.concatenate([_way(*known.T[1:]), *self._found.get(s, [])]), invert=True)
 
     def add(self, s: int, source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> None:
+        """Add blocked edges into station s.
+
+        Args:
+            s: station.
+            source: (n,) vertex at the previous station, without turns.
+            target: (n,) vertex at the station, without turns.
+        """
         self._found.setdefault(s, []).append(_way(source, target))
 
     def merged(self) -> ForbiddenTransitions:
+        """Return the original set with all added edges."""
         if not self._found:
             return self.edges
         way = np.concatenate([w for found in self._found.values() for w in found])
@@ -121,7 +149,7 @@ class TransitionCollector:
 
 
 def _way(source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
-    """Source and target in one number, ordered as the two are."""
+    """Return source and target in one number, ordered as the two are."""
     return np.asarray(source, np.int64) << 32 | np.asarray(target, np.int64)
 
 

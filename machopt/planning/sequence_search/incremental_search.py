@@ -1,4 +1,6 @@
-"""The choice of a path, made again as its grid loses vertices and ways: the whole, or the stretches that lost some."""
+"""Incremental choice of a sequence while its grid loses vertices and edges: the whole path, or the changed
+stretches.
+"""
 
 from __future__ import annotations
 
@@ -18,29 +20,34 @@ from machopt.planning.sequence_search.worst_value_constraint import GAP
 from machopt.planning.stations.planning_path import PlanningPath
 
 Rows = NDArray[np.intp]
-DETOUR = np.radians(90.0)  # of rotation that a stretch which is chosen again has room for to either side of a contact
-SPARE = 8  # stations more to either side
-MANY = 0.1  # of the stations lost: the next choice will hardly be the last, and need not be the very best
-ROUGH = 0.05  # of the objective that such a choice may miss
+DETOUR = np.radians(90.0)  # of rotation: room for a detour to either side of a contact
+SPARE = 8  # additional stations to either side
+MANY = 0.1  # share of lost stations from which an approximate choice is sufficient
+ROUGH = 0.05  # share of the objective that such a choice may miss
 
 
 @dataclass(kw_only=True)
 class IncrementalSequenceSearch:
-    """Chooses on one grid; ``candidates`` may lose vertices in between."""
+    """Repeated choice on one grid; ``candidates`` may lose vertices in between."""
 
     path: PlanningPath
     candidates: CandidateGrid
     scores: CandidateScores
     velocity: Array  # (6,) rad/s
     options: PlanOptions
-    wide: NDArray[np.bool_]  # (S,) the rotation may turn there while the feed waits; grows where nothing else leads on
+    wide: NDArray[np.bool_]  # (S,) the rotation may change there at reduced feed; extended where no other edge exists
 
     def __post_init__(self) -> None:
         self._grid: SequenceGrid | None = None
-        self._dropped = -1  # stations without a vertex when it was made
+        self._dropped = -1  # number of stations without a vertex at its construction
 
     def around(self, choice: SequenceChoice, edges: ForbiddenTransitions) -> SequenceChoice | None:
-        """The stretches of a choice that have lost a vertex or a way chosen again; None where that does not do."""
+        """Choose the stretches again that have lost a vertex or an edge; return None where that is not sufficient.
+
+        Args:
+            choice: previous sequence.
+            edges: forbidden edges.
+        """
         if choice.dropped.any() or choice.broken:
             return None
         lost = self._lost(choice, edges)
@@ -53,15 +60,17 @@ class IncrementalSequenceSearch:
         return choice
 
     def _lost(self, choice: SequenceChoice, e: ForbiddenTransitions) -> Rows:
-        """Stations whose vertex, or the way into which, has been struck out."""
+        """Return the stations whose vertex, or the edge into it, has been excluded."""
         _, _, B, T = self.candidates.feasible.shape
         vertex = (choice.rotation.astype(int) * B + choice.branch) * T + choice.turn
         s = np.arange(len(vertex))
-        gone = ~self.candidates.feasible[s, choice.rotation, choice.branch, choice.turn]
-        return np.flatnonzero(gone | e.into(vertex, T))
+        is_lost = ~self.candidates.feasible[s, choice.rotation, choice.branch, choice.turn]
+        return np.flatnonzero(is_lost | e.into(vertex, T))
 
     def _stretches(self, lost: Rows) -> list[tuple[int, int]]:
-        """(first, last) stations that keep their vertices around some that cannot, with room for a detour between."""
+        """Return (first, last) stations that keep their vertices around changed ones, with room for a detour
+        between.
+        """
         S, R = self.candidates.feasible.shape[:2]
         window = self._grid_as_it_is().window
         steps = np.where(window == FREE, R // 4, np.maximum(window, 0))
@@ -78,11 +87,15 @@ class IncrementalSequenceSearch:
         return [(max(a, -1), min(b, S)) for a, b in out]
 
     def whole(self, edges: ForbiddenTransitions) -> SequenceChoice:
-        """The best sequence of the whole path on what is left of the grid."""
+        """Return the best sequence of the whole path on the remaining grid.
+
+        Args:
+            edges: forbidden edges.
+        """
         choice = self._grid_as_it_is().choose(edges)
         runs = self.path.run[self.path.stations]
         stuck = np.isin(runs, runs[list(choice.broken)]) & ~self.wide
-        if stuck.any():  # the feed may wait for the rotation rather than the job fail
+        if stuck.any():  # a reduced feed is better than no plan
             self.wide |= stuck
             self._grid = None
             choice = self._grid_as_it_is().choose(edges)

@@ -1,4 +1,4 @@
-"""Whole turns of a sequence that was found without telling them apart."""
+"""Whole turns of a sequence that was found without distinguishing them."""
 
 from __future__ import annotations
 
@@ -15,55 +15,64 @@ TWO_PI = 2.0 * np.pi
 
 
 def count_whole_turns(turns: Array) -> Counts:
-    """Turns in rad as numbers."""
+    """Return turns in rad as integers.
+
+    Args:
+        turns: (…,) rad, multiples of 2π.
+    """
     return np.asarray(np.round(turns / TWO_PI).astype(int))
 
 
 def compute_shortest_turns(c: CandidateGrid, rows: slice, vertex: Ints) -> Counts:
-    """(S, 6) whole turns with which every joint takes the shorter way from station to station.
+    """Return (S, 6) whole turns with which every joint takes the shorter way from station to station.
 
     Args:
-        vertex: (S, 3) rotation, branch and turn at the stations ``rows``, −1 where one is passed over.
+        c: candidate grid.
+        rows: stations of the sequence.
+        vertex: (S, 3) rotation, branch and turn at the stations ``rows``, −1 where one is skipped.
     """
-    kept = np.flatnonzero(vertex[:, 0] >= 0)
-    q = c.q[rows][kept, vertex[kept, 0], vertex[kept, 1]]
+    with_vertex = np.flatnonzero(vertex[:, 0] >= 0)
+    q = c.q[rows][with_vertex, vertex[with_vertex, 0], vertex[with_vertex, 1]]
     out = np.zeros((len(vertex), 6), int)
-    if len(kept):
-        out[kept[1:]] = -np.cumsum(count_whole_turns(np.diff(q, axis=0)), axis=0)
+    if len(with_vertex):
+        out[with_vertex[1:]] = -np.cumsum(count_whole_turns(np.diff(q, axis=0)), axis=0)
     return out
 
 
 def fit_turns(
-    c: CandidateGrid, rows: slice, vertex: Ints, asked: Counts, mask: Bools, edges: ForbiddenTransitions
+    c: CandidateGrid, rows: slice, vertex: Ints, requested: Counts, mask: Bools, edges: ForbiddenTransitions
 ) -> Ints | None:
-    """A sequence (S, 3) with its turns as asked, but for turns of all of it alike, so that all of it is allowed.
+    """Return a sequence (S, 3) with given turns, shifted as a whole so that all vertices and edges are allowed.
 
     Args:
-        asked: (S, 6) whole turns.
+        c: candidate grid.
+        rows: stations of the sequence.
+        vertex: (S, 3) rotation, branch and turn, −1 where a station is skipped.
+        requested: (S, 6) whole turns relative to each other.
         mask: (S, R, B, T) vertices that may be used.
-        edges: ways that must not be taken.
+        edges: forbidden edges.
 
     Returns:
-        of those that are allowed the one whose end is nearest to zero, or None.
+        Among the allowed ones the sequence whose end is nearest to zero, or None.
     """
-    kept = np.flatnonzero(vertex[:, 0] >= 0)
-    if not len(kept):
+    with_vertex = np.flatnonzero(vertex[:, 0] >= 0)
+    if not len(with_vertex):
         return vertex
     turns = count_whole_turns(c.turns)
     index = np.full((3,) * 6, -1)
     index[tuple((turns + 1).T)] = np.arange(len(turns))
-    (r, b), asked = vertex[kept, :2].T, asked[kept]
-    moved = turns - asked[-1]  # by how much all of it is turned, for each turn that the end may have
-    inside = ((asked.min(axis=0) + moved >= -1) & (asked.max(axis=0) + moved <= 1)).all(axis=1)
-    end = c.q[rows][kept[-1], r[-1], b[-1]] + c.turns
+    (r, b), requested = vertex[with_vertex, :2].T, requested[with_vertex]
+    moved = turns - requested[-1]  # shift of the whole sequence, for each turn of its end
+    inside = ((requested.min(axis=0) + moved >= -1) & (requested.max(axis=0) + moved <= 1)).all(axis=1)
+    end = c.q[rows][with_vertex[-1], r[-1], b[-1]] + c.turns
     away = np.ceil((end - np.pi) / TWO_PI - 1e-12).astype(int)  # (T, 6) turns from (−π, π]
     for t in sorted(np.flatnonzero(inside).tolist(), key=lambda t: (int(np.abs(away[t]).sum()), *(-away[t] % 3))):
-        turn = index[tuple((asked + moved[t] + 1).T)]
-        if (turn >= 0).all() and mask[kept, r, b, turn].all():
+        turn = index[tuple((requested + moved[t] + 1).T)]
+        if (turn >= 0).all() and mask[with_vertex, r, b, turn].all():
             out = vertex.copy()
-            out[kept, 2] = turn
+            out[with_vertex, 2] = turn
             flat = np.full(len(vertex), -1)
-            flat[kept] = np.ravel_multi_index((r, b, turn), mask.shape[1:])
+            flat[with_vertex] = np.ravel_multi_index((r, b, turn), mask.shape[1:])
             if not edges.taken(rows, flat, mask.shape[3]):
                 return out
     return None

@@ -1,8 +1,8 @@
-"""The compiled search behind :mod:`machopt.planning.sequence_search.dynamic_programming`: the cheapest sequence of
-vertices, one a station.
+"""Compiled search of :mod:`machopt.planning.sequence_search.dynamic_programming`: the cheapest sequence of
+vertices, one per station.
 
-A vertex is (rotation, branch, turn). Whole turns do not change what a step costs, so a step is priced once for all
-turns; rapid moves, which may come from anywhere, are bounded by groups of vertices that lie near each other.
+A vertex is (rotation, branch, turn). Whole turns do not change the price of a step, so a step is priced once for all
+turns. Rapid moves, which may start at any vertex, are bounded by groups of neighbouring vertices.
 """
 
 from __future__ import annotations
@@ -18,15 +18,18 @@ from machopt.planning.cost.objective import edge_price_compiled, late_compiled
 
 Ints = NDArray[np.int32]
 JUMP = np.radians(80.0)  # largest joint step between neighbouring stations that still counts as continuous
-GUESSED = np.radians(40.0)  # the same where branches are told apart by it alone
-GROUP = 6  # rotations whose vertices are bounded together where a rapid move comes from any of them
+GUESSED = np.radians(40.0)  # the same where it alone distinguishes branches
+GROUP = 6  # number of rotations whose vertices are bounded together for a rapid move
 
 
 def compute_joint_jump_limit(stable: bool) -> float:
-    """Largest joint step (rad) of a continuous way between neighbouring stations.
+    """Return the largest joint step in rad of a continuous edge between neighbouring stations.
 
-    Inside a branch whose index is an assembly mode every way that keeps the margins to the singularities is
-    continuous, however far the tool turns; other solvers' branches are followed by the step itself.
+    Inside a branch whose index is an assembly mode every path that keeps the singularity margins is
+    continuous, however far the tool rotates. The branches of other solvers are followed by the step itself.
+
+    Args:
+        stable: the branch index is an assembly mode.
     """
     return float(JUMP if stable else GUESSED)
 
@@ -37,9 +40,9 @@ def _sort(value: Array, order: NDArray[np.int64]) -> None:
     n = len(order)
     root, end = n // 2, n
     while end > 1:
-        if root > 0:  # making the heap
+        if root > 0:  # build the heap
             root -= 1
-        else:  # taking the largest off it
+        else:  # remove the largest
             end -= 1
             order[0], order[end] = order[end], order[0]
         k = root
@@ -57,7 +60,7 @@ def _sort(value: Array, order: NDArray[np.int64]) -> None:
 
 @jit_compile
 def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
-    """The vertices that can be come from, in groups that lie near each other: what a rapid move is bounded by.
+    """Return the reachable vertices in groups of neighbours, which bound a rapid move.
 
     Returns (K,) the vertices, (G, 2) where each group begins and ends in them, (G, 2, 6) rad its corners in joint space
     and (G,) its least cost to come; the groups with the least cost first.
@@ -103,8 +106,8 @@ def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
 
 @jit_compile
 def _step(here: Array, before: Array, slowness: Array, largest: float) -> tuple[int, float, float]:
-    """Between two configurations (6,) rad, as near as whole turns bring them: the code of these turns, Σ|Δq| (rad) and
-    the time (s) of the slowest axis. The code is −1 where an axis turns by more than ``largest``, or where the branch
+    """Return the step between two configurations (6,) rad, nearest by whole turns: code of these turns, Σ|Δq| (rad) and
+    the time (s) of the slowest axis. The code is −1 where an axis moves by more than ``largest``, or where the branch
     does not exist (NaN).
     """
     code, step, slow = 0, 0.0, 0.0
@@ -125,7 +128,7 @@ def _step(here: Array, before: Array, slowness: Array, largest: float) -> tuple[
 
 @jit_compile
 def _listed(ways: Any, low: int, high: int, source: int, target: int) -> Any:  # numba infers
-    """One of the sorted ways (n, 3) from ``low`` to ``high`` leads from the source to the target."""
+    """Return whether one of the sorted edges (n, 3) from ``low`` to ``high`` leads from the source to the target."""
     end = high
     while low < high:
         middle = (low + high) // 2
@@ -166,31 +169,56 @@ def find_cheapest_sequence(
     price: Any,
     turned: Any,
 ) -> Any:  # numba infers
-    """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, where it stopped, breaks
-    (S,) and what is reached (S, V).
+    """Return the cheapest sequence.
 
-    Prices are those of :mod:`machopt.planning.cost.objective`, (S,) per rad, rad and s on the way into each station;
-    ``nudged`` (S,) rad is how far its grid is turned against that of the station before. A break is a station inside a
-    run that no vertex of the station before reaches continuously; the sequence goes on there as after a rapid move.
-    With a finite ``limit`` only sequences below it are looked for, without breaks, and ``stop`` ≥ 0 is where the last
-    of them ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s, and ``closed[s]`` … the ``ways`` (n, 3)
-    forbidden in every turn (:class:`machopt.planning.sequence_search.forbidden_transitions.ForbiddenTransitions`).
-    ``hidden`` (S,): on the way into s, in one
-    branch, the rotation crosses only what one of the stations has in ``crossed`` (S, R, B)
-    (:mod:`machopt.planning.sequence_search.crossed_rotations`). ``shut`` (B, B): from the one branch no rapid move
-    leads to the other.
-    ``loose``, with one turn only: whole turns cost nothing and have no limits, so that the value is at most that with
-    the turns told apart. ``start`` (S,), ``price`` and ``turned`` (n,) are the grid's
-    :class:`machopt.planning.sequence_search.transition_cost_table.TransitionCostTable`, filled in here.
+    Prices are those of :mod:`machopt.planning.cost.objective`. A break is a station inside a
+    run that no vertex of the previous station reaches continuously; the sequence continues there as after a rapid move.
+
+    Args:
+        node: (S, R, B) price of each vertex.
+        q: (S, R, B, 6) rad, NaN where the branch does not exist.
+        turns: (T, 6) rad, whole turns.
+        feasible: (S, R, B, T) vertices that may be used.
+        window: (S,) grid steps that the rotation may change, FREE or LIFT.
+        stable: the branch index is an assembly mode.
+        shift: (S,) grid steps between equal TCP directions of neighbouring stations.
+        seconds: (S,) s, time of the step at the programmed feed.
+        slowness: (6,) s/rad, inverse of the usable joint speeds.
+        price_q: (S,) price per rad of the joints.
+        price_r: (S,) price per rad of the rotation.
+        price_t: (S,) price per s of lost time.
+        nudged: (S,) rad, shift of the station's grid relative to that of the previous station.
+        limit: only sequences below it are searched, without breaks, if it is finite.
+        ban: (S + 1,) the forbidden edges into s are ``ban[s]`` … ``ban[s + 1]``.
+        ban_u: source vertex of each forbidden edge.
+        ban_v: target vertex of each forbidden edge.
+        closed: (S + 1,) the edges into s in ``ways`` are ``closed[s]`` … ``closed[s + 1]``.
+        ways: (n, 3) edges forbidden in every turn
+            (:class:`machopt.planning.sequence_search.forbidden_transitions.ForbiddenTransitions`).
+        hidden: (S,) on the edge into s, in one branch, the rotation crosses only rotations that one of the stations has
+            in
+            ``crossed`` (:mod:`machopt.planning.sequence_search.crossed_rotations`).
+        crossed: (S, R, B) rotations that may be crossed.
+        shut: (B, B) branch changes that rapid moves must not make.
+        loose: with one turn only: whole turns cost nothing and have no limits, so that the value is a lower bound of
+            that
+            with turns.
+        start: (S,) of :class:`machopt.planning.sequence_search.transition_cost_table.TransitionCostTable`.
+        price: (n,) of that table; filled in here.
+        turned: (n,) of that table; filled in here.
+
+    Returns:
+        (S, 3) rotation, branch, turn (−1 where dropped); its value; the station where the last sequence below the limit
+        ends, or −1; the breaks (S,); and the reached vertices (S, V).
     """
     S, R, B, T = feasible.shape
     inf = np.inf
     V = R * B * T
-    back = np.empty((S, V), np.int32)  # read only where it was written: with tens of turns most never is
+    back = np.empty((S, V), np.int32)  # only written entries are read; with tens of turns most are never written
     reached = np.zeros((S, V), np.bool_)
     broken, exists_at = np.zeros(S, np.bool_), np.zeros(S, np.bool_)
     before = np.full(V, inf)  # cost to come at the last kept station
-    least = np.full((R, B), inf)  # and the least over its turns
+    least = np.full((R, B), inf)  # and the minimum over its turns
     now = np.empty(V)
     best = np.full((S, 3), -1, np.int32)
     last = -1  # last kept station
@@ -198,7 +226,7 @@ def find_cheapest_sequence(
     step_r = twopi / R
     largest = JUMP if stable else GUESSED
     usable = np.zeros((S, R, B), np.bool_)
-    to_go = np.zeros(S + 1)  # the nodes from a station on cost at least this much
+    to_go = np.zeros(S + 1)  # lower bound of the vertices from a station on
     for s in range(S - 1, -1, -1):
         low = inf
         for r in range(R):
@@ -234,7 +262,7 @@ def find_cheapest_sequence(
     values, sources = np.empty(T), np.empty(T, np.int64)
     members, group, corner, cheapest = _groups(before, q[0], turns)
     s = -1
-    lift = False  # the station is tried again as after a rapid move
+    lift = False  # the station is repeated as after a rapid move
     while s < S - 1 or lift:
         if not lift:
             s += 1
@@ -249,17 +277,17 @@ def find_cheapest_sequence(
                 if not usable[s, r, b]:
                     continue
                 exists = True
-                most = limit - node[s, r, b] - to_go[s + 1]  # what the way here may cost
+                most = limit - node[s, r, b] - to_go[s + 1]  # maximum price of the sequence up to here
                 for t in range(T):
                     values[t], sources[t] = 0.0 if fresh else most, -1
                 if fresh:
-                    pass  # nothing to come from: any vertex starts at zero
+                    pass  # no predecessor: any vertex starts at zero
                 elif free:
                     ru = (r + shift[s]) % R
                     for t in range(T):
                         value, source = most, -1
                         if feasible[s, r, b, t]:
-                            for tu in range(T):  # first the same posture before: near, so that few others need a look
+                            for tu in range(T):  # the same posture first: near, so that few others are examined
                                 u = (ru * B + b) * T + tu
                                 if before[u] < value:
                                     step = 0.0
@@ -292,8 +320,8 @@ def find_cheapest_sequence(
                                         value, source = before[u] + price_q[s] * step, u
                         values[t], sources[t] = value, source
                 else:
-                    highest = most  # of the values found so far: what cannot beat it is of no use to any turn
-                    up, down = True, True  # nothing else was crossed so far
+                    highest = most  # upper bound of the values found so far: higher ones are irrelevant for every turn
+                    up, down = True, True  # no forbidden rotation crossed so far
                     for k in range(2 * window[s] + 1):
                         dr = (k + 1) // 2 if k % 2 else -(k // 2)
                         ru = (r + dr) % R
@@ -309,7 +337,7 @@ def find_cheapest_sequence(
                             if not (least[ru, bu] + price_r[s] * turn < highest):
                                 continue
                             at = -1
-                            if start[s] >= 0 and last == s - 1:  # no other station before than the table has
+                            if start[s] >= 0 and last == s - 1:  # the previous station is that of the table
                                 at = ((r * B + b) * (2 * window[s] + 1) + k) * (1 if stable else B)
                                 at += start[s] + (0 if stable else bu)
                             if at < 0 or turned[at] == 0:

@@ -1,5 +1,6 @@
-"""What a step between two stations may do and what a vertex costs, on the grid of
-:mod:`machopt.planning.sequence_search.dynamic_programming`."""
+"""Permitted steps between two stations and prices of vertices, on the grid of
+:mod:`machopt.planning.sequence_search.dynamic_programming`.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +14,38 @@ from machopt.planning.sampling.configurations import CandidateGrid
 from machopt.planning.stations.planning_path import PlanningPath
 
 Ints = NDArray[np.int32]
-TURNING = AXIS_SPEED  # share of the slowest axis's velocity limit that rotation about the tool axis may take
+TURNING = AXIS_SPEED  # share of the slowest axis's velocity limit available for rotation about the tool axis
 MAX_TURN = np.radians(80.0)  # of the rotation between neighbouring stations
 FREE, LIFT = -1, -2
 
 
 def compute_widest_window(rotations: int) -> int:
-    """Grid steps that the rotation may turn between neighbouring stations at most."""
+    """Return the maximum number of grid steps that the rotation may change between neighbouring stations.
+
+    Args:
+        rotations: number of rotations of the grid.
+    """
     return max(1, int(MAX_TURN * rotations / (2 * np.pi) + 1e-6))
 
 
 def compute_transition_windows(
     path: PlanningPath, candidates: CandidateGrid, slowest: float, wide: NDArray[np.bool_] | None = None
 ) -> tuple[Ints, Array]:
-    """Window of the step into each station, and the time the axes have for it.
+    """Return the window of the step into each station, and the time available for it.
 
     FREE over rapid moves, else grid steps of rotation, 0 keeps it. On dense paths a grid step would take longer than
-    the way from station to station, so rotation may only change at ticks, as far apart as a grid step takes. Where
-    nothing else leads on (``wide``), it may change from any station to the next, and the feed waits for it.
+    the move from station to station. There the rotation may only change at ticks, as far apart as a grid step takes.
+    Where
+    no edge exists otherwise (``wide``), it may change from any station to the next, at reduced feed.
+
+    Args:
+        path: planning points.
+        candidates: candidate grid.
+        slowest: rad/s, velocity limit of the slowest axis.
+        wide: (S,) stations into which the rotation may change at reduced feed; None: none.
+
+    Returns:
+        (S,) windows and (S,) s.
     """
     st = path.stations
     tick = 2 * np.pi / len(candidates.phi) / (TURNING * slowest)  # s
@@ -47,7 +62,7 @@ def compute_transition_windows(
         elif dropped[s - 1]:
             out[s], since = LIFT, 0.0
         elif plunged[st[s] + 1] == plunged[st[s - 1] + 1]:
-            out[s] = 0  # made only of plunges: the rotation is kept
+            out[s] = 0  # plunges only: the rotation is kept
         elif wide is not None and wide[s]:
             out[s] = compute_widest_window(len(candidates.phi))
         else:
@@ -60,7 +75,12 @@ def compute_transition_windows(
 
 
 def match_tcp_directions(path: PlanningPath, rotations: int) -> Ints:
-    """(S,) grid steps from a station's phi to the phi of the station before that points TCP x the same way."""
+    """Return (S,) grid steps from a station's phi to the phi of the previous station with the same direction of TCP x.
+
+    Args:
+        path: planning points.
+        rotations: number of rotations of the grid.
+    """
     st = path.stations
     reference, axis = path.reference[st], path.axis[st]
     before = np.roll(reference, 1, axis=0)
@@ -69,9 +89,17 @@ def match_tcp_directions(path: PlanningPath, rotations: int) -> Ints:
 
 
 def vertex_price(terms: ObjectiveTerms, candidates: CandidateGrid, scores: CandidateScores) -> Array:
-    """(S, R, B) price of a vertex: its share of the mean index, and the preferred rotation."""
+    """Return the (S, R, B) price of a vertex: its share of the mean index, and the preferred rotation.
+
+    Args:
+        terms: terms of J at the stations.
+        candidates: candidate grid.
+        scores: cost of the candidates.
+    """
     cost = np.where(np.isfinite(scores.cost), scores.cost, 0.0) / scores.scale
-    liked = terms.liked(candidates.phi_at().T).T[:, :, None]
+    preference_price = terms.liked(candidates.phi_at().T).T[:, :, None]
     if scores.crowded is not None:
-        liked = liked + terms.weights.clearance * scores.crowded
-    return np.ascontiguousarray(compute_node_cost(cost, liked, terms.weights.mean) * terms.share[:, None, None])
+        preference_price = preference_price + terms.weights.clearance * scores.crowded
+    return np.ascontiguousarray(
+        compute_node_cost(cost, preference_price, terms.weights.mean) * terms.share[:, None, None]
+    )

@@ -1,8 +1,8 @@
-"""The worst index traded exactly against the rest of the objective: branch and bound over a cap on it.
+"""Exact trade of the worst index against the rest of the objective: branch and bound over a cap on it.
 
-Under a cap c on the index the rest of the objective of the cheapest sequence, V(c), falls as c rises. Of all sequences
+Under a cap c on the index the rest of the objective of the cheapest sequence, V(c), decreases with c. Of all sequences
 whose worst index lies above a and at or below b none is therefore better than V(b) + w·a. Intervals of caps are
-halved, the one with the lowest bound first, until no interval can hold a sequence better than the best one found by
+halved, the one with the lowest bound first, until no interval can contain a sequence better than the best one found by
 more than GAP.
 """
 
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Ints = NDArray[np.int32]
-GAP = 1e-3  # of the objective, at which the search ends
-SOLVES = 60  # at most; each halves an interval, so that the gap is closed long before in all that was seen
+GAP = 1e-3  # share of the objective at which the search ends
+SOLVES = 60  # maximum number of searches; each halves an interval, in practice the gap is closed long before
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,15 @@ class WorstLimitedSequence:
 
 @dataclass(frozen=True)
 class WorstTradeResult:
-    """What the search found, and how sure that is the best."""
+    """Result of the search with its lower bound."""
 
     best: WorstLimitedSequence
     total: float  # value + weight × worst of ``best``
-    bound: float  # no sequence has less
+    bound: float  # lower bound of all sequences
 
     @property
     def gap(self) -> float:
-        """How much of the total a better sequence could save at most."""
+        """Maximum share of the total that a better sequence could save."""
         return max(0.0, (self.total - self.bound) / self.total) if self.total > 0 else 0.0
 
 
@@ -50,11 +50,11 @@ def trade_worst_index(
     solve: Callable[[float, float], WorstLimitedSequence | None],
     gap: float = GAP,
 ) -> WorstTradeResult:
-    """The sequence with the least value + weight × worst.
+    """Return the sequence with the least value + weight × worst.
 
     Args:
         free: the cheapest sequence without a cap.
-        floor: no sequence has a worst index below this.
+        floor: lower bound of the worst index of all sequences.
         weight: price of the worst index.
         solve: the cheapest sequence with an index of at most its first argument everywhere; None where there is none
             whose value is below its second.
@@ -70,18 +70,18 @@ def trade_worst_index(
 
     if weight > 0:
         add(floor, free.worst, free.value)
-    left = np.inf  # what a sequence costs at least that a search with a limit passed over
+    skipped_bound = np.inf  # lower bound of the sequences skipped by a search with a limit
     for _ in range(SOLVES):
         if not open_ or open_[0][0] >= total * (1 - gap):
             break
         _, a, b, value = heappop(open_)
         middle = 0.5 * (a + b)
-        left = min(left, total * (1 - gap))
-        found = solve(middle, total * (1 - gap) - weight * a)  # with more it cannot be better by the gap
+        skipped_bound = min(skipped_bound, total * (1 - gap))
+        found = solve(middle, total * (1 - gap) - weight * a)  # above this limit it cannot be better by the gap
         add(middle, b, value)
         if found is not None:
             add(a, found.worst, found.value)
             cost = found.value + weight * found.worst
             if cost < total:
                 best, total = found, cost
-    return WorstTradeResult(best, total, min(total, left, open_[0][0] if open_ else np.inf))
+    return WorstTradeResult(best, total, min(total, skipped_bound, open_[0][0] if open_ else np.inf))

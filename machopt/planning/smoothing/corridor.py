@@ -1,4 +1,4 @@
-"""What the grid knows around the chosen rotation: the room a smooth curve has, run by run."""
+"""Corridor around the chosen rotation: feasible range and costs from the grid, run by run."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from machopt.planning.smoothing.cubic_curves import CubicSpline
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath
 
-REACH = 16  # steps to either side of the chosen rotation that the corridor may span
-STEP = np.radians(5.0)  # of the corridor, or one of the grid where that is wider
+REACH = 16  # maximum number of steps to either side of the chosen rotation
+STEP = np.radians(5.0)  # step of the corridor, or one grid step where that is wider
 SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch
 
 
 @dataclass(frozen=True)
 class StretchEnds:
-    """What the rapid moves before and after a stretch come from and go to; None at the first and last."""
+    """Joints before and after a stretch, at the other ends of its rapid moves; None at the first and last."""
 
     before: Array | None = None  # (6,) rad
     after: Array | None = None  # (6,) rad
-    onward: float = 0.0  # price of the move after, per rad of any joint
+    onward: float = 0.0  # price of the following move, per rad of any joint
 
 
 Merit = Callable[[CubicSpline, StretchEnds, float], float]
@@ -41,7 +41,7 @@ Merit = Callable[[CubicSpline, StretchEnds, float], float]
 
 @dataclass(frozen=True, kw_only=True)
 class RotationCorridor:
-    """What the grid knows around the chosen rotation, per station (n of them) and step j = −REACH … REACH."""
+    """Corridor around the chosen rotation, per station (n of them) and step j = −REACH … REACH."""
 
     phi: Array  # (n,) rad, chosen rotation, unwrapped inside the run
     low: Array  # (n,) rad ≤ 0, feasible side below
@@ -50,7 +50,7 @@ class RotationCorridor:
     slope: Array  # (n, 6) dq/dphi at the chosen rotation
     step: float  # rad
     q: Array  # (n, 6) rad at the chosen rotation
-    crowded: Array | None = None  # (n, 2·REACH+1) like ``cost``; None: it does not count
+    crowded: Array | None = None  # (n, 2·REACH+1) crowding, like ``cost``; None: not counted
 
 
 @dataclass(kw_only=True)
@@ -63,11 +63,11 @@ class SmoothingStretch:
     x: Array  # (n,) m, turning length at the stations
     terms: ObjectiveTerms  # of the objective, at the stations
     weight: float  # of its motion
-    pins: dict[int, float]  # fixed offsets by row
-    offset: Array  # (n,) rad, found so far
+    pins: dict[int, float]  # rad, fixed offsets by row
+    offset: Array  # (n,) rad, present solution
     turns: bool = False  # the rotation may change along it
     spline: CubicSpline | None = None
-    answers: tuple[CubicSpline, ...] = ()  # what the rotation may be, from the programme's to the plainest
+    answers: tuple[CubicSpline, ...] = ()  # candidate curves, from the optimised to the simplest
     merit: Merit = lambda *_: float("inf")
 
     @classmethod
@@ -81,6 +81,17 @@ class SmoothingStretch:
         terms: ObjectiveTerms,
         band: RotationCorridor | None = None,
     ) -> SmoothingStretch:
+        """Return the stretch of some stations.
+
+        Args:
+            path: planning points.
+            candidates: candidate grid.
+            scores: cost of the candidates.
+            choice: sequence of the grid.
+            rows: (n,) stations of the stretch.
+            terms: terms of J at all stations.
+            band: corridor of the stretch; None: it is computed.
+        """
         points = path.stations[rows]
         band = compute_corridor(candidates, scores, choice, rows) if band is None else band
         turning = compute_turning_length(path, points[0], points[-1])
@@ -96,43 +107,59 @@ class SmoothingStretch:
         )
 
     def bounds(self) -> tuple[Array, Array]:
-        """(n,) rad each: the corridor, closed to the exact value where the user fixed it."""
+        """Return the corridor, (n,) rad each, reduced to the exact value where the user fixed the rotation."""
         low, high = np.minimum(self.band.low, 0.0), np.maximum(self.band.high, 0.0)
         for row, value in self.pins.items():
             low[row] = high[row] = value
         return low, high
 
     def worst(self) -> float:
-        """Largest cost where it counts, at the offset as it is."""
+        """Return the largest cost where it counts, at the present offset."""
         at = np.flatnonzero(self.terms.counted)
         if not len(at):
             return 0.0
         return float(self._between(self.band.cost, self.offset)[at].max())
 
     def _between(self, table: Array, offset: Array) -> Array:
-        """(…, n) a table (n, 2·REACH+1) of the corridor on the line at offsets (…, n) rad."""
+        """Interpolate a table (n, 2·REACH+1) of the corridor linearly at offsets (…, n) rad."""
         x = np.clip(offset / self.band.step + REACH, 0, 2 * REACH - 1e-9)
         k, row = x.astype(int), np.arange(table.shape[0])
         low, high = table[row, k], table[row, k + 1]
         return np.asarray(low + (x - k) * (high - low))
 
     def joints(self) -> Array:
-        """(n, 6) rad, to first order in the offset."""
+        """Return the (n, 6) joints in rad, to first order in the offset."""
         return self.joints_at(self.offset)
 
     def joints_at(self, offset: Array, rows: Any = slice(None)) -> Array:
-        """(…, n, 6) rad at offsets (…, n) rad of all stations, or of some rows of them, to first order."""
+        """Return the (…, n, 6) joints in rad at given offsets, to first order.
+
+        Args:
+            offset: (…, n) rad, of all stations, or of some rows of them.
+            rows: these rows.
+        """
         return np.asarray(self.band.q[rows] + self.band.slope[rows] * offset[..., None])
 
     def price(self, cost: Array, offset: Array) -> Array:
-        """(…) its part of J but for the worst index and rapid moves, at offsets (…, n) rad of these costs."""
+        """Return the (…) contribution to J without the worst index and rapid moves.
+
+        Args:
+            cost: (…, n) cost at the offsets, in units of c₀.
+            offset: (…, n) rad.
+        """
         phi = self.band.phi + offset
         inside = self.terms.steps(self.joints_at(offset), phi).sum(axis=-1)
         crowded = 0.0 if self.band.crowded is None else self._between(self.band.crowded, offset)
         return np.asarray(self.terms.nodes(cost, phi, crowded).sum(axis=-1) + inside)
 
     def price_of_flights(self, first: Array, last: Array, ends: StretchEnds) -> float:
-        """Price of the rapid moves at its ends, where it begins and ends at joints (6,) rad."""
+        """Return the price of the rapid moves at its ends.
+
+        Args:
+            first: (6,) rad, joints at the beginning of the stretch.
+            last: (6,) rad, joints at its end.
+            ends: joints before and after the rapid moves.
+        """
         here = self.terms.weights.travel * float(self.terms.travel[0])
         flown = ((first, ends.before, here), (last, ends.after, ends.onward))
         return float(sum(price * np.abs(own - other).sum() for own, other, price in flown if other is not None))
@@ -141,9 +168,15 @@ class SmoothingStretch:
 def compute_corridors(
     candidates: CandidateGrid, scores: CandidateScores, choice: SequenceChoice, parts: list[NDArray[np.intp]]
 ) -> Iterator[RotationCorridor]:
-    """The corridor of each of many stretches, walked side by side: a job of holes has thousands of short ones.
+    """Yield the corridor of each of many stretches, computed together: a job of holes has thousands of short ones.
 
-    With a store they are walked one by one, so that a steered plan finds those that stayed as they were.
+    With a cache they are computed one by one, so that a re-planned job finds the unchanged ones.
+
+    Args:
+        candidates: candidate grid.
+        scores: cost of the candidates.
+        choice: sequence of the grid.
+        parts: stations of each stretch.
     """
     if is_cache_active() or not parts:
         yield from (compute_corridor(candidates, scores, choice, rows) for rows in parts)
@@ -175,7 +208,14 @@ def _chosen_rotations(candidates: CandidateGrid, choice: SequenceChoice, rows: N
 def compute_corridor(
     candidates: CandidateGrid, scores: CandidateScores, choice: SequenceChoice, rows: NDArray[np.intp]
 ) -> RotationCorridor:
-    """Walk from the chosen vertex to both sides while the same branch and turn stay feasible."""
+    """Extend the corridor from the chosen vertex to both sides while the same branch and turn stay feasible.
+
+    Args:
+        candidates: candidate grid.
+        scores: cost of the candidates.
+        choice: sequence of the grid.
+        rows: (n,) stations of the stretch.
+    """
     b, tables = choice.branch[rows], [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
 
     def inputs() -> tuple[object, ...]:
@@ -202,7 +242,7 @@ def _walked(
     """The corridor with its cost in the unit of the table."""
     R = len(candidates.phi)
     grid = 2 * np.pi / R
-    stride = max(1, round(STEP / grid))  # a finer grid is walked step by step, so that its corridor is as wide
+    stride = max(1, round(STEP / grid))  # a finer grid uses every n-th step, so that its corridor is as wide
     r, b = choice.rotation[rows], choice.branch[rows]
     phi = _chosen_rotations(candidates, choice, rows)
     n = len(rows)
@@ -227,7 +267,7 @@ def _walked(
             previous = np.where(alive[:, None], q, previous)
             if j == 1:
                 neighbour[side], reached[:, side] = previous, alive * grid
-        for column in range(min(REACH * stride, R) // stride + 1, REACH + 1):  # once round
+        for column in range(min(REACH * stride, R) // stride + 1, REACH + 1):  # one full turn
             found[:, :, REACH + sign * column] = seen
     span = np.maximum(reached.sum(axis=1), 1e-12)[:, None]
     return RotationCorridor(
@@ -243,15 +283,21 @@ def _walked(
 
 
 def compute_turning_length(path: PlanningPath, first: int, last: int) -> Array:
-    """Path length from ``first`` on which the rotation may change: plunges do not count."""
+    """Return the path length in m from ``first`` on which the rotation may change: plunges do not count.
+
+    Args:
+        path: planning points.
+        first: first planning point.
+        last: last planning point.
+    """
     step = np.diff(path.s[first : last + 1])
     step[path.plunge[first + 1 : last + 1]] = 0.0
     return np.asarray(np.r_[0.0, np.cumsum(step)])
 
 
 def _pins(path: PlanningPath, rows: NDArray[np.intp], phi: Array, options: PlanOptions) -> dict[int, float]:
-    """The user's fixed rotations in this run: row to exact offset from the grid's phi."""
+    """Return the user's fixed rotations in this run: row to exact offset from the grid's phi."""
     points = path.stations[rows]
     row_of = {int(point): i for i, point in enumerate(points)}
-    asked = find_fixed_rotations(path, options).items()
-    return {row_of[row]: float(wrap_angle(target - phi[row_of[row]])) for row, target in asked if row in row_of}
+    fixed = find_fixed_rotations(path, options).items()
+    return {row_of[row]: float(wrap_angle(target - phi[row_of[row]])) for row, target in fixed if row in row_of}

@@ -1,16 +1,16 @@
-"""The objective along one run as a programme in the coefficients of a spline, solved by Newton's method.
+"""Minimisation of the objective along one run in the coefficients of a spline, by Newton's method.
 
-J is a sum of smooth prices of places, absolute values and maxima of what is linear in the coefficients, and the worst
-cost. Its kinks are rounded by a width ε that goes to zero,
+J is a sum of smooth prices of places, absolute values and maxima of functions linear in the coefficients, and the worst
+cost. Its kinks are smoothed with a width ε that goes to zero,
 
     |v| → s = √(v² + ε²),    max(x₁ … xₙ) → ε log Σ exp(xᵢ/ε),
 
-and what leaves the corridor pays the square of the distance, ever more. All prices depend on the offsets at the
-stations, each on one or two neighbours, so the Hessian is tridiagonal there and banded in the coefficients; the worst
-cost adds one dyad.
+and leaving the corridor costs the square of the distance, with an increasing price. All prices depend on the offsets at
+the stations, each on one or two neighbours, so the Hessian is tridiagonal there and banded in the coefficients; the
+worst cost adds one dyad.
 
 Source of the step for the absolute values: Chan, Golub & Mulet 1999 (SIAM J. Sci. Comput. 20:1964–1977). It linearises
-z s = v with a dual z ∈ [−1, 1] of its own instead of v/s, which keeps Newton's steps long as ε goes to zero.
+z s = v with a separate dual z ∈ [−1, 1] instead of v/s, which keeps Newton's steps long as ε goes to zero.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from machopt.planning.smoothing.cost_interpolation import CostInterpolation
 from machopt.planning.smoothing.cubic_curves import compute_cubic_basis
 
 WIDTHS = np.r_[np.geomspace(3e-2, 3e-7, 16), 3e-7, 3e-7]  # ε in rad, and in c₀ for the worst cost
-STIFF = np.r_[np.geomspace(3e3, 3e5, 16), 3e6, 3e7]  # price per rad² out of the corridor, at each width
-STEPS = 6  # most Newton steps at one width
-ENOUGH = 1e-9  # of J: a step that is to gain less is not taken
-LEAST = 1e-4  # share of the promised gain that a step must bring
+STIFF = np.r_[np.geomspace(3e3, 3e5, 16), 3e6, 3e7]  # price per rad² outside the corridor, at each width
+STEPS = 6  # maximum number of Newton steps at one width
+ENOUGH = 1e-9  # share of J: a step with a smaller predicted gain is not taken
+LEAST = 1e-4  # share of the predicted gain that a step must achieve
 RIDGE = 1e-12  # added to the Hessian, of its largest entry
 HALVINGS = 8
 SECOND = (1.0, -2.0, 1.0)  # second difference
 
 
 class SplineBasis:
-    """A cubic spline's basis at n places: four coefficients at each, which follow one another."""
+    """Basis of a cubic spline at n places: four consecutive coefficients at each."""
 
     def __init__(self, knots: Array, places: Array) -> None:
         self.n, self.m = len(places), len(knots) - 4
         self.columns, self.weights = compute_cubic_basis(knots, places)
-        # where products of two coefficients stand in a band: of one place, and of a place and the next
+        # positions of products of two coefficients in a band: of one place, and of a place and the next
         a, b = np.tril_indices(4)
         own = self.columns[:, a], self.columns[:, b], self.weights[:, a] * self.weights[:, b]
         a, b = (x.ravel() for x in np.indices((4, 4)))
@@ -53,15 +53,28 @@ class SplineBasis:
         self.lags = max(int(max(at.max(initial=0) for at in self._at)) // self.m, min(2, self.m - 1)) + 1
 
     def values(self, c: Array) -> Array:
-        """(n,) the spline with coefficients c (m,)."""
+        """Return the (n,) values of the spline.
+
+        Args:
+            c: (m,) coefficients.
+        """
         return np.asarray((self.weights * c[self.columns]).sum(axis=1))
 
     def transposed(self, v: Array) -> Array:
-        """(m,) sums of v (n,) by the weight each place has for a coefficient."""
+        """Return (m,) Bᵀv.
+
+        Args:
+            v: (n,) values at the places.
+        """
         return np.asarray(np.bincount(self.columns.ravel(), (self.weights * v[:, None]).ravel(), self.m), float)
 
     def hessian(self, diagonal: Array, beside: Array) -> Array:
-        """Lower band (lags, m) of BᵀTB, with T the tridiagonal matrix of diagonal (n,) and beside (n − 1,)."""
+        """Return the lower band (lags, m) of BᵀTB, with T a symmetric tridiagonal matrix.
+
+        Args:
+            diagonal: (n,) diagonal of T.
+            beside: (n − 1,) off-diagonal of T.
+        """
         own, tied = (
             np.bincount(at.ravel(), (p * d[:, None]).ravel(), self.lags * self.m)
             for at, p, d in zip(self._at, self._products, (diagonal, beside), strict=True)
@@ -71,22 +84,22 @@ class SplineBasis:
 
 @dataclass(frozen=True, kw_only=True)
 class RoundedObjective:
-    """The rounded objective at one place: value, and gradient and Hessian in the offsets (n,)."""
+    """Smoothed objective at one point: value, and gradient and Hessian in the offsets (n,)."""
 
     value: float
     gradient: Array  # (n,)
-    diagonal: Array  # (n,) of the Hessian, but for the absolute values along the stations
-    first: Array  # (n − 1,) what lost time adds for the station before, the one after, and both
+    diagonal: Array  # (n,) of the Hessian, without the absolute values along the stations
+    first: Array  # (n − 1,) contribution of lost time for the previous station, the next one, and both
     last: Array
     both: Array
-    dyad: Array  # (n,) the Hessian lacks ``dyad dyadᵀ``
+    dyad: Array  # (n,) ``dyad dyadᵀ`` is to be added to the Hessian
     price: Array  # (7, n − 1) of every absolute value v along the stations
     slope: Array  # (7, n − 1) v/s
     size: Array  # (7, n − 1) s
 
 
 class SplineObjective:
-    """J of one stretch over the coefficients (m,) of its spline."""
+    """J of one stretch as a function of the coefficients (m,) of its spline."""
 
     def __init__(
         self,
@@ -97,12 +110,14 @@ class SplineObjective:
         ends: StretchEnds,
         elsewhere: float,
     ) -> None:
-        """
+        """Prepare the constant terms of the objective.
+
         Args:
-            table: of the cost.
-            basis: the spline's at the stations.
+            part: stretch of stations.
+            table: interpolated cost.
+            basis: basis of the spline at the stations.
             bending: price of the sum of squares of the coefficients' second differences; no part of J.
-            ends: what the rapid moves before and after come from and go to.
+            ends: joints before and after the rapid moves at its ends.
             elsewhere: the worst cost of the other stretches, in units of c₀.
         """
         band, terms, w = part.band, part.terms, part.terms.weights
@@ -121,7 +136,13 @@ class SplineObjective:
         self.flights = [(i, band.slope[i], band.q[i] - q, price) for i, q, price in flown if q is not None]
 
     def model(self, c: Array, width: float, stiff: float) -> RoundedObjective:
-        """J at coefficients c, rounded, with the price of leaving the corridor and without that of bending."""
+        """Return the smoothed J, with the price of leaving the corridor and without that of bending.
+
+        Args:
+            c: (m,) coefficients.
+            width: ε, in rad, and in c₀ for the worst cost.
+            stiff: price per rad² outside the corridor.
+        """
         part, terms, w = self.part, self.part.terms, self.part.terms.weights
         phi = self.basis.values(c)
         delta = phi - part.band.phi
@@ -144,7 +165,7 @@ class SplineObjective:
         value += stiff * float(out @ out)
         gradient += 2.0 * stiff * out
         diagonal += 2.0 * stiff * (out != 0.0)
-        # the worst cost: a rounded maximum, with the shares p of the places that make it
+        # the worst cost: a smoothed maximum, with the shares p of the places that contribute
         high = np.where(terms.counted, cost, -np.inf)
         top = max(float(high.max()), self.elsewhere)
         p = np.exp((high - top) / width)
@@ -164,7 +185,7 @@ class SplineObjective:
         z, price = v / s, self.price
         value += float((price * s).sum())
         first = last = both = np.zeros(len(delta) - 1)
-        if self.lost.any():  # the slowest axis, a rounded maximum with the shares e, and 0 where it is in time
+        if self.lost.any():  # the slowest axis, a smoothed maximum with the shares e, and 0 where it is in time
             narrow = width * float(self.slowness.max())  # s
             over = (s[:6] * self.slowness - self.seconds) / narrow
             most = np.maximum(over.max(axis=0), 0.0)
@@ -197,7 +218,11 @@ class SplineObjective:
         )
 
     def solve(self, start: Array) -> Array:
-        """(m,) coefficients of a local minimum near ``start``."""
+        """Return (m,) coefficients of a local minimum.
+
+        Args:
+            start: (m,) initial coefficients.
+        """
         c, duals = start.copy(), None
         for width, stiff in zip(WIDTHS, STIFF, strict=True):
             here = self.model(c, width, stiff)
@@ -227,14 +252,19 @@ class SplineObjective:
         return self.bending * float(second @ second)
 
     def hessian(self, here: RoundedObjective, curved: Array) -> tuple[Array, Array]:
-        """Both diagonals, (n,) and (n − 1,), in the offsets; ``curved`` (7, n − 1) are the absolute values' own."""
+        """Return both diagonals, (n,) and (n − 1,), of the Hessian in the offsets.
+
+        Args:
+            here: smoothed objective.
+            curved: (7, n − 1) second derivatives of the absolute values.
+        """
         diagonal = here.diagonal.copy()
         diagonal[:-1] += here.first + (curved * self.back * self.back).sum(axis=0)
         diagonal[1:] += here.last + (curved * self.on * self.on).sum(axis=0)
         return diagonal, here.both + (curved * self.back * self.on).sum(axis=0)
 
     def _step(self, c: Array, here: RoundedObjective, curved: Array) -> tuple[Array, float]:
-        """Newton's step, and half of what it is to gain to first order; ``curved`` as in :meth:`hessian`."""
+        """Return Newton's step, and half of its first-order gain; ``curved`` as in :meth:`hessian`."""
         H = self.basis.hessian(*self.hessian(here, curved))
         second = 2.0 * self.bending * np.diff(c, 2)
         gradient, dyad = self.basis.transposed(here.gradient), self.basis.transposed(here.dyad)
@@ -246,7 +276,7 @@ class SplineObjective:
         H[0] += RIDGE * (1.0 + H[0].max())
         try:
             solved = solveh_banded(H, np.column_stack([gradient, dyad]), lower=True, check_finite=False)
-        except LinAlgError:  # not positive by rounding
+        except LinAlgError:  # not positive definite by rounding
             return np.zeros_like(c), 0.0
         left = 1.0 - float(dyad @ solved[:, 1])  # Sherman & Morrison; positive while the Hessian is
         step = -solved[:, 0]

@@ -1,10 +1,9 @@
-"""Rotation as a smooth curve along the path, between and beyond the grid.
+"""Rotation as a smooth curve along the path, between and beyond the grid steps.
 
-In each run phi(s) is a cubic B-spline over path length (plunges excluded: there it stays constant). It minimises the
+In each run phi(s) is a cubic B-spline over path length (plunges excluded: there it is constant). It minimises the
 objective (:mod:`machopt.planning.cost.objective`, by :mod:`machopt.planning.smoothing.newton_solver`) with the cost of
-the chosen
-branch interpolated from the grid, inside the corridor of rotations that are feasible around the grid optimum, with
-joint speeds held to what the programmed feed leaves. Runs without travel (drilling) have one rotation: the vertex of a
+the chosen branch interpolated from the grid, inside the corridor of feasible rotations around the grid optimum, with
+joint speeds limited by the programmed feed. Runs without travel (drilling) have one rotation: the vertex of a
 parabola.
 """
 
@@ -32,12 +31,12 @@ from machopt.planning.smoothing.rotation_spline import build_spline_solutions
 from machopt.planning.stations.planning_path import PlanningPath
 
 SWEEPS = 2  # over the runs
-FINE = 8  # steps a grid step is divided into for runs with one rotation
+FINE = 8  # subdivisions of a grid step for runs with one rotation
 
 
 @dataclass(frozen=True)
 class SmoothedRotation:
-    """Rotation at every planning point; a seed for the joints there."""
+    """Rotation at every planning point, and a seed for the joints."""
 
     phi: Array  # (P,) rad
     seed: Array  # (P, 6) rad
@@ -54,7 +53,12 @@ def smooth_rotation(
     """Smooth every run of the choice. Stations without a vertex stay NaN, and so do the points around them.
 
     Args:
+        path: planning points.
+        candidates: candidate grid.
+        scores: cost of the candidates.
+        choice: sequence of the grid.
         velocity: (6,) rad/s, joint velocity limits.
+        options: plan options with the weights.
     """
     P, st = len(path.index), path.stations
     worst = max(_grid_worst(path, scores, choice), scores.elsewhere)
@@ -73,9 +77,9 @@ def smooth_rotation(
         if part.x[-1] > 0 and len(part.rows) >= 3:
             part.turns = True
             part.answers, part.merit = build_spline_solutions(path, part, _worst_elsewhere(parts, part, scores), ends)
-            if part.pins:  # where no answer keeps to the corridor, the grid's own sequence is moved to meet the pins
+            if part.pins:  # where no curve stays in the corridor, the grid's own sequence is shifted to meet the pins
                 part.offset = np.interp(part.x, part.x[list(part.pins)], list(part.pins.values()))
-    # runs are tied by the rapid moves between them, so each is chosen with the others as they are
+    # runs are coupled by the rapid moves between them, so each is chosen with the others fixed
     for _ in range(SWEEPS):
         for n, part in enumerate(parts):
             if part.turns:
@@ -101,7 +105,7 @@ def smooth_rotation(
 
 
 def _ends(parts: list[SmoothingStretch], n: int) -> StretchEnds:
-    """What the rapid moves before and after stretch n come from and go to, as the others are."""
+    """Return the joints before and after the rapid moves of stretch n, with the other stretches as they are."""
     before = parts[n - 1].joints()[-1] if n else None
     if n + 1 == len(parts):
         return StretchEnds(before)
@@ -110,14 +114,15 @@ def _ends(parts: list[SmoothingStretch], n: int) -> StretchEnds:
 
 
 def _worst_elsewhere(parts: list[SmoothingStretch], one: SmoothingStretch, scores: CandidateScores) -> float:
-    """Worst cost of the other stretches as they are, or beside the path: improving this one below it gains nothing."""
+    """Return the worst cost of the other stretches, or of the other tools: a lower one here gains nothing."""
     return max(scores.elsewhere, *(p.worst() for p in parts if p is not one), 0.0)
 
 
 def _constant_rotations(parts: list[SmoothingStretch], worst: float) -> None:
-    """One rotation per drilling run, between the grid steps: the cheapest sequence over a fine grid (exact there).
+    """Choose one rotation per drilling run, between the grid steps: the cheapest sequence over a fine grid (exact
+    there).
 
-    Holes are tied to each other by the joint travel between them, so they are chosen together; the cost between grid
+    Holes are coupled by the joint travel between them, so they are chosen together. The cost between grid
     steps is the parabola through three of them.
     """
     fine = np.linspace(-1.0, 1.0, 2 * FINE + 1)
@@ -161,7 +166,13 @@ def _constant_rotations(parts: list[SmoothingStretch], worst: float) -> None:
 
 
 def follow_grid_rotation(path: PlanningPath, candidates: CandidateGrid, choice: SequenceChoice) -> SmoothedRotation:
-    """The grid optimum itself, linear in path length between stations."""
+    """Return the grid optimum itself, linear in path length between stations.
+
+    Args:
+        path: planning points.
+        candidates: candidate grid.
+        choice: sequence of the grid.
+    """
     phi = np.where(choice.dropped, np.nan, candidates.phi_at(choice.rotation))
     run = path.run[path.stations]
     for n in np.unique(run):

@@ -1,4 +1,4 @@
-"""One run's rotation as a cubic B-spline: what it may be, and what each answer is worth."""
+"""Rotation of one run as a cubic B-spline: candidate curves and their value."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ from machopt.planning.stations.planning_path import PlanningPath
 
 KNOTS = 160  # most spline intervals in a run
 KNOT_SPACING = 0.15  # s at the programmed feed, least distance of knots
-OUTSIDE = 0.02  # of a step of the corridor that an answer may lie outside of it
-PINNED = 1e-6  # rad: nearer than this an answer meets a rotation that the user fixed
+OUTSIDE = 0.02  # permitted violation of the corridor, in steps
+PINNED = 1e-6  # rad: tolerance of a fixed rotation
 CURVATURE = 2e-2  # price of the mean square angular acceleration of phi, per (rad/s²)²
 
 
 def build_spline_solutions(
     path: PlanningPath, part: SmoothingStretch, elsewhere: float, ends: StretchEnds
 ) -> tuple[tuple[CubicSpline, ...], Merit]:
-    """phi over turning length as cubic B-splines (C², bounded third derivative), and what each is worth.
+    """Return phi over turning length as cubic B-splines (C², bounded third derivative), and a function for their value.
 
-    Raises nothing: wherever the programme ends, its last iterate is one of the answers and judged like any other.
+    If the optimisation stops early, its last iterate is one of the solutions and is assessed like the others.
 
     Args:
+        path: planning points.
+        part: stretch of stations.
         elsewhere: the worst cost of the other stretches, in units of c₀.
-        ends: what the rapid moves before and after come from and go to.
+        ends: joints before and after the rapid moves at its ends.
     """
     band, terms, w = part.band, part.terms, part.terms.weights
     length = float(part.x[-1])
@@ -42,7 +44,7 @@ def build_spline_solutions(
     low, high = part.bounds()
     table, m = CostInterpolation(band.cost, band.step), len(start)
     bending = CURVATURE * part.weight * (intervals / duration) ** 4 / intervals  # the mean square of d²phi/dt²
-    tight = int((high - low < 1e-9).sum()) >= m  # no room: the corridor is the answer
+    tight = int((high - low < 1e-9).sum()) >= m  # no room: the corridor is the solution
     slack = np.full(len(part.rows), OUTSIDE * band.step)
     slack[list(part.pins)] = PINNED
     nlp = SplineObjective(part, table, SplineBasis(knots, np.clip(part.x, 0, length)), bending, ends, elsewhere)
@@ -61,26 +63,29 @@ def build_spline_solutions(
 
     still = np.full(len(start), float(np.median(band.phi)))
     tries = [start, treads, still]
-    if np.isfinite(found).all():  # on the way from the plain answers to the programme's
+    if np.isfinite(found).all():  # between the simple solutions and the optimised one
         tries = [found, *(base + f * (found - base) for base in (treads, still) for f in (0.75, 0.5, 0.25)), *tries]
     tries = [_through_pins(B, t, part) for t in tries] if part.pins else tries
     return tuple(CubicSpline(knots, t) for t in tries), merit
 
 
 def _through_pins(B: Any, coefficients: Array, part: SmoothingStretch) -> Array:
-    """The spline moved by the least change of its coefficients that meets the user's fixed rotations.
+    """Move the spline by the smallest change of its coefficients that meets the user's fixed rotations.
 
-    A fine penalty leaves a remainder at a pin; where the pins are more than the spline can meet it stays one, and is
-    judged as what it is.
+    A finite penalty leaves a residual at a pin. Where the pins are more than the spline can meet, a residual remains
+    and
+    is assessed.
     """
     rows = list(part.pins)
-    wanted = part.band.phi[rows] + np.array(list(part.pins.values()))
+    pinned = part.band.phi[rows] + np.array(list(part.pins.values()))
     at = B[rows].toarray()
-    return np.asarray(coefficients + np.linalg.lstsq(at, wanted - at @ coefficients, rcond=None)[0])
+    return np.asarray(coefficients + np.linalg.lstsq(at, pinned - at @ coefficients, rcond=None)[0])
 
 
 def _through_plateaus(x: Array, phi: Array) -> Array:
-    """The grid's staircase as a monotone curve through the middle of every tread: as much rotation, without steps."""
+    """Return the grid's step function as a monotone curve through the middle of every step: the same rotation,
+    smooth.
+    """
     edge = np.flatnonzero(np.diff(phi) != 0)
     if not len(edge) or x[-1] <= 0:
         return phi
@@ -94,7 +99,7 @@ def _through_plateaus(x: Array, phi: Array) -> Array:
 
 
 def _least_squares(B: Any, values: Array) -> Array:
-    """Spline coefficients that follow the grid choice, lightly smoothed where stations are fewer than knots."""
+    """Return spline coefficients that follow the grid choice, slightly smoothed where stations are fewer than knots."""
     from scipy.sparse import diags, identity
     from scipy.sparse.linalg import spsolve
 

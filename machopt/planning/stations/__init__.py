@@ -1,6 +1,5 @@
-"""The toolpath as the planner walks it.
+"""Planning points, stations and runs of a toolpath.
 
-In: a toolpath and where the external joints stand. Out: :class:`~machopt.planning.stations.planning_path.PlanningPath`,
-planning points,
-stations and runs; parts of it; the rotation that the user fixed. Nothing here knows an arm.
+In: a toolpath and the external joints. Out: :class:`~machopt.planning.stations.planning_path.PlanningPath` with
+planning points, stations and runs; parts of it; the user's fixed rotations. This package does not depend on an arm.
 """

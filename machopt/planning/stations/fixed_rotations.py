@@ -1,4 +1,4 @@
-"""Where the user fixed the rotation: at points, and on the line between the points of one wish."""
+"""Fixed rotations of the user: at points, and interpolated between the points of one request."""
 
 from __future__ import annotations
 
@@ -13,15 +13,19 @@ SAME_INDEX = 1e-9
 
 
 def find_fixed_rotations(path: PlanningPath, options: PlanOptions) -> dict[int, float]:
-    """Planning point → phi in rad, of options that are laid down.
+    """Return the fixed phi in rad by planning point.
 
-    γ is counted from the direction of travel, which turns at a point at once; so between two points of one wish phi
-    goes over from the one's to the other's evenly along the path.
+    γ is relative to the direction of travel, which changes abruptly at a point. Between two points of one request phi
+    therefore changes linearly along the path from one value to the other.
+
+    Args:
+        path: planning points.
+        options: plan options with resolved points.
     """
     out: dict[int, float] = {}
     points = np.array([f.point for f in options.fixed], float)
     rows = np.searchsorted(path.index, points - SAME_INDEX)
-    for fixed, row in zip(options.fixed, rows.tolist(), strict=True):  # a part of a path has not every point
+    for fixed, row in zip(options.fixed, rows.tolist(), strict=True):  # a part of a path does not contain every point
         if row < len(path.index) and abs(path.index[row] - fixed.point) < SAME_INDEX:
             out[row] = _angle(fixed.gamma - path.offset[row])
     for wish in options.steer:

@@ -1,4 +1,4 @@
-"""Some runs of a path, as a path of their own."""
+"""Some runs of a path as a separate path."""
 
 from __future__ import annotations
 
@@ -11,32 +11,41 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.planning.stations.planning_path import PlanningPath
 
-_ROWS = (  # one entry a planning point
+_ROWS = (  # one entry per planning point
     *("index", "position", "axis", "move", "feed", "time", "s", "travel", "is_point", "is_drilling", "plunge"),
     *("reference", "offset", "external"),
 )
 
 
 def list_run_points(path: PlanningPath, runs: Sequence[int]) -> NDArray[np.intp]:
-    """Planning points of some runs, in order."""
+    """Return the planning points of some runs, in order.
+
+    Args:
+        path: planning points.
+        runs: numbers of the runs.
+    """
     return np.concatenate([np.arange(path.runs[k][0], path.runs[k][1] + 1) for k in runs])
 
 
 def select_path_runs(path: PlanningPath, runs: Sequence[int], stations: int, busy: Array | None = None) -> PlanningPath:
-    """The path without its other runs, chosen at about so many stations; both ends of each run stay stations.
+    """Return the path without its other runs, with about the given number of stations; both ends of each run are
+    stations.
 
-    So do the places that are cut where they are few: of holes, every n-th station may never be one at the bottom.
-    Weights and shares are then those within the part.
+    So are the cut places where they are few: of holes, every n-th station might never be one at the bottom.
+    Weights and shares are relative to the part.
 
     Args:
-        busy: (P,) share of the stations that each planning point is to have beside its even one; None: all are even.
+        path: planning points.
+        runs: numbers of the runs to keep.
+        stations: approximate number of stations.
+        busy: (P,) additional share of the stations for each planning point, besides an even share; None: all are even.
     """
     rows = list_run_points(path, runs)
     size = [path.runs[k][1] - path.runs[k][0] + 1 for k in runs]
     ends = np.cumsum(size)
     own = np.flatnonzero(np.isin(rows, path.stations))
     cuts = own[path.counted[rows[own]]]
-    if len(cuts) > stations and len(cuts) > 0.5 * len(own):  # spread with the others, as many as they are
+    if len(cuts) > stations and len(cuts) > 0.5 * len(own):  # too many: distributed with the others
         cuts = cuts[:0]
     keep = np.unique(
         np.concatenate(
@@ -49,7 +58,7 @@ def select_path_runs(path: PlanningPath, runs: Sequence[int], stations: int, bus
         )
     )
     fields = {name: getattr(path, name)[rows] for name in _ROWS}
-    for name in ("time", "s"):  # they do not grow on rapid moves
+    for name in ("time", "s"):  # they do not increase over rapid moves
         fields[name] = np.cumsum(np.diff(getattr(path, name), prepend=getattr(path, name)[:1])[rows])
     return replace(
         path,
@@ -61,12 +70,12 @@ def select_path_runs(path: PlanningPath, runs: Sequence[int], stations: int, bus
 
 
 def _spread(rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-    """So many of them at most, evenly."""
+    """Return at most the given number of rows, evenly spaced."""
     return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), count)).round().astype(int))])
 
 
 def _by_share(rows: NDArray[np.intp], count: int, busy: Array) -> NDArray[np.intp]:
-    """So many of them at most, half of them evenly and half by shares (n,)."""
+    """Return at most the given number of rows, half of them evenly and half by shares (n,)."""
     n = len(rows)
     if n <= count:
         return rows

@@ -1,12 +1,12 @@
-"""The toolpath as the planner walks it: runs, a reference direction that does not jump, stations.
+"""Planning path: runs, a reference direction without jumps, planning points and stations of a toolpath.
 
-A *run* is a stretch without rapid moves: it starts at rest at the point a rapid move ends in and is
-traversed on straight lines. Long segments get extra points in between, so that nothing important (a limit,
-a stiffness valley) hides inside them; long paths are thinned to *stations*, as dense as their
-detail asks for, and the choice is made there.
+A *run* is a stretch without rapid moves: it starts at rest at the end point of a rapid move and is
+traversed on straight lines. Long segments get additional points, so that nothing important (a limit,
+a minimum of stiffness) is missed inside them. Long paths are thinned to *stations*, as dense as their
+detail requires, and the choice is made there.
 
-Rotation is planned as ``phi`` about a reference direction carried along the run by minimal rotation, so
-that constant phi means "do not turn"; ``gamma = phi + offset`` is the angle of the files, measured from the
+Rotation is planned as ``phi`` about a reference direction transported along the run by minimal rotation, so
+that constant phi means "no rotation"; ``gamma = phi + offset`` is the angle of the files, measured from the
 direction of travel (trajectories) or the workpiece x axis (point operations).
 """
 
@@ -24,20 +24,22 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import interpolate_axis, normalise_vectors, wrap_angle
 from machopt.planning.stations.reference_transport import transport_reference
 
-ARM = 0.15  # m per rad: how much an axis change counts as path length, about a tool's length
+ARM = 0.15  # m per rad: equivalent path length of an axis change, about a tool's length
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
 UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
-FASTEST_FEED = 0.3  # m/s; a higher one in a file (air cut, laser path) is a wish and would drown the index in lost time
-ALL_STATIONS = 1500  # of the choice: a path of so many points is chosen at every one of them
-MAX_STATIONS = 6000  # of a longer path, for the sake of memory (0.1 MB each); reached, all distances grow alike
-SPACING = 0.005  # m, between the stations of a longer path, where it is straight
-BEND = np.radians(6.0)  # of the direction of travel, and with it of the force, between two stations
-TILT = np.radians(1.0)  # of the tool axis between two stations
-CHORD = 0.001  # m to either side: the direction of travel is taken over it, so that rounded coordinates are no bends
-SAME_INDEX = 1e-9  # of two fractional indices; not relative, the index of a long path is large
+FASTEST_FEED = (
+    0.3  # m/s; a higher feed in a file (air cut, laser path) is not reachable and lost time would dominate the index
+)
+ALL_STATIONS = 1500  # number of points up to which every point is a station
+MAX_STATIONS = 6000  # limit for a longer path because of memory (0.1 MB each); above it all distances increase equally
+SPACING = 0.005  # m, between the stations of a longer path on straight parts
+BEND = np.radians(6.0)  # change of the direction of travel, and of the force, between two stations
+TILT = np.radians(1.0)  # change of the tool axis between two stations
+CHORD = 0.001  # m to either side: averaging length of the direction of travel, so that rounded coordinates are no bends
+SAME_INDEX = 1e-9  # tolerance of fractional indices; absolute, because the index of a long path is large
 SEGMENT = 0.02  # m, longest stretch without a planning point
-AROUND = np.array([-1.0, -0.5, 0.5, 1.0])  # of a length asked for: where points are added around a corner
-ROOM = 0.125  # of that length: points nearer to one that is there are not added
+AROUND = np.array([-1.0, -0.5, 0.5, 1.0])  # of the given length: positions of points added around a corner
+ROOM = 0.125  # of that length: points nearer to an existing one are not added
 TURN = np.cos(np.radians(5.0))  # sharper turns of the direction of travel are corners
 NO_MOVE = 1e-10  # m: a shorter move has no direction; files print 1e-9 m, interpolation leaves 1e-16 m
 SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
@@ -63,10 +65,15 @@ class PlanningPath:
     offset: Array  # (P,) rad, gamma − phi
     stations: NDArray[np.int32]  # (S,) indices into the P points where the choice is made
     runs: tuple[tuple[int, int], ...]  # first and last planning point of each run
-    external: Array  # (P, E) m or rad, where the external joints stand
+    external: Array  # (P, E) m or rad, external joints
 
     def whole(self, q: Array, rows: NDArray[Any] | slice = slice(None)) -> Array:
-        """(n, 6 + E): joints q (n, 6) rad at planning points ``rows``, and where the external joints stand there."""
+        """Return (n, 6 + E) machine joints.
+
+        Args:
+            q: (n, 6) rad, joints of the arm.
+            rows: planning points, default all.
+        """
         return np.hstack([q, self.external[rows]])
 
     @cached_property
@@ -76,9 +83,9 @@ class PlanningPath:
 
     @cached_property
     def motion_share(self) -> Array:
-        """(P,) weight of the motion into each point: the share of the length cut that its run has.
+        """(P,) weight of the motion into each point: the share of its run in the length cut.
 
-        Motion and index are so traded run by run alike, whether a job is one contour or a hundred holes. A run
+        Motion and index are thus traded equally in each run, for one contour as for a hundred holes. A run
         without cuts counts like the next one that cuts.
         """
         share = np.bincount(self.run, weights=self.weight).astype(float)
@@ -95,11 +102,12 @@ class PlanningPath:
 
     @cached_property
     def weight(self) -> Array:
-        """(P,) share of the length cut that each counted point stands for; zero elsewhere, in all 1.
+        """(P,) share of the length cut of each counted point; zero elsewhere, 1 in total.
 
-        Half of either neighbouring segment, so that a mean does not depend on how densely a path is sampled. The half
-        at a start that the tool only comes to goes to the first point it cuts to. Holes weigh as deep as they are
-        cut: a job of holes and contours has one unit. Without any length (touches) every counted point weighs alike.
+        Half of either neighbouring segment, so that a mean does not depend on the sampling. The half
+        at a start point that is not cut goes to the first cut point. Holes count by their depth: a job of holes and
+        contours
+        has one unit. Without any length (touches) every counted point has equal weight.
         """
         cut = self.counted
         half = 0.5 * np.r_[0.0, np.linalg.norm(np.diff(self.position, axis=0), axis=1)] * cut
@@ -110,7 +118,7 @@ class PlanningPath:
 
     @cached_property
     def station_weight(self) -> Array:
-        """(S,) the weights carried to the stations, as the points between them take their cost: on the line."""
+        """(S,) the weights transferred to the stations, as the points between them interpolate their cost linearly."""
         rows = np.arange(len(self.index))
         after = np.minimum(np.searchsorted(self.stations, rows), len(self.stations) - 1)
         before = np.maximum(after - 1, 0)
@@ -123,12 +131,13 @@ class PlanningPath:
 
 
 def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float = 0.0) -> PlanningPath:
-    """Split into runs, densify long segments, carry the reference direction, choose stations.
+    """Split a toolpath into runs, densify long segments, transport the reference direction, choose stations.
 
     Args:
+        toolpath: toolpath of one tool.
         keep: toolpath points that must be stations, because the user fixed the rotation there.
-        corners: m, add points up to so far around each corner, start and end of a cut, where a shift against the
-            deflection turns, comes and goes; 0 for none.
+        corners: m, add points up to this distance around each corner, start and end of a cut, where a shift against the
+            deflection changes; 0 for none.
     """
     n = len(toolpath)
     starts = (toolpath.move == MoveKind.RAPID) | (np.arange(n) == 0)
@@ -136,8 +145,8 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
     index = _densified(toolpath, starts)
     if corners > 0:
         index = _with_corners(toolpath, index, run_of_point, corners)
-    low = np.clip(np.ceil(index).astype(int) - 1, 0, n - 1)  # the toolpath point before (or at) each
-    high = np.ceil(index).astype(int)  # the toolpath point whose segment it lies on
+    low = np.clip(np.ceil(index).astype(int) - 1, 0, n - 1)  # previous toolpath point (or the point itself)
+    high = np.ceil(index).astype(int)  # toolpath point at the end of its segment
     f = np.where(high > low, index - low, 1.0)[:, None]
     position = (1 - f) * toolpath.position[low] + f * toolpath.position[high]
     axis = interpolate_axis(toolpath.axis[low], toolpath.axis[high], f[:, 0])
@@ -153,7 +162,7 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
     along = np.abs(np.sum(np.diff(position, axis=0, prepend=position[:1]) * axis, axis=1))
     length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
     plunge = joined & (length > 0) & (along >= PARALLEL * length)
-    # what the file gives at a point holds for the move that leaves it, as the direction of travel does
+    # values of the file at a point apply to the move that leaves it, like the direction of travel
     left = np.floor(index).astype(int)
     of_left = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[left]]
     natural = _natural_reference(toolpath.reference[left], travel, axis, of_left)
@@ -199,7 +208,7 @@ def _densified(toolpath: Toolpath, starts: NDArray[np.bool_]) -> Array:
 
 
 def _with_corners(toolpath: Toolpath, index: Array, run: NDArray[np.int_], length: float) -> Array:
-    """The indices with more of them within ``length`` of where a cut turns sharply, starts or ends."""
+    """Return the indices with additional ones within ``length`` of sharp corners, starts and ends of cuts."""
     step = np.diff(toolpath.position, axis=0)
     size = np.linalg.norm(step, axis=1)
     cut, same = toolpath.cutting[1:], run[1:] == run[:-1]
@@ -231,12 +240,12 @@ def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     good = (size > np.sin(np.radians(1.0)) * whole) & (whole > NO_MOVE)
     fill = _nearest_valid(good, joined)
     from_there = np.maximum(fill, 0)
-    move = d[from_there]  # the move itself: its projection must not depend on where it was divided into points
+    move = d[from_there]  # the full move: its projection must not depend on its subdivision
     flat = move - np.sum(move * axis, axis=1, keepdims=True) * axis
     clear = np.linalg.norm(flat, axis=1) > np.sin(np.radians(1.0)) * np.linalg.norm(move, axis=1)
     lent = across[from_there] - np.sum(across[from_there] * axis, axis=1, keepdims=True) * axis
     out = np.where((fill >= 0)[:, None], np.where(clear[:, None], flat, lent), 0.0)
-    left = np.linalg.norm(out, axis=1)  # the place it is taken from may have another axis
+    left = np.linalg.norm(out, axis=1)  # its source may have another axis
     bare = (fill < 0) | (left <= 1e-9 * whole[from_there])
     out[bare] = compute_any_normal(axis[bare])
     return normalise_vectors(out)
@@ -245,27 +254,31 @@ def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
 def _nearest_valid(good: NDArray[np.bool_], joined: NDArray[np.bool_]) -> NDArray[np.int64]:
     """For each point the next valid one of its run, else the previous one, else −1."""
     rows, run = np.arange(len(good)), np.cumsum(~joined)
-    none = len(good)  # stands for no such point
-    ahead = np.minimum.accumulate(np.where(good, rows, none)[::-1])[::-1]  # a plunge takes the cut that follows
+    none = len(good)  # means no such point
+    ahead = np.minimum.accumulate(np.where(good, rows, none)[::-1])[::-1]  # a plunge uses the cut that follows
     behind = np.maximum.accumulate(np.where(good, rows, -1))
-    run_of = np.r_[run, -1, -1]  # the last two stand for none, and for −1
+    run_of = np.r_[run, -1, -1]  # the last two mean none, and −1
     return np.where(run_of[ahead] == run, ahead, np.where(run_of[behind] == run, behind, -1))
 
 
 def compute_any_normal(axis: Array) -> Array:
-    """Workpiece x projected on the plane normal to the axis; y where x is (nearly) parallel to it."""
+    """Return the workpiece x axis projected on the plane normal to the tool axis; y where x is (nearly) parallel to it.
+
+    Args:
+        axis: (n, 3) unit tool axes in the workpiece frame.
+    """
     x = np.broadcast_to(np.array([1.0, 0.0, 0.0]), axis.shape)
     y = np.broadcast_to(np.array([0.0, 1.0, 0.0]), axis.shape)
     pick = np.where(np.abs(axis[:, :1]) > PARALLEL, y, x)
     return np.asarray(pick - np.sum(pick * axis, axis=1, keepdims=True) * axis)
 
 
-def _natural_reference(given: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
-    """The contract's gamma = 0 direction: the file's own, else travel (trajectories) or workpiece x (points)."""
+def _natural_reference(file_reference: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
+    """Return the direction of gamma = 0: the file's own, else travel (trajectories) or workpiece x (points)."""
     ref = np.where(drilling[:, None], compute_any_normal(axis), travel)
-    own = given - np.sum(given * axis, axis=1, keepdims=True) * axis
-    size = np.linalg.norm(given, axis=1, keepdims=True)
-    with np.errstate(invalid="ignore"):  # a direction along the tool axis names no rotation
+    own = file_reference - np.sum(file_reference * axis, axis=1, keepdims=True) * axis
+    size = np.linalg.norm(file_reference, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):  # a direction along the tool axis defines no rotation
         useful = np.linalg.norm(own, axis=1, keepdims=True) > np.sin(np.radians(1.0)) * size
     ref = np.where(useful, own, ref)
     ref = ref - np.sum(ref * axis, axis=1, keepdims=True) * axis
@@ -279,7 +292,7 @@ def _signed_angle(a: Array, b: Array, about: Array) -> Array:
 def _stations(
     position: Array, axis: Array, move: NDArray[np.int8], runs: tuple[tuple[int, int], ...], fixed: NDArray[np.intp]
 ) -> NDArray[np.int32]:
-    """Every planning point of a short path; of a longer one as many as its detail asks for.
+    """Return every planning point of a short path; of a longer one as many as its detail requires.
 
     Stations are a unit of detail apart (:func:`_detail`). Both ends of every run, the first and the last point of a
     stretch with one kind of move, and the fixed points are stations too.
@@ -296,7 +309,7 @@ def _stations(
     detail = _detail(position, axis, runs)
     room = max(MAX_STATIONS - int(keep.sum()), MAX_STATIONS // 4)
     unit = max(1.0, float(detail[-1]) / room)
-    start = np.zeros(n)  # detail where the point's run begins
+    start = np.zeros(n)  # detail at the start of the point's run
     for first, last in runs:
         start[first : last + 1] = detail[first]
     cell = np.floor((detail - start) / unit)
@@ -305,10 +318,10 @@ def _stations(
 
 
 def _detail(position: Array, axis: Array, runs: tuple[tuple[int, int], ...]) -> Array:
-    """(P,) how much has happened up to each point: lengths by SPACING, bends by BEND, tilts by TILT, the most of them.
+    """Return (P,) cumulative detail: lengths by SPACING, bends by BEND, tilts by TILT, the largest of them.
 
-    What the choice can gain by one more station is what the index and the joints do between two of them, and they
-    follow place, tool axis and, through the force, the direction of travel.
+    One more station improves the choice by the change of index and joints between two stations. These
+    depend on place, tool axis and, through the force, on the direction of travel.
     """
     out = np.zeros(len(position))
     total = 0.0
@@ -331,7 +344,13 @@ def _detail(position: Array, axis: Array, runs: tuple[tuple[int, int], ...]) -> 
 
 
 def compute_tcp_poses(path: PlanningPath, points: NDArray[np.int32], phi: Array) -> Array:
-    """Wanted TCP poses in workpiece: (len(points), …, 4, 4) for phi (len(points), …) rad."""
+    """Return the TCP poses in the workpiece frame, (n, …, 4, 4).
+
+    Args:
+        path: planning points.
+        points: (n,) planning points.
+        phi: (n, …) rad.
+    """
     from machopt.numerics.rigid_transforms import build_transform, compute_tool_rotation
 
     extra = (1,) * (np.ndim(phi) - 1)

@@ -1,5 +1,6 @@
-"""A direction across the tool axis carried along a path without turning about that axis (compiled: each follows from
-the one before)."""
+"""Transport of a direction normal to the tool axis along a path by minimal rotation (compiled, because it is
+sequential).
+"""
 
 from __future__ import annotations
 
@@ -8,14 +9,14 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 
-OPPOSITE = -0.999  # cosine between neighbouring axes that no least rotation connects
+OPPOSITE = -0.999  # cosine between neighbouring axes without a unique minimal rotation
 
 
 def transport_reference(natural: Array, axis: Array, runs: tuple[tuple[int, int], ...]) -> Array:
-    """Minimal-rotation transport of each run's first reference along its tool axes.
+    """Transport each run's first reference along its tool axes by minimal rotation.
 
     Args:
-        natural: (P, 3) directions; the first of each run is carried, others are taken where axes turn round.
+        natural: (P, 3) directions; the first of each run is transported, others are used where axes reverse.
         axis: (P, 3) unit.
         runs: first and last point of each.
     """

@@ -1,5 +1,5 @@
-"""How far a plan's numbers can be trusted.
+"""Uncertainty of a plan's results.
 
-In: a plan. Out: what no other sequence undercuts, and what the uncertainty of the stiffness, the misfit of its model,
-measured poses and the springs of external joints make of its numbers. Nothing here changes the plan.
+In: a plan. Out: the effect of the uncertainty of the stiffness, of its model discrepancy,
+of measured poses and of the springs of external joints on its numbers. This package does not change the plan.
 """

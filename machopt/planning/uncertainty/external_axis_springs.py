@@ -1,5 +1,6 @@
-"""What weight does through the springs of external joints, which no index has
-(:mod:`machopt.stiffness.external_joint_compliance`)."""
+"""Displacement by weight through the springs of external joints, which is not part of any index
+(:mod:`machopt.stiffness.external_joint_compliance`).
+"""
 
 from __future__ import annotations
 
@@ -10,12 +11,20 @@ from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
 
-TOLD = 1e-6  # m: less is nothing
+TOLD = 1e-6  # m: smaller displacements are not reported
 BLOCK = 4096  # points at a time
 
 
 def compute_base_wrench(masses: RobotMasses, state: ArmState) -> Array:
-    """(M, 6) N, N·m of links and tool on base_link, about its origin and in its axes; a state with bodies."""
+    """Return the (M, 6) wrench in N, N·m of links and tool on base_link, about its origin and in its axes.
+
+    Args:
+        masses: masses of links and tool.
+        state: kinematic state of the arm, with bodies.
+
+    Raises:
+        ValueError: the state has no bodies.
+    """
     if state.R_bodies is None or state.p_bodies is None:
         raise ValueError("an ArmState with bodies is needed")
     R, p = state.R_bodies[:, masses.body], state.p_bodies[:, masses.body]
@@ -26,9 +35,14 @@ def compute_base_wrench(masses: RobotMasses, state: ArmState) -> Array:
 
 
 def compute_settlement(plan: Plan) -> Array | None:
-    """(P, 3) m by which weight moves the tool against the part otherwise than with all joints at home, where part and
-    base were measured in; workpiece axes, NaN without a posture. None where no external joint gives way or all weigh
-    nothing that is known."""
+    """Return the (P, 3) displacement in m of the tool relative to the part by weight, compared with all joints at home.
+
+    At home part and base were measured. Workpiece axes, NaN without a configuration. None where no external joint is
+    compliant or no weight is known.
+
+    Args:
+        plan: plan of one tool.
+    """
     setup, path, a = plan.setup, plan.path, plan.chosen.assignment
     springs, masses = setup.elasticity.stiffness.external, setup.elasticity.masses
     found = ExternalJointCompliance.build(setup.arm.machine, springs)
@@ -50,16 +64,20 @@ def compute_settlement(plan: Plan) -> Array | None:
 
 
 def describe_settlement(plan: Plan) -> list[str]:
-    """A sentence where it is more than nothing."""
+    """Return a sentence where the displacement is not negligible.
+
+    Args:
+        plan: plan of one tool.
+    """
     moved = compute_settlement(plan)
     if moved is None:
         return []
-    far = np.where(plan.path.counted, np.linalg.norm(moved, axis=1), np.nan)
-    if not np.nanmax(far, initial=0.0) > TOLD:
+    size = np.where(plan.path.counted, np.linalg.norm(moved, axis=1), np.nan)
+    if not np.nanmax(size, initial=0.0) > TOLD:
         return []
-    worst = int(np.nanargmax(far))
+    worst = int(np.nanargmax(size))
     return [
         f"Weight on the springs of the external joints (stiffness.yaml) moves the tool against the part by up to "
-        f"{1e3 * far[worst]:.3g} mm (point {plan.path.index[worst]:g}) otherwise than at home: what process forces do "
+        f"{1e3 * size[worst]:.3g} mm (point {plan.path.index[worst]:g}) otherwise than at home: what process forces do "
         "comes on top of it, so that no index counts it, and nothing compensates it."
     ]

@@ -1,18 +1,18 @@
-"""What the file says of its own misfit (``discrepancy``), carried to a plan: how far a deflection may be from the said.
+"""Model discrepancy of the stiffness file (``discrepancy``), propagated to a plan: error of a predicted deflection.
 
-Where the mean is counted in (``counted`` of the file), a number scatters about what is said, and 1 σ is that. Else:
-
+Where the mean is included in the model (``counted`` of the file), a number scatters about the predicted value, and 1 σ
+is that. Otherwise:
 A model's errors (x, u) have mean μ and covariance Σ mᵀ m
 (:mod:`machopt.measurement.identification.assessment.model_discrepancy`). A result y changes by
 b = g·μ in the mean and scatters by s² = Σ (g·m)², g its gradient. Around the number of the model, which is off by b
-itself, the interval that holds the truth with 90 % has the half-width h with
+itself, the interval that contains the true value with 90 % has the half-width h with
 
     Φ((h − b)/s) − Φ((−h − b)/s) = 0.9
 
-which is 1.645 s without misfit, and b + 1.28 s where b is larger than s. What is told as one standard deviation is
+which is 1.645 s without discrepancy, and b + 1.28 s where b is larger than s. The reported standard deviation is
 h/1.645, so that every reader's interval is this one.
 
-``local`` is a compliance that belongs to one pose alone: along one motion it counts as the same everywhere,
+``local`` is a compliance that belongs to one pose alone. Along one motion it counts as constant,
 and two motions share it by how near their poses are, exp(−Δ²/2) with Δ the mean distance of their joints over NEAR.
 """
 
@@ -35,22 +35,27 @@ if TYPE_CHECKING:
     from machopt.planning.pipeline.planning_setup import PlanningSetup
 
 NINETY = 1.6448536269514722  # half-width of the 90 % interval of a normal distribution, in σ
-NEAR = 0.5  # rad; poses farther apart than that are others: what comes and goes over less, readings would show
+NEAR = 0.5  # rad; correlation length between poses: shorter variations would be visible in readings
 HALVINGS = 60  # of the bracket of h
 
 
 @dataclass(frozen=True)
 class DiscrepancyModel:
-    """Ways in which the arm may differ from its stiffness: row 0 by how much in the mean (zero where that
-    is counted in), the others 1 σ each."""
+    """Possible errors of the stiffness model: row 0 is the mean (zero where it is included in the model), the others
+    1 σ each.
+    """
 
     suspects: DiscrepancyColumns
     ways: Array  # (1 + R, K)
-    local: float = 0.0  # m/N of a coordinate, one pose's own, 1 σ
+    local: float = 0.0  # m/N per coordinate, error of single poses, 1 σ
 
     @classmethod
     def of(cls, elasticity: ArmElasticity) -> DiscrepancyModel | None:
-        """None where the file holds no discrepancy."""
+        """Return the model from the file's discrepancy; None where there is none.
+
+        Args:
+            elasticity: compliance model of the arm.
+        """
         d = elasticity.stiffness.discrepancy
         if d is None:
             return None
@@ -63,12 +68,17 @@ class DiscrepancyModel:
             masses=elasticity.masses,
             geometric=elasticity.geometric,
         )
-        off = d.shift if elasticity.shift is None else np.zeros_like(d.shift)  # else it is counted in
+        off = d.shift if elasticity.shift is None else np.zeros_like(d.shift)  # otherwise it is included in the model
         return cls(suspects, np.concatenate([off[None], d.modes]), d.local)
 
     @classmethod
     def of_springs(cls, elasticity: ArmElasticity) -> DiscrepancyModel | None:
-        """The same of joints that only scatter, from a file's ``covariance``; None where there is none, or a grid."""
+        """Return the model of joint springs that only scatter, from a file's ``covariance``; None without one, or with
+        a grid.
+
+        Args:
+            elasticity: compliance model of the arm.
+        """
         stiffness: ArmStiffness = elasticity.stiffness
         if stiffness.covariance is None or stiffness.grid is not None:
             return None
@@ -85,7 +95,14 @@ class DiscrepancyModel:
         return cls(suspects, np.concatenate([np.zeros((1, 6)), modes]))
 
     def moves(self, elastic: ElasticState, q: Array, force: Array, *, small: bool = False) -> Array:
-        """(M, 3, 1 + R) m how far the TCP moves more than the model says, under forces (M, 3) N at q (M, 6)."""
+        """Return the (M, 3, 1 + R) additional TCP displacement in m of each error.
+
+        Args:
+            elastic: elastic state of the configurations.
+            q: (M, 6) rad.
+            force: (M, 3) N in base_link.
+            small: use the compliance of a small load.
+        """
         return self._twist(elastic, q, np.concatenate([force, np.zeros_like(force)], axis=1), small=small)[:, :3]
 
     def _twist(self, elastic: ElasticState, q: Array, wrench: Array, *, small: bool) -> Array:
@@ -102,7 +119,15 @@ class DiscrepancyModel:
         q: Array,
         index: StiffnessIndex,
     ) -> Array:
-        """(M, 1 + R) by how much each way changes a configuration's cost, to first order."""
+        """Return the (M, 1 + R) change of a configuration's cost by each error, to first order.
+
+        Args:
+            elasticity: compliance model of the arm.
+            d: directions and force per planning point.
+            points: (M,) planning points.
+            q: (M, 6) rad.
+            index: stiffness index.
+        """
         elastic = d.elastic(elasticity, q, points)
         if index == "deflection":
             bend = elastic.compute_deflection(d.force[points])
@@ -113,25 +138,38 @@ class DiscrepancyModel:
         if index == "jiao2022":
             return self._held(elastic, q, axial)
         normal = d.normal[points]
-        out, beside = (self._along(elastic, q, e, e, small=True) for e in (axial, normal))
-        return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + beside)))
+        out, normal_change = (self._along(elastic, q, e, e, small=True) for e in (axial, normal))
+        return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + normal_change)))
 
     def own(self, d: LoadDirections, points: NDArray[np.integer[Any]], index: StiffnessIndex) -> Array:
-        """(M,) 1 σ of a cost by what each pose has for itself."""
+        """Return the (M,) 1 σ of a cost from the error of single poses.
+
+        Args:
+            d: directions and force per planning point.
+            points: (M,) planning points.
+            index: stiffness index.
+        """
         if index != "deflection":  # a compliance
             return np.full(len(points), self.local)
         return np.asarray(self.local * np.linalg.norm(d.force[points], axis=1))
 
     def axial(self, elastic: ElasticState, q: Array, e: Array) -> Array:
-        """(M, 1 + R) m/N, change of eᵀ C e for a small load."""
+        """Return the (M, 1 + R) change of eᵀ C e in m/N for a small load.
+
+        Args:
+            elastic: elastic state of the configurations.
+            q: (M, 6) rad.
+            e: (M, 3) unit directions in base_link.
+        """
         return self._along(elastic, q, e, e, small=True)
 
     def _along(self, elastic: ElasticState, q: Array, force: Array, e: Array, *, small: bool) -> Array:
         return np.asarray(np.einsum("mc,mcr->mr", e, self.moves(elastic, q, force, small=small)))
 
     def _held(self, elastic: ElasticState, q: Array, e: Array) -> Array:
-        """Change of 1/k_x of jiao2022, see
-        :meth:`machopt.stiffness.arm_stiffness.ElasticState.compute_jiao_sensitivity`."""
+        """Return the change of 1/k_x of jiao2022, see
+        :meth:`machopt.stiffness.arm_stiffness.ElasticState.compute_jiao_sensitivity`.
+        """
         C = elastic.compute_compliance()
         P = np.concatenate(
             [
@@ -153,7 +191,13 @@ class DiscrepancyModel:
 
 
 def compute_unshared_variance(q: Array, other: Array, weight: Array) -> float:
-    """Share of its variance that ``local`` does not have in common between two motions (P, 6), weighed by (P,)."""
+    """Return the share of the variance of ``local`` that two motions do not have in common.
+
+    Args:
+        q: (P, 6) rad, first motion.
+        other: (P, 6) rad, second motion.
+        weight: (P,) weight of each point.
+    """
     rows = np.flatnonzero((weight > 0) & np.isfinite(q).all(axis=1) & np.isfinite(other).all(axis=1))
     turned = np.arctan2(np.sin(q[rows] - other[rows]), np.cos(q[rows] - other[rows]))
     distance = float(weight[rows] @ np.linalg.norm(turned, axis=1)) / max(float(weight[rows].sum()), 1e-300)
@@ -161,13 +205,22 @@ def compute_unshared_variance(q: Array, other: Array, weight: Array) -> float:
 
 
 def build_discrepancy_model(setup: PlanningSetup) -> DiscrepancyModel | None:
-    """What is known of a setup's misfit."""
+    """Return the discrepancy model of a setup; None where its stiffness file has none.
+
+    Args:
+        setup: planning setup of the cell.
+    """
     return DiscrepancyModel.of(setup.elasticity)
 
 
 def compute_half_width(shift: Array, sigma: Array) -> Array:
-    """h of the 90 % interval ± h about a number that is off by ``shift`` in the mean and scatters by ``sigma``."""
-    from scipy.special import ndtr  # only here: a stiffness without misfit or covariance does not wait for it
+    """Return h of the 90 % interval ± h about a number with a bias and a scatter.
+
+    Args:
+        shift: (…,) bias of the number.
+        sigma: (…,) standard deviation.
+    """
+    from scipy.special import ndtr  # imported here: not needed without discrepancy or covariance
 
     b, s = np.abs(np.asarray(shift, float)), np.maximum(np.asarray(sigma, float), np.finfo(float).tiny)
     low, high = np.zeros_like(b), b + NINETY * s
@@ -178,7 +231,12 @@ def compute_half_width(shift: Array, sigma: Array) -> Array:
     return np.asarray(high)
 
 
-def compute_reported_std(ways: Array, beside: Array | float = 0.0) -> Array:
-    """What is told as 1 σ of results that change by ``ways`` (..., 1 + R), with a variance ``beside`` them."""
-    sigma = np.sqrt(np.sum(ways[..., 1:] ** 2, axis=-1) + beside)
+def compute_reported_std(ways: Array, added_variance: Array | float = 0.0) -> Array:
+    """Return the reported 1 σ of results.
+
+    Args:
+        ways: (..., 1 + R) change of the result by each error.
+        added_variance: additional variance.
+    """
+    sigma = np.sqrt(np.sum(ways[..., 1:] ** 2, axis=-1) + added_variance)
     return compute_half_width(ways[..., 0], sigma) / NINETY

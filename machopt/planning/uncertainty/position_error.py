@@ -1,8 +1,8 @@
-"""How far the TCP may be from where a plan says, by measured poses: stated beside the plan, and never part of it.
+"""Position error of the TCP from measured poses: reported with the plan, never used for planning.
 
-What a model leaves of measured poses (``position_error`` of stiffness.yaml) is a scatter about nothing: it is neither a
-load's deflection nor a direction, so it moves no point and weighs in no choice. Where joints go beyond the poses, what
-was found there is not known to hold, and the error without it counts.
+The residual of measured poses (``position_error`` of stiffness.yaml) has zero mean and no direction. It
+therefore moves no point and affects no choice. Where joints are outside the range of the poses, the
+corrections found there may not apply, and the error without them counts.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from machopt.planning.pipeline.plan import Plan
 
 @dataclass(frozen=True, kw_only=True)
 class PositionErrorPrediction:
-    """Of the points that are cut."""
+    """Position error of the cut points."""
 
     error: PositionError
-    std: float  # m a coordinate, where the poses cover the joints
-    beyond: float  # m, elsewhere
+    std: float  # m per coordinate, inside the joint range of the poses
+    beyond: float  # m, outside that range
     uncovered: float  # share of the cutting points
-    joints: tuple[int, ...]  # from 1, which go beyond
-    corrected: bool  # the corrections found with it are in use
+    joints: tuple[int, ...]  # joint numbers from 1 outside that range
+    corrected: bool  # the corrections identified with it are active
 
     def words(self) -> str:
-        """A sentence or two; empty where nothing is said of."""
+        """Return one or two sentences; empty where there is nothing to report."""
         e = self.error
         out = (
             f"Measured poses put the TCP within ± {1e3 * self.std:.2g} mm a coordinate of where the model says (1 σ, "
@@ -50,7 +50,11 @@ class PositionErrorPrediction:
 
 
 def predict_position_error(plan: Plan) -> PositionErrorPrediction | None:
-    """What measured poses say of a plan; None where the stiffness holds none, or nothing is cut."""
+    """Return the position error of a plan; None where the stiffness file has none, or nothing is cut.
+
+    Args:
+        plan: plan of a job or of one tool.
+    """
     e = plan.setup.elasticity.stiffness.position
     if e is None:
         return None

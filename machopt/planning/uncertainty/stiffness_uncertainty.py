@@ -1,4 +1,4 @@
-"""What the uncertainty of the identified stiffness makes of a result: of a point's deflection, and of the gain.
+"""Uncertainty of results from the uncertainty of the identified stiffness: of a point's deflection, and of the gain.
 
 The joint compliances c scatter about the file's values with covariance Σ: those of the constant model as the file's
 ``covariance``, those of each grid cell by its standard uncertainties, cells and joints independent, all points of one
@@ -6,12 +6,11 @@ cell with the same error. To first order a result y scatters by
 
     σ² = gᵀ Σ g,   g = ∂y/∂c
 
-Two ways to drive a path share the same compliances, so most of the error cancels in their gain
-G = 1 − mean(c₁)/mean(c₂), whose gradient is −∂mean₁/mean₂ + mean₁ ∂mean₂/mean₂². Where the file says what the model
-may lack (``discrepancy``), that takes the place of the constant model's covariance
-(:mod:`machopt.planning.uncertainty.model_discrepancy`). Without it the parameters of ``terms`` carry no uncertainty in
-the file and
-count as exact.
+Two plans of a path share the same compliances, so most of the error cancels in their gain
+G = 1 − mean(c₁)/mean(c₂), whose gradient is −∂mean₁/mean₂ + mean₁ ∂mean₂/mean₂². Where the file states its model
+discrepancy (``discrepancy``), that replaces the constant model's covariance
+(:mod:`machopt.planning.uncertainty.model_discrepancy`). Otherwise the parameters of ``terms`` have no uncertainty in
+the file and count as exact.
 """
 
 from __future__ import annotations
@@ -38,28 +37,34 @@ from machopt.planning.uncertainty.model_discrepancy import (
 )
 from machopt.stiffness.arm_stiffness import ArmElasticity, find_grid_cells
 
-ROWS = 4096  # planning points at a time: what may be missing has dozens of columns
-NONE = 1e-4  # of the mean: a smaller difference is rounding of the smoothing, not a gain
+ROWS = 4096  # planning points per block: the discrepancy has dozens of columns
+NONE = 1e-4  # share of the mean: a smaller difference is numerical, not a gain
 
 
 @dataclass(frozen=True)
 class ComplianceCovariance:
-    """Compliances in blocks of six: block 0 the constant model's, block 1 + n those of grid cell n.
+    """Covariance of compliances in blocks of six: block 0 the constant model's, block 1 + n those of grid cell n.
 
-    ``rows``, ``blocks`` and ``share`` say what the joints of a point are made of, ∂c_point/∂c_block per joint.
+    ``rows``, ``blocks`` and ``share`` describe how the joints of a point depend on the blocks, ∂c_point/∂c_block per
+    joint.
     """
 
-    covariance: Array  # (B, 6, 6) (rad/(N·m))², NaN where the file does not say
+    covariance: Array  # (B, 6, 6) (rad/(N·m))², NaN where the file states none
     rows: NDArray[np.int64]  # (E,) point
     blocks: NDArray[np.int64]  # (E,)
     share: Array  # (E, 6)
 
     @classmethod
     def of(cls, stiffness: ArmStiffness, position: Array) -> ComplianceCovariance:
-        """Args: position (M, 3) m of the TCP in base_link."""
+        """Return the covariance at some TCP positions.
+
+        Args:
+            stiffness: stiffness model of the arm.
+            position: (M, 3) m of the TCP in base_link.
+        """
         grid, everywhere = stiffness.grid, np.arange(len(position))
         constant = np.full((6, 6), np.nan) if stiffness.covariance is None else stiffness.covariance
-        if stiffness.discrepancy is not None:  # says it all, joints included
+        if stiffness.discrepancy is not None:  # includes the joints
             constant = np.zeros((6, 6))
         if grid is None:
             return cls(constant[None], everywhere, np.zeros(len(position), np.int64), np.ones((len(position), 6)))
@@ -82,23 +87,36 @@ class ComplianceCovariance:
 
     @property
     def known(self) -> bool:
-        """The file says anything at all about uncertainty."""
+        """Whether the file states any uncertainty."""
         return bool(np.isfinite(self.covariance).all(axis=(1, 2)).any())
 
     def gradient(self, weight: Array, by_point: Array) -> Array:
-        """(B, 6) gradient of Σ weight·y from each point's own gradient (M, 6) in its effective compliances."""
+        """Return the (B, 6) gradient of Σ weight·y.
+
+        Args:
+            weight: (M,) weight of each point.
+            by_point: (M, 6) gradient of each point's y in its effective compliances.
+        """
         out = np.zeros((len(self.covariance), 6))
         np.add.at(out, self.blocks, self.share * weight[self.rows, None] * by_point[self.rows])
         return out
 
     def std(self, gradient: Array) -> float:
-        """√(gᵀ Σ g) of one quantity with gradient (B, 6); NaN where it rests on a compliance of unknown uncertainty."""
+        """Return √(gᵀ Σ g) of one quantity; NaN where it depends on a compliance of unknown uncertainty.
+
+        Args:
+            gradient: (B, 6).
+        """
         used = np.flatnonzero(gradient.any(axis=1))
         g = gradient[used]
         return float(np.sqrt(max(np.einsum("bi,bij,bj->", g, self.covariance[used], g), 0.0)))
 
     def point_std(self, by_point: Array) -> Array:
-        """(M,) √(gᵀ Σ g) of one quantity a point with gradients (M, 6)."""
+        """Return (M,) √(gᵀ Σ g) of one quantity per point.
+
+        Args:
+            by_point: (M, 6) gradients.
+        """
         g = self.share * by_point[self.rows]
         variance = np.einsum("ei,eij,ej->e", g, self.covariance[self.blocks], g)
         return np.sqrt(np.maximum(np.bincount(self.rows, variance, len(by_point)), 0.0))
@@ -106,11 +124,11 @@ class ComplianceCovariance:
 
 @dataclass(frozen=True)
 class IndexGain:
-    """By how much the mean index as a cost is less than with a yardstick."""
+    """Reduction of the mean index (as a cost) compared with a baseline."""
 
     over: str  # "cam default" or "jiao2022"
-    mean: float  # 1 − mean / mean of the yardstick; NaN where that one cannot be driven
-    std: float  # 1 σ from the stiffness alone, NaN where the file does not say
+    mean: float  # 1 − mean / mean of the baseline; NaN where the baseline cannot be driven
+    std: float  # 1 σ from the stiffness alone, NaN where the file states none
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -119,15 +137,23 @@ class IndexGain:
 
     @property
     def distinguishable(self) -> bool:
-        """More than NONE, and the 90 % interval leaves out zero where an uncertainty is known."""
+        """Whether it is more than NONE, and the 90 % interval excludes zero where an uncertainty is known."""
         return not (abs(self.mean) <= NONE or abs(self.mean) <= NINETY * self.std)
 
 
 def compute_cost_gradient(
     elasticity: ArmElasticity, d: LoadDirections, points: NDArray[np.integer[Any]], q: Array, index: StiffnessIndex
 ) -> Array:
-    """∂cost/∂c (M, 6) in the joints' effective compliances, of
-    :func:`machopt.planning.cost.stiffness_index.compute_configuration_cost`."""
+    """Return ∂cost/∂c (M, 6) in the joints' effective compliances, of
+    :func:`machopt.planning.cost.stiffness_index.compute_configuration_cost`.
+
+    Args:
+        elasticity: compliance model of the arm.
+        d: directions and force per planning point.
+        points: (M,) planning points.
+        q: (M, 6) rad.
+        index: stiffness index.
+    """
     elastic = d.elastic(elasticity, q, points)
     if index == "deflection":
         bend = elastic.compute_deflection(d.force[points])
@@ -142,7 +168,15 @@ def compute_cost_gradient(
 def compute_carrier_sensitivity(
     elasticity: ArmElasticity, d: LoadDirections, points: NDArray[np.integer[Any]], q: Array, index: StiffnessIndex
 ) -> Array:
-    """(M, K) by how much 1 σ of each external joint's stiffness changes a configuration's cost, to first order."""
+    """Return the (M, K) change of a configuration's cost by 1 σ of each external joint's stiffness, to first order.
+
+    Args:
+        elasticity: compliance model of the arm.
+        d: directions and force per planning point.
+        points: (M,) planning points.
+        q: (M, 6) rad.
+        index: stiffness index.
+    """
     if d.unsure is None or not d.unsure.shape[1]:
         return np.zeros((len(points), 0))
     s = d.unsure[points]
@@ -157,12 +191,16 @@ def compute_carrier_sensitivity(
         return along(bend / np.maximum(size, np.finfo(float).tiny), d.force[points])
     if index == "jiao2022":
         return d.elastic(elasticity, q, points).compute_jiao_sensitivity(axial, np.swapaxes(s, 1, 2))
-    out, beside = along(axial, axial), along(normal, normal)
-    return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + beside)))
+    out, normal_part = along(axial, axial), along(normal, normal)
+    return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + normal_part)))
 
 
 def build_compliance_covariance(plan: Plan) -> ComplianceCovariance:
-    """What the joints at the planning points are made of."""
+    """Return the compliance covariance at the planning points.
+
+    Args:
+        plan: plan of one tool.
+    """
     programmed = plan.path.position
     if plan.compensation is not None:
         programmed = programmed - plan.compensation.offset
@@ -173,25 +211,33 @@ def build_compliance_covariance(plan: Plan) -> ComplianceCovariance:
 
 @dataclass(frozen=True)
 class UncertainCost:
-    """A cost, or a mean of costs, with how it follows what is not known."""
+    """A cost, or a mean of costs, with its dependence on uncertain quantities."""
 
     value: Any  # (...,)
-    by_springs: Array  # of a mean (B, 6); of points (P, 6) by the point's own compliances
-    by_doubt: Array | None  # (..., 1 + R), None where the file holds no discrepancy
-    own: Any = 0.0  # (...,) 1 σ by what poses have for themselves
+    by_springs: Array  # gradient of a mean (B, 6); of points (P, 6) in the point's compliances
+    by_doubt: Array | None  # (..., 1 + R), None where the file has no discrepancy
+    own: Any = 0.0  # (...,) 1 σ of single poses
     by_carriers: Array = field(
         default_factory=lambda: np.zeros(0)
     )  # (..., K) by 1 σ of each external joint's stiffness
 
     def times(self, share: float) -> UncertainCost:
-        """A share of it."""
+        """Return the cost scaled by a factor.
+
+        Args:
+            share: factor.
+        """
         by_doubt = None if self.by_doubt is None else share * self.by_doubt
         return UncertainCost(
             share * self.value, share * self.by_springs, by_doubt, share * self.own, share * self.by_carriers
         )
 
     def plus(self, more: UncertainCost) -> UncertainCost:
-        """The sum of two, both of which rest on the same stiffness."""
+        """Return the sum of two costs that depend on the same stiffness.
+
+        Args:
+            more: the other cost.
+        """
         by_doubt = None if self.by_doubt is None or more.by_doubt is None else self.by_doubt + more.by_doubt
         return UncertainCost(
             self.value + more.value,
@@ -203,10 +249,12 @@ class UncertainCost:
 
 
 def compute_gains(plan: Plan) -> tuple[IndexGain, ...]:
-    """Gain of the chosen path over the CAM's default rotation and over jiao2022, with its uncertainty."""
-    spread = build_compliance_covariance(
-        plan.parts[0].plan if plan.parts else plan
-    )  # of the same compliances everywhere
+    """Return the gain of the chosen path over the CAM's default rotation and over jiao2022, with its uncertainty.
+
+    Args:
+        plan: plan of a job or of one tool.
+    """
+    spread = build_compliance_covariance(plan.parts[0].plan if plan.parts else plan)  # the same compliances everywhere
     own = _whole_mean(plan, lambda p: p.chosen)
     out = []
     yardsticks: tuple[tuple[str, Callable[[Plan], ScoredAssignment]], ...] = (
@@ -214,7 +262,7 @@ def compute_gains(plan: Plan) -> tuple[IndexGain, ...]:
         ("jiao2022", lambda p: p.jiao2022),
     )
     for name, yardstick in yardsticks:
-        other = _whole_mean(plan, yardstick, at_home=True)  # by the same lengths, as their objectives
+        other = _whole_mean(plan, yardstick, at_home=True)  # with the same lengths, like their objectives
         if own is None or other is None:
             out.append(IndexGain(name, float("nan"), float("nan")))
             continue
@@ -224,10 +272,10 @@ def compute_gains(plan: Plan) -> tuple[IndexGain, ...]:
 
 
 def _whole_mean(plan: Plan, of: Callable[[Plan], ScoredAssignment], *, at_home: bool = False) -> UncertainCost | None:
-    """:func:`_mean` of a whole job: of its stretches by their shares of the length cut.
+    """Return :func:`_mean` of a whole job: of its stretches by their shares of the length cut.
 
     Args:
-        at_home: the external joints stand at home, as they do for the yardsticks.
+        at_home: the external joints are at home, as for the baselines.
     """
 
     def mean(part: Plan) -> UncertainCost | None:
@@ -248,7 +296,7 @@ def _whole_mean(plan: Plan, of: Callable[[Plan], ScoredAssignment], *, at_home: 
 
 
 def _at_home(plan: Plan) -> Plan:
-    """The plan's path and directions as the external joints stand at home."""
+    """Return the plan's path and directions with the external joints at home."""
     if (plan.path.external == plan.setup.cell.external_home).all():
         return plan
     path, setup = fix_external_axes(plan.path, plan.setup.cell.external_home), plan.setup
@@ -267,7 +315,7 @@ def _gain_std(own: UncertainCost, other: UncertainCost, spread: ComplianceCovari
     if own.by_doubt is None or other.by_doubt is None:
         return by_springs
     ma, mb = own.by_doubt, other.by_doubt
-    there, here = max(a + ma[0], 0.0), max(b + mb[0], 0.1 * b)  # means where the misfit is counted in
+    there, here = max(a + ma[0], 0.0), max(b + mb[0], 0.1 * b)  # means with the discrepancy included
     ways = -ma / here + there / here**2 * mb
     ways[0] = (1.0 - there / here) - (1.0 - a / b)
     alone = parted * (own.own**2 + (there / here * other.own) ** 2) / here**2
@@ -275,7 +323,7 @@ def _gain_std(own: UncertainCost, other: UncertainCost, spread: ComplianceCovari
 
 
 def _mean(plan: Plan, scored: ScoredAssignment, weight: Array, spread: ComplianceCovariance) -> UncertainCost | None:
-    """Mean cost by ``weight`` (P,); None where it cannot be driven in or near the part."""
+    """Return the mean cost by ``weight`` (P,); None where a point in or near the part is infeasible."""
     rows = np.flatnonzero(plan.path.counted)
     if not len(rows) or (scored.assignment.reason[plan.path.may_touch] != InfeasibilityReason.OK).any():
         return None

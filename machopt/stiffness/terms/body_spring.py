@@ -1,9 +1,9 @@
-"""A spring between two halves of one body: base, a link, the tool.
+"""Spring between two halves of one body: base, a link, the tool.
 
-With S the frame where the body gives way, fixed to body b, and r from S to the TCP, a wrench (f, m) at the TCP is
-(Rᵀ f, Rᵀ (m + r × f)) in S; the twist C_S w_S of S is carried back to the TCP the same way. That is G C_S Gᵀ with
-G = [[R, −[r]× R], [0, R]], the congruence that keeps C symmetric and positive. Here stands where S is; what a body does
-there its law says, :mod:`machopt.effects.compliance_matrices.body_compliance_laws` and its neighbours.
+With S the frame of the compliance, fixed to body b, and r from S to the TCP, a wrench (f, m) at the TCP is
+(Rᵀ f, Rᵀ (m + r × f)) in S; the twist C_S w_S of S is transformed back to the TCP the same way. That is G C_S Gᵀ with
+G = [[R, −[r]× R], [0, R]], the congruence that keeps C symmetric and positive. This module defines the location of S;
+the law of a body is in :mod:`machopt.effects.compliance_matrices.body_compliance_laws` and its neighbours.
 """
 
 from __future__ import annotations
@@ -31,38 +31,57 @@ BASE, TOOL = 0, 6  # body indices
 
 @dataclass(frozen=True)
 class SpringLocation:
-    """Where a body gives way, all joints at zero."""
+    """Location of a body's compliance, with all joints at zero."""
 
     location: str  # link:i, base, tool
     body: int  # 0 base_link, i link i; what S is fixed to
     end: Array  # (3,) m, origin of S in base_link
     shape: CompliantBody
-    file_parameters: dict[str, Any] = field(default_factory=dict)  # keys of the file that say where
+    file_parameters: dict[str, Any] = field(default_factory=dict)  # keys of the file that define the location
 
     @property
     def first_loaded_body(self) -> int:
-        """The first body whose weight it bears at S or beyond; a link's own is spread along it."""
+        """First body whose weight loads the spring; a link's own weight is distributed along it."""
         return self.body + 1 if 0 < self.body < TOOL else self.body
 
     def compute_frame(self, law: BodyLaw) -> Array:
-        """(4, 4) S in base_link, with the axes of a law."""
+        """Return (4, 4) S in base_link, with the axes of a law.
+
+        Args:
+            law: law of the body.
+        """
         return build_transform(law.axes(self.shape), self.end)
 
 
 def locate_spring(
     robot: Robot, T_flange_tcp: Array, location: str, parameters: ParameterReader | None = None
 ) -> SpringLocation:
-    """Where the body of a location gives way: as the parameters of a file say, else at the far end of it."""
-    given = ParameterReader({}, location) if parameters is None else parameters
+    """Return the location of a body's compliance: from the parameters of a file, else at its far end.
+
+    Args:
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
+        location: link:i, base or tool.
+        parameters: parameters of the file; None: none.
+    """
+    reader = ParameterReader({}, location) if parameters is None else parameters
     if location == "base":
-        return _locate_in_base(given, location)
+        return _locate_in_base(reader, location)
     if location == "tool":
-        return _locate_in_tool(robot, T_flange_tcp, given, location)
-    return _locate_in_link(robot, given, location)
+        return _locate_in_tool(robot, T_flange_tcp, reader, location)
+    return _locate_in_link(robot, reader, location)
 
 
 def build_spring(effect: str, place: SpringLocation, law: BodyLaw, values: Array, shape: Array) -> BodySpring:
-    """A law at its place, as the planner takes it."""
+    """Return a law at its location, as a term for the planner.
+
+    Args:
+        effect: name of the effect.
+        place: location of the spring.
+        law: law of the body.
+        values: (P,) coefficients, SI.
+        shape: (S,) shape parameters of the law.
+    """
     return BodySpring(
         effect=effect,
         place=place,
@@ -78,7 +97,15 @@ def build_spring(effect: str, place: SpringLocation, law: BodyLaw, values: Array
 def build_body_term(
     effect: str, robot: Robot, T_flange_tcp: Array, parameters: ParameterReader, location: str
 ) -> BodySpring:
-    """A term of one body from a file."""
+    """Return a term of one body from a file.
+
+    Args:
+        effect: name of the effect.
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
+        parameters: parameters of the file.
+        location: link:i, base or tool.
+    """
     place, known = locate_spring(robot, T_flange_tcp, location, parameters), registry.find_elastic_effect(effect)
     if known.file_reader is not None:
         _check_beam_length(parameters, place)
@@ -110,11 +137,20 @@ class BodySpring(DefaultTerm):
 
     @cached_property
     def _in_body(self) -> Array:
-        """(6, P·6) the matrices side by side in the axes of the body at q = 0, so that S needs no turning."""
+        """(6, P·6) the matrices side by side in the axes of the body at q = 0, so that no rotation to S is needed."""
         turn = np.kron(np.eye(2), self.T_base_spring[:3, :3])
         return np.asarray((turn @ self.basis @ turn.T).transpose(2, 0, 1).reshape(6, -1))
 
     def compute_response(self, state: ArmState, wrench: Array) -> Array:
+        """Return the (M, 6, P) twist of the TCP per unit of each coefficient, base_link axes.
+
+        Args:
+            state: M configurations with bodies.
+            wrench: (M, 6) N, N·m at the TCP in base_link axes.
+
+        Raises:
+            ValueError: the state has no bodies.
+        """
         if state.R_bodies is None or state.p_bodies is None:
             raise ValueError("an ArmState with bodies is needed")
         R, moved = state.R_bodies[..., self.body, :, :], state.p_bodies[..., self.body, :]
@@ -129,11 +165,12 @@ class BodySpring(DefaultTerm):
         return np.swapaxes(np.concatenate([shift, turn], axis=-1), -1, -2)
 
     def compute_weight_sag(self, state: ArmState, own: list[tuple[Array, float]]) -> Array | None:
-        """(M, 6, P) twist of the TCP under weights spread along the body; None: the law counts them at S.
+        """Return the (M, 6, P) twist of the TCP under weights distributed along the body; None: the law applies them at
+        S.
 
         Args:
             state: M configurations with bodies.
-            own: of each weight the whole of it (3,) N in base_link axes, and how far from the root it reaches, m.
+            own: each weight (3,) N in base_link axes, and its extent from the root in m.
         """
         if state.R_bodies is None or state.p_bodies is None:
             raise ValueError("an ArmState with bodies is needed")
@@ -149,10 +186,15 @@ class BodySpring(DefaultTerm):
         return np.concatenate([shift + np.cross(turn, r[:, :, None], axis=1), turn], axis=1)
 
     def with_values(self, values: Array) -> LinearTerm:
+        """Return the same term with other coefficients.
+
+        Args:
+            values: (P,) SI.
+        """
         return replace(self, values=np.asarray(values, float))
 
     def combine_coefficients(self) -> BodySpring:
-        """The same spring with its matrices added up into one: what it does under load, in a fraction of the time."""
+        """Return the same spring with its matrices summed into one, which is much faster to evaluate."""
         C = np.einsum("p,pij->ij", self.values, self.basis)
         return replace(self, basis=C[None], coefficients=(TermCoefficient("scale", "1"),), values=np.ones(1))
 
@@ -166,18 +208,20 @@ def _locate_in_link(robot: Robot, parameters: ParameterReader, location: str) ->
     points = [*robot.point, robot.T_base_flange_zero[:3, 3]]
     start = parameters.read_array("from_mm", (3,), points[link - 1] * 1e3) / 1e3
     end = parameters.read_array("to_mm", (3,), points[link] * 1e3) / 1e3
-    given = {k: parameters.read_array(k, (3,)).tolist() for k in ("from_mm", "to_mm") if parameters.has_key(k)}
+    file_parameters = {
+        k: parameters.read_array(k, (3,)).tolist() for k in ("from_mm", "to_mm") if parameters.has_key(k)
+    }
     length = float(np.linalg.norm(end - start))
     if length < LEAST_LENGTH:
-        return SpringLocation(location, link, end, CompliantBody(axes=np.eye(3)), given)
+        return SpringLocation(location, link, end, CompliantBody(axes=np.eye(3)), file_parameters)
     body = CompliantBody(
         axes=build_beam_axes(end - start), length=length, normal=_compute_plane_normal(robot, (end - start) / length)
     )
-    return SpringLocation(location, link, end, body, given)
+    return SpringLocation(location, link, end, body, file_parameters)
 
 
 def _check_beam_length(parameters: ParameterReader, place: SpringLocation) -> None:
-    """Raise where a file means a beam and nothing gives it a length."""
+    """Raise where a file defines a beam without a length."""
     if place.shape.length > 0.0 or place.location == "base":
         return
     if place.location == "tool" and (parameters.has_key("length_mm") or parameters.has_key("cylinders")):
@@ -200,7 +244,9 @@ def _check_beam_length(parameters: ParameterReader, place: SpringLocation) -> No
 
 
 def _compute_plane_normal(robot: Robot, along: Array) -> Array:
-    """(3,) normal of the arm's plane, square to a link; any that is square to it where the link has no plane."""
+    """Return (3,) the normal of the arm's plane, orthogonal to a link; any orthogonal direction where there is no
+    plane.
+    """
     normal = robot.axis[1] - (robot.axis[1] @ along) * along
     if np.linalg.norm(normal) < MIN_PLANE_SINE:
         least = int(np.abs(along).argmin())
@@ -210,8 +256,8 @@ def _compute_plane_normal(robot: Robot, along: Array) -> Array:
 
 def _locate_in_base(parameters: ParameterReader, location: str) -> SpringLocation:
     at = parameters.read_array("at_mm", (3,), np.zeros(3)) / 1e3
-    given = {"at_mm": (at * 1e3).tolist()} if parameters.has_key("at_mm") else {}
-    return SpringLocation(location, BASE, at, CompliantBody(axes=np.eye(3)), given)
+    file_parameters = {"at_mm": (at * 1e3).tolist()} if parameters.has_key("at_mm") else {}
+    return SpringLocation(location, BASE, at, CompliantBody(axes=np.eye(3)), file_parameters)
 
 
 def _locate_in_tool(robot: Robot, T_flange_tcp: Array, parameters: ParameterReader, location: str) -> SpringLocation:
@@ -220,23 +266,36 @@ def _locate_in_tool(robot: Robot, T_flange_tcp: Array, parameters: ParameterRead
     reach = abs(float(axis @ (T_base_tcp[:3, 3] - robot.T_base_flange_zero[:3, 3])))
     reach = reach if reach > LEAST_LENGTH else 0.0
     length = parameters.read_number("length_mm", reach * 1e3, positive=reach > 0.0) / 1e3
-    given = {"length_mm": length * 1e3} if parameters.has_key("length_mm") else {}
+    file_parameters = {"length_mm": length * 1e3} if parameters.has_key("length_mm") else {}
     S = build_transform(build_beam_axes(axis), T_base_tcp[:3, 3])  # at the TCP, x out of the tool
     root = invert_transform(S) @ robot.T_base_flange_zero
     return SpringLocation(
-        location, TOOL, S[:3, 3], CompliantBody(axes=S[:3, :3], length=length, root=root, uses_own_axes=True), given
+        location,
+        TOOL,
+        S[:3, 3],
+        CompliantBody(axes=S[:3, :3], length=length, root=root, uses_own_axes=True),
+        file_parameters,
     )
 
 
 def cross_product(a: Array, b: Array) -> Array:
-    """a × b over the last axis; a third of the time of numpy.cross."""
+    """Return a × b over the last axis, in a third of the time of numpy.cross.
+
+    Args:
+        a: (..., 3).
+        b: (..., 3).
+    """
     x, y, z = a[..., 0], a[..., 1], a[..., 2]
     u, v, w = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def build_beam_axes(direction: Array) -> Array:
-    """(3, 3) rotation whose x is along ``direction``."""
+    """Return the (3, 3) rotation whose x is along a direction.
+
+    Args:
+        direction: (3,), not zero.
+    """
     x = normalise_vectors(direction)
     helper = np.eye(3)[int(np.abs(x).argmin())]
     y = normalise_vectors(np.cross(helper, x))

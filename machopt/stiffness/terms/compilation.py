@@ -1,4 +1,4 @@
-"""A stiffness file's terms made ready for computing, each by the family that its effect belongs to."""
+"""Compilation of a stiffness file's terms, each by the family of its effect."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from machopt.stiffness.terms.protocol import LinearTerm
 
 
 def list_effects_and_locations() -> dict[str, tuple[str, ...]]:
-    """Effects that can stand in ``terms`` and their locations."""
+    """Return the effects that may occur in ``terms`` and their locations."""
     return {e.file_word: e.places for e in registry.EFFECTS.values() if e.is_elastic}
 
 
 def compile_terms(
     terms: Sequence[StiffnessTerm], robot: Robot, T_flange_tcp: Array, file: Any = None
 ) -> tuple[tuple[LinearTerm, ...], bool]:
-    """Make a stiffness file's terms ready for computing.
+    """Convert a stiffness file's terms for computation.
 
     Args:
         terms: as the file lists them.
-        robot: the arm they belong to.
-        T_flange_tcp: (4, 4).
-        file: named in messages.
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
+        file: file name for messages.
 
     Returns:
         the linear terms, and whether the geometric stiffness K_C is to be counted.
@@ -57,22 +57,35 @@ def compile_terms(
 
 
 def build_fitted_term(effect: str, location: str, robot: Robot, T_flange_tcp: Array, **parameters: Any) -> LinearTerm:
-    """One term by name; without the parameters that hold its coefficients it is one to be fitted."""
+    """Return one term by name; without the parameters of its coefficients it is a term to be fitted.
+
+    Args:
+        effect: name of the effect.
+        location: its location.
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
+        parameters: parameters as in the file.
+    """
     terms, _ = compile_terms((StiffnessTerm(effect, location, parameters),), robot, T_flange_tcp)
     return terms[0]
 
 
 def build_body_spring(term: StiffnessTerm, robot: Robot, T_flange_tcp: Array) -> body_spring.BodySpring:
-    """A file's term of a body that gives way.
+    """Return a file's term of a compliant body.
+
+    Args:
+        term: term of the file.
+        robot: kinematic model.
+        T_flange_tcp: (4, 4) TCP relative to the flange.
 
     Raises:
         InputError: as :func:`compile_terms`.
     """
     _check_location(term, "terms", None)
     parameters = ParameterReader(term.parameters, "terms.parameters", None)
-    made = body_spring.build_body_term(term.effect, robot, T_flange_tcp, parameters, term.location)
+    spring = body_spring.build_body_term(term.effect, robot, T_flange_tcp, parameters, term.location)
     parameters.refuse_unread_keys()
-    return made
+    return spring
 
 
 def _check_location(term: StiffnessTerm, where: str, file: Any) -> None:

@@ -1,4 +1,4 @@
-"""What a term is, and what each is where its family says nothing else."""
+"""Interface of elastic terms, and their default behaviour."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class TermCoefficient:
-    """One number of a term that a fit can find, in SI; a compliance, so that zero means rigid."""
+    """One coefficient of a term that a fit can estimate, in SI; a compliance, so that zero means rigid."""
 
-    name: str  # as in the file where the file holds it directly, e.g. "1/EI"
+    name: str  # as in the file where the file contains it directly, e.g. "1/EI"
     unit: str  # SI
     lower: float = 0.0  # −inf where the sign is free
 
 
 @dataclass(frozen=True)
 class LoadedArm:
-    """The arm while it is pushed."""
+    """State of the arm under load."""
 
     state: ArmState  # M configurations, with bodies
     gears: Array  # (M, 6) N·m/rad of the joints' own springs
@@ -32,26 +32,29 @@ class LoadedArm:
 
 
 class ElasticContribution(Protocol):
-    """Whatever adds to how the TCP moves under a wrench on top of weight."""
+    """Contribution to the motion of the TCP under a wrench on top of weight."""
 
     @property
     def retained_share(self) -> float | None:
-        """Share of the compliance along a direction that it leaves at least; None: it is not held to any."""
+        """Minimum share of the compliance along a direction that remains; None: no minimum."""
         ...
 
     def compute_twist(self, under: LoadedArm, wrench: Array, *, small: bool) -> Array:
-        """(M, 6) m, rad at the TCP under wrenches (M, 6) N, N·m, base_link axes.
+        """Return the (M, 6) twist in m, rad at the TCP, base_link axes.
 
-        ``small``: as if the wrench were so small that the tangent under weight holds.
+        Args:
+            under: state of the arm under load.
+            wrench: (M, 6) N, N·m at the TCP in base_link axes.
+            small: use the tangent under weight, as for a very small wrench.
         """
         ...
 
 
 class LinearTerm(ElasticContribution, Protocol):
-    """Elastic physics whose twist at the TCP is linear in its coefficients, and in the wrench but for two families.
+    """Elastic effect whose twist at the TCP is linear in its coefficients, and in the wrench except for two families.
 
     :class:`machopt.stiffness.terms.joint_term.JointTerm` may follow the joint's torque along a curve, and
-    :class:`machopt.stiffness.terms.gravity_compensator.GravityCompensator` is a spring beside one of the joints.
+    :class:`machopt.stiffness.terms.gravity_compensator.GravityCompensator` is a spring parallel to one of the joints.
     """
 
     @property
@@ -70,22 +73,22 @@ class LinearTerm(ElasticContribution, Protocol):
 
     @property
     def missing_keys(self) -> tuple[str, ...]:
-        """Keys of the file without which it is no curve or has no place."""
+        """Missing keys of the file that define its curve or location."""
         ...
 
     @property
     def depends_on_weight(self) -> bool:
-        """The weight at the joint makes a difference."""
+        """Whether the term depends on the weight at the joint."""
         ...
 
     @property
     def parallel_joint(self) -> int | None:
-        """0-based joint beside whose gear it is a spring, so that it counts in that joint's stiffness."""
+        """0-based joint to whose gear it is parallel, so that it counts in that joint's stiffness."""
         ...
 
     @property
     def coupled_joints(self) -> tuple[int, int, float] | None:
-        """Two joints, 0-based, and how far the torque of each turns the other, rad/(N·m)."""
+        """Two joints, 0-based, and the rotation of each per torque of the other, rad/(N·m)."""
         ...
 
     def compute_response(self, state: ArmState, wrench: Array) -> Array:
@@ -103,46 +106,72 @@ class LinearTerm(ElasticContribution, Protocol):
     def compute_response_under_weight(
         self, state: ArmState, wrench: Array, weight: Array | None, *, small: bool
     ) -> Array:
-        """(M, 6, P) like :meth:`response`, on top of weight (M, 6) N·m; zero of what counts in a joint's own error."""
+        """Return (M, 6, P) like :meth:`compute_response`, on top of weight; zero for terms in a joint's own stiffness.
+
+        Args:
+            state: M configurations with bodies.
+            wrench: (M, 6) N, N·m at the TCP in base_link axes.
+            weight: (M, 6) N·m, torque of weight at the joints; None: zero.
+            small: use the tangent under weight.
+        """
         ...
 
     def combine_coefficients(self) -> LinearTerm | None:
-        """The same for a plan, where its coefficients stand; None of what counts in a joint's stiffness."""
+        """Return the same term with fixed coefficients for a plan; None for terms in a joint's stiffness."""
         ...
 
     def with_joint_stiffness(self, gears: Callable[[ArmState], Array]) -> LinearTerm:
-        """The same on an arm whose joints have these stiffnesses, (M, 6) N·m/rad."""
+        """Return the same term for an arm with given joint stiffness.
+
+        Args:
+            gears: returns (M, 6) N·m/rad of an arm state.
+        """
         ...
 
     def compute_parallel_stiffness(self, angle: Array) -> Array:
-        """(...,) N·m/rad beside the gear that it balances, at angles (...,) rad of that joint."""
+        """Return (...,) N·m/rad parallel to the gear that it balances.
+
+        Args:
+            angle: (...,) rad of that joint.
+        """
         ...
 
     def bound_compliance(self, low: Array, high: Array) -> tuple[int, float, float] | None:
-        """The 0-based joint that it follows, what it adds at least to its compliance, rad/(N·m), and at which angle.
+        """Return its 0-based joint, the lower bound of its contribution to the compliance, rad/(N·m), and the angle.
 
-        −inf where that has no end. None: it follows no single joint.
+        −inf where it is unbounded. None: it follows no single joint.
 
         Args:
-            low, high: (6,) rad, between which angles.
+            low: (6,) rad, lower ends of the angles.
+            high: (6,) rad, upper ends.
         """
         ...
 
     def limit_to_spring_range(self, room: Array) -> LinearTerm:
-        """The same held to where it is a spring still, where it may take ``room`` (6,) rad/(N·m) from the joints."""
+        """Return the same term limited to the range where it is a spring.
+
+        Args:
+            room: (6,) rad/(N·m), compliance of each joint that it may use up.
+        """
         ...
 
     def with_values(self, values: Array) -> LinearTerm:
-        """The same term with other coefficients (P,)."""
+        """Return the same term with other coefficients.
+
+        Args:
+            values: (P,) SI.
+        """
         ...
 
     def to_file(self) -> StiffnessTerm:
-        """The term as stiffness.yaml holds it."""
+        """Return the term as in stiffness.yaml."""
         ...
 
 
 class DefaultTerm:
-    """A term as most are: complete, deaf to weight, beside no gear, and following no single joint."""
+    """Default behaviour of a term: complete, independent of weight, parallel to no gear, and following no single
+    joint.
+    """
 
     @property
     def retained_share(self) -> float | None:
@@ -167,9 +196,24 @@ class DefaultTerm:
     def compute_response_under_weight(
         self: LinearTerm, state: ArmState, wrench: Array, weight: Array | None, *, small: bool
     ) -> Array:
+        """Return the response, which does not depend on weight.
+
+        Args:
+            state: M configurations with bodies.
+            wrench: (M, 6) N, N·m at the TCP in base_link axes.
+            weight: not used.
+            small: not used.
+        """
         return self.compute_response(state, wrench)
 
     def compute_twist(self: LinearTerm, under: LoadedArm, wrench: Array, *, small: bool) -> Array:
+        """Return the (M, 6) twist in m, rad at the TCP, base_link axes.
+
+        Args:
+            under: state of the arm under load.
+            wrench: (M, 6) N, N·m at the TCP in base_link axes.
+            small: use the tangent under weight.
+        """
         return np.asarray(
             self.compute_response_under_weight(under.state, wrench, under.weight, small=small) @ self.values
         )
@@ -178,13 +222,34 @@ class DefaultTerm:
         return self
 
     def with_joint_stiffness(self: LinearTerm, gears: Callable[[ArmState], Array]) -> LinearTerm:
+        """Return the term itself, which does not depend on joint stiffness.
+
+        Args:
+            gears: not used.
+        """
         return self
 
     def compute_parallel_stiffness(self, angle: Array) -> Array:
+        """Return zeros: the term is parallel to no gear.
+
+        Args:
+            angle: (...,) rad.
+        """
         return np.zeros_like(angle)
 
     def bound_compliance(self, low: Array, high: Array) -> tuple[int, float, float] | None:
+        """Return None: the term follows no single joint.
+
+        Args:
+            low: not used.
+            high: not used.
+        """
         return None
 
     def limit_to_spring_range(self: LinearTerm, room: Array) -> LinearTerm:
+        """Return the term itself, which is a spring everywhere.
+
+        Args:
+            room: not used.
+        """
         return self

@@ -1,7 +1,7 @@
-"""Springs that would give way against the load, which no arm does: the file that asks for them is refused.
+"""Check for springs that are unstable under load, which no arm has: a file with such springs is refused.
 
-Each joint is looked at where it is stiffest: at the angle within its limits and the torque at which its terms take
-most of its compliance.
+Each joint is checked at its stiffest state: the angle within its limits and the torque at which its terms reduce
+its compliance most.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from machopt.numerics.array_types import Array
 from machopt.stiffness.terms.protocol import LinearTerm
 
 JointLimits = tuple[Array, Array]
-MIN_COMPLIANCE_SHARE = 1e-9  # of the joints' own compliances: less than that in some direction is rounding or negative
-ANGLE_SAMPLES = 2001  # of a joint's range; between them a second harmonic is missed by 1e-5 of itself
+MIN_COMPLIANCE_SHARE = 1e-9  # of the joints' own compliances: smaller eigenvalues are rounding errors or negative
+ANGLE_SAMPLES = 2001  # samples of a joint's range; a second harmonic is resolved to 1e-5 of its amplitude
 
 
 @dataclass(frozen=True)
 class UnstableTerm:
-    """A term that asks for more than its joint has."""
+    """Term that reduces the compliance of its joint below zero."""
 
     effect: str
     location: str
-    reason: str  # in words, with what would work
+    reason: str  # message, with what would work
 
 
 def limit_to_spring_range(terms: Sequence[LinearTerm], k: Array, limits: JointLimits | None) -> tuple[LinearTerm, ...]:
-    """The terms with each law held to where it still is a spring: a cubic that hardens has no end of its own.
+    """Return the terms with each law limited to where it is a spring: a hardening cubic has no natural limit.
 
-    A law may take a share of what the joint's other terms leave of its compliance.
+    A law may use up a share of the compliance that the joint's other terms leave.
 
     Args:
         terms: of a stiffness file.
@@ -50,12 +50,12 @@ def limit_to_spring_range(terms: Sequence[LinearTerm], k: Array, limits: JointLi
 
 
 def find_unstable_term(terms: Sequence[LinearTerm], k: Array, limits: JointLimits | None) -> UnstableTerm | None:
-    """What makes the joints' compliance matrix not positive somewhere; None where nothing does.
+    """Return the term that makes the joints' compliance matrix indefinite somewhere; None where it is positive.
 
-    The matrix is diag(1/k + what each joint's terms add at least) with the couplings beside the diagonal.
+    The matrix is diag(1/k + lower bound of each joint's terms) with the couplings off the diagonal.
 
     Args:
-        terms: of a stiffness file; those of bodies are positive by themselves.
+        terms: of a stiffness file; those of bodies are always positive.
         k: (C, 6) N·m/rad, of each grid cell and of the constant model.
         limits: lower and upper (6,) rad; None: any angle.
     """
@@ -63,24 +63,24 @@ def find_unstable_term(terms: Sequence[LinearTerm], k: Array, limits: JointLimit
     weakest = k + _compute_parallel_stiffness(terms, limits, most=False)
     if (weakest <= MIN_COMPLIANCE_SHARE * k).any():
         row, i = np.argwhere(weakest <= MIN_COMPLIANCE_SHARE * k)[0]
-        said = (
+        message = (
             f"gravity_compensator takes up to {k[row, i] - weakest[row, i]:.3g} N·m/rad from joint {i + 1}, which has "
             f"{k[row, i]:.3g}; less than that would work"
         )
-        return UnstableTerm("gravity_compensator", format_joint_location(i + 1), said)
+        return UnstableTerm("gravity_compensator", format_joint_location(i + 1), message)
     own = 1.0 / (k + _compute_parallel_stiffness(terms, limits, most=True))
-    taken = _list_compliance_bounds(terms, limits)
-    least = sum((take for _, take, _ in taken), np.zeros(6))
+    bounds = _list_compliance_bounds(terms, limits)
+    least = sum((take for _, take, _ in bounds), np.zeros(6))
     lost = own + least <= MIN_COMPLIANCE_SHARE * own
     if lost.any():
         row, i = np.argwhere(lost)[0]
-        effect, take, where = min(taken, key=lambda part: float(part[1][i]))
+        effect, take, where = min(bounds, key=lambda part: float(part[1][i]))
         together = "" if np.isclose(take[i], least[i]) else f", {-least[i]:.3g} with the joint's other terms,"
-        said = (
+        message = (
             f"{effect} takes {-take[i]:.3g} rad/(N·m){together} from joint {i + 1}{where}, which has "
             f"{own[row, i]:.3g} (1/stiffness); less than that would work"
         )
-        return UnstableTerm(effect, format_joint_location(i + 1), said)
+        return UnstableTerm(effect, format_joint_location(i + 1), message)
     coupling = np.zeros((6, 6))
     for term in terms:
         if term.coupled_joints is not None:
@@ -102,7 +102,9 @@ def find_unstable_term(terms: Sequence[LinearTerm], k: Array, limits: JointLimit
 
 
 def _list_compliance_bounds(terms: Sequence[LinearTerm], limits: JointLimits | None) -> list[tuple[str, Array, str]]:
-    """Effect, what it adds at least to each joint's compliance (6,), where; only of terms that take some."""
+    """Return effect, lower bound of its contribution to each joint's compliance (6,), and location, of reducing
+    terms only.
+    """
     out = []
     for term in terms:
         found = term.bound_compliance(*_get_limit_ends(limits))
@@ -117,7 +119,7 @@ def _list_compliance_bounds(terms: Sequence[LinearTerm], limits: JointLimits | N
 
 
 def _compute_parallel_stiffness(terms: Sequence[LinearTerm], limits: JointLimits | None, *, most: bool) -> Array:
-    """(6,) N·m/rad that springs beside the gears add, at the angle where that is most or least."""
+    """Return (6,) N·m/rad of springs parallel to the gears, at the angle where that is largest or smallest."""
     out = np.zeros(6)
     for term in terms:
         if term.parallel_joint is not None:
@@ -131,6 +133,6 @@ def _get_limit_ends(limits: JointLimits | None) -> JointLimits:
 
 
 def _list_joint_angles(i: int, limits: JointLimits | None) -> Array:
-    """Angles of a joint to look at."""
+    """Return the angles of a joint to check."""
     low, high = _get_limit_ends(limits)
     return np.linspace(float(low[i]), float(high[i]), ANGLE_SAMPLES)
