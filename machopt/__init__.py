@@ -14,7 +14,8 @@ the arrows. Imports point one way::
 
     cli → api → batch | view → commands → cell_setup → program_export → report → verification → input_files | output
         → measurement | placement → planning | workspace_map → stiffness → collision | dynamics | toolpath
-        → cell | kinematics | programs → effects | options | path_building → data_types | file_formats → errors → numerics
+        → cell | kinematics | programs → effects | options | path_building → data_types | file_formats
+        → errors → numerics
 
 As a library (:mod:`machopt.api`)::
 
