@@ -45,6 +45,7 @@ behind a key is its default, or its description. Numbers carry their unit in the
 """
 
 # ruff: noqa: E501
+# fmt: off
 from __future__ import annotations
 
 import os

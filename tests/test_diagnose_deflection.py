@@ -74,7 +74,7 @@ def test_the_simulator_stands_where_forward_kinematics_says(cell: str) -> None:
     plan = planned(a, rng, poses=5, force=FORCES[cell], moment=10.0)
     p, R, J, tau = stand(a, Truth(np.full(6, 1e15)), plan)  # rigid
     robot, T, masses = model(cell)
-    state = robot.state(plan.q, T, bodies=True)
+    state = robot.compute_state(plan.q, T, bodies=True)
     assert np.abs(state.T_base_tool[:, :3, 3] - p).max() < 1e-9
     assert np.abs(state.T_base_tool[:, :3, :3] - R).max() < 1e-9
     assert np.abs(state.J - J).max() < 1e-9
@@ -108,7 +108,9 @@ def test_nothing_is_named_without_labels(tmp_path: Path, left_out: tuple[str, ..
     N = len(recording)
     plain = {"session": np.zeros(N, np.int64), "cycle": np.arange(N), "pose": recording.pose}
     changed = {k: plain[k] for k in left_out}
-    recording = replace(recording, **changed, labelled=recording.labelled - set(left_out), time=None, branch=None)
+    recording = replace(
+        recording, **changed, stated_labels=recording.stated_labels - set(left_out), time=None, branch=None
+    )
     d = diagnosed(tmp_path, "irb6700_drilling", recording)
     assert (names(d), d.verdict) == ([], "consistent")
 

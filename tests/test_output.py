@@ -173,7 +173,7 @@ def killed(tmp_path: Path, code: str) -> None:
 
 def test_what_a_killed_run_left_is_taken_away_by_the_next(tmp_path: Path) -> None:
     write(tmp_path / "out", 1)
-    killed(tmp_path, "held = output_folder(sys.argv[1])\nfill(held.__enter__(), 2)")
+    killed(tmp_path, "held = write_output_folder(sys.argv[1])\nfill(held.__enter__(), 2)")
     left = beside(tmp_path / "out")
     assert len(left) == 2  # the lock and the half-written folder
     assert generation(tmp_path / "out") == 1
@@ -198,7 +198,7 @@ def test_a_run_killed_between_two_renames_leaves_the_old_folder_to_the_next(tmp_
     killed(
         tmp_path,
         """
-folders.exchange = lambda a, b: False
+folders.exchange_folders = lambda a, b: False
 rename = Path.rename
 def stopping(self, target):
     rename(self, target)

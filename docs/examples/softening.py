@@ -25,7 +25,7 @@ class Softening(JointLawDefaults):
         """Its slope over the torque."""
         return np.cosh(drive.torque[..., None] / shape) ** -2.0
 
-    def within(self, values, room):
+    def limit_to_compliance(self, values, room):
         """The law where a joint has less room; this one needs none."""
         return self
 
@@ -35,7 +35,7 @@ class Softening(JointLawDefaults):
 
     def grid(self, scale):
         """Shapes that a search tries."""
-        return tuple((s * scale.reach,) for s in (0.2, 0.5))
+        return tuple((s * scale.max_torque,) for s in (0.2, 0.5))
 
 
 EFFECTS = [

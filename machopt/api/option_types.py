@@ -5,6 +5,7 @@ behind a key is its default, or its description. Numbers carry their unit in the
 """
 
 # ruff: noqa: E501
+# fmt: off
 from __future__ import annotations
 
 import os
@@ -17,12 +18,8 @@ PathLike = str | os.PathLike[str]
 class PlanOptionValues(TypedDict, total=False):
     """Planning options of ``machopt.optimize`` and ``machopt.place``."""
 
-    method: (
-        Literal["global", "jiao2022", "default"] | None
-    )  # choice over the whole path, the method of jiao2022, or the CAM file's own rotation
-    index: (
-        Literal["auto", "deflection", "stiffness", "jiao2022"] | None
-    )  # what is made small; auto: deflection where force_N is given, else compliance
+    method: Literal["global", "jiao2022", "default"] | None  # choice over the whole path, the method of jiao2022, or the CAM file's own rotation
+    index: Literal["auto", "deflection", "stiffness", "jiao2022"] | None  # what is made small; auto: deflection where force_N is given, else compliance
     force_N: Mapping[str, object] | None  # process force on the tool
     weights: Mapping[str, object] | None  # of the terms of the objective
     rotation_step_deg: float | None  # degrees, 0.5 to 90
@@ -30,9 +27,7 @@ class PlanOptionValues(TypedDict, total=False):
     preferred_rotation_deg: float | None  # gamma whose neighbourhood is preferred
     preferred_weight: float | None  # price of a deviation of 180 degrees from it
     fixed: Sequence[Mapping[str, object]] | None  # rotations that are given at toolpath points
-    steer: (
-        Sequence[Mapping[str, object]] | None
-    )  # pins, forbidden zones, preferences and branches by operation or points
+    steer: Sequence[Mapping[str, object]] | None  # pins, forbidden zones, preferences and branches by operation or points
     singularity_wrist_deg: float | None  # least angle between axes 4 and 6, degrees
     singularity_elbow_deg: float | None  # least angle from the stretched or folded arm, degrees
     singularity_shoulder_mm: float | None  # least distance of the wrist from axis 1, mm
@@ -41,9 +36,7 @@ class PlanOptionValues(TypedDict, total=False):
     clearance_mm: float | None  # kept between everything checked, mm
     collision_step_deg: float | None  # joint step between collision checks, degrees
     collision: bool | None  # false: contacts are not looked for, and that is told
-    gouge_tolerance_mm: (
-        float | None
-    )  # workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; left out: not looked for
+    gouge_tolerance_mm: float | None  # workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; left out: not looked for
     sample_ms: float | None  # step of trajectory.csv, ms
     path_tolerance_mm: float | None  # by which the motion may round corners, mm
     axis_tolerance_deg: float | None  # the same of the tool axis, degrees
@@ -54,9 +47,7 @@ class PlanOptionValues(TypedDict, total=False):
     compensate: bool | None  # true: drive a path shifted against the deflection under force_N
     compensation_max_mm: float | None  # a larger shift is refused, mm
     seed: int | None  # of the tree search for rapid moves
-    external: (
-        Mapping[str, Mapping[str, object]] | None
-    )  # how the external joints are used, by name or e1, e2 … in the order of the cell
+    external: Mapping[str, Mapping[str, object]] | None  # how the external joints are used, by name or e1, e2 … in the order of the cell
 
 
 class IdentifyOptions(TypedDict, total=False):

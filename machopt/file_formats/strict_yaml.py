@@ -61,7 +61,9 @@ class YamlDocument:
 
     def build_error(self, loc: KeyPath, message: str) -> ConfigurationKeyError:
         """An :class:`ConfigurationKeyError` that stands at ``loc``."""
-        return ConfigurationKeyError(message, file=self.file, where=self.locate_key(loc) or None, key=format_key_path(loc))
+        return ConfigurationKeyError(
+            message, file=self.file, where=self.locate_key(loc) or None, key=format_key_path(loc)
+        )
 
 
 def read_yaml(path: Path) -> YamlDocument:
