@@ -21,6 +21,7 @@ import machopt
 import machopt.api
 from machopt.api.request_options import NON_OPTION_ARGUMENTS, build_request, list_option_names
 from machopt.cli import _build_parser
+from machopt.errors import UnknownOptionError
 from machopt.measurement.design.request import PosesRequest
 from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.measurement.identification.request import IdentifyRequest
@@ -129,8 +130,9 @@ def test_a_command_and_its_function_have_the_same_options_and_defaults(
 
 
 def test_an_option_that_is_none_is_answered_with_the_nearest() -> None:
-    with pytest.raises(machopt.InputError, match=r"max_finding: .*did you mean 'max_findings'"):
+    with pytest.raises(UnknownOptionError) as unknown:
         build_request(DiagnoseRequest, {"max_finding": 2}, cell=Path("c"), recordings=(), out=Path())
+    assert (unknown.value.option, unknown.value.suggestions) == ("max_finding", ("max_findings",))
     with pytest.raises(machopt.InputError, match=r"rotation_stepp_deg.*rotation_step_deg"):
         machopt.optimize(KR500, CELLS.parent / "toolpaths" / "plain.csv", rotation_stepp_deg=3)
     with pytest.raises(machopt.InputError, match=r"no cell\.yaml"):

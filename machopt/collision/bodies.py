@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry
-from machopt.errors import InputError
+from machopt.errors import MeshError
 from machopt.kinematics.machine import Machine
 from machopt.kinematics.machine_lines import LinkCarriers
 from machopt.kinematics.robot import LinkShape
@@ -286,11 +286,11 @@ def triangulate_shape(shape: CollisionShape) -> tuple[Array, NDArray[np.int64]]:
 def _load_mesh(shape: CollisionShape) -> tuple[Array, NDArray[np.int64]]:
     path = Path(shape.mesh) if shape.mesh is not None else Path("")
     if not path.is_file():
-        raise InputError(f"mesh of {shape.name!r} is not a file", file=path)
+        raise MeshError(f"mesh of {shape.name!r} is not a file", file=path)
     plain = triangle_meshes.parse_binary_stl(path.read_bytes()) if path.suffix.lower() == ".stl" else None
     vertices, faces = triangle_meshes.merge_equal_vertices(_load_with_trimesh(shape, path) if plain is None else plain)
     if not len(faces) or not np.isfinite(vertices).all():
-        raise InputError(f"mesh of {shape.name!r} holds no finite triangles", file=path)
+        raise MeshError(f"mesh of {shape.name!r} holds no finite triangles", file=path)
     return vertices * shape.size[0], faces
 
 
@@ -301,7 +301,7 @@ def _load_with_trimesh(shape: CollisionShape, path: Path) -> triangle_meshes.Tri
     try:
         mesh = trimesh.load(path, force="mesh")
     except (ValueError, TypeError, KeyError, IndexError, NotImplementedError, ImportError) as error:
-        raise InputError(
+        raise MeshError(
             f"mesh of {shape.name!r} cannot be read ({error}); STL, OBJ or PLY would work", file=path
         ) from error
     return triangle_meshes.TriangleMesh(np.array(mesh.vertices, float), np.array(mesh.faces, np.int64))

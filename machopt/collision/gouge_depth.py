@@ -19,7 +19,7 @@ import numpy as np
 from machopt.collision.bodies import is_closed_surface, triangulate_shape
 from machopt.collision.bounding_box_tree import BoxTreeMesh, build_box_tree_of_triangles
 from machopt.data_types.cell import CollisionShape, CutterGeometry
-from machopt.errors import InputError
+from machopt.errors import MeshError
 from machopt.numerics.array_types import Array, Ints
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import invert_transform
@@ -184,7 +184,7 @@ def _compute_depth_in_solid(shape: CollisionShape, points: Array, T: Array) -> t
 def _compute_depth_in_mesh(shape: CollisionShape, led: _GuidedPoints, T: Array, limit: float) -> tuple[Array, Ints]:
     vertices, faces = triangulate_shape(shape)
     if not is_closed_surface(faces):
-        raise InputError(
+        raise MeshError(
             f"mesh of {shape.name!r} is open, so nothing is inside it and no gouge can be seen; a closed surface of "
             "the finished part would work, or no gouge_tolerance_mm",
             file=shape.mesh,

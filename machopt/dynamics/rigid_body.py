@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError
+from machopt.errors import CellError, InputError
 from machopt.kinematics.robot import GRAVITY
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import skew_matrix
@@ -147,7 +147,7 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
     arm_joints = set(cell.arm_joints)
     missing = [name for name in cell.arm_joints if not full.existJointName(name)]
     if missing:
-        raise InputError(
+        raise CellError(
             f"arm joint {missing[0]!r} is not a moving joint of the URDF; it has {', '.join(full.names[1:])}",
             file=cell.urdf,
             where="robot.arm_joints",
@@ -155,7 +155,7 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
     locked = [full.getJointId(name) for name in full.names[1:] if name not in arm_joints]
     model = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
     if model.nq != model.nv or model.nv != len(cell.arm_joints) or list(model.names[1:]) != list(cell.arm_joints):
-        raise InputError(
+        raise CellError(
             f"the arm joints {', '.join(cell.arm_joints)} are not a chain of bounded revolute or prismatic joints "
             f"(found {', '.join(model.names[1:])})",
             file=cell.urdf,
@@ -168,7 +168,7 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
         )
     for name in (cell.base_link, cell.flange_link):
         if not model.existFrame(name):
-            raise InputError(f"link {name!r} is not in the URDF", file=cell.urdf)
+            raise CellError(f"link {name!r} is not in the URDF", file=cell.urdf)
     base, flange = model.frames[model.getFrameId(cell.base_link)], model.frames[model.getFrameId(cell.flange_link)]
     at = flange.placement
     if cell.tool.mass > 0.0:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.kinematics import product_of_exponentials
 from machopt.kinematics.mimic_joints import compute_rest_configuration
 from machopt.kinematics.robot import Robot, find_frame, load_urdf_model
@@ -339,7 +339,7 @@ def _read_external_joints(cell: Cell) -> tuple[list[str], list[str], Array, dict
         T_base_part = T_base_root @ T_root_link @ cell.workpiece.T_link_workpiece
     both = [name for name in from_part if name in from_base]
     if both:
-        raise InputError(
+        raise CellError(
             f"joint {both[0]!r} moves the robot's base and the workpiece alike; a rail that carries only the base, or "
             "a positioner that carries only the workpiece, would work",
             file=cell.urdf,
@@ -348,7 +348,7 @@ def _read_external_joints(cell: Cell) -> tuple[list[str], list[str], Array, dict
     lines = {}
     for name in (*from_part, *from_base):
         if name not in cell.external_joints:
-            raise InputError(
+            raise CellError(
                 f"joint {name!r} moves the base or the workpiece and is not listed",
                 file=cell.urdf,
                 where="robot.external_joints",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.numerics.array_types import Array
 
 SAME_RAD, SAME_M = 1e-6, 1e-6  # two axes are one line below: URDFs print six decimals
@@ -30,7 +30,7 @@ def check_no_mimic_joints(cell: Cell, command: str) -> None:
     """
     for m in cell.mimics:
         if m.source in cell.arm_joints:
-            raise InputError(
+            raise CellError(
                 f"joint {m.joint!r} mimics {m.source!r}, and {command} has no laws for such arms; "
                 "optimize, verify and inspect have",
                 file=cell.urdf,
@@ -100,10 +100,10 @@ def compute_coupling_matrix(cell: Cell, model: Any, joints: list[int], arm: list
         name = model.names[j]
         m = follows.get(name)
         if m is None or m.source not in cell.arm_joints:
-            raise InputError(f"joint {name!r} stands in the chain and is not driven", file=cell.urdf)
+            raise CellError(f"joint {name!r} stands in the chain and is not driven", file=cell.urdf)
         neighbour, sign = _find_driven_neighbour(lines, joints, n, arm)
         if neighbour is None:
-            raise InputError(
+            raise CellError(
                 f"joint {name!r} mimics {m.source!r} and turns about a line of its own; one that lies on the axis of "
                 "the joint of the arm next behind it would work, as at the elbow of a parallel linkage",
                 file=cell.urdf,
@@ -111,7 +111,7 @@ def compute_coupling_matrix(cell: Cell, model: Any, joints: list[int], arm: list
             )
         C[arm.index(neighbour), cell.arm_joints.index(m.source)] += sign * m.multiplier
     if abs(abs(np.linalg.det(C)) - 1.0) > 1e-9:
-        raise InputError(
+        raise CellError(
             "joints that mimic others undo what those do, or double it; a follower on the axis of another joint than "
             "its own source would work",
             file=cell.urdf,

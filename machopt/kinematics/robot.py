@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell, CollisionShape
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.kinematics import prismatic_arm, product_of_exponentials
 from machopt.kinematics.as_built_geometry import BEHIND_FLANGE, compute_link_displacements
 from machopt.kinematics.mimic_joints import compute_coupling_matrix, compute_rest_configuration, list_chain_joints
@@ -253,7 +253,7 @@ def _read_chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
     for i, name in enumerate(cell.arm_joints):
         if not model.existJointName(name):
             have = ", ".join(model.names[1:])
-            raise InputError(
+            raise CellError(
                 f"arm joint {name!r} is not a moving joint of the URDF; it has {have}",
                 file=cell.urdf,
                 where="robot.arm_joints",
@@ -270,11 +270,11 @@ def _read_chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
         if model.nqs[j] == 1:  # a continuous joint has only the cell's limits
             lower[i], upper[i] = model.lowerPositionLimit[model.idx_qs[j]], model.upperPositionLimit[model.idx_qs[j]]
         if not np.isclose(np.linalg.norm(way), 1.0, atol=1e-9):
-            raise InputError(f"arm joint {name!r} is not revolute", file=cell.urdf, where="robot.arm_joints")
+            raise CellError(f"arm joint {name!r} is not revolute", file=cell.urdf, where="robot.arm_joints")
     flange = find_frame(cell, model, cell.flange_link)
     joints = list_chain_joints(model, model.frames[flange].parentJoint, base)
     if [j for j in joints if j in ids] != ids:
-        raise InputError(
+        raise CellError(
             f"flange link {cell.flange_link!r} is not carried by the last arm joint {cell.arm_joints[-1]!r}",
             file=cell.urdf,
             where="robot.flange_link",
@@ -347,7 +347,7 @@ def load_urdf_model(cell: Cell) -> Any:
     try:
         return pin.buildModelFromXML(cell.urdf_text)
     except ValueError as problem:
-        raise InputError(f"the robot model cannot be built: {_shorten_message(problem)}", file=cell.urdf) from None
+        raise CellError(f"the robot model cannot be built: {_shorten_message(problem)}", file=cell.urdf) from None
 
 
 def _shorten_message(problem: ValueError) -> str:
@@ -368,7 +368,7 @@ def find_frame(cell: Cell, model: object, name: str) -> int:
     """
     if not model.existFrame(name):  # type: ignore[attr-defined]
         links = ", ".join(f.name for f in model.frames if str(f.type) == "BODY")  # type: ignore[attr-defined]
-        raise InputError(f"link {name!r} is not in the URDF; it has {links}", file=cell.urdf)
+        raise CellError(f"link {name!r} is not in the URDF; it has {links}", file=cell.urdf)
     return int(model.getFrameId(name))  # type: ignore[attr-defined]
 
 
@@ -391,12 +391,10 @@ def _read_link_shapes(
     try:
         geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, package_dirs=folders)
     except ValueError as problem:
-        raise InputError(
-            f"its collision bodies cannot be loaded: {_shorten_message(problem)}", file=cell.urdf
-        ) from None
+        raise CellError(f"its collision bodies cannot be loaded: {_shorten_message(problem)}", file=cell.urdf) from None
     described = len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
     if len(geometry.geometryObjects) != described:  # the parser skips what it cannot read, with a line in the log
-        raise InputError(
+        raise CellError(
             f"describes {described} collision bodies, of which the robot model has {len(geometry.geometryObjects)}; "
             "a body that is not there cannot be checked",
             file=cell.urdf,
@@ -433,7 +431,7 @@ def _read_link_shapes(
                 name=g.name, kind="sphere", size=(float(g.geometry.radius),), mesh=None, T_parent_shape=T
             )
         else:
-            raise InputError(
+            raise CellError(
                 f"collision geometry {g.name!r} is a {kind}; mesh, box, cylinder or sphere would work", file=cell.urdf
             )
         names = tuple(str(model.names[j]) for j in above)  # type: ignore[attr-defined]
@@ -446,7 +444,7 @@ def _read_mesh_shape(cell: Cell, g: Any, T: Array) -> CollisionShape:
 
     scale = np.asarray(g.meshScale, float)
     if not np.allclose(scale, scale[0]):
-        raise InputError(
+        raise CellError(
             f"collision mesh {g.name!r} is scaled unevenly {scale.tolist()}; one scale would work", file=cell.urdf
         )
     return CollisionShape(name=g.name, kind="mesh", size=(float(scale[0]),), mesh=Path(g.meshPath), T_parent_shape=T)

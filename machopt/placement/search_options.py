@@ -8,7 +8,7 @@ from math import degrees, pi
 
 import numpy as np
 
-from machopt.errors import InputError
+from machopt.errors import InputError, OptionError
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import build_transform, compute_axis_rotation
 
@@ -84,9 +84,9 @@ class PlacementOptions:
                 )
         for name, value in (("places", self.places), ("best", self.best), ("plans", self.plans)):
             if value < 1:
-                raise InputError(f"{value} is not enough; 1 or more would work", where=f"--{name}")
+                raise OptionError(f"{value} is not enough; 1 or more would work", where=f"--{name}")
         if not self.seconds > 0:
-            raise InputError("no time is left; a positive number of minutes would work", where="--minutes")
+            raise OptionError("no time is left; a positive number of minutes would work", where="--minutes")
 
 
 def build_shift_grid(search: PlacementOptions) -> tuple[PlacementShift, ...]:
@@ -110,13 +110,13 @@ def build_shift_grid(search: PlacementOptions) -> tuple[PlacementShift, ...]:
     out = (NO_SHIFT, *(s for s in grid if max(abs(v) for v in (*s.translation, ROTATION_LEVER_M * s.turn)) > 1e-9))
     if len(out) == 1 and (size > 0).any():
         least = 2 ** int((size > 0).sum())
-        raise InputError(
+        raise OptionError(
             f"{search.places} leave one place, the middle of the ranges, where the cell has it already; {least}, two "
             "along each range, would work",
             where="--places",
         )
     if len(out) == 1:
-        raise InputError(
+        raise OptionError(
             "the ranges hold no other place than the one the cell has; e.g. --x-mm -300 300 would work", where="--x-mm"
         )
     return out

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid
 from machopt.dynamics.gravity_torque import compute_gravity_torque
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
 from machopt.stiffness.discrepancy_mean import DiscrepancyMean
@@ -332,7 +332,7 @@ class ArmElasticity:
         file = stiffness.file
         compiled, self.geometric = compile_terms(stiffness.terms, robot, T_flange_tcp, file)
         if self.geometric and robot.coupling is not None:
-            raise InputError(
+            raise CellError(
                 "geometric_stiffness is not counted for an arm with joints that mimic others; a file without that term "
                 "would work",
                 file=file,
@@ -342,12 +342,12 @@ class ArmElasticity:
             missing = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
             missing += term.missing_keys
             if missing:
-                raise InputError(
+                raise CellError(
                     f"{term.effect} at {term.location} lacks values for {', '.join(missing)}", file=file, where="terms"
                 )
         compiled, wrong = _limit_to_springs(compiled, stiffness, limits)
         if wrong is not None:
-            raise InputError(wrong.reason, file=file, where="terms")
+            raise CellError(wrong.reason, file=file, where="terms")
         self.terms = tuple(t.with_joint_stiffness(self._compute_gear_stiffness) for t in compiled)
         self._known: tuple[ElasticContribution, ...] = tuple(
             f for t in self.terms if (f := t.combine_coefficients()) is not None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.measurements.measured_stiffness import MeasuredStiffness
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.workspace_map.inverse_distance_weighting import InterpolatedValues, interpolate_idw, predict_leave_one_out
@@ -77,7 +77,7 @@ def compare_with_measured(
         InputError: the cell has no stiffness.
     """
     if setting.elasticity is None:
-        raise InputError("measured stiffness is compared with a model; the cell has no stiffness", where="--measured")
+        raise OptionError("measured stiffness is compared with a model; the cell has no stiffness", where="--measured")
     axes = tuple(table.stiffness)
     measured = np.column_stack([table.stiffness[axis] for axis in axes])
     position, q, warnings = _locate_readings(table, options, arm, setting, criterion)

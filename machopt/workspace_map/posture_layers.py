@@ -10,7 +10,7 @@ import numpy as np
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.kinematics.inverse.solver import SingularityMargins, build_solver
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import LinkShape, Robot, load_masses
@@ -104,7 +104,7 @@ def select_criterion(options: MapOptions, setting: MapSettings) -> MapQuantity:
     field = next(f for f in QUANTITIES if f.key == key)
     if field not in list_quantities(setting):
         missing_input = "--load-N or --wrench" if setting.elasticity is not None else "a cell with stiffness"
-        raise InputError(
+        raise OptionError(
             f"{key} needs {missing_input}; {', '.join(f.key for f in list_quantities(setting))} would work",
             where="--by",
         )

@@ -10,7 +10,7 @@ from typing import Literal, cast
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import InputError, OptionError, suggest_nearest_word
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.workspace_map.postures import BranchPick
@@ -105,25 +105,25 @@ def resolve_request(request: MapRequest, cell: Cell) -> MapOptions:
     unit = _DEG if kind == "joints" else _MM
     tool_axis = np.array(parse_numbers(request.tool_axis, 3, "--tool-axis", "0,0,1"))
     if np.linalg.norm(tool_axis) < 1e-9:
-        raise InputError("the tool axis has no length; 0,0,1 is a tool that points down", where="--tool-axis")
+        raise OptionError("the tool axis has no length; 0,0,1 is a tool that points down", where="--tool-axis")
     if request.at is not None and (kind != "slice" or not isfinite(request.at)):
-        raise InputError(f"goes with --slice and takes a number in mm, found {request.at:g}", where="--at")
+        raise OptionError(f"goes with --slice and takes a number in mm, found {request.at:g}", where="--at")
     if request.frame not in ("base", "world", "workpiece"):
-        raise InputError(f"found {request.frame!r}, expected base, world or workpiece", where="--frame")
+        raise OptionError(f"found {request.frame!r}, expected base, world or workpiece", where="--frame")
     if request.by is not None and request.by not in {field.key for field in QUANTITIES}:
-        raise InputError(f"found {request.by!r}, expected one of {', '.join(f.key for f in QUANTITIES)}", where="--by")
+        raise OptionError(f"found {request.by!r}, expected one of {', '.join(f.key for f in QUANTITIES)}", where="--by")
     if request.length is not None and not (isfinite(request.length) and request.length > 0):
-        raise InputError(f"found {request.length:g} mm, expected a length above 0", where="--length")
+        raise OptionError(f"found {request.length:g} mm, expected a length above 0", where="--length")
     if request.collision not in ("none", "self", "cell"):
-        raise InputError(f"found {request.collision!r}, expected none, self or cell", where="--collision")
+        raise OptionError(f"found {request.collision!r}, expected none, self or cell", where="--collision")
     if not (isfinite(request.power) and request.power > 0):
-        raise InputError(f"found {request.power:g}, expected a power above 0, such as 2", where="--power")
+        raise OptionError(f"found {request.power:g}, expected a power above 0, such as 2", where="--power")
     if request.neighbours is not None and request.neighbours < 1:
-        raise InputError(f"found {request.neighbours}, expected one neighbour or more", where="--neighbours")
+        raise OptionError(f"found {request.neighbours}, expected one neighbour or more", where="--neighbours")
     q = cell.home.copy()
     if request.q is not None:
         if kind != "joints":
-            raise InputError("goes with --joints: elsewhere inverse kinematics finds the joints", where="--q")
+            raise OptionError("goes with --joints: elsewhere inverse kinematics finds the joints", where="--q")
         q = _parse_posture(request.q, cell)
     frame = cast(MapFrame, request.frame)
     return MapOptions(
@@ -184,7 +184,7 @@ def _select_kind(request: MapRequest) -> MapKind:
 def _parse_plane(text: str) -> str:
     plane = "".join(sorted(text.lower()))
     if plane not in SLICE_PLANES:
-        raise InputError(f"found {text!r}, expected {', '.join(SLICE_PLANES)}", where="--slice")
+        raise OptionError(f"found {text!r}, expected {', '.join(SLICE_PLANES)}", where="--slice")
     return plane
 
 
@@ -198,7 +198,7 @@ def _find_joint(name: str, cell: Cell, where: str) -> int:
 def _find_joints(text: str, cell: Cell) -> tuple[int, ...]:
     joints = tuple(_find_joint(word, cell, "--joints") for word in text.split(","))
     if len(joints) > 2 or len(set(joints)) < len(joints):
-        raise InputError(
+        raise OptionError(
             f"found {text!r}, expected one joint or two different ones, such as "
             f"{cell.arm_joints[1]},{cell.arm_joints[2]}",
             where="--joints",
@@ -219,10 +219,10 @@ def _parse_posture(text: str, cell: Cell) -> Array:
 def _parse_line(text: str) -> tuple[Array, Array]:
     ends = text.split(":")
     if len(ends) != 2:
-        raise InputError(f"found {text!r}, expected start and end such as 800,0,900:1600,0,900", where="--line")
+        raise OptionError(f"found {text!r}, expected start and end such as 800,0,900:1600,0,900", where="--line")
     start, end = (np.array(parse_numbers(word, 3, "--line", "800,0,900")) * _MM for word in ends)
     if np.linalg.norm(end - start) < 1e-6:
-        raise InputError("start and end are the same place; a line has a length", where="--line")
+        raise OptionError("start and end are the same place; a line has a length", where="--line")
     return start, end
 
 
@@ -234,22 +234,22 @@ def _parse_ranges(
     for word in words:
         name, _, rest = word.partition("=")
         if kind == "line":
-            raise InputError(
+            raise OptionError(
                 "a line has its own ends; --range goes with --slice, --volume and --joints", where="--range"
             )
         if name not in axes:
-            raise InputError(
+            raise OptionError(
                 f"found {word!r}, but the map runs over {' and '.join(axes)}; expected such as {example}",
                 where="--range",
             )
         low, high = parse_numbers(rest.replace(":", ","), 2, "--range", example)
         if not low < high:
-            raise InputError(
+            raise OptionError(
                 f"{name} from {low:g} to {high:g} is an empty range; the lower end comes first, such as {example}",
                 where="--range",
             )
         if name in out:
-            raise InputError(f"{name} has two ranges; one would work", where="--range")
+            raise OptionError(f"{name} has two ranges; one would work", where="--range")
         out[name] = low * unit, high * unit
     return out
 
@@ -260,10 +260,10 @@ def _parse_steps(words: tuple[str, ...], axes: tuple[str, ...], kind: MapKind, u
     for word in words:
         name, _, rest = word.rpartition("=")
         if name and name not in axes:
-            raise InputError(f"found {word!r}, but the map runs over {' and '.join(axes)}", where="--step")
+            raise OptionError(f"found {word!r}, but the map runs over {' and '.join(axes)}", where="--step")
         (value,) = parse_numbers(rest, 1, "--step", f"{example} or {axes[0]}={example}")
         if value <= 0:
-            raise InputError(
+            raise OptionError(
                 f"a step of {value:g} {name_of_unit}; more than 0 would work, such as {example}", where="--step"
             )
         out[name] = value * unit
@@ -272,9 +272,9 @@ def _parse_steps(words: tuple[str, ...], axes: tuple[str, ...], kind: MapKind, u
 
 def _parse_rotations(request: MapRequest) -> Array:
     if not isfinite(request.gamma):
-        raise InputError(f"found {request.gamma:g}, expected a rotation in deg", where="--gamma")
+        raise OptionError(f"found {request.gamma:g}, expected a rotation in deg", where="--gamma")
     if not 1 <= request.rotation_step <= 180:
-        raise InputError(f"found {request.rotation_step:g} deg; 1 to 180 deg would work", where="--rotation-step")
+        raise OptionError(f"found {request.rotation_step:g} deg; 1 to 180 deg would work", where="--rotation-step")
     count = 1 if request.fixed_rotation else round(360.0 / request.rotation_step)
     return np.asarray(radians(request.gamma) + np.arange(count) * (2 * np.pi / count), float)
 
@@ -284,15 +284,15 @@ def _parse_pick(word: str) -> BranchPick:
         return cast(BranchPick, word)
     if word.isascii() and word.isdigit():
         return int(word)
-    raise InputError(f"found {word!r}, expected best, worst, home or the number of a branch", where="--pick")
+    raise OptionError(f"found {word!r}, expected best, worst, home or the number of a branch", where="--pick")
 
 
 def _build_load(request: MapRequest) -> MapLoad | None:
     if request.load_axes not in ("frame", "tool"):
-        raise InputError(f"found {request.load_axes!r}, expected frame or tool", where="--load-axes")
+        raise OptionError(f"found {request.load_axes!r}, expected frame or tool", where="--load-axes")
     axes = cast(Literal["frame", "tool"], request.load_axes)
     if request.force is not None and request.wrench is not None:
-        raise InputError("--load-N and --wrench are both given; one would work", where="--wrench")
+        raise OptionError("--load-N and --wrench are both given; one would work", where="--wrench")
     if request.force is not None:
         values = (*parse_numbers(request.force, 3, "--load-N", "0,0,-1000"), 0.0, 0.0, 0.0)
     elif request.wrench is not None:
@@ -300,7 +300,7 @@ def _build_load(request: MapRequest) -> MapLoad | None:
     else:
         return None
     if not any(values):
-        raise InputError(
+        raise OptionError(
             "a load of zero bends nothing; leave it out or give one",
             where="--load-N" if request.force is not None else "--wrench",
         )
@@ -314,7 +314,7 @@ def _compute_frame(frame: MapFrame, cell: Cell) -> Array:
     if frame == "world":
         return T_base_world
     if cell.workpiece.link != "world":
-        raise InputError(
+        raise OptionError(
             f"the workpiece stands on {cell.workpiece.link!r}, which an external axis may move; "
             "base or world would work",
             where="--frame",

@@ -7,7 +7,7 @@ from math import degrees, radians
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.workspace_map.postures import ReachingArm, build_tool_poses, compute_candidates
 from machopt.workspace_map.request import MapOptions
@@ -62,7 +62,7 @@ def build_samples(cell: Cell, arm: ReachingArm, options: MapOptions) -> MapSampl
         (low, high), step = spans[name], steps[name]
         values = build_even_values(low, high, step)
         if len(values) < 2:
-            raise InputError(
+            raise OptionError(
                 f"a step of {_format_value(step, options)} leaves one sample of {name}, from "
                 f"{_format_value(low, options)} to "
                 f"{_format_value(high, options)}; {_format_value((high - low) / 2, options)} or less would work",
@@ -86,7 +86,7 @@ def _build_line_samples(options: MapOptions) -> MapSamples:
     step = options.steps.get("s", options.steps.get(""))
     count = LINE_SAMPLES if step is None else int(np.ceil(length / step - 1e-9)) + 1
     if count < 2 or count * len(options.gamma) > MAX_POSES or count > MAX_SAMPLES:
-        raise InputError(
+        raise OptionError(
             f"a step of {1e3 * (step or 0):g} mm makes {count:,} samples of {1e3 * length:g} mm; "
             f"{1e3 * _round_up_to_nice(length / 1000):g} mm would work",
             where="--step",
@@ -170,7 +170,7 @@ def _check_sample_count(
     if len({f"{s:.9g}" for s in better.values()}) == 1:
         words = f"--step {_convert_to_user_unit(next(iter(better.values())), options):g}"
     times = f" × {rotations} rotations" if rotations > 1 else ""
-    raise InputError(
+    raise OptionError(
         f"{count:,.0f} samples{times} are too many; {words} would work ({_count_samples(spans, better):,.0f} samples)",
         where="--step",
     )

@@ -16,7 +16,7 @@ import numpy as np
 from machopt.collision.gouge_depth import build_cutter_points, build_spiral_points, compute_gouge_depth
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry
 from machopt.data_types.toolpath import MoveKind
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.numerics.array_types import Array, Bools, Ints
 from machopt.numerics.rigid_transforms import build_transform, compute_tool_rotation, normalise_vectors
 from machopt.planning.stations.planning_path import PlanningPath
@@ -97,7 +97,7 @@ def get_cutter_and_part(cell: Cell) -> tuple[CutterGeometry, tuple[CollisionShap
     cutter, part = cell.tool.cutter, cell.workpiece.geometry
     if cutter is None or not part:
         missing_key = "tool.cutter" if cutter is None else "workpiece.geometry"
-        raise InputError(
+        raise CellError(
             f"gouge_tolerance_mm needs a cutter and the finished part; this cell has no {missing_key}",
             file=cell.folder / "cell.yaml",
             where=missing_key,

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.plan_options import PlanOptions, ProcessForce, StiffnessIndex
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.numerics.worker_threads import map_in_threads
@@ -147,7 +147,7 @@ def compute_configuration_cost(
         if index == "deflection":
             out = np.asarray(np.linalg.norm(elastic.compute_deflection(d.force[p]), axis=-1))
             if not np.isfinite(out).all():
-                raise InputError(
+                raise CellError(
                     f"the joint springs do not hold {np.linalg.norm(d.force[p], axis=-1).max():.4g} N: with "
                     "geometric_stiffness the arm would buckle; a force in N, or a file without that term, would work",
                     file="options",

@@ -10,7 +10,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
 from machopt.data_types.steering import find_external_joint
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import CellError, suggest_nearest_word
 
 
 def resolve_axis_options(cell: Cell, options: PlanOptions) -> tuple[ExternalJointOptions, ...]:
@@ -30,7 +30,7 @@ def resolve_axis_options(cell: Cell, options: PlanOptions) -> tuple[ExternalJoin
         k = names.index(name)
         unit = "mm" if cell.external_prismatic[k] else "deg"
         if axis.unit not in ("", unit):
-            raise InputError(
+            raise CellError(
                 f"{name!r} {'slides' if unit == 'mm' else 'turns'}: values in {unit} would work, found {axis.unit}",
                 file="options",
                 where=f"external.{axis.joint}",
@@ -40,7 +40,7 @@ def resolve_axis_options(cell: Cell, options: PlanOptions) -> tuple[ExternalJoin
         by_name[name] = replace(by_name[name], **changed)
         now = by_name[name]
         if now.at is not None and not now.mode and not now.locks:
-            raise InputError(
+            raise CellError(
                 f"at_{unit} is where a locked joint stands, and {name!r} may move; mode: locked would work",
                 file="options",
                 where=f"external.{axis.joint}.at_{unit}",
@@ -71,7 +71,7 @@ def _name(axis: ExternalJointOptions, names: Sequence[str]) -> str:
     k = find_external_joint(axis.joint, names)
     if k is None:
         what = suggest_nearest_word(axis.joint, [*names, *(f"e{k + 1}" for k in range(len(names)))])
-        raise InputError(
+        raise CellError(
             f"{axis.joint!r} is no external joint of the cell; {what if names else 'it has none'}",
             file="options",
             where=f"external.{axis.joint}",
@@ -87,14 +87,14 @@ def _within(cell: Cell, k: int, axis: ExternalJointOptions) -> None:
     values = [("at", axis.at), ("preferred", axis.preferred), *(("at_operations", v) for _, v in axis.at_operations)]
     for key, value in values:
         if value is not None and not low - 1e-9 <= value <= high + 1e-9:  # m or rad; round-off of the file's numbers
-            raise InputError(
+            raise CellError(
                 f"found {value * per:g} {unit}; the range of {joint!r} is {there}",
                 file="options",
                 where=f"external.{axis.joint}.{key}_{unit}",
             )
     if axis.range is not None and max(axis.range[0], low) > min(axis.range[1], high):
         a, b = axis.range
-        raise InputError(
+        raise CellError(
             f"found [{a * per:g}, {b * per:g}] {unit}, outside the range {there} of {joint!r}",
             file="options",
             where=f"external.{axis.joint}.range_{unit}",

@@ -10,7 +10,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import ExternalJointOptions, SteeringRule
 from machopt.data_types.toolpath import Toolpath
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import CellError, suggest_nearest_word
 from machopt.numerics.array_types import Array, Bools
 from machopt.planning.external_axes.axis_modes import compute_axis_range
 from machopt.planning.external_axes.position_constraints import (
@@ -96,7 +96,7 @@ def build_operation_groups(
     for axis in axes:
         for label, _ in (*axis.operations, *axis.at_operations):
             if label not in labels:
-                raise InputError(
+                raise CellError(
                     f"{label!r} is no operation of the toolpath; {suggest_nearest_word(label, labels)}",
                     file="options",
                     where=f"external.{axis.joint}.operations",
@@ -122,7 +122,7 @@ def build_operation_groups(
             modes = {dict(axis.operations).get(labels[o], axis.mode or MOVING): labels[o] for o in operations}
             if len(modes) > 1:
                 message = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
-                raise InputError(
+                raise CellError(
                     f"{message}: they share a run without a rapid move, so they share a mode; one mode would work",
                     file="options",
                     where=f"external.{axis.joint}.operations",
@@ -140,7 +140,7 @@ def build_operation_groups(
         chosen = np.flatnonzero((high > low) | (moving & (most > least)))
         if len(chosen) > MOST:
             names = [axes[k].joint for k in chosen.tolist()]
-            raise InputError(
+            raise CellError(
                 f"places are to be chosen for {len(chosen)} external joints ({', '.join(names)}), and {MOST} are the "
                 f"most; one that stays at home would work: {names[-1]}: {{mode: locked}}",
                 file="options",
@@ -184,7 +184,7 @@ def _room(
     if moves:
         return True, (whole,), base
     origin = " and ".join(s.said for s in wishes) or f"{axis.joint!r} locked"
-    raise InputError(
+    raise CellError(
         f"{origin}: they are in operations that share a run without a rapid move, where {cell.external_joints[k]!r} "
         "stands in one place, and none keeps all of that; one of them, or mode: moving, would work",
         file="options",
@@ -199,7 +199,7 @@ def _given(axis: ExternalJointOptions, labels: Sequence[str]) -> float | None:
     requested = {value: label for label, value in axis.at_operations if label in labels}
     if len(requested) > 1:
         message = " and ".join(repr(label) for label in requested.values())
-        raise InputError(
+        raise CellError(
             f"{message} share a run without a rapid move, so the joint stands in one place; one value would work",
             file="options",
             where=f"external.{axis.joint}.at_operations_{axis.unit}",

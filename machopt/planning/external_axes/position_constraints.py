@@ -21,7 +21,7 @@ from machopt.data_types.steering import (
     format_steering_rule,
     select_steered_rows,
 )
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import CellError, suggest_nearest_word
 from machopt.numerics.array_types import Array
 from machopt.planning.stations.planning_path import PlanningPath
 
@@ -156,7 +156,7 @@ def check_compatible_wishes(wishes: Sequence[AxisPositionWish], within: Interval
     for start in sorted({s.rows[0] for s in wishes}):
         overlapping = [s for s in wishes if s.rows[0] <= start <= s.rows[1]]
         if not intersect_wishes(overlapping, (within,)):
-            raise InputError(
+            raise CellError(
                 f"{' and '.join(s.said for s in overlapping)} leave the joint no place; one of them would work",
                 file="options",
                 where="steer",
@@ -218,14 +218,14 @@ def _joint(cell: Cell, wish: SteeringRule) -> int:
     k = find_external_joint(wish.joint, names)
     if k is None:
         what = suggest_nearest_word(wish.joint, [*names, *(f"e{n + 1}" for n in range(len(names)))])
-        raise InputError(
+        raise CellError(
             f"{wish.joint!r} is no external joint of the cell; {what if names else 'it has none'}",
             file="options",
             where="steer",
         )
     unit = "mm" if cell.external_prismatic[k] else "deg"
     if wish.unit != unit:
-        raise InputError(
+        raise CellError(
             f"{format_steering_rule(wish)}: {names[k]!r} {'slides' if unit == 'mm' else 'turns'}; a place in "
             f"{unit} would work",
             file="options",
@@ -235,7 +235,7 @@ def _joint(cell: Cell, wish: SteeringRule) -> int:
     out_of_range = wish.at is not None and not low - MET <= wish.at <= high + MET
     all_of_it = wish.away is not None and wish.away[0] < low and wish.away[1] > high
     if out_of_range or all_of_it:
-        raise InputError(
+        raise CellError(
             f"{format_steering_rule(wish)}: the range of {names[k]!r} is {format_external_value(low, unit)} to "
             f"{format_external_value(high, unit)}",
             file="options",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.planning.cost.objective import compute_total
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
@@ -71,7 +71,7 @@ def check_front_options(options: PlanOptions) -> None:
     elif options.allow_gaps:
         wrong = "with --allow-gaps each plan may cut other points; without it the plans can be compared"
     if wrong:
-        raise InputError(f"--front: {wrong}", file="options", where="front")
+        raise CellError(f"--front: {wrong}", file="options", where="front")
 
 
 def list_front_variants(options: PlanOptions) -> list[tuple[str, str, PlanOptions]]:

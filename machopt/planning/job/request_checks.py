@@ -11,7 +11,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.steering import refuse_narrow_zones, resolve_steering
 from machopt.data_types.toolpath import MoveKind, Toolpath
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import load_robot
 from machopt.numerics.array_types import Array
@@ -40,7 +40,7 @@ def check_length_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: boo
     workpiece_poses = machine.compute_T_base_workpiece(_corners(cell))
     why = [explain_wrong_unit(toolpath, robot, T, cell.tool.T_flange_tcp, stated=stated) for T in workpiece_poses]
     if all(why):  # for all positions of the external joints
-        raise InputError(why[0], file=file)
+        raise CellError(why[0], file=file)
 
 
 def add_reach_warning(cell: Cell, toolpath: Toolpath) -> Toolpath:
@@ -84,7 +84,7 @@ def check_fixed_rotation_method(options: PlanOptions) -> None:
         InputError: the method chooses every rotation by itself.
     """
     if (options.fixed or options.steer) and options.method != "global":
-        raise InputError(
+        raise CellError(
             f"method {options.method} chooses every rotation by itself and would not keep fixed ones; method global "
             "would",
             file="options",
@@ -105,7 +105,7 @@ def check_fixed_rotation_points(toolpath: Toolpath, options: PlanOptions) -> Non
     check_fixed_rotation_method(options)
     for fixed in options.fixed:
         if fixed.point >= len(toolpath):
-            raise InputError(
+            raise CellError(
                 f"point {fixed.point} is fixed, but {toolpath.source} has points 0 to {len(toolpath) - 1}",
                 file="options",
                 where="fixed",
@@ -144,7 +144,7 @@ def check_motion_length(toolpath: Toolpath, options: PlanOptions) -> None:
     total = float(seconds.sum())
     if total > SAMPLES * options.sample:
         at = 1 + int(np.argmax(seconds))
-        raise InputError(
+        raise CellError(
             f"at the programmed feeds the path takes {total / 3600.0:.3g} h, {total / options.sample:.2g} samples "
             f"of {1e3 * options.sample:g} ms; expected fewer than {SAMPLES / 1e6:.0f} million. "
             f"The longest move, to point {at}, has {60e3 * feed[at - 1]:.3g} mm/min. "

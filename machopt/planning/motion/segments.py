@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.toolpath import MoveKind, Toolpath
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.numerics.array_types import Array
 from machopt.planning.stations.planning_path import PlanningPath
 
@@ -79,7 +79,7 @@ def count_rest_samples(toolpath: Toolpath, sample: float) -> dict[int, int]:
         point = min(event.index, len(toolpath)) - 1
         known = event.kind == "dwell" and event.value > 0.0  # NaN: the file gives spindle revolutions, or nothing
         if known and event.value > LONGEST:
-            raise InputError(
+            raise CellError(
                 f"{event.text!r} waits {event.value:g} s; the longest dwell is {LONGEST:g} s; a program stop (M0) in "
                 "its place would work, or a unit for the number where it is meant in ms",
                 file=toolpath.source,

@@ -12,7 +12,7 @@ import numpy as np
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.kinematics.encoder_corrections import EncoderCorrection, build_encoder_correction
 from machopt.kinematics.inverse.solver import build_solver
 from machopt.kinematics.machine import Machine, load_machine
@@ -129,7 +129,7 @@ def prepare_planning(cell: Cell, options: PlanOptions) -> PlanningSetup:
         InputError: the cell lacks what planning needs (a stiffness), or uses what is not supported.
     """
     if cell.stiffness is None:
-        raise InputError(
+        raise CellError(
             "the cell names no stiffness file; optimise needs joint stiffness "
             "(cell key 'stiffness', e.g. from machopt identify)",
             file=cell.folder / "cell.yaml",
@@ -160,7 +160,7 @@ def _refuse_tilting(cell: Cell, machine: Machine) -> None:
     up = cell.T_world_base[2, :3]  # in base_link
     for k in range(machine.positioner, machine.external_count):
         if not machine.slides[k] and abs(machine.axis[k] @ up) < UPRIGHT:
-            raise InputError(
+            raise CellError(
                 f"joint {cell.external_joints[machine.column[k] - 6]!r} tilts the robot's base, and its weight is "
                 "reckoned with in one attitude; a joint that slides or turns about the vertical would work",
                 file=cell.folder / "cell.yaml",

@@ -12,7 +12,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.steering import format_steering_rule, is_inside_zone, select_steered_rows
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.kinematics.inverse.solver import (
     InverseKinematicsSolver,
     SingularityMargins,
@@ -292,7 +292,7 @@ def _forbid_by_user(
         if wish.forbid is not None:
             outside[rows] |= is_inside_zone(gamma[rows], wish.forbid)
         if wish.branch is not None and not numbered:
-            raise InputError(
+            raise CellError(
                 f"{format_steering_rule(wish)}: branches of this arm have no numbers that hold from pose to "
                 f"pose (its last three axes "
                 "meet in no point, and axes 2 to 4 are not parallel); a pinned or preferred rotation would work",
@@ -300,7 +300,7 @@ def _forbid_by_user(
                 where="steer",
             )
         if wish.branch is not None and wish.branch >= feasible.shape[2]:
-            raise InputError(
+            raise CellError(
                 f"{format_steering_rule(wish)}: this arm has the branches 0 to {feasible.shape[2] - 1}",
                 file="options",
                 where="steer",

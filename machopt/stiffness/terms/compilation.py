@@ -8,7 +8,7 @@ from typing import Any
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import registry
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
 from machopt.spelling_suggestions import suggest_word
@@ -45,7 +45,7 @@ def compile_terms(
         where = f"terms[{n}]"
         _check_location(term, where, file)
         if (term.effect, term.location) in seen:
-            raise InputError(f"{term.effect} at {term.location} stands twice; keep one", file=file, where=where)
+            raise CellError(f"{term.effect} at {term.location} stands twice; keep one", file=file, where=where)
         seen.add((term.effect, term.location))
         parameters = ParameterReader(term.parameters, f"{where}.parameters", file)
         if term.effect == "geometric_stiffness":
@@ -92,13 +92,13 @@ def _check_location(term: StiffnessTerm, where: str, file: Any) -> None:
     known = list_effects_and_locations()
     if term.effect not in known:
         hint = suggest_word(term.effect, known)
-        raise InputError(
+        raise CellError(
             f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: --effects FILE.py",
             file=file,
             where=f"{where}.effect",
         )
     if term.location not in known[term.effect]:
-        raise InputError(
+        raise CellError(
             f"{term.effect} cannot be at {term.location!r}; valid: {_join_words(known[term.effect])}",
             file=file,
             where=f"{where}.location",
