@@ -1,6 +1,8 @@
-"""A reflector that does not sit where the record says, or two whose names are exchanged: a fault of the record.
+"""Reflectors whose recorded position is wrong, or whose names are exchanged.
 
-Places are fitted in any case, so neither bends any physics; but what was written down is wrong, and is said.
+Reflector positions are always fitted, so neither fault distorts the physics. The recorded positions are wrong,
+however,
+and this is reported.
 """
 
 from __future__ import annotations
@@ -24,21 +26,25 @@ from machopt.measurement.diagnosis.static.nominal_pose_model import FirstPoseFit
 from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
-LOOSE_UNCERTAINTY_FACTOR = (
-    1e3  # times the stated uncertainty: places that may be anything must not be held to what may be wrong
-)
+LOOSE_UNCERTAINTY_FACTOR = 1e3  # factor on the stated uncertainty: removes the prior on positions that may be wrong
 
 
 def correct_misplaced_reflectors(
     recording: Recording, cell: Cell, robot: Robot, masses: RobotMasses | None
 ) -> tuple[Recording, list[Finding]]:
-    """Put right what ``targets_mm`` says of single reflectors, where the poses tell it.
+    """Correct recorded positions (``targets_mm``) of single reflectors that the poses contradict.
 
-    A plate that sits elsewhere as a whole is no such fault: that is what the fit of places is for.
+
+    A common offset of all reflectors is not reported: the fit of reflector positions absorbs it.
 
     Args:
-        recording: kind absolute, in base_link but for what is refitted.
-        cell, robot, masses: the arm.
+        recording: Measured poses in base_link, except for the refitted frame.
+        cell: Robot cell.
+        robot: Kinematic model of the arm.
+        masses: Link and tool masses; None if unknown.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
     if len(recording.targets) < 2:
         return recording, []
@@ -73,7 +79,7 @@ def correct_misplaced_reflectors(
 
 
 def _find_misplaced_reflectors(off: Array, far: float) -> list[int]:
-    """Reflectors (T, 3) m that lie elsewhere than most of the others do; none where most would."""
+    """Return reflectors whose offset (T, 3) m differs from that of the majority; none if most would differ."""
     if len(off) == 2:
         apart = float(np.linalg.norm(off[1] - off[0]))
         return [int(np.argmax(np.linalg.norm(off, axis=1)))] if apart > far else []
@@ -82,7 +88,7 @@ def _find_misplaced_reflectors(off: Array, far: float) -> list[int]:
 
 
 def _find_exchanged_reflectors(recording: Recording, off: Array, found: Array, far: float) -> tuple[int, int] | None:
-    """Two reflectors each of which sits where the other should."""
+    """Return two reflectors each of which lies at the recorded position of the other."""
     size = np.linalg.norm(off, axis=1)
     for a, b in combinations(range(len(off)), 2):
         there = found[a] - recording.targets[b].place, found[b] - recording.targets[a].place
