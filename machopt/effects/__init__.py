@@ -10,8 +10,8 @@ recording::
                   └   sizes(values, shape, scale), grid(scale): reported quantities, and the shapes a search tries
 
 The caller transforms the output of a law: :mod:`machopt.stiffness.terms` to the TCP under a planned load,
-:mod:`machopt.measurement.diagnosis` to the readings of a load test, of measured poses or of a motion. ``verify`` has a
-second, independent implementation.
+:mod:`machopt.measurement.diagnosis` to the readings of a load test, of measured poses or of a motion. ``verify`` has
+a second, independent implementation.
 
 Each file defines one family of effects, for example :mod:`machopt.effects.joint.backlash`.
 :mod:`machopt.effects.registry` lists all of them. A new effect needs one such file and one line in the registry.

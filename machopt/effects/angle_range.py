@@ -1,8 +1,8 @@
 """Angle range over which a transmission error was measured. The correction is not applied outside of it.
 
 A sum of harmonics is valid only where it was measured. A quarter of a turn further its error may equal its own
-amplitude. Beyond either end it fades out over :data:`FADE`, smoothly enough for a continuous jerk of the path:
-w(t) = t⁴ (35 − 84 t + 70 t² − 20 t³), w' = 140 t³ (1 − t)³.
+amplitude. Beyond either end it fades out over :data:`FADE`, smoothly enough for a continuous jerk of the path: w(t) =
+t⁴ (35 − 84 t + 70 t² − 20 t³), w' = 140 t³ (1 − t)³.
 """
 
 from __future__ import annotations
@@ -82,7 +82,6 @@ def read_angle_range(parameters: Mapping[str, Any]) -> AngleRange | None:
 
 def compute_measured_range(angle: Array) -> list[float]:
     """Compute the angle range that an entry states from the angles of its measurements.
-
 
     Outermost angles with a gap of more than :data:`MAX_ANGLE_GAP` to the next one are left out.
 

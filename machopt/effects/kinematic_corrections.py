@@ -36,10 +36,8 @@ def build_kinematic_correction(
 def extend_kinematics(known: KinematicCorrections | None, found: Iterable[KinematicCorrection]) -> KinematicCorrections:
     """Combine known corrections with newly found ones.
 
-
-    At the same place zero offsets, couplings and geometry add up. Harmonics are listed side by side, and equal
-    orders add
-    up. Harmonics with another angle range form an entry of their own.
+    At the same place zero offsets, couplings and geometry add up. Harmonics are listed side by side, and equal orders
+    add up. Harmonics with another angle range form an entry of their own.
 
     Args:
         known: Corrections known so far, or None.

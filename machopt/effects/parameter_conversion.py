@@ -142,10 +142,8 @@ def list_coefficient_names(law: LawParameterSet, count: int) -> tuple[tuple[str,
 def add_law_parameters(law: LawParameterSet, one: Mapping[str, Any], two: Mapping[str, Any]) -> dict[str, Any]:
     """Combine two entries of the same law at one place.
 
-
-    Coefficients with equal shape add up; others are listed side by side. The sum is formed in the file's units,
-    so that
-    unchanged numbers keep all their digits.
+    Coefficients with equal shape add up; others are listed side by side. The sum is formed in the file's units, so
+    that unchanged numbers keep all their digits.
 
     Args:
         law: Law that defines the parameters.

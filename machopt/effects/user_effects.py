@@ -1,10 +1,8 @@
 """User-defined effects in addition to those of the registry, from a Python file or an installed package.
 
-A file defines ``EFFECTS``, a list of :class:`~machopt.effects.protocol.Effect`. A package names such a list as
-an entry
-point in the group ``machopt.effects``. Both are code that runs with the user's rights when it is loaded. A
-package is
-active when it is installed. A file is run only if the command line names it.
+A file defines ``EFFECTS``, a list of :class:`~machopt.effects.protocol.Effect`. A package names such a list as an
+entry point in the group ``machopt.effects``. Both are code that runs with the user's rights when it is loaded. A
+package is active when it is installed. A file is run only if the command line names it.
 """
 
 from __future__ import annotations

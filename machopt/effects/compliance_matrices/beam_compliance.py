@@ -116,7 +116,6 @@ def compute_cylinder_compliance(cylinder: BeamCylinder) -> Array:
 def compute_stepped_beam_compliance(cylinders: Sequence[BeamCylinder]) -> Array:
     """Return the compliance at the tip of cylinders in series.
 
-
     Each cylinder also carries the moment of the tip force and rotates all cylinders after it. The sum of L³/3EI
     (tian2025 eq. 3) neglects this; see :func:`compute_tian2025_tip_compliance`.
 
@@ -150,9 +149,7 @@ def shift_compliance_along_beam(C: Array, distance: float) -> Array:
 def compute_tian2025_tip_compliance(cylinders: Sequence[BeamCylinder]) -> float:
     """Return the lateral tip compliance by tian2025 eqs. 2–3: Σ L³/(3 E I), without lever arms.
 
-
-    For comparison only. The result is right for a long thin bur behind a stiff holder. It is far too stiff for a
-    soft
+    For comparison only. The result is right for a long thin bur behind a stiff holder. It is far too stiff for a soft
     holder far from the tip.
 
     Args:

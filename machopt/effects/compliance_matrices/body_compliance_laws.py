@@ -1,8 +1,8 @@
 """Laws of compliant bodies: a uniform beam, and a symmetric compliance matrix or some of its entries.
 
-A beam is clamped at its root and loaded at the frame S at its end. Its x axis points along the beam. If the two bending
-planes differ, z is the principal axis that the key ``EI_Nm2`` bends about. The effects that use these laws are
-:mod:`machopt.effects.structure.link_compliance`, :mod:`machopt.effects.structure.base_compliance` and
+A beam is clamped at its root and loaded at the frame S at its end. Its x axis points along the beam. If the two
+bending planes differ, z is the principal axis that the key ``EI_Nm2`` bends about. The effects that use these laws
+are :mod:`machopt.effects.structure.link_compliance`, :mod:`machopt.effects.structure.base_compliance` and
 :mod:`machopt.effects.structure.tool_compliance`; :mod:`machopt.stiffness.terms.body_spring` locates S.
 """
 
@@ -384,9 +384,7 @@ class MatrixEntriesLaw(BodyLawDefaults):
 def project_to_semidefinite(C: Array) -> Array:
     """Return a symmetric matrix without its negative directions, which noise may leave.
 
-
-    A direction with a negative diagonal entry is removed as a whole. Scaling by that entry would let its couplings
-    to
+    A direction with a negative diagonal entry is removed as a whole. Scaling by that entry would let its couplings to
     other directions grow without bound.
 
     Args:
@@ -485,7 +483,6 @@ def compute_section_deflection(
     at: tuple[Array, Array] | None = None,
 ) -> Array:
     """Compute the TCP twist of a beam under a tip wrench and its own weight, by integration over its sections.
-
 
     A section at x carries m(x), the moment of all loads beyond it. It rotates by m·n/EI per unit length about each
     principal axis n, and by m·a/GJ about the beam axis a. Each rotation moves the TCP about the section at x.

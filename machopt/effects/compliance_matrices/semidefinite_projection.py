@@ -18,10 +18,8 @@ CONVERGENCE_TOLERANCE = 1e-9  # relative
 def find_nearest_semidefinite(values: Array, pairs: Sequence[tuple[int, int]], metric: Array) -> Array:
     """Find the coefficients of a positive semidefinite matrix that increase the residual sum of squares least.
 
-
-    Cutting-plane method: every direction v with vᵀC v < 0 adds the plane vᵀC v ≥ 0. The nearest point that
-    satisfies all
-    planes so far is a least-distance problem (Lawson & Hanson 1974, ch. 23).
+    Cutting-plane method: every direction v with vᵀC v < 0 adds the plane vᵀC v ≥ 0. The nearest point that satisfies
+    all planes so far is a least-distance problem (Lawson & Hanson 1974, ch. 23).
 
     Args:
         values: (p,) entries of a symmetric matrix, SI; entries not listed are zero.

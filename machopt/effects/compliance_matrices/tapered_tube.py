@@ -36,10 +36,8 @@ UNIFORM: Shape = (1.0, 0.0)
 class TaperedTube(UniformBeamLaw):
     """Tapered tube. EI, EI across and GJ refer to its middle and scale with the cube of the radius (constant wall).
 
-
     ``taper`` is the radius at the end divided by that at the root. ``shear`` is EI/(k G A L²) at the middle: for a
-    thin
-    tube 2.6 times the square of radius over length.
+    thin tube 2.6 times the square of radius over length.
     """
 
     shape: tuple[LawParameter, ...] = (TAPER, SHEAR)

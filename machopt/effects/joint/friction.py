@@ -1,7 +1,7 @@
 """Joint friction beyond Coulomb and viscous friction, which are always fitted: competing laws of the motor torque.
 
-z is the direction of motion after a short presliding displacement. Main source: Armstrong-Hélouvry, Dupont & Canudas de
-Wit, Automatica 30 (1994) 1083.
+z is the direction of motion after a short presliding displacement. Main source: Armstrong-Hélouvry, Dupont & Canudas
+de Wit, Automatica 30 (1994) 1083.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Gravity compensator of joint 2: a spring between two pivots at distance s, s² = a² + L² + 2 a L cos(α + q₂), force
 F₀ + k s.
 
-Its torque −(F₀ + k s) ds/dq depends on the joint angle. The slope of the torque is a stiffness in parallel to the gear.
-Lengths enter as the ratio a/L; F₀ L and k L² are torques (Klimchik et al. arXiv 1311.6810).
+Its torque −(F₀ + k s) ds/dq depends on the joint angle. The slope of the torque is a stiffness in parallel to the
+gear. Lengths enter as the ratio a/L; F₀ L and k L² are torques (Klimchik et al. arXiv 1311.6810).
 """
 
 from __future__ import annotations
@@ -138,10 +138,8 @@ LINKAGE, HARMONIC = CompensatorLinkage(), HarmonicTorque()
 def convert_to_file_law(law: ParallelTorqueLaw, values: Array, shape: Array) -> tuple[Array, Array]:
     """Convert coefficients and shape to the law that files state, the first law of the effect.
 
-
-    A cos q + B sin q = C sin(α + q) equals a spring whose second pivot is very far away: −F₀ L s' = F₀ L (a/L)
-    sin(α + q)
-    with a relative error of a/L.
+    A cos q + B sin q = C sin(α + q) equals a spring whose second pivot is very far away: −F₀ L s' = F₀ L (a/L) sin(α
+    + q) with a relative error of a/L.
 
     Args:
         law: Law that the values belong to.

@@ -1,11 +1,8 @@
 """Hysteresis of a gear with internal friction: play operators, saturating play, or the Bouc–Wen model.
 
-All laws have memory. A plan has no load history; it uses the branch of a load that rises from a gear at rest,
-P_r = sgn(τ) max(|τ| − r, 0). A gear that an earlier load left on the opposite side of its play yields up to a·r
-more,
-once. A *small* additional load meets the slope after the play is taken up, which is the most compliant state of
-the
-gear.
+All laws have memory. A plan has no load history; it uses the branch of a load that rises from a gear at rest, P_r =
+sgn(τ) max(|τ| − r, 0). A gear that an earlier load left on the opposite side of its play yields up to a·r more, once.
+A *small* additional load meets the slope after the play is taken up, which is the most compliant state of the gear.
 """
 
 from __future__ import annotations
@@ -102,9 +99,7 @@ def _integrate_drag(x: Array, first: Ints, reach: float, beta: float) -> Array:
 
 
 def compute_drag(x: Array, first: Ints, reach: float, beta: float) -> Array:
-    """Integrate the Bouc–Wen state z: dz = [1 − |z| (β sgn(z dx) + 1 − β)] dx/r, in closed form between path
-    points.
-
+    """Integrate the Bouc–Wen state z: dz = [1 − |z| (β sgn(z dx) + 1 − β)] dx/r, in closed form between path points.
 
     For β > ½ small loops do not close: under one-sided loads z ratchets from cycle to cycle.
 
@@ -229,7 +224,6 @@ class PlayHysteresis(JointLawDefaults):
 class SaturatedPlay(JointLawDefaults):
     """φ = a tanh(P_r[τ] / k): friction holds the tooth flanks while they cross a clearance, until they are in
     contact.
-
 
     With play operators alone the loop widens with the load. Here both branches separate once and stay parallel.
     """

@@ -1,7 +1,6 @@
 """Joint angle errors without load: encoder zero offsets and transmission errors of the gears.
 
-The true angle of joint j is q_j + Δ_j(q), where q are the encoder angles. The exported joint values compensate
-it.
+The true angle of joint j is q_j + Δ_j(q), where q are the encoder angles. The exported joint values compensate it.
 """
 
 from __future__ import annotations
@@ -229,7 +228,6 @@ class TransmissionError(JointAngleLawDefaults):
 def describe_wave_amplitudes(amplitudes: Array, orders: Shape, unit: str, *, doubled: bool) -> dict[str, Quantity]:
     """Return amplitudes and orders of harmonics as reported quantities, the largest first.
 
-
     The first quantity must be zero only if all coefficients are zero. It is therefore the largest amplitude.
 
     Args:
@@ -256,12 +254,9 @@ def describe_wave_amplitudes(amplitudes: Array, orders: Shape, unit: str, *, dou
 def list_testable_orders(swept: JointAngleRange) -> tuple[float, ...]:
     """List the orders per turn that the measured angles can resolve.
 
-
-    Integer orders up to LOW_ORDERS are for parts that rotate with the output. Above, the grid is as fine as the
-    angle
-    range requires, limited by the number of distinct angles. With fewer angles some order among many fits any
-    noise. A
-    motion passes all angles in between: integer orders up to the highest.
+    Integer orders up to LOW_ORDERS are for parts that rotate with the output. Above, the grid is as fine as the angle
+    range requires, limited by the number of distinct angles. With fewer angles some order among many fits any noise.
+    A motion passes all angles in between: integer orders up to the highest.
 
     Args:
         swept: Angle range of the joint that the readings cover.

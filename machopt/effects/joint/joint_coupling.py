@@ -1,7 +1,6 @@
 """Coupling of two joints: kinematic (through the gears, Δ_j = κ q_i) or elastic (Δ_i = c_ij τ_j, Δ_j = c_ij τ_i).
 
-These are two effects in two files: the elastic one in stiffness.yaml, the kinematic one in kinematics.yaml.
-Files and
+These are two effects in two files: the elastic one in stiffness.yaml, the kinematic one in kinematics.yaml. Files and
 findings call both ``joint_coupling``; the parameters tell which one is meant.
 """
 
@@ -181,12 +180,11 @@ class KinematicCoupling(JointAngleLawDefaults):
 
 @dataclass(frozen=True)
 class ThroughShaftCoupling:
-    """The drive shaft of joint j runs through joint i. Its motor turns by φ = q_j + κ q_i, with the friction of
-    that motion.
+    """The drive shaft of joint j runs through joint i. Its motor turns by φ = q_j + κ q_i, with the friction of that
+    motion.
 
-
-    The joint torques of all motors are Aᵀ times the motor torques, with φ = A q. A controller reports either of
-    the two.
+    The joint torques of all motors are Aᵀ times the motor torques, with φ = A q. A controller reports either of the
+    two.
     """
 
     is_motor_side: bool  # recorded: torque of each motor times its gear ratio; else the joint torque of all motors

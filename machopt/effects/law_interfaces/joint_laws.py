@@ -19,7 +19,6 @@ from machopt.numerics.array_types import Array
 class JointLoading:
     """Loading of one joint in K states, in chronological order.
 
-
     Different load histories of a gear are different inputs to the same law.
     """
 
@@ -332,9 +331,7 @@ class JointAngleLawDefaults:
 
 
 class ParallelTorqueLaw(DescribedLaw, Protocol):
-    """Law of a torque in parallel to the gear (a spring between two links), by the joint's own angle. Stateless;
-    SI.
-    """
+    """Law of a torque in parallel to the gear (a spring between two links), by the joint's own angle. Stateless; SI."""
 
     @property
     def penalty(self) -> float:

@@ -1,6 +1,4 @@
-"""Definitions shared by all laws: a parameter, a reported quantity, and the parameters that a file states for a
-law.
-"""
+"""Definitions shared by all laws: a parameter, a reported quantity, and the parameters that a file states for a law."""
 
 from __future__ import annotations
 

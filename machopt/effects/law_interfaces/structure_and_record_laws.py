@@ -165,18 +165,16 @@ class RecordedLoad:
 
 
 class RecordLaw(DescribedLaw, Protocol):
-    """Law of an error of the recording, linear in its coefficients: what acted beyond the recorded values.
-    Stateless; SI.
+    """Law of an error of the recording, linear in its coefficients: what acted beyond the recorded values. Stateless;
+    SI.
     """
 
     @property
     def affected_quantity(self) -> str:
         """Affected quantity.
 
-
         ``wrench`` acts through the compliance of the arm. ``displacement`` and ``position`` change the measured
-        values.
-        ``point`` moves the tool point at which load and displacement are recorded.
+        values. ``point`` moves the tool point at which load and displacement are recorded.
         """
         ...
 

@@ -3,9 +3,8 @@
 Names, places and typical wrong units. The corrections use them
 (:mod:`machopt.measurement.diagnosis.data_quality.correction_candidates`,
 :mod:`machopt.measurement.diagnosis.data_quality.static_record_correction`,
-:mod:`machopt.measurement.identification.data_quality.unit_checks`).
-Sensor errors: :mod:`machopt.effects.recording.sensor_errors`. Delays:
-:mod:`machopt.effects.recording.time_delay`.
+:mod:`machopt.measurement.identification.data_quality.unit_checks`). Sensor errors:
+:mod:`machopt.effects.recording.sensor_errors`. Delays: :mod:`machopt.effects.recording.time_delay`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Errors of recorded loads and displacements: zero offset, gain and axes of the force sensor, axes of the
-displacement,
-point and direction of the load.
+displacement, point and direction of the load.
 
-A law returns what acted in addition to the recorded values, per unit of each coefficient. It is either a
-wrench, which
-moves the arm through the compliance identified so far, or a change of the displacement itself.
+A law returns what acted in addition to the recorded values, per unit of each coefficient. It is either a wrench,
+which moves the arm through the compliance identified so far, or a change of the displacement itself.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Time delays: a recorded channel with its own clock, or an arm that follows its command late.
 
-A delay is not linear. Its column is the secant (f(t − d̂) − f(t))/d̂ at the best-fitting delay d̂. It is exact
-if the
+A delay is not linear. Its column is the secant (f(t − d̂) − f(t))/d̂ at the best-fitting delay d̂. It is exact if the
 coefficient equals d̂. For delays near zero the tangent is used.
 """
 

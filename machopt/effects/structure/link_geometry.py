@@ -1,12 +1,10 @@
 """As-built geometry: deviations of each joint frame in the preceding link, of the base and of the tool.
 
-A frame is rotated about its own origin by a small rotation vector and translated, in base_link axes with all
-joints at
-zero. All following frames move along. The corrected arm has the same form as a nominal one. With G_k the
-deviation of
-frame k: Π_k G_k exp(ξ_k θ_k) G_t M = Π_k exp(Ad(G_0 … G_k) ξ_k θ_k) G_0 … G_t M.
-Source: Hayati & Mirmirani 1985 (Denavit–Hartenberg parameters are not sufficient for parallel axes);
-Okamura & Park 1996 (kinematic calibration with the product of exponentials).
+A frame is rotated about its own origin by a small rotation vector and translated, in base_link axes with all joints
+at zero. All following frames move along. The corrected arm has the same form as a nominal one. With G_k the deviation
+of frame k: Π_k G_k exp(ξ_k θ_k) G_t M = Π_k exp(Ad(G_0 … G_k) ξ_k θ_k) G_0 … G_t M. Source: Hayati & Mirmirani 1985
+(Denavit–Hartenberg parameters are not sufficient for parallel axes); Okamura & Park 1996 (kinematic calibration with
+the product of exponentials).
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Payload that differs from the cell's: in mass, in centre of mass, or in both.
 
-Weight and inertia of the payload are linear in its mass and its first moments. A channel supplies the
-sensitivity of
+Weight and inertia of the payload are linear in its mass and its first moments. A channel supplies the sensitivity of
 its readings to one kilogram at a reference point and to one kilogram metre along each flange axis.
 """
 

@@ -1,7 +1,6 @@
 """Thermal drift of arm and set-up: castings expand, the stand moves, with temperature or with time.
 
-A law is the product of a course (over time or temperature) and a motion pattern of the TCP. A reading relative
-to an
+A law is the product of a course (over time or temperature) and a motion pattern of the TCP. A reading relative to an
 unloaded reference state shows the change since that state.
 """
 
@@ -270,7 +269,6 @@ class CastingExpansion:
 
     def is_testable(self, seen: ThermalState) -> bool:
         """Return whether the readings span enough time for the castings to expand.
-
 
         A reading relative to a reference state a minute earlier cannot show it.
 

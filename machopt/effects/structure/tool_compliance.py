@@ -149,7 +149,6 @@ class RotationallySymmetricTool(BodyLawDefaults):
     def restrict_to_observed(self, dimensions: int, *, turning: bool) -> BodyLaw:
         """Drop the coefficients that the readings cannot determine.
 
-
         Positions under forces determine the lateral compliance only. Torsion requires a moment.
 
         Args:
@@ -308,9 +307,7 @@ def _read_tool_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw
 
 
 def _read_stepped_tool(given: ParameterReader, body: CompliantBody) -> tuple[Array, dict[str, Any]]:
-    """Return the compliance at the TCP of stepped cylinders (tian2025 eqs. 2–3, with lever arms) and a force
-    sensor.
-    """
+    """Return the compliance at the TCP of stepped cylinders (tian2025 eqs. 2–3, with lever arms) and a force sensor."""
     stated: dict[str, Any] = {"cylinders": given.read_mappings("cylinders")}
     steps = []
     for n, entry in enumerate(stated["cylinders"]):

@@ -1,8 +1,7 @@
 """D-optimal selection of readings: exact designs for a given number of poses and of loads at each pose.
 
 A reading n of D numbers has the response A_n (D, P) to P unknowns, its own noise Σ_n, and a pose error with
-covariance V
-that all readings at its pose share. A pose with the readings S gives the information
+covariance V that all readings at its pose share. A pose with the readings S gives the information
 
     A_Sᵀ (blockdiag Σ + 1 1ᵀ ⊗ V)⁻¹ A_S;
 
@@ -13,9 +12,8 @@ poses add. A design maximises Σ_k w_k log det M_k over one or several models of
 - a law [A, y] with w = 1 and a law A with w = −1: T-optimal, the largest deviation y that A cannot imitate
   (:mod:`machopt.measurement.design.two_model_discrimination`).
 
-Poses are added greedily, each with its most informative loads. Then single poses with their loads, and single
-loads, are
-exchanged for better ones (Fedorov's exchange) until nothing improves.
+Poses are added greedily, each with its most informative loads. Then single poses with their loads, and single loads,
+are exchanged for better ones (Fedorov's exchange) until nothing improves.
 """
 
 from __future__ import annotations
@@ -338,10 +336,8 @@ class _DesignSearch:
     def _grow(self, rows: Ints, Ms: list[Array], loads: int) -> tuple[int, ...]:
         """Return the best pose of some, with loads added one by one.
 
-
         After a reading, the pose error b is better known. The next reading counts by its innovation: its response
-        minus the part
-        explained by the estimate of b, with the remaining covariance of b (Kalman update).
+        minus the part explained by the estimate of b, with the remaining covariance of b (Kalman update).
         """
         slots = self.slots[rows]
         K, D = len(rows), len(self.problem.shared)

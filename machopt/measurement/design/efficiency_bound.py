@@ -20,14 +20,10 @@ MAX_EXACT_POSES = 400  # poses with an exact bound for pairs of loads; the other
 def compute_efficiency_bound(problem: DesignProblem, design: ReadingDesign, loads: int) -> float:
     """Compute a lower bound of the D-efficiency against every design of as many poses and loads: P/(n d).
 
-
-    d = max over poses of tr(M⁻¹ I_pose) bounds tr(M⁻¹ M*)/n of any other M*, and det^(1/P) is at most a Pth of
-    the trace. With
-    one or two loads per pose d is exact. With more, or at poses far from the best, the shared pose error is
-    neglected, which
-    makes the bound looser but not wrong. If no reading determines some combination of the unknowns, the bound
-    refers to the
-    others. It is 0 if other readings would determine it.
+    d = max over poses of tr(M⁻¹ I_pose) bounds tr(M⁻¹ M*)/n of any other M*, and det^(1/P) is at most a Pth of the
+    trace. With one or two loads per pose d is exact. With more, or at poses far from the best, the shared pose error
+    is neglected, which makes the bound looser but not wrong. If no reading determines some combination of the
+    unknowns, the bound refers to the others. It is 0 if other readings would determine it.
 
     Args:
         problem: Design problem; its first model is used.
@@ -66,9 +62,8 @@ def compute_efficiency_bound(problem: DesignProblem, design: ReadingDesign, load
 def _find_best_pair(A: Array, covariance: Array, shared: Array, readings: Ints) -> float:
     """Return the largest trace of the information of two readings of one pose (of one if there is only one).
 
-
-    With weights W_i = Σ_i⁻¹ and B_i = W_i A_i the information of i and j is A_iᵀ B_i + A_jᵀ B_j − (B_i + B_j)ᵀ
-    (V⁻¹ + W_i + W_j)⁻¹ (B_i + B_j). (V⁻¹ + W)⁻¹ = V (1 + W V)⁻¹ also holds for a singular V.
+    With weights W_i = Σ_i⁻¹ and B_i = W_i A_i the information of i and j is A_iᵀ B_i + A_jᵀ B_j − (B_i + B_j)ᵀ (V⁻¹ +
+    W_i + W_j)⁻¹ (B_i + B_j). (V⁻¹ + W)⁻¹ = V (1 + W V)⁻¹ also holds for a singular V.
     """
     if len(readings) == 1:
         noise = covariance[readings[0]] + shared

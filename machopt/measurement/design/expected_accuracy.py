@@ -77,7 +77,6 @@ def compute_design_efficiency(found: ExpectedAccuracy, reference: ExpectedAccura
     """Compute the D-, A- and E-efficiency relative to another design, over the unknowns that the reference
     identifies.
 
-
     D: (det C*/det C)^(1/P); A: tr C*/tr C; E: λ_max(C*)/λ_max(C), with C the covariance.
 
     Args:

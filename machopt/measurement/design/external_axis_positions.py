@@ -54,7 +54,6 @@ def set_external_axis_positions(cell: Cell, asked: Sequence[str]) -> Cell:
 def update_base_frame(cell: Cell, robot: Robot) -> Cell:
     """Update ``T_world_base`` to the positions of the external joints, for positions given in world.
 
-
     Not for use with a collision model, which moves the base itself.
 
     Args:

@@ -1,14 +1,10 @@
 """Loads similar to the job: readings at two sizes of each load, and loads that reverse the torque of every joint.
 
-With full loads alone, backlash or a stiffness knee looks like a softer spring. A load-test reading is relative
-to the
-unloaded arm, whose weight already rests on one flank of each gear. Only a load that reverses the total torque
-of a joint
-crosses the backlash, and only two load sizes separate the step from a slope. For linear springs a load and its
-opposite
-are equivalent. Therefore loads are exchanged at their poses until backlash would be detected at every joint for
-which the
-poses and loads allow it. At most :data:`MAX_EFFICIENCY_LOSS` of the design's efficiency is given up.
+With full loads alone, backlash or a stiffness knee looks like a softer spring. A load-test reading is relative to the
+unloaded arm, whose weight already rests on one flank of each gear. Only a load that reverses the total torque of a
+joint crosses the backlash, and only two load sizes separate the step from a slope. For linear springs a load and its
+opposite are equivalent. Therefore loads are exchanged at their poses until backlash would be detected at every joint
+for which the poses and loads allow it. At most :data:`MAX_EFFICIENCY_LOSS` of the design's efficiency is given up.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Methods of load application: hanging weights, horizontal pulls, ropes or turnbuckles to anchors, on lever arms.
 
-A load is a force f at a point of the tool. At the TCP it is the wrench (f, r × f), with r from the TCP to that
-point. A bar
-bolted to the tool turns a plain weight into a moment.
+A load is a force f at a point of the tool. At the TCP it is the wrench (f, r × f), with r from the TCP to that point.
+A bar bolted to the tool turns a plain weight into a moment.
 """
 
 from __future__ import annotations

@@ -1,14 +1,11 @@
 """Maximin design for discrimination between several laws: maximise the separation of the worst pair.
 
-A contest takes one law as true and refits a rival with all its unknowns. The remainder λ = min_a |s − A a|²_W
-is the
-noncentrality of the test between both (Atkinson & Fedorov 1975, Biometrika 62, 57, eq. 2.2; for two laws Hunter
-& Reiner
-1965, Technometrics 7, 307). Over both directions and all pairs, a design maximises the least λ. Readings are
-added greedily
-and then exchanged one by one (Fedorov's exchange). During the selection the error shared by a pose counts as
-independent;
-the noncentrality of a finished design (:func:`compute_contest_noncentrality`) treats it as shared.
+A contest takes one law as true and refits a rival with all its unknowns. The remainder λ = min_a |s − A a|²_W is the
+noncentrality of the test between both (Atkinson & Fedorov 1975, Biometrika 62, 57, eq. 2.2; for two laws Hunter &
+Reiner 1965, Technometrics 7, 307). Over both directions and all pairs, a design maximises the least λ. Readings are
+added greedily and then exchanged one by one (Fedorov's exchange). During the selection the error shared by a pose
+counts as independent; the noncentrality of a finished design (:func:`compute_contest_noncentrality`) treats it as
+shared.
 """
 
 from __future__ import annotations

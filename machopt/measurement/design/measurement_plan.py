@@ -121,7 +121,6 @@ class MeasurementPlan:
 def build_unknowns(prior: ArmElasticity, terms: Sequence[LinearTerm], cases: LoadCases) -> IdentifiedUnknowns:
     """Build names and scales of the unknowns.
 
-
     A coefficient without a prior value is scaled so that it deflects the arm as much as a joint does (rms).
 
     Args:
@@ -157,10 +156,8 @@ def build_design_problem(
 ) -> tuple[DesignProblem, Array]:
     """Build the design problem of the load cases.
 
-
-    Scaling an unknown adds a constant to log det, so for constant noise the D-optimal design does not depend on
-    the prior. A
-    relative load error makes the noise grow with the deflection; only then prior stiffnesses matter.
+    Scaling an unknown adds a constant to log det, so for constant noise the D-optimal design does not depend on the
+    prior. A relative load error makes the noise grow with the deflection; only then prior stiffnesses matter.
 
     Args:
         cases: Admissible load cases.

@@ -25,10 +25,8 @@ def build_schedule(
 ) -> tuple[ScheduledLoadTest, ...]:
     """Schedule every reading once per round, with rounds in alternating directions and shuffled loads.
 
-
-    Every second round runs backwards, which cancels a linear drift between the two readings of a pose. Every
-    other pair of
-    rounds starts at another pose.
+    Every second round runs backwards, which cancels a linear drift between the two readings of a pose. Every other
+    pair of rounds starts at another pose.
 
     Args:
         blocks: Readings by pose, poses in an order with short travel (:func:`order_poses_by_travel`).

@@ -133,10 +133,8 @@ def sample_poses(
 ) -> PosePool:
     """Draw joint positions until enough are accepted.
 
-
-    Scrambled Sobol points over the joint ranges. A joint with more than one turn is drawn within half a turn of
-    its home
-    position.
+    Scrambled Sobol points over the joint ranges. A joint with more than one turn is drawn within half a turn of its
+    home position.
 
     Args:
         screen: Screening of poses.

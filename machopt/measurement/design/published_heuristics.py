@@ -103,8 +103,8 @@ def build_zhang2025_heuristic(pool: PosePool) -> HeuristicPosePool:
 def build_dumas2011_heuristic(
     pool: PosePool, cases: LoadCases, screen: PoseScreen, limits: tuple[Array, Array]
 ) -> HeuristicPosePool:
-    """Build the heuristic of dumas2011: zones of good dexterity of joints 2 and 3, the half of their poses with
-    least ν_p.
+    """Build the heuristic of dumas2011: zones of good dexterity of joints 2 and 3, the half of their poses with least
+    ν_p.
 
     Args:
         pool: Candidate poses.
@@ -137,7 +137,6 @@ def build_jiao2022_poses(
     screen: PoseScreen, pool: PosePool, limits: tuple[Array, Array], rng: np.random.Generator
 ) -> PosePool:
     """Build the 27 poses of the cube of jiao2022 at the position with most reachable poses.
-
 
     In the paper the cube is located at the job.
 

@@ -2,10 +2,8 @@
 
 A reading is d = δ + b(pose) + e. b is common to all loads at a pose and is not removed by unloading: encoder and
 registration errors, slow drift. e contains the instrument (the loaded state and the mean of the unloaded states
-before and
-after it: 1.5 times the variance of one), the load cycle, and the relative error of the load and thus of the
-displacement.
-Further cycles of the same load average the first two parts of e, but neither b nor the load error.
+before and after it: 1.5 times the variance of one), the load cycle, and the relative error of the load and thus of
+the displacement. Further cycles of the same load average the first two parts of e, but neither b nor the load error.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """T-optimal design for discrimination between two laws: the wrong law should fit the readings as badly as possible.
 
-With truth y = B b and rival A, the best fit of the rival leaves λ = min_a |y − A a|²_W, the noncentrality of
-the test
-between both. Since λ = det M_[A y] / det M_A, a T-optimal design is found like a D-optimal one with the
-deviation as an
-additional unknown (Atkinson & Fedorov 1975; the equality is the determinant of a bordered matrix).
+With truth y = B b and rival A, the best fit of the rival leaves λ = min_a |y − A a|²_W, the noncentrality of the test
+between both. Since λ = det M_[A y] / det M_A, a T-optimal design is found like a D-optimal one with the deviation as
+an additional unknown (Atkinson & Fedorov 1975; the equality is the determinant of a bordered matrix).
 """
 
 from __future__ import annotations

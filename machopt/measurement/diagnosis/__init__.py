@@ -22,12 +22,9 @@ Packages, each imports only packages listed below it::
     data_types               problem, readings, signals, result
     thresholds               thresholds with their origin
 
-One model selection serves every channel. A channel supplies three things: the measurement minus the nominal
-model
-(``DiagnosisProblem.y``), the columns that are always refitted (``DiagnosisProblem.base``), and the effects that
-its
+One model selection serves every channel. A channel supplies three things: the measurement minus the nominal model
+(``DiagnosisProblem.y``), the columns that are always refitted (``DiagnosisProblem.base``), and the effects that its
 signals can show (``EffectHypothesis``). An effect is linear in its coefficients once its shape (threshold, time
-constant, gear order) is fixed. Shapes are searched on a grid. Base and candidate are always fitted together,
-because
+constant, gear order) is fixed. Shapes are searched on a grid. Base and candidate are always fitted together, because
 refitted joint springs absorb most of an omitted effect.
 """

@@ -65,8 +65,6 @@ class DiagnoseRequest:
 def check_diagnose_request(request: DiagnoseRequest, kind: str) -> None:
     """Check a request against the kind of the recording before the long computation.
 
-
-
     Args:
         request: The request.
         kind: Kind of the recording.

@@ -15,9 +15,7 @@ BISECTIONS = 50
 def minimise_bounded_quadratic(H: Array, h: Array, lower: Array) -> Array:
     """Minimise ½ xᵀ H x − hᵀ x subject to x ≥ lower.
 
-
-    Coefficients without a bound are eliminated. The rest is a non-negative least-squares problem (Lawson &
-    Hanson).
+    Coefficients without a bound are eliminated. The rest is a non-negative least-squares problem (Lawson & Hanson).
 
     Args:
         H: (P, P) symmetric positive semidefinite matrix. A direction without data stays at its bound or 0.

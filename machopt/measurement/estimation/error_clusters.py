@@ -1,12 +1,9 @@
 """Errors shared by readings: random shifts per load cycle and per visit to a pose, and the resulting weights.
 
-Three coordinates of reading n (its translation or its rotation: a *channel*) have the error s · (single error +
-shift of
-its cycle + shift of its visit) with covariances V_n (3, 3), ρ_cycle I and ρ_visit I. A shift is the same vector
-for all
-readings of its group. The inverse needs one 3 × 3 matrix per group (Woodbury). The cost grows linearly with the
-number of
-readings.
+Three coordinates of reading n (its translation or its rotation: a *channel*) have the error s · (single error + shift
+of its cycle + shift of its visit) with covariances V_n (3, 3), ρ_cycle I and ρ_visit I. A shift is the same vector
+for all readings of its group. The inverse needs one 3 × 3 matrix per group (Woodbury). The cost grows linearly with
+the number of readings.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Load tests as equations, in base_link axes, at the TCP, in SI.
 
-Reading n under the wrench w_n obeys δ_n = Σ_j c_j J_j(q_n) (J_j(q_n)ᵀ w_n) + Σ_p x_p B_p(q_n) w_n + error. It
-is linear in
-the joint compliances c (dumas2011 eqs. 19–24, whose A is ``response`` without terms) and in the coefficients x
-of the terms.
+Reading n under the wrench w_n obeys δ_n = Σ_j c_j J_j(q_n) (J_j(q_n)ᵀ w_n) + Σ_p x_p B_p(q_n) w_n + error. It is
+linear in the joint compliances c (dumas2011 eqs. 19–24, whose A is ``response`` without terms) and in the
+coefficients x of the terms.
 """
 
 from __future__ import annotations

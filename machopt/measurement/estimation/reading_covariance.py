@@ -1,10 +1,8 @@
 """Covariance of a single reading: stated uncertainties propagated to the displacement.
 
-A displacement has its own error. Its equation also contains the recorded load and joint angles, whose errors
-act through
-the arm: V_n = σ_d² I + C(q_n) Σ_w C(q_n)ᵀ + σ_q² D_n D_nᵀ with the compliance C = ∂δ/∂w and D = ∂δ/∂q
-(effective variance).
-C is what is being identified, so this is repeated with the fit.
+A displacement has its own error. Its equation also contains the recorded load and joint angles, whose errors act
+through the arm: V_n = σ_d² I + C(q_n) Σ_w C(q_n)ᵀ + σ_q² D_n D_nᵀ with the compliance C = ∂δ/∂w and D = ∂δ/∂q
+(effective variance). C is what is being identified, so this is repeated with the fit.
 """
 
 from __future__ import annotations

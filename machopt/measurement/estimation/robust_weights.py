@@ -15,7 +15,6 @@ def compute_robust_weights(residual: Array, sigma: Array) -> Array:
     """Compute the weight of each coordinate: 1 for normal errors (99.7 %), decreasing to 0 (redescending
     M-estimator).
 
-
     Below three sigma the weight is exactly 1, so that intervals need no correction for lost efficiency.
 
     Args:
@@ -48,10 +47,8 @@ def estimate_robust_scale(residual: Array, fitted: int = 0) -> float:
 def fit_least_absolute_deviations(A: Array, y: Array, load: Array) -> Array:
     """Fit coefficients by least absolute deviations, each reading divided by its load.
 
-
-    Least absolute deviations resist a wrong displacement. A force recorded ten times too large would still
-    dominate by its
-    leverage; division by the load limits the influence of each reading.
+    Least absolute deviations resist a wrong displacement. A force recorded ten times too large would still dominate
+    by its leverage; division by the load limits the influence of each reading.
 
     Args:
         A: (N, D, P) columns.

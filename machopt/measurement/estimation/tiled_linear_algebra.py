@@ -1,10 +1,8 @@
 """Dense linear algebra in tiles so small that BLAS uses a single thread.
 
 OpenBLAS divides larger products among threads that wait by spinning. If all cores are busy, an inverse of 768
-unknowns
-then takes seconds instead of 50 ms. The thread pools of NumPy and SciPy disturb each other even on an idle
-machine. Tiles of
-64 keep each product below that size.
+unknowns then takes seconds instead of 50 ms. The thread pools of NumPy and SciPy disturb each other even on an idle
+machine. Tiles of 64 keep each product below that size.
 """
 
 from __future__ import annotations

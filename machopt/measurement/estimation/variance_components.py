@@ -1,8 +1,7 @@
 """Variance components from replicates: error of a single reading, of a load cycle and of a visit to a pose.
 
-Restricted maximum likelihood (Patterson & Thompson 1971) of random shifts. The scale s² is profiled out, so
-that at most
-two numbers are optimised, on sums per cycle.
+Restricted maximum likelihood (Patterson & Thompson 1971) of random shifts. The scale s² is profiled out, so that at
+most two numbers are optimised, on sums per cycle.
 """
 
 from __future__ import annotations

@@ -171,10 +171,8 @@ def _refine_with_load(
 ) -> _ConstantSolution:
     """Return the fit about the loaded equilibrium if that changes a joint beyond the noise, else the linear fit.
 
-
-    Loads that always hang down change the lever arms in the same direction. This is a bias that more readings
-    do not remove
-    and that the intervals of the linear law do not contain. One round suffices for a correction of a few
+    Loads that always hang down change the lever arms in the same direction. This is a bias that more readings do not
+    remove and that the intervals of the linear law do not contain. One round suffices for a correction of a few
     percent.
     """
     c = np.maximum(plain.settled.x[:6], 0.0)

@@ -1,7 +1,6 @@
 """Decision thresholds of an identification, each with the origin of its value.
 
-Those of recording faults also apply to diagnoses of load tests. All are listed together with those of the
-diagnosis:
+Those of recording faults also apply to diagnoses of load tests. All are listed together with those of the diagnosis:
 ``machopt.measurement.diagnosis.thresholds.list_thresholds()``.
 """
 

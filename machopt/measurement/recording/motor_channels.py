@@ -1,7 +1,6 @@
 """Motor-side channels: currents and motor angles, converted to the joints by keys of recording.yaml.
 
-θ = C m with C = diag(1/ratio) or the coupling matrix. Motor torques are Cᵀ times joint torques; joint torques
-are C⁻ᵀ
+θ = C m with C = diag(1/ratio) or the coupling matrix. Motor torques are Cᵀ times joint torques; joint torques are C⁻ᵀ
 times motor torques.
 """
 

@@ -319,9 +319,7 @@ def _read_channel(table: RecordingTable, channel: RecordingChannel, prismatic: P
 
 
 def _list_channel_columns(table: RecordingTable, channel: RecordingChannel, prismatic: Prismatic) -> tuple[str, ...]:
-    """Return the columns of a channel for this chain; the force of a prismatic joint may have a torque column's
-    name.
-    """
+    """Return the columns of a channel for this chain; the force of a prismatic joint may have a torque name."""
     names = list(channel.names(prismatic))
     if not channel.turns:
         return tuple(names)

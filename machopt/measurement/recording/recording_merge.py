@@ -37,10 +37,8 @@ _BESIDE = ("branch", "target", "frame")  # columns that do not form a channel
 def number_poses(q: Array, kind: RecordingKind, within: float = SAME_Q) -> Ints:
     """Label poses by joint angles, 0, 1, … in the order of their first occurrence.
 
-
-    A reading belongs to the first pose whose first reading is ``within`` of it in every joint. Encoder noise
-    does not split a
-    pose, and a slow sweep is not chained into one. Motions use a tolerance of millidegrees.
+    A reading belongs to the first pose whose first reading is ``within`` of it in every joint. Encoder noise does not
+    split a pose, and a slow sweep is not chained into one. Motions use a tolerance of millidegrees.
 
     Args:
         q: (N, 6) joint angles, rad.
@@ -75,9 +73,8 @@ def number_poses(q: Array, kind: RecordingKind, within: float = SAME_Q) -> Ints:
 def separate_cycles(pose: Ints, cycle: Ints, session: Ints) -> Ints:
     """Relabel load cycles so that none spans two sessions.
 
-
-    Labels are unchanged if no (pose, cycle) occurs in two sessions. Otherwise every (session, cycle) gets its
-    own label.
+    Labels are unchanged if no (pose, cycle) occurs in two sessions. Otherwise every (session, cycle) gets its own
+    label.
 
     Args:
         pose: (N,) pose label.
@@ -97,10 +94,8 @@ def separate_cycles(pose: Ints, cycle: Ints, session: Ints) -> Ints:
 def renumber_session_poses(recording: Recording) -> Recording:
     """Renumber poses by joint angles if a session uses its own numbering of poses.
 
-
-    This does not apply if labels agree but a session has another zero, sign or unit of a joint: then its angles
-    are linearly
-    related to those of the other sessions.
+    This does not apply if labels agree but a session has another zero, sign or unit of a joint: then its angles are
+    linearly related to those of the other sessions.
 
     Args:
         recording: Recording.
@@ -179,10 +174,8 @@ def find_wide_poses(recording: Recording) -> tuple[str, ...]:
 def merge_recordings(recordings: Sequence[Recording], *, new_sessions: bool) -> Recording:
     """Merge several recordings in the given order.
 
-
-    Poses keep their labels if every file has labels and equal labels mean equal joint angles (within 0.05°). Of
-    two stated
-    uncertainties the larger one is used.
+    Poses keep their labels if every file has labels and equal labels mean equal joint angles (within 0.05°). Of two
+    stated uncertainties the larger one is used.
 
     Args:
         recordings: One or more recordings of the same kind, frames, registration and channels.

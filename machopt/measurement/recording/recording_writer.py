@@ -24,8 +24,8 @@ _ROWS_AT_ONCE = 4096
 def write_recording(folder: Path | str, recording: Recording) -> None:
     """Write ``recording.yaml`` and ``data.csv`` so that :func:`load_recording` returns the recording.
 
-    Numbers are printed to 1e-9 degree, 1e-7 mm, 1e-6 N; what is read back and written again gives the same bytes.
-    A column of labels is left out where the reader would give the same labels by itself.
+    Numbers are printed to 1e-9 degree, 1e-7 mm, 1e-6 N; what is read back and written again gives the same bytes. A
+    column of labels is left out where the reader would give the same labels by itself.
 
     Args:
         folder: made where it does not exist; the two files in it are replaced.

@@ -1,3 +1,1 @@
-"""Errors of a static recording that concern the data and not the robot. They are corrected and reported as
-findings.
-"""
+"""Errors of a static recording that concern the data and not the robot. They are corrected and reported as findings."""

@@ -120,8 +120,8 @@ def _generate_load_corrections(moments: bool) -> Iterator[CorrectionCandidate]:
 
 
 def _list_axis_permutations() -> Iterator[tuple[Array, str]]:
-    """Yield signed permutations except the identity, fewest changes first, with the assumed content of columns x,
-    y, z.
+    """Yield signed permutations except the identity, fewest changes first, with the assumed content of columns x, y,
+    z.
     """
     found = []
     for order in permutations(range(3)):

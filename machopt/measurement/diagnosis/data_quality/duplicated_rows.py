@@ -40,8 +40,8 @@ def is_coarsely_rounded(values: Array) -> bool:
 
 
 def find_duplicated_rows(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Flags:
-    """Find rows whose measured position equals that of another row. Of two equal rows the one with the larger
-    model error is
+    """Find rows whose measured position equals that of another row. Of two equal rows the one with the larger model
+    error is
 
     flagged.
 
@@ -76,9 +76,7 @@ def find_duplicated_rows(recording: Recording, robot: Robot, T_flange_tcp: Array
 
 
 def _find_duplicated_visits(recording: Recording, whole: RecordEquations) -> Flags:
-    """Return rows (N,) of a load-test visit whose displacements repeat, in order, those of a visit at another
-    pose.
-
+    """Return rows (N,) of a load-test visit whose displacements repeat, in order, those of a visit at another pose.
 
     Coarsely rounded readings agree by chance. Rows are therefore weighted by how rare their values are.
     """

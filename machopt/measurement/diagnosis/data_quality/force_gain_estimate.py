@@ -1,6 +1,5 @@
 """Estimate of a force gain: ratios of recorded force to the force that the deflection implies, one per pose, and
-their
-median.
+their median.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 """Inclinometer columns that are exchanged, reversed or in another unit, and their correction.
 
-Gravity tilts a compliant base in the direction of the load. The tilt is C m with C symmetric positive
-semidefinite and m
-the moment of all weights about the base. A link behind joints adds the deflection of these joints. Exchanged
-columns
-give a C with one negative eigenvalue, reversed columns a negative C. No measured poses are needed to detect
-this. The
-unit is detected with them: a rotating base moves the measured points in proportion to its rotation.
+Gravity tilts a compliant base in the direction of the load. The tilt is C m with C symmetric positive semidefinite
+and m the moment of all weights about the base. A link behind joints adds the deflection of these joints. Exchanged
+columns give a C with one negative eigenvalue, reversed columns a negative C. No measured poses are needed to detect
+this. The unit is detected with them: a rotating base moves the measured points in proportion to its rotation.
 """
 
 from __future__ import annotations

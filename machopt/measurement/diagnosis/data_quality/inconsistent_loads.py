@@ -25,8 +25,8 @@ STEPS = 40  # iterations of reweighted least squares
 def correct_inconsistent_loads(
     recording: Recording, robot: Robot, T_flange_tcp: Array
 ) -> tuple[Recording, list[Finding]]:
-    """Detect loads that were computed instead of measured, or that acted otherwise than recorded, and correct
-    certain cases.
+    """Detect loads that were computed instead of measured, or that acted otherwise than recorded, and correct certain
+    cases.
 
     Args:
         recording: Load tests with corrected units and frames.
@@ -97,8 +97,8 @@ def correct_inconsistent_loads(
 def _correct_computed_moments(
     recording: Recording, robot: Robot, T_flange_tcp: Array
 ) -> tuple[Recording, list[Finding]]:
-    """Correct moments that equal one lever arm in base axes times the force in every pose: computed, not measured
-    at the TCP.
+    """Correct moments that equal one lever arm in base axes times the force in every pose: computed, not measured at
+    the TCP.
     """
     w = recording.wrench
     assert w is not None  # kind deflection

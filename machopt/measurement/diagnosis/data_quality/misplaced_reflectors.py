@@ -1,8 +1,7 @@
 """Reflectors whose recorded position is wrong, or whose names are exchanged.
 
 Reflector positions are always fitted, so neither fault distorts the physics. The recorded positions are wrong,
-however,
-and this is reported.
+however, and this is reported.
 """
 
 from __future__ import annotations
@@ -33,7 +32,6 @@ def correct_misplaced_reflectors(
     recording: Recording, cell: Cell, robot: Robot, masses: RobotMasses | None
 ) -> tuple[Recording, list[Finding]]:
     """Correct recorded positions (``targets_mm``) of single reflectors that the poses contradict.
-
 
     A common offset of all reflectors is not reported: the fit of reflector positions absorbs it.
 

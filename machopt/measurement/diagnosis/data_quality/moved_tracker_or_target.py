@@ -1,17 +1,13 @@
 """Changes between sessions at identical poses: a moved tracker or reflector, or a changed encoder zero.
 
-Readings of one pose and reflector in two sessions differ by noise and by what was moved in between. Model
-errors cancel
-in the difference, so no model is needed. Uncorrected, the change would be counted as noise and would hide
+Readings of one pose and reflector in two sessions differ by noise and by what was moved in between. Model errors
+cancel in the difference, so no model is needed. Uncorrected, the change would be counted as noise and would hide
 effects.
 
 Compared by least absolute deviations: no change, a moved frame (translation and rotation), a moved reflector, a
-changed
-zero of one encoder, and thermal expansion of the arm. The last one is physics and stays for the catalogue. A
-pure
-translation may have two causes. If temperatures show no difference, a moved tracker is reported, with thermal
-expansion
-as alternative.
+changed zero of one encoder, and thermal expansion of the arm. The last one is physics and stays for the catalogue. A
+pure translation may have two causes. If temperatures show no difference, a moved tracker is reported, with thermal
+expansion as alternative.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
 """Units of measured poses, of the whole recording or of single sessions: joint angles (all or one), and point
 coordinates.
 
-Each session is compared with forward kinematics separately, with its own tracker frame (where free) and
-reflectors. No
-session affects another and no frame needs to be known: a point cloud of wrong size or shape fits no frame. Only
-common
-wrong units are tried. A unit is accepted if it removes nearly all of the misfit.
+Each session is compared with forward kinematics separately, with its own tracker frame (where free) and reflectors.
+No session affects another and no frame needs to be known: a point cloud of wrong size or shape fits no frame. Only
+common wrong units are tried. A unit is accepted if it removes nearly all of the misfit.
 """
 
 from __future__ import annotations
@@ -164,7 +162,6 @@ def _compute_pose_errors(
     part: Recording, way: _UnitReading, robot: Robot, T: np.ndarray
 ) -> tuple[NDArray[np.float64], float]:
     """Return residuals (n,) m after fitting frame and reflectors, and the spread of the points in m.
-
 
     The spread guards against tiny point clouds, which fit anything. It is infinite for points without spread.
     """

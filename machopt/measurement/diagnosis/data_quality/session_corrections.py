@@ -1,12 +1,9 @@
 """Faults of one session or of one pose, found by comparison with the rest of the recording.
 
-The rest predicts a part by non-negative springs (load tests) or forward kinematics with a tracker frame
-(poses), fitted
-by least absolute deviations. The residuals of replicates are added, so that unmodelled physics does not count.
-Candidates
-are listed in :mod:`machopt.measurement.diagnosis.data_quality.correction_candidates`. A candidate is accepted
-only if the
-misfit falls by a wide margin to the level of the other parts.
+The rest predicts a part by non-negative springs (load tests) or forward kinematics with a tracker frame (poses),
+fitted by least absolute deviations. The residuals of replicates are added, so that unmodelled physics does not count.
+Candidates are listed in :mod:`machopt.measurement.diagnosis.data_quality.correction_candidates`. A candidate is
+accepted only if the misfit falls by a wide margin to the level of the other parts.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Sessions whose force gain deviates from the first session by more than the tolerance of load cells.
 
-A force gain per session is fitted together with the springs, because load cells differ by one or two percent. A
-much
+A force gain per session is fitted together with the springs, because load cells differ by one or two percent. A much
 larger deviation indicates a wrong label, sensor or setting and would appear as force noise. Every pose that two
-sessions
-share gives one ratio of displacement per force. A gain error changes all ratios equally.
+sessions share gives one ratio of displacement per force. A gain error changes all ratios equally.
 """
 
 from __future__ import annotations
@@ -64,9 +62,7 @@ def correct_session_force_gains(
 
 
 def _compute_force_ratio_by_pose(tests: LoadTestExperiment, session: Ints) -> dict[int, dict[int, float]]:
-    """Return the ratio of recorded to implied force by session and pose; springs fitted to all readings predict
-    it.
-    """
+    """Return the ratio of recorded to implied force by session and pose; springs fitted to all readings predict it."""
     y, by_springs = tests.measured[:, :3], predict_displacements(tests)
     out: dict[int, dict[int, float]] = {}
     for one in np.unique(session).tolist():

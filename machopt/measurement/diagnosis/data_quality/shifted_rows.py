@@ -1,8 +1,7 @@
 """Blocks of rows whose readings are shifted by one row, caused by a deleted or an inserted cell.
 
 :mod:`machopt.measurement.diagnosis.data_quality.session_corrections` checks whole sessions; here a block begins
-anywhere. Each reading is compared with its own row and its two neighbours. The block is the interval with the
-largest
+anywhere. Each reading is compared with its own row and its two neighbours. The block is the interval with the largest
 sum of improvements by the neighbouring row.
 """
 
@@ -149,9 +148,8 @@ class _ShiftComparison:
 def _compare_shift(recording: Recording, robot: Robot, T: Array, kind: str, by: int) -> _ShiftComparison:
     """Return the block that a shift by ``by`` rows fits better, with the better of two models.
 
-
-    If a cell was deleted near the beginning, most rows are shifted, and only the shifted recording determines
-    the model.
+    If a cell was deleted near the beginning, most rows are shifted, and only the shifted recording determines the
+    model.
     """
     stated, other = (
         build_record_equations(recording, robot, T),

@@ -1,8 +1,7 @@
 """Checks and corrections of a static recording: units, frames, signs, impossible rows.
 
-A faulty recording explains more mismatch than rare physical effects. Certain faults are corrected before any
-physics is
-tried and are reported as findings. Suspected faults are reported as warnings.
+A faulty recording explains more mismatch than rare physical effects. Certain faults are corrected before any physics
+is tried and are reported as findings. Suspected faults are reported as warnings.
 """
 
 from __future__ import annotations
@@ -173,12 +172,9 @@ def _find_displacement_unit_fault(
 ) -> Problem | None:
     """Find another unit that makes the whole arm as stiff as the cell states, or closer to robots of its size.
 
-
     A common factor on all displacements or all loads leaves no other trace if only forces are recorded. Three
-    conditions
-    apply. Most joints must deviate by the factor. An estimated stiffness cannot separate pounds from a
-    compliant arm.
-    Displacements whose replicates scatter as stated are in the stated unit.
+    conditions apply. Most joints must deviate by the factor. An estimated stiffness cannot separate pounds from a
+    compliant arm. Displacements whose replicates scatter as stated are in the stated unit.
     """
     if prior is None:
         return None

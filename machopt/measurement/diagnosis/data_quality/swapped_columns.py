@@ -80,10 +80,8 @@ def correct_moment_units(
 ) -> tuple[Recording, list[Finding]]:
     """Correct moments that are in another unit in every row while forces are not.
 
-
-    Too small moments lie within the uncertainty of the sensor and would count as noise, together with their
-    lever effect.
-    The comparison uses models with the moments as stated and without moments.
+    Too small moments lie within the uncertainty of the sensor and would count as noise, together with their lever
+    effect. The comparison uses models with the moments as stated and without moments.
 
     Args:
         recording: Load tests with corrected sessions.

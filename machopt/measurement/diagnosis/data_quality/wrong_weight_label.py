@@ -1,12 +1,9 @@
 """A calibration weight with a wrong label: loads of one size deviate from all others at the same poses.
 
-Linear springs respond in proportion. Nonlinear gears respond to their torque, which differs at every pose. A
-load size
-whose readings alone deviate by the same ratio at every pose, while smaller and larger loads agree, is none of
-these. The
-same holds for a size that deviates in one session and after correction equals a size of another session.
-Uncorrected,
-its rows would be rejected as outliers.
+Linear springs respond in proportion. Nonlinear gears respond to their torque, which differs at every pose. A load
+size whose readings alone deviate by the same ratio at every pose, while smaller and larger loads agree, is none of
+these. The same holds for a size that deviates in one session and after correction equals a size of another session.
+Uncorrected, its rows would be rejected as outliers.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Data types of the regression problem: measured minus predicted values, base unknowns, and hypotheses.
 
-All in SI. N readings (rows of a recording, or samples of a motion) with D coordinates each. They are flattened
-only in
-:mod:`machopt.measurement.diagnosis.statistics.whitening`.
+All in SI. N readings (rows of a recording, or samples of a motion) with D coordinates each. They are flattened only
+in :mod:`machopt.measurement.diagnosis.statistics.whitening`.
 """
 
 from __future__ import annotations
@@ -169,10 +168,8 @@ class ShapeRefinement:
 class EffectHypothesis:
     """One law of one effect at one place: columns that are fitted together with the base.
 
-
     The first entry of ``quantities`` is the size of the effect. Detection limits are stated in it. It must be
-    proportional
-    to the coefficients.
+    proportional to the coefficients.
     """
 
     effect: str  # name of a registered or user-defined effect

@@ -1,6 +1,4 @@
-"""Result of a diagnosis: data only, SI unless a field states otherwise. Report and diagnosis.json are built from
-it.
-"""
+"""Result of a diagnosis: data only, SI unless a field states otherwise. Report and diagnosis.json are built from it."""
 
 from __future__ import annotations
 
@@ -131,8 +129,7 @@ class BaseCoefficient:
 
 
 def is_spring_observable(compliance: float, sigma: float) -> bool:
-    """Return whether the readings determine a joint's compliance; otherwise no load deflected the joint
-    noticeably.
+    """Return whether the readings determine a joint's compliance; otherwise no load deflected the joint noticeably.
 
     Args:
         compliance: Joint compliance, rad/(N·m).

@@ -1,13 +1,10 @@
 """Load histories of a gear in a static recording, for laws with memory.
 
-Recordings do not tell how a gear was loaded before a reading. Five assumptions are distinguished. ``cycle``:
-each load
-cycle starts with a relaxed gear. ``visit``: a cycle starts with the state that the previous cycle left.
-``arrival``: the
-weight loads the gear on arrival at the pose, from rest. ``session``: the same, from the state of the previous
-pose.
-``approach``: as arrival, but the arm moves to the pose again for every cycle. Each is a different input to the
-same law.
+Recordings do not tell how a gear was loaded before a reading. Five assumptions are distinguished. ``cycle``: each
+load cycle starts with a relaxed gear. ``visit``: a cycle starts with the state that the previous cycle left.
+``arrival``: the weight loads the gear on arrival at the pose, from rest. ``session``: the same, from the state of the
+previous pose. ``approach``: as arrival, but the arm moves to the pose again for every cycle. Each is a different
+input to the same law.
 """
 
 from __future__ import annotations
@@ -26,10 +23,8 @@ EACH_CYCLE = (MEMORIES.index("cycle"), MEMORIES.index("approach"))  # begin anew
 def build_load_history(r: StaticReadings, memory: str) -> GearLoadHistory:
     """Build the sequence of states that a gear passes under an assumed load history.
 
-
-    Loads are assumed to change right after the last reading. The unloaded state of a cycle precedes its first
-    reading by the
-    time between its readings. For a single reading that time is unknown.
+    Loads are assumed to change right after the last reading. The unloaded state of a cycle precedes its first reading
+    by the time between its readings. For a single reading that time is unknown.
 
     Args:
         r: Static readings.

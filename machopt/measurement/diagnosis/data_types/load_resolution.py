@@ -18,7 +18,6 @@ COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 def discard_noise_components(recording: Recording) -> tuple[Recording, list[str]]:
     """Set load components to zero that stay within their stated uncertainty.
 
-
     A column of noise correlates with anything by chance. At least one force component is always kept.
 
     Args:
@@ -54,10 +53,8 @@ def _estimate_component_scatter(recording: Recording, k: int) -> float:
     """Return the standard deviation of a small component over readings in one pose with equal other forces; 0 if
     unknown.
 
-
-    A load that the robot carries repeats. Its replicates scatter much less than its size. A component that is
-    large compared
-    with the force is never removed.
+    A load that the robot carries repeats. Its replicates scatter much less than its size. A component that is large
+    compared with the force is never removed.
     """
     assert recording.wrench is not None  # kind deflection
     force = recording.wrench[:, :3]

@@ -130,10 +130,8 @@ def build_frame_and_reflector_columns(recording: Recording, p: Array, R: Array) 
 def transform_to_base(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Recording, tuple[str, ...]]:
     """Transform measured poses to base_link if the tracker frame is free, and report the frame.
 
-
-    Nothing is done if a single frame already lies close to base_link: the base unknowns absorb the rest. A
-    scale factor of
-    lengths is not removed; the check of units finds it.
+    Nothing is done if a single frame already lies close to base_link: the base unknowns absorb the rest. A scale
+    factor of lengths is not removed; the check of units finds it.
 
     Args:
         recording: Recording as read, or with earlier corrections applied.

@@ -1,7 +1,6 @@
 """Static readings prepared for laws: arm states, torques, and the order of events.
 
-``deflection``: a reading is the loaded arm relative to the unloaded arm. A law φ contributes φ(loaded) −
-φ(unloaded).
+``deflection``: a reading is the loaded arm relative to the unloaded arm. A law φ contributes φ(loaded) − φ(unloaded).
 ``absolute``: a reading is a pose of the arm. A law contributes φ, including gravity.
 """
 

@@ -267,9 +267,7 @@ def build_discrimination_plan(
 def _build_contests(
     found: OpenDiagnosis, at: PredictedCases, covariance: Array, dimensions: int
 ) -> tuple[list[tuple[RivalPair, list[ModelContest], list[ContestSide]]], list[RivalPair], list[str]]:
-    """Return separable pairs with their contests and rival shapes, pairs that no reading here separates, and
-    notes.
-    """
+    """Return separable pairs with their contests and rival shapes, pairs that no reading here separates, and notes."""
     share = 3.0 / dimensions
     open_: list[tuple[RivalPair, list[ModelContest], list[ContestSide]]] = []
     forms: dict[tuple[str, str], tuple[Array, ...]] = {}

@@ -44,9 +44,7 @@ NO_EFFECT = CandidateLaw(effect="nothing", location="")
 
 @dataclass(frozen=True)
 class RivalLawSet:
-    """Competing laws of which one is true, and the pairs to separate. Other findings are refitted together with
-    each.
-    """
+    """Competing laws of which one is true, and the pairs to separate. Other findings are refitted with each."""
 
     reason: str
     candidate_laws: tuple[CandidateLaw, ...]

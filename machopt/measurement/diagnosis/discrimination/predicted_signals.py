@@ -1,8 +1,7 @@
 """Predicted readings of each law of a diagnosis at poses and loads that were not measured yet.
 
-Deflection: a load test is a cycle up to the full load and back, with a reading after each step if a law depends
-on the
-load history; otherwise one reading at full load. Position: the arm at rest, with or without load.
+Deflection: a load test is a cycle up to the full load and back, with a reading after each step if a law depends on
+the load history; otherwise one reading at full load. Position: the arm at rest, with or without load.
 """
 
 from __future__ import annotations
@@ -265,7 +264,6 @@ def list_law_columns(candidate_law: CandidateLaw, at: PredictedCases) -> tuple[A
 def compute_case_noise(cases: LoadCases, noise: ReadingNoise, steps: tuple[float, ...]) -> tuple[Array, Array]:
     """Compute the noise covariances of the cases.
 
-
     The steps of a cycle share the cycle error and the load error. Each step has its own instrument error.
 
     Args:
@@ -322,9 +320,8 @@ def _has_same_meaning(
 ) -> bool:
     """Return whether coefficients and shape state the same parameters here as in the diagnosis.
 
-
-    Laws of the registry have absolute parameters. User-defined laws may be relative to the recording that they
-    were fitted to.
+    Laws of the registry have absolute parameters. User-defined laws may be relative to the recording that they were
+    fitted to.
     """
     made = h.correction(x, shape)
     if stated is None or made is None:

@@ -1,10 +1,8 @@
 """Number of poses and rounds until diagnose itself rejects the wrong one of two explanations.
 
-Diagnose requires a clearly larger gain. If the rival reaches most of the gain, it also requires a larger gain
-pose by
-pose: Student's t of the differences, whose mean is λ_g at pose g and whose variance is 4 λ_g. More rounds
-increase every
-λ_g. If a few poses contribute most of λ, only more poses make the test pass.
+Diagnose requires a clearly larger gain. If the rival reaches most of the gain, it also requires a larger gain pose by
+pose: Student's t of the differences, whose mean is λ_g at pose g and whose variance is 4 λ_g. More rounds increase
+every λ_g. If a few poses contribute most of λ, only more poses make the test pass.
 """
 
 from __future__ import annotations

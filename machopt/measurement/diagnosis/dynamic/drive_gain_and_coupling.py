@@ -1,6 +1,4 @@
-"""Recorded drive torques beyond the joint's own motor model: gain errors, and shafts that run through another
-joint.
-"""
+"""Recorded drive torques beyond the joint's own motor model: gain errors, and shafts that run through another joint."""
 
 from __future__ import annotations
 
@@ -76,11 +74,9 @@ def compute_gain_error_torque(
     """Compute the torque that each joint would carry if its drive gain were wrong and an unknown load were at the
     flange.
 
-
-    A gain error also scales the torque of the load. With a gain of one half and an equal load, a law on the
-    stated masses
-    alone would miss a quarter of the torque. The load is estimated from all joints together with the gain, in a
-    few iterations.
+    A gain error also scales the torque of the load. With a gain of one half and an equal load, a law on the stated
+    masses alone would miss a quarter of the torque. The load is estimated from all joints together with the gain, in
+    a few iterations.
 
     Args:
         scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
@@ -164,7 +160,6 @@ class _LastJointTorque:
     def compute_friction_direction(self, v: Array) -> Array:
         """Return the direction of the motor's friction by the motor speed, with the reversal shape that fits the
         torque best.
-
 
         The reversal shape of the base was fitted to the joint speed, which differs from the motor speed.
 

@@ -1,8 +1,7 @@
 """Torque channels recorded under another joint's name, or measured at one motor before its gear.
 
-Both give a torque that no arm has. It follows the rigid-body torque of another joint, or is a small fraction of
-its own.
-A gravity compensator, payload or friction does not remove the joint's own inertia, and no second joint fits as
+Both give a torque that no arm has. It follows the rigid-body torque of another joint, or is a small fraction of its
+own. A gravity compensator, payload or friction does not remove the joint's own inertia, and no second joint fits as
 well.
 """
 
@@ -75,7 +74,6 @@ def _compute_unexplained_share(
     """Return the share of channel i's variance that the torque of joint j leaves (friction refitted), slope and
     correlation.
 
-
     None if the joint requires too little torque.
     """
     if np.ptp(predicted[:, j]) < thresholds.RECORD.loaded * np.ptp(predicted, axis=0).max():
@@ -116,9 +114,7 @@ def _build_exchange_finding(
 
 
 def _refuse_motor_side(recording: Recording, motion: MotionSignals, predicted: Array) -> None:
-    """Raise an error if one joint's torque is a small fraction of the required one and those of the others are
-    not.
-    """
+    """Raise an error if one joint's torque is a small fraction of the required one and those of the others are not."""
     assert recording.torque is not None  # checked by the caller
     tau = recording.torque[motion.index, : predicted.shape[1]]
     each = {j: _compute_unexplained_share(motion, tau, predicted, j, j) for j in range(predicted.shape[1])}

@@ -1,12 +1,9 @@
 """Friction hypotheses beyond Coulomb and viscous friction, for each joint: competing laws of the motor torque.
 
-The base has for each joint an offset, Coulomb friction c z and viscous friction d q̇. z is the direction of
-motion after
-a short presliding displacement (:func:`machopt.effects.joint.friction.compute_presliding_direction`). Coulomb
-friction
-that differs with the direction equals an offset plus Coulomb friction. It cannot be separated from an
-unmodelled load,
-so it stays in the base.
+The base has for each joint an offset, Coulomb friction c z and viscous friction d q̇. z is the direction of motion
+after a short presliding displacement (:func:`machopt.effects.joint.friction.compute_presliding_direction`). Coulomb
+friction that differs with the direction equals an offset plus Coulomb friction. It cannot be separated from an
+unmodelled load, so it stays in the base.
 """
 
 from __future__ import annotations
@@ -70,7 +67,6 @@ def compute_friction_direction(scene: MotionModel, joint: int, turn: FrictionRev
 def build_reversal_uncertainty_columns(scene: MotionModel, joint: int, turn: FrictionReversal) -> list[Array]:
     """Build columns that absorb a small error of the reversal shape, in its width and in its kind.
 
-
     Without them the residual at a reversal would be mistaken for a friction peak at low speed.
 
     Args:
@@ -127,7 +123,6 @@ def compute_reversal_signal(scene: MotionModel, v: Array, turn: FrictionReversal
 def fit_breakaway(scene: MotionModel, joint: int, y: Array, beside: Array) -> FrictionReversal:
     """Fit the reversal shape of a joint's friction, together with Coulomb and viscous friction and inertia.
 
-
     A slightly wrong reversal shape leaves a residual that resembles a friction peak at low speed. The best of
     :data:`REVERSAL_SHAPES` is therefore refined between its neighbours.
 
@@ -152,9 +147,7 @@ def fit_breakaway(scene: MotionModel, joint: int, y: Array, beside: Array) -> Fr
 def _build_residual_function(
     scene: MotionModel, joint: int, y: Array, beside: Array
 ) -> Callable[[FrictionReversal], float]:
-    """Return a function that computes the residual sum of squares for a reversal shape, all other columns
-    refitted.
-    """
+    """Return a function that computes the residual sum of squares for a reversal shape, all other columns refitted."""
     m = scene.motion
     own = m.subtract_period_mean(m.average_blocks(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
     rest = np.concatenate([own, beside], axis=1)
@@ -168,7 +161,6 @@ def _build_residual_function(
 
 def describe_gradual_reversal(scene: MotionModel, joint: int, turn: FrictionReversal, y: Array, beside: Array) -> str:
     """Describe friction that reverses gradually, if the data exclude an immediate reversal as of Coulomb friction.
-
 
     The distance between two samples at a reversal limits what can be resolved.
 

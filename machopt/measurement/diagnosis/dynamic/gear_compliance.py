@@ -1,10 +1,8 @@
 """Gear deflection under the torque of a moving arm, as a twist of the joint: hysteresis, backlash, nonlinear
-stiffness,
-creep, vibration.
+stiffness, creep, vibration.
 
-``load`` is the torque that twists the joint in its positive direction: minus the torque that the motor
-transmits to the
-link.
+``load`` is the torque that twists the joint in its positive direction: minus the torque that the motor transmits to
+the link.
 """
 
 from __future__ import annotations
@@ -230,10 +228,8 @@ class JointLoadTorque:
 def compute_joint_load_torque(scene: MotionModel) -> JointLoadTorque | None:
     """Compute the torques that twist the joints.
 
-
     The rigid-body torque is used if it describes the recorded torque, which also contains friction and noise.
-    Otherwise the
-    filtered recorded torque is used.
+    Otherwise the filtered recorded torque is used.
 
     Args:
         scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.

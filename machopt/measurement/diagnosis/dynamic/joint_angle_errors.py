@@ -1,10 +1,8 @@
 """Joint angle errors without load in a motion: the angle laws of the registry.
 
-As in static poses (:mod:`machopt.measurement.diagnosis.effect_columns.joint_angle_errors`), but transformed to
-the
-channel's coordinates: the secondary encoder, or J_j at the tracked TCP. Penalties and priors of a law are for
-few static
-readings; a motion has thousands of samples.
+As in static poses (:mod:`machopt.measurement.diagnosis.effect_columns.joint_angle_errors`), but transformed to the
+channel's coordinates: the secondary encoder, or J_j at the tracked TCP. Penalties and priors of a law are for few
+static readings; a motion has thousands of samples.
 """
 
 from __future__ import annotations
@@ -52,7 +50,6 @@ def _compute_order_resolution(scene: MotionModel, joint: int) -> float:
 
 def build_order_refinement(scene: MotionModel, joint: int) -> ShapeRefinement:
     """Build the refinement of a gear order; its resolution follows from the range of the joint.
-
 
     The order is rounded to an integer if the data agree; otherwise it is an interval.
 

@@ -1,12 +1,9 @@
 """Channel of joint torques in motion: y = τ − RNEA(q, q̇, q̈) with the URDF's inertias and the cell's tool.
 
-Always refitted for each joint: offset, Coulomb and viscous friction and motor inertia (no URDF states it). Also
-one
-rotational inertia of the tool (no cell states it), and for currents without known torque constant a gain. Link
-masses
-are those of the URDF within a tolerance (``link_scale``). Within it a scale of each is refitted, unless a
-payload is the
-better explanation. If the data show clearly that several link masses are wrong, which no payload explains, this
+Always refitted for each joint: offset, Coulomb and viscous friction and motor inertia (no URDF states it). Also one
+rotational inertia of the tool (no cell states it), and for currents without known torque constant a gain. Link masses
+are those of the URDF within a tolerance (``link_scale``). Within it a scale of each is refitted, unless a payload is
+the better explanation. If the data show clearly that several link masses are wrong, which no payload explains, this
 is noted.
 """
 
@@ -215,16 +212,12 @@ def _estimate_torque_delay(
 ) -> tuple[float, bool, Callable[[float], Array]]:
     """Estimate the delay of the torques.
 
-
-    Returns the delay in s, whether most joints clearly improve with it, and a function that returns the torque
-    (M, n)
-    delayed by d. Friction and motor inertia of each joint are refitted at every delay. Friction is delayed
-    together with the
-    rigid-body torque because it changes at reversals. ``load`` (N, n, p) holds the columns of an unmodelled
-    payload or
-    spring, whose torque is out of phase with the prediction as a delay is; they are refitted too. Readings
-    around reversals
-    are left out: encoder steps and dwells give wrong times there, and friction reverses by laws of its own.
+    Returns the delay in s, whether most joints clearly improve with it, and a function that returns the torque (M, n)
+    delayed by d. Friction and motor inertia of each joint are refitted at every delay. Friction is delayed together
+    with the rigid-body torque because it changes at reversals. ``load`` (N, n, p) holds the columns of an unmodelled
+    payload or spring, whose torque is out of phase with the prediction as a delay is; they are refitted too. Readings
+    around reversals are left out: encoder steps and dwells give wrong times there, and friction reverses by laws of
+    its own.
     """
     m = scene.motion
     assert scene.predicted is not None
@@ -321,7 +314,6 @@ def _build_catalogue(
     drive: tuple[Array, Array, Mapping[int, Array]],
 ) -> HypothesisCatalogue:
     """Return the hypotheses.
-
 
     ``drive`` holds the inputs of
     :func:`machopt.measurement.diagnosis.dynamic.drive_gain_and_coupling.build_drive_hypotheses`.

@@ -16,16 +16,11 @@ def estimate_link_mass_sigma(
 ) -> tuple[float, list[str]]:
     """Estimate the prior standard deviation of each link mass relative to the URDF, by cross-validation.
 
-
-    Link mass errors and a payload are similar, and so are a gravity compensator or a drive gain. The masses are
-    taken as
-    stated in two cases: a payload alone, or all alternatives together, predict clearly better than any link
-    masses; or they
-    predict equally well and the mass errors would be implausibly large (:func:`_are_masses_implausible`). If
-    masses predict
-    clearly better than all alternatives together, they are treated as wrong. Otherwise they may be off by the
-    default
-    tolerance.
+    Link mass errors and a payload are similar, and so are a gravity compensator or a drive gain. The masses are taken
+    as stated in two cases: a payload alone, or all alternatives together, predict clearly better than any link
+    masses; or they predict equally well and the mass errors would be implausibly large
+    (:func:`_are_masses_implausible`). If masses predict clearly better than all alternatives together, they are
+    treated as wrong. Otherwise they may be off by the default tolerance.
 
     Args:
         y: (N, D) measured minus predicted torque.
@@ -80,10 +75,8 @@ def _is_gain_significant(gain: Array) -> bool:
 def _are_masses_implausible(y: Array, base: Array, links: Array, better: bool) -> bool:
     """Return whether the fitted link masses deviate implausibly from the URDF: χ² of the deviations.
 
-
     A small payload alone may require a deviation of three sigma of a light last link, which is not rare. The
-    significance
-    level (``links_chance``) is squared if the masses predict slightly better than the payload.
+    significance level (``links_chance``) is squared if the masses predict slightly better than the payload.
 
     Args:
         y: (N, D) weighted.

@@ -1,7 +1,6 @@
 """Diagnosis of a motion: available channels, and equations and catalogue of a channel.
 
-``link``: secondary against motor encoders. ``tip``: tracked TCP against commanded joints. ``torque``: joint
-torque
+``link``: secondary against motor encoders. ``tip``: tracked TCP against commanded joints. ``torque``: joint torque
 against rigid-body dynamics with the URDF's inertias.
 """
 
@@ -227,9 +226,7 @@ def _evaluate_uncorrected_record(
 def _compute_holdout_errors(problem: DiagnosisProblem) -> Array:
     """Return the cross-validated rmse (G,) of the first family in its report unit, with the base alone.
 
-
-    Unknowns with a prior (link masses) stay at their stated value: freely fitted they would compensate a wrong
-    unit.
+    Unknowns with a prior (link masses) stay at their stated value: freely fitted they would compensate a wrong unit.
     """
     free = [u.prior is None for u in problem.unknowns]
     left = link_mass_uncertainty.compute_holdout_squares(

@@ -1,10 +1,8 @@
 """Checks of a motion recording: units, motor-side torques, constant or saturated channels, clock of the encoders.
 
-Correctable faults are corrected and reported as findings; others raise an error. The certainty of a finding
-follows from
-time blocks: in how many the corrected recording agrees better than the stated one. Its effect on the error of
-the
-channel is added by :mod:`machopt.measurement.diagnosis.dynamic.motion_channels`.
+Correctable faults are corrected and reported as findings; others raise an error. The certainty of a finding follows
+from time blocks: in how many the corrected recording agrees better than the stated one. Its effect on the error of
+the channel is added by :mod:`machopt.measurement.diagnosis.dynamic.motion_channels`.
 """
 
 from __future__ import annotations
@@ -266,10 +264,8 @@ def correct_torque_side(
 def _is_dissipative(tau: Array, predicted: Array, q: Array, friction: Array) -> bool:
     """Return whether a torque brakes its joint in addition to the part opposite to the masses.
 
-
     A gravity compensator may exceed the weight torque at some angles while friction still has the right sign. A
-    channel with
-    the wrong sign has both reversed.
+    channel with the wrong sign has both reversed.
     """
     balancer = [f(k * q) for k in (1, 2) for f in (np.cos, np.sin)]
     beside = np.stack([predicted, *balancer], axis=1)

@@ -1,10 +1,8 @@
 """Motor currents without known torque constants: a gain of each joint is refitted with the other unknowns.
 
-The known masses of the arm determine the gain of a joint, together with friction. A first value converts
-currents to
+The known masses of the arm determine the gain of a joint, together with friction. A first value converts currents to
 torques here. The deviation from it is an unknown of the base model
-(:func:`machopt.measurement.diagnosis.dynamic.joint_torque_channel.build_joint_torque_problem`), so that payload
-and
+(:func:`machopt.measurement.diagnosis.dynamic.joint_torque_channel.build_joint_torque_problem`), so that payload and
 compensator are never more certain than the gains. The overall scale is that of the masses of URDF and tool.
 """
 

@@ -1,7 +1,6 @@
 """Proposal of the next motion to record: the one within the arm's limits whose signals separate the rivals most.
 
-Each candidate is simulated as a recording of the refitted arm with the observed scatter. Its merit is the part
-of the
+Each candidate is simulated as a recording of the refitted arm with the observed scatter. Its merit is the part of the
 reported law that remains after fitting base and rival.
 """
 
@@ -152,9 +151,7 @@ def _format_degrees(x: float) -> str:
 
 
 def _compute_swing_rate(cell: Cell, size: Array, share: float) -> float:
-    """Return the angular frequency (rad/s) at which no joint exceeds that share of its speed, nor its
-    acceleration.
-    """
+    """Return the angular frequency (rad/s) at which no joint exceeds that share of its speed, nor its acceleration."""
     n = len(size)
     moved = size > 0.0
     fast = float(np.min(share * cell.limits.velocity[:n][moved] / size[moved]))
@@ -173,8 +170,8 @@ def _build_wave_motion(
 def _compute_rival_separation(
     cell: Cell, channel: motion_channels.MotionChannel, d: DiagnosisResult, f: Finding, one: CandidateMotion
 ) -> float:
-    """Return the least sum of squares of the reported law that a rival leaves along a motion, relative to the
-    noise variance.
+    """Return the least sum of squares of the reported law that a rival leaves along a motion, relative to the noise
+    variance.
     """
     problem, catalogue = _simulate_recording(cell, channel, d, one)
     named, fit = (f.effect, f.location), f.rivals[0].named

@@ -1,8 +1,7 @@
 """Channel of secondary (link-side) encoders: y = q_secondary − q − Δ(q), the twist of the gear.
 
-Δ is the correction in the cell's kinematics.yaml, so a known transmission error is not found again. Always
-refitted for
-each joint with a secondary encoder: an offset (mounting and zero), and the compliance under the torque of the
+Δ is the correction in the cell's kinematics.yaml, so a known transmission error is not found again. Always refitted
+for each joint with a secondary encoder: an offset (mounting and zero), and the compliance under the torque of the
 gear.
 """
 

@@ -107,8 +107,8 @@ def build_elastic_joint_hypotheses(scene: MotionModel, joint: int, inertia: Arra
 def _build_elastic_joint_hypothesis(
     scene: MotionModel, joint: int, effect: Effect, law: VibrationLaw, seen: VibrationLoading, grid: tuple[Shape, ...]
 ) -> EffectHypothesis:
-    """Return the hypothesis. The coefficient is compliance times stiffness: the present share of the spring's
-    inertia force.
+    """Return the hypothesis. The coefficient is compliance times stiffness: the present share of the spring's inertia
+    force.
     """
     m = scene.motion
 

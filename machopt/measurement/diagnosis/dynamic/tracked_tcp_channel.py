@@ -1,10 +1,8 @@
 """Channel of a tracked TCP in motion: y = measured position − forward kinematics of the commanded joints.
 
-Without a recorded command the encoders are used. Always refitted: the tracker frame (6), the target in the tool
-(3), and
-the compliance of each joint under its torque. The problem is linearised at the loaded equilibrium of a first
-fit, so that
-deflections of a millimetre cause no curvature error.
+Without a recorded command the encoders are used. Always refitted: the tracker frame (6), the target in the tool (3),
+and the compliance of each joint under its torque. The problem is linearised at the loaded equilibrium of a first fit,
+so that deflections of a millimetre cause no curvature error.
 """
 
 from __future__ import annotations
@@ -181,12 +179,9 @@ class _BentArm:
 def _linearise_at_equilibrium(
     scene: MotionModel, pose: _BentArm, y: Array, load: Array, followed: Array
 ) -> tuple[Array, _BentArm]:
-    """Return measured minus nominal (M, 3) at the loaded equilibrium, so that columns keep their full
-    coefficients.
+    """Return measured minus nominal (M, 3) at the loaded equilibrium, so that columns keep their full coefficients.
 
-
-    f(q + b) − f(q) is nonlinear in b = c τ. The difference to J b at the deflected arm is moved to the measured
-    side.
+    f(q + b) − f(q) is nonlinear in b = c τ. The difference to J b at the deflected arm is moved to the measured side.
     """
     m, straight, y_fine = scene.motion, pose.p, y
     for _ in range(ROUNDS):

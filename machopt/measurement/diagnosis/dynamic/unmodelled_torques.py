@@ -1,9 +1,8 @@
 """Joint torques that are no effect of the catalogue: tried if several orders or several effects were found at a
 joint.
 
-A hose, cable or bumper pulls at a joint beyond an angle, with increasing force. No gear does this, but two or
-three low
-harmonics approximate it over part of a turn and would be reported as gear ripple.
+A hose, cable or bumper pulls at a joint beyond an angle, with increasing force. No gear does this, but two or three
+low harmonics approximate it over part of a turn and would be reported as gear ripple.
 """
 
 from __future__ import annotations
@@ -57,8 +56,8 @@ def build_unmodelled_torque_hypotheses(scene: MotionModel, joint: int) -> list[E
 
 
 def _build_pull_torque(scene: MotionModel, joint: int, ways: tuple[int, ...], power: float) -> Callable[[Shape], Array]:
-    """Return the motor torque against a pull: one column per direction (1 up, −1 down), from the onset angles of
-    the shape.
+    """Return the motor torque against a pull: one column per direction (1 up, −1 down), from the onset angles of the
+    shape.
     """
     q = scene.motion.q[:, joint]
 

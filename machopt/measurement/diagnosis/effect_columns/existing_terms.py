@@ -49,10 +49,8 @@ def has_geometric_stiffness(stiffness: ArmStiffness | None) -> bool:
 def compute_known_pose_displacement(r: StaticReadings, terms: tuple[StiffnessTerm, ...]) -> Array:
     """Compute the displacement of measured poses by known terms under weight and load.
 
-
-    Each pose is evaluated from a gear at rest, as in a plan, because poses do not tell the load history. The
-    torque of a
-    gravity compensator is not included, nor the weight torque that it mostly cancels.
+    Each pose is evaluated from a gear at rest, as in a plan, because poses do not tell the load history. The torque
+    of a gravity compensator is not included, nor the weight torque that it mostly cancels.
 
     Args:
         r: Static readings.

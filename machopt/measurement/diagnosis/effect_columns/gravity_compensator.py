@@ -1,8 +1,7 @@
 """Torque in parallel to a gear as a function of the joint angle (gravity compensator), in each channel.
 
-In measured poses the torque deflects the joint. A load test shows the stiffness of the spring in parallel to
-the gear,
-and the changed lever arms. The motor torque contains it directly.
+In measured poses the torque deflects the joint. A load test shows the stiffness of the spring in parallel to the
+gear, and the changed lever arms. The motor torque contains it directly.
 """
 
 from __future__ import annotations

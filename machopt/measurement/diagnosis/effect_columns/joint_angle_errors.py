@@ -1,7 +1,6 @@
 """Joint angle errors without load in measured poses: the angle laws of the registry.
 
-Each law is an additional angle Δ_j of one joint as a function of the encoder angles q, transformed by the
-Jacobian
+Each law is an additional angle Δ_j of one joint as a function of the encoder angles q, transformed by the Jacobian
 column J_j. The exported joint values compensate it.
 """
 
@@ -49,10 +48,8 @@ def build_joint_angle_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 def build_refined_harmonics(r: StaticReadings) -> list[EffectHypothesis]:
     """Build angle laws with finer order grids, which are not tried first because many shapes fit noise.
 
-
-    A gear's tooth order or its overtone may exceed one order per few angles. A large grid raises the gain
-    reachable by
-    chance. If a mismatch remains that no other law explains, these orders are tried.
+    A gear's tooth order or its overtone may exceed one order per few angles. A large grid raises the gain reachable
+    by chance. If a mismatch remains that no other law explains, these orders are tried.
 
     Args:
         r: Static readings.
@@ -85,10 +82,8 @@ def _build_refined_grid(own: JointAngleRange, law: JointAngleLaw) -> tuple[Shape
 def compute_joint_angle_range(r: StaticReadings, j: int) -> JointAngleRange:
     """Compute the angle range of a joint and the number of shapes that it can show.
 
-
-    Each order requires several distinct angles (``poses_per_order``). A gravity compensator causes the first
-    two orders of
-    its joint, so these are not offered as a transmission error there.
+    Each order requires several distinct angles (``poses_per_order``). A gravity compensator causes the first two
+    orders of its joint, so these are not offered as a transmission error there.
 
     Args:
         r: Static readings.

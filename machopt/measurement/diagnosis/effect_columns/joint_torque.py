@@ -1,8 +1,7 @@
 """Effects that twist a joint by its torque in static readings: each registered law, transformed to the TCP.
 
-τ is the torque that a law depends on: the total torque including gravity for nonlinear elastic laws, the load
-torque for
-others. A load-test reading contains φ(loaded) − φ(unloaded), a measured pose contains φ.
+τ is the torque that a law depends on: the total torque including gravity for nonlinear elastic laws, the load torque
+for others. A load-test reading contains φ(loaded) − φ(unloaded), a measured pose contains φ.
 """
 
 from __future__ import annotations
@@ -153,7 +152,6 @@ def _build_joint_hypothesis(
 def _is_compliance_plausible(law: AngleDependentCompliance, x: Array, shape: Array, scale: JointLoadRange) -> bool:
     """Return whether an angle-dependent compliance is positive over the range and does not vary implausibly.
 
-
     At a joint with almost no compliance a law may vary by any percentage of it.
     """
     share = law.shares(shape, np.linspace(scale.min_angle, scale.max_angle, FINE)) @ x
@@ -221,8 +219,7 @@ def build_load_test_couplings(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def build_pose_couplings(r: StaticReadings) -> list[EffectHypothesis]:
-    """Build the elastic couplings of the wrist joints for measured poses, where weight or load twists either
-    joint.
+    """Build the elastic couplings of the wrist joints for measured poses, where weight or load twists either joint.
 
     Args:
         r: Static readings.
@@ -272,7 +269,6 @@ def compute_memory_term_displacement(
 
 def compute_joint_term_displacement(r: StaticReadings, term: StiffnessTerm) -> Array:
     """Compute the displacement of measured poses by a term of one joint or of a pair.
-
 
     The load history is that of
     :func:`machopt.measurement.diagnosis.effect_columns.existing_terms.compute_known_pose_displacement`.

@@ -1,11 +1,9 @@
 """As-built geometry in measured poses: a twist of each joint's frame in the preceding link.
 
-A twist (d, φ) of the frame at p moves the TCP by d + φ × (x − p), in axes carried by the preceding links. Of
-its six
+A twist (d, φ) of the frame at p moves the TCP by d + φ × (x − p), in axes carried by the preceding links. Of its six
 components only those are searched that the poses show in addition to the base: the singular directions of the
-columns,
-scaled by manufacturing tolerances, with a sufficient part outside of the span of the base.
-Source: Hayati & Mirmirani 1985; Meggiolaro & Dubowsky 2000 (redundant components of neighbouring frames).
+columns, scaled by manufacturing tolerances, with a sufficient part outside of the span of the base. Source: Hayati &
+Mirmirani 1985; Meggiolaro & Dubowsky 2000 (redundant components of neighbouring frames).
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Compliant bodies in static readings: each registered law, transformed to the TCP.
 
-Weight cancels in load tests but not in measured poses. All weights beyond a spring and the recorded load act on
-it. Their
-resultant is referred to the TCP: f = Σ m g + f_load, m = Σ (p_b − p_TCP) × m g + m_load. The own weight of a
-link is
-distributed evenly from its root to twice the distance of its centre of mass.
+Weight cancels in load tests but not in measured poses. All weights beyond a spring and the recorded load act on it.
+Their resultant is referred to the TCP: f = Σ m g + f_load, m = Σ (p_b − p_TCP) × m g + m_load. The own weight of a
+link is distributed evenly from its root to twice the distance of its centre of mass.
 """
 
 from __future__ import annotations
@@ -55,8 +53,8 @@ def build_structure_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def compute_carried_wrench(r: StaticReadings, place: SpringLocation) -> Array:
-    """Compute the wrench that a spring carries: recorded load and, in measured poses, the weight of all bodies
-    beyond it.
+    """Compute the wrench that a spring carries: recorded load and, in measured poses, the weight of all bodies beyond
+    it.
 
     Args:
         r: Static readings.

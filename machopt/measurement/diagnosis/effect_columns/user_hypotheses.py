@@ -2,18 +2,14 @@
 
 A file or entry point (group ``machopt.measurement.diagnosis``) provides ``hypotheses(readings)``. It takes the
 :class:`~machopt.measurement.diagnosis.data_types.static_readings.StaticReadings` of a load test or of poses and
-yields
-:class:`~machopt.measurement.diagnosis.data_types.diagnosis_problem.EffectHypothesis` objects. docs/diagnose.md
-has an
-example of twenty lines.
+yields :class:`~machopt.measurement.diagnosis.data_types.diagnosis_problem.EffectHypothesis` objects. docs/diagnose.md
+has an example of twenty lines.
 
-A file may also define ``EFFECTS`` (:mod:`machopt.effects.user_effects`): joint laws that every channel tries
-and that
+A file may also define ``EFFECTS`` (:mod:`machopt.effects.user_effects`): joint laws that every channel tries and that
 stiffness.yaml can state.
 
-Both are code that runs with the user's rights when it is loaded. A package is active when it is installed. A
-file is run
-only if ``--effects`` names it.
+Both are code that runs with the user's rights when it is loaded. A package is active when it is installed. A file is
+run only if ``--effects`` names it.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 """Forms that are no effect of the catalogue, tried so that no effect is reported in their place.
 
-A law imitates whatever resembles it. If a displacement of the whole recording, in no joint and by no body
-stiffness,
-predicts held-out poses better than every law, it is fitted, reported by its location, and never given an
-effect's name.
-The forms are those of an inelastic interface, which slips, or moves by size and direction of the load alone.
-Another form
-is an external constraint: a hose or cable to the hall pulls at all joints at once.
+A law imitates whatever resembles it. If a displacement of the whole recording, in no joint and by no body stiffness,
+predicts held-out poses better than every law, it is fitted, reported by its location, and never given an effect's
+name. The forms are those of an inelastic interface, which slips, or moves by size and direction of the load alone.
+Another form is an external constraint: a hose or cable to the hall pulls at all joints at once.
 """
 
 from __future__ import annotations
@@ -117,14 +114,12 @@ def _build_floor_settlement(share: Array, session: Ints, wide: Callable[[Array],
 
 
 def _build_pull_force(r: StaticReadings, link: int) -> EffectHypothesis:
-    """Build a hose or cable at the end of a link (1-based): f = f₀ − k (p − p̄), constant in base_link and
-    position dependent.
+    """Build a hose or cable at the end of a link (1-based): f = f₀ − k (p − p̄), constant in base_link and position
+    dependent.
 
-
-    It acts with and without load, but the load changes its effect: the arm moves, f does not rotate with the
-    joints, and its
-    spring carries part of the load. To first order in f:
-    ∂/∂q[J c Jᵀ w] c Eᵀ f + J c [(∂Eᵀ/∂q f) − k EᵀE] c Jᵀ w, E the Jacobian of that end.
+    It acts with and without load, but the load changes its effect: the arm moves, f does not rotate with the joints,
+    and its spring carries part of the load. To first order in f: ∂/∂q[J c Jᵀ w] c Eᵀ f + J c [(∂Eᵀ/∂q f) − k EᵀE] c
+    Jᵀ w, E the Jacobian of that end.
     """
     assert r.state.R_bodies is not None  # readings come with bodies
     assert r.state.p_bodies is not None

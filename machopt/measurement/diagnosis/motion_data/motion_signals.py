@@ -1,10 +1,8 @@
 """Signals of a recorded motion: velocity, acceleration, periods, and cross-validation groups.
 
-Velocities and accelerations come from zero-phase filters at the sampling rate. Everything nonlinear is
-evaluated at that
-rate and then averaged over blocks of samples. A recording of 100 000 samples becomes a few thousand readings
-without time
-shifts.
+Velocities and accelerations come from zero-phase filters at the sampling rate. Everything nonlinear is evaluated at
+that rate and then averaged over blocks of samples. A recording of 100 000 samples becomes a few thousand readings
+without time shifts.
 """
 
 from __future__ import annotations
@@ -80,10 +78,8 @@ class MotionSignals:
     def subtract_period_mean(self, x: Array) -> Array:
         """Subtract the deviation of each period's (or session's) mean from the overall mean.
 
-
         Errors common to all samples of a period would otherwise imitate effects that change between periods. The
-        overall mean is
-        preserved, so that a constant stays constant.
+        overall mean is preserved, so that a constant stays constant.
 
         Args:
             x: (N, …) block values.
@@ -122,10 +118,8 @@ class MotionSignals:
     def delay_cubic(self, x: Array, delay: float) -> Array:
         """Delay a signal, x(t − delay), with constant ends, by cubic interpolation where samples are even.
 
-
-        Linear interpolation would reduce the noise of a signal delayed by a fraction of a sample, and any delay
-        would seem to
-        improve the fit.
+        Linear interpolation would reduce the noise of a signal delayed by a fraction of a sample, and any delay would
+        seem to improve the fit.
 
         Args:
             x: (M, …) signal.
@@ -310,9 +304,7 @@ def _interpolate_at(t: Array, time: Array, x: Array) -> Array:
 def _find_cutoff_frequency(x: Array, rate: float, window: str) -> float:
     """Return the cutoff (Hz): half above the highest frequency with joint velocity ten times above the noise.
 
-
-    With encoders only, the positions (M, n) decide: their noise is white, but grows with frequency in the
-    derivative.
+    With encoders only, the positions (M, n) decide: their noise is white, but grows with frequency in the derivative.
     """
     from scipy.signal import welch  # takes seconds to import
 

@@ -181,7 +181,6 @@ def _build_finding_entry(f: Finding) -> FindingEntry:
 def _build_recording_section(recording: Recording | Sequence[Recording], d: DiagnosisResult) -> RecordingSection:
     """Return measurement set-up and scatter of the readings, used to plan the next measurement.
 
-
     The scatter of held-out residuals is divided into a part of the single reading and a part shared by a visit.
     """
     parts = list_source_recordings(recording)

@@ -1,6 +1,5 @@
-"""Effect of the findings on one toolpath: the plan with the previous model, its deflection with the new model, and
-a new
-plan.
+"""Effect of the findings on one toolpath: the plan with the previous model, its deflection with the new model, and a
+new plan.
 
 ::
 
@@ -46,10 +45,8 @@ def compare_toolpath_plans(
 ) -> JobEffectSection:
     """Plan a toolpath with the model before and after the diagnosis, and compare.
 
-
-    Deflections refer to the programmed path without compensation. Means are weighted by cut length. Without a
-    stated process
-    force, 1 kN along the tool axis is used, and ``force`` states this.
+    Deflections refer to the programmed path without compensation. Means are weighted by cut length. Without a stated
+    process force, 1 kN along the tool axis is used, and ``force`` states this.
 
     Args:
         cell: Robot cell; its own stiffness is not used.

@@ -40,14 +40,10 @@ class ExtendedStiffness:
 def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bool = False) -> ExtendedStiffness:
     """Build the stiffness from refitted joints and terms; unobservable joints keep the cell's springs.
 
-
-    Under gravity alone a joint deflects by an amount that the joint angles determine, as geometry and harmonics
-    do. A spring
-    far from the cell's is then probably an artefact of those and is not included. A fit does not guarantee a
-    positive joint
-    compliance with all terms. A finding that would make it negative stays in the diagnosis but is not included.
-    Its joints
-    then keep the springs that fit without it.
+    Under gravity alone a joint deflects by an amount that the joint angles determine, as geometry and harmonics do. A
+    spring far from the cell's is then probably an artefact of those and is not included. A fit does not guarantee a
+    positive joint compliance with all terms. A finding that would make it negative stays in the diagnosis but is not
+    included. Its joints then keep the springs that fit without it.
 
     Args:
         cell: Robot cell.

@@ -138,13 +138,10 @@ def _predict_planned_deflection(
     stiffness: ArmStiffness,
     limits: tuple[Array, Array],
 ) -> Array:
-    """Return the deflection (N, D) that a plan predicts for the same loads: without history, gears start from
-    rest.
+    """Return the deflection (N, D) that a plan predicts for the same loads: without history, gears start from rest.
 
-
-    A law with memory may fit the readings by their history and still be wrong. A job has another history, so
-    the residual
-    without history is the least error to expect there. Time-dependent laws are excepted.
+    A law with memory may fit the readings by their history and still be wrong. A job has another history, so the
+    residual without history is the least error to expect there. Time-dependent laws are excepted.
     """
     r = load_test_channel.build_load_test_readings(found.recording, tests, robot, T, masses, 1.0 / stiffness.joints)
     slow = {e.file_word for e in registry.select_joint_torque_effects() if is_time_dependent(e.joint_laws[0])}

@@ -1,8 +1,7 @@
 """Consistent output files: a correction that cannot be written must not affect the others.
 
-Corrections of measured poses are fitted together and are correlated. If one is withheld as implausible, the
-others are
-biased without it. The search is therefore repeated without it.
+Corrections of measured poses are fitted together and are correlated. If one is withheld as implausible, the others
+are biased without it. The search is therefore repeated without it.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
-"""Tilt of a main bearing across its joint axis: no effect of the catalogue, so a load test never reports it by
-name.
+"""Tilt of a main bearing across its joint axis: no effect of the catalogue, so a load test never reports it by name.
 
 Joints of the catalogue rotate about their axes, and bodies deform between bearings. A bearing that is compliant
-across
-the axis resembles a base or link nearby. One with clearance resembles backlash of a joint that has none. The
-tilt follows
-the moment across the axis, including gravity: proportional to it, or free up to a stop.
+across the axis resembles a base or link nearby. One with clearance resembles backlash of a joint that has none. The
+tilt follows the moment across the axis, including gravity: proportional to it, or free up to a stop.
 """
 
 from __future__ import annotations
@@ -33,8 +30,8 @@ ANY_DIRECTION = -1.0  # tilt in the direction of the moment
 
 @dataclass(frozen=True)
 class _BearingLoad:
-    """Load of one bearing, base_link axes, SI. The two directions across its axis move with the link before or
-    behind the joint.
+    """Load of one bearing, base_link axes, SI. The two directions across its axis move with the link before or behind
+    the joint.
     """
 
     lever: Array  # (N, 3) from the joint to the TCP

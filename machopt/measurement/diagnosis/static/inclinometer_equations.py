@@ -1,12 +1,9 @@
 """Inclinometer on a link together with measured poses: two further equations per reading.
 
-It measures the rotation of the link about x and y of base_link relative to the encoder model. Base, joints up
-to the
-link, and links up to its own contribute (the inclinometer is assumed at the link's far end). Neither bodies
-behind the
-link nor the tracker frame contribute, so base and tracker frame become separable. Two zero offsets per session
-are
-refitted. The nominal deflection is exact, with finite rotations and the corrections of kinematics.yaml.
+It measures the rotation of the link about x and y of base_link relative to the encoder model. Base, joints up to the
+link, and links up to its own contribute (the inclinometer is assumed at the link's far end). Neither bodies behind
+the link nor the tracker frame contribute, so base and tracker frame become separable. Two zero offsets per session
+are refitted. The nominal deflection is exact, with finite rotations and the corrections of kinematics.yaml.
 """
 
 from __future__ import annotations

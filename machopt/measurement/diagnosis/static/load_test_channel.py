@@ -1,8 +1,7 @@
 """Channel of load tests: displacement of the TCP under a known load. It shows all kinds of compliance.
 
-y is the measured displacement minus the known nonlinear part (K_C of load and weight, exact). The base has the
-six joint
-compliances and, from the second session on, a force gain per session, because every recording has such gain
+y is the measured displacement minus the known nonlinear part (K_C of load and weight, exact). The base has the six
+joint compliances and, from the second session on, a force gain per session, because every recording has such gain
 errors.
 """
 

@@ -45,12 +45,9 @@ def convert_wrench_at_loaded_pose(
 ) -> LoadTestExperiment:
     """Convert a wrench from tool to base axes by the deflected tool orientation, or by that of the encoders.
 
-
-    R(q + c τ) instead of R(q): springs that deflect by 5 mrad rotate a sensor by the same angle, and its axes
-    would seem
-    misaligned. A load known in base axes (a weight) is converted to tool axes by the encoders alone. The
-    recording does not
-    tell which case applies, so the better fit of the springs decides.
+    R(q + c τ) instead of R(q): springs that deflect by 5 mrad rotate a sensor by the same angle, and its axes would
+    seem misaligned. A load known in base axes (a weight) is converted to tool axes by the encoders alone. The
+    recording does not tell which case applies, so the better fit of the springs decides.
 
     Args:
         tests: Load-test experiment: the recording in base axes with arm states.
@@ -82,7 +79,6 @@ def convert_wrench_at_loaded_pose(
 def _compute_misfit(tests: LoadTestExperiment, robot: Robot, T_flange_tcp: Array, masses: RobotMasses | None) -> float:
     """Return the mean residual (m) of the translations after a fit of the joints, sensitive to many small
     differences.
-
 
     K_C is included and a force zero offset is fitted: both are as large as the effect of the tool rotation.
     """

@@ -2,14 +2,10 @@
 effects.
 
 y is the measured TCP (or reflector) minus the encoder model. Known effects are exact: finite rotations, the
-corrections
-of the cell's kinematics.yaml, and the equilibrium under weight and load at a first fit (with K_C). Base
-columns: joint
-compliances under weight and load; with ``registration: fit`` a small twist of each tracker frame about the
-centroid of
-the points; the position of each target in the flange. Coefficients of compliances and targets are totals. The
-frame twist
-is relative to a first robust fit.
+corrections of the cell's kinematics.yaml, and the equilibrium under weight and load at a first fit (with K_C). Base
+columns: joint compliances under weight and load; with ``registration: fit`` a small twist of each tracker frame about
+the centroid of the points; the position of each target in the flange. Coefficients of compliances and targets are
+totals. The frame twist is relative to a first robust fit.
 
 Nominal model: :mod:`machopt.measurement.diagnosis.static.nominal_pose_model`. Hypotheses:
 :mod:`machopt.measurement.diagnosis.static.measured_pose_hypotheses`.
@@ -62,7 +58,6 @@ def build_measured_pose_problem(
     about: tuple[KinematicCorrection, ...] = (),
 ) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[str, ...]]:
     """Build equations and hypotheses of measured TCP poses: y = p_measured − p(q) ≈ B x, with base columns B.
-
 
     Not valid for a tracker frame rotated by more than some degrees relative to base_link; register it first.
 
@@ -182,10 +177,8 @@ def _build_corrected_arm(cell: Cell, found: tuple[KinematicCorrection, ...]) -> 
 def _compute_stated_displacement(r: StaticReadings, found: tuple[KinematicCorrection, ...]) -> Array:
     """Return the displacement (N, D) m, rad of corrections by the columns of their laws.
 
-
-    The slope of the nominal model differs by the effect of weight on a rotated arm (2 % of an offset of a large
-    joint 2). The
-    next fit multiplies these columns, so y must be consistent with them.
+    The slope of the nominal model differs by the effect of weight on a rotated arm (2 % of an offset of a large joint
+    2). The next fit multiplies these columns, so y must be consistent with them.
     """
     frames = [c for c in found if c.effect == structure_link_geometry.EFFECT.name]
     turned = build_encoder_correction(KinematicCorrections(tuple(c for c in found if c not in frames)))

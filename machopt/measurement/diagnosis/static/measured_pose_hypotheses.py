@@ -1,9 +1,7 @@
 """Hypotheses that measured TCP poses can show in addition to the base, and those that they cannot.
 
-A zero offset of joint 1 equals a rotation of the tracker frame. One of joint 6 equals a shift of the target if
-no
-orientation is measured. Effects that the base absorbs completely are listed as untestable. A step with the sign
-of a
+A zero offset of joint 1 equals a rotation of the tracker frame. One of joint 6 equals a shift of the target if no
+orientation is measured. Effects that the base absorbs completely are listed as untestable. A step with the sign of a
 torque that gravity keeps on one side equals a zero offset and is offered as such only.
 """
 
@@ -174,7 +172,6 @@ def compute_remaining_share(columns: Array, Q: Array) -> float:
 
 def _has_redundant_coefficients(columns: Array, Q: Array) -> bool:
     """Return whether the base absorbs some but not all coefficients; then a law with fewer coefficients is used.
-
 
     A base that settles under a constant weight shifts all points like a fitted tracker frame.
     """

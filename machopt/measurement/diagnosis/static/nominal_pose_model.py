@@ -1,8 +1,7 @@
 """Nominal model of measured poses: encoders → corrected angles → equilibrium → tracker reading.
 
-A recording may contain several reflectors on the flange (one per reading) and several tracker stations. The
-*point* of a
-reading is the reflector or the TCP. States refer to that point, and the recorded load is referred to it.
+A recording may contain several reflectors on the flange (one per reading) and several tracker stations. The *point*
+of a reading is the reflector or the TCP. States refer to that point, and the recorded load is referred to it.
 """
 
 from __future__ import annotations
@@ -44,9 +43,7 @@ STEPS = 5  # iterations of the robust first fit
 
 @dataclass(frozen=True)
 class FirstPoseFit:
-    """Result of the first fit: tracker frames in base_link (about the centroid of the points), targets,
-    compliances.
-    """
+    """Result of the first fit: tracker frames in base_link (about the centroid of the points), targets, compliances."""
 
     shift: Array  # (F, 3) m
     turn: Array  # (F, 3) rad
@@ -128,11 +125,9 @@ class NominalPoseModel:
     def find_undetermined_springs(self, frame: FirstPoseFit) -> frozenset[int]:
         """Find joints (1-based) whose springs gravity alone deflects, indistinguishably from frame errors.
 
-
         Joint deflection by gravity follows from the joint angles, as the effect of a displaced frame does. A spring
-        that the
-        joint frames almost absorb could become very soft or negative to imitate gear harmonics. It keeps the cell's
-        value.
+        that the joint frames almost absorb could become very soft or negative to imitate gear harmonics. It keeps the
+        cell's value.
 
         Args:
             frame: Current fit of frames, targets and compliances.
@@ -341,10 +336,8 @@ class NominalPoseModel:
     def build_readings(self, state: ArmState, frame: FirstPoseFit, springs: Array) -> StaticReadings:
         """Build the static readings for laws: bodies and Jacobian at the loaded arm, joint angles of the encoders.
 
-
         Unstated weights make springs too soft in a fit, and would then be searched through these springs. The
-        compliances are
-        therefore limited to a factor around the cell's.
+        compliances are therefore limited to a factor around the cell's.
 
         Args:
             state: Arm state at the loaded equilibrium.

@@ -1,8 +1,7 @@
 """TCP offset from the cell: once found, the diagnosis is repeated about the corrected TCP.
 
-The law (:class:`machopt.effects.recording.sensor_errors.TcpOffset`) is linear in the offset. A tool that is 0.1
-m shorter
-rotates the arm about another point, and the second-order part would imitate tool compliance.
+The law (:class:`machopt.effects.recording.sensor_errors.TcpOffset`) is linear in the offset. A tool that is 0.1 m
+shorter rotates the arm about another point, and the second-order part would imitate tool compliance.
 """
 
 from __future__ import annotations

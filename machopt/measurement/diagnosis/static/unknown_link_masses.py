@@ -1,13 +1,10 @@
 """Links without stated masses: the effect of their weight on load tests as coefficients of the base model.
 
-Gravity acts on a moving arm. A load that deflects joint l changes the lever arm of the weight about joint i,
-which acts
-as a spring in parallel to the gear (K = ∂τ/∂q). The deflection at rest changes the lever arms of the load. Both
-are
-linear in the first moments of upper arm and forearm (kg·m, including all bodies behind them). An arm without
-stated
-masses cannot be distinguished from one with a gravity compensator, so neither is reported. Stated masses remain
-known.
+Gravity acts on a moving arm. A load that deflects joint l changes the lever arm of the weight about joint i, which
+acts as a spring in parallel to the gear (K = ∂τ/∂q). The deflection at rest changes the lever arms of the load. Both
+are linear in the first moments of upper arm and forearm (kg·m, including all bodies behind them). An arm without
+stated masses cannot be distinguished from one with a gravity compensator, so neither is reported. Stated masses
+remain known.
 """
 
 from __future__ import annotations

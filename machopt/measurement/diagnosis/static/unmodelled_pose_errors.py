@@ -1,19 +1,12 @@
 """Forms in measured poses that are no effect of the catalogue, tried if a mismatch remains or one form replaces
-several
-effects.
+several effects.
 
-A vertical temperature gradient bends the tracker's beam: points shift depending on their position, unlike a
-rigid frame.
-The axis of a joint with an out-of-round bearing or bent seat wobbles: its frame moves by harmonics of the
-joint's own
-angle, unlike another joint's constant frame error. A hose or cable with a spring pulls at a link depending on
-its
-position, through the preceding joints, unlike a weight. A taut one is stiff along its direction and soft
-across, so that
-its stiffness is a symmetric matrix.
-Source: Estler, Edmundson, Peggs & Parker 2002 (refraction of a laser tracker's beam); ISO 230-7 (tilt and
-radial error
-motions of an axis of rotation, by harmonic orders).
+A vertical temperature gradient bends the tracker's beam: points shift depending on their position, unlike a rigid
+frame. The axis of a joint with an out-of-round bearing or bent seat wobbles: its frame moves by harmonics of the
+joint's own angle, unlike another joint's constant frame error. A hose or cable with a spring pulls at a link
+depending on its position, through the preceding joints, unlike a weight. A taut one is stiff along its direction and
+soft across, so that its stiffness is a symmetric matrix. Source: Estler, Edmundson, Peggs & Parker 2002 (refraction
+of a laser tracker's beam); ISO 230-7 (tilt and radial error motions of an axis of rotation, by harmonic orders).
 """
 
 from __future__ import annotations

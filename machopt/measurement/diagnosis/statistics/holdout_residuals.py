@@ -23,10 +23,8 @@ Flags = NDArray[np.bool_]
 class PredictionNoise:
     """Prediction error of held-out readings caused by noise alone, A √S x with white x, SI.
 
-
-    A are the columns of the readings, S is the covariance of the coefficients from the other folds. Readings of
-    one group are
-    predicted by the same coefficients. Their held-out residuals share tr(A_i S Aᵀ_j), which is no mismatch.
+    A are the columns of the readings, S is the covariance of the coefficients from the other folds. Readings of one
+    group are predicted by the same coefficients. Their held-out residuals share tr(A_i S Aᵀ_j), which is no mismatch.
     """
 
     columns: Array  # (N, D, P) SI
@@ -34,8 +32,8 @@ class PredictionNoise:
     fold: NDArray[np.int64]  # (N,)
 
     def compute_mean_error(self, rows: NDArray[np.int64], coordinates: Sequence[int]) -> Array:
-        """Return the factor of the mean prediction error over readings of one group. The inner product of two is their
-        covariance.
+        """Return the factor of the mean prediction error over readings of one group. The inner product of two is
+        their covariance.
 
         Args:
             rows: Readings of one group.

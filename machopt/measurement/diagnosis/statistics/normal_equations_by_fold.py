@@ -1,7 +1,6 @@
 """Whitened normal equations by fold, sufficient for all fits and their cross-validation.
 
-A model is a set of whitened columns. Its sums XᵀX and Xᵀy per fold are enough to refit it without any fold, and
-to
+A model is a set of whitened columns. Its sums XᵀX and Xᵀy per fold are enough to refit it without any fold, and to
 predict that fold.
 """
 

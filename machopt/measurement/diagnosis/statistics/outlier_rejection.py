@@ -1,5 +1,5 @@
-"""Outlier rejection: outliers are few, isolated, unsystematic and not repeatable. Deviations of a whole session
-are none.
+"""Outlier rejection: outliers are few, isolated, unsystematic and not repeatable. Deviations of a whole session are
+none.
 """
 
 from __future__ import annotations
@@ -67,9 +67,8 @@ def find_mostly_outlying_groups(label: Ints, off: Flags) -> Flags:
 def find_common_direction_groups(label: Ints, residual: Array, off: Flags) -> Flags:
     """Find deviating readings of a session that deviate in a common direction and are too many for outliers.
 
-
-    Gross errors of a tracker have random directions. A settling floor or a moved stand shifts all readings in
-    one direction.
+    Gross errors of a tracker have random directions. A settling floor or a moved stand shifts all readings in one
+    direction.
 
     Args:
         label: (N,) session label.

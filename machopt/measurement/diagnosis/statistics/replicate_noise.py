@@ -1,10 +1,8 @@
 """Noise estimated from replicates: variance of a single reading, shared by a cycle, shared by a visit.
 
-Residuals of an incomplete model look like noise. Replicates (same pose, same load, another visit) are free of
-this. Each
-is compared with the mean of its replicates, so model errors cancel. The rest is split by moments: a shift and a
-gain are
-fitted per cycle. Their residuals give the error of a single reading; their scatter gives the errors of cycle
+Residuals of an incomplete model look like noise. Replicates (same pose, same load, another visit) are free of this.
+Each is compared with the mean of its replicates, so model errors cancel. The rest is split by moments: a shift and a
+gain are fitted per cycle. Their residuals give the error of a single reading; their scatter gives the errors of cycle
 and visit.
 """
 
@@ -75,7 +73,6 @@ def estimate_replicate_noise(problem: DiagnosisProblem, residual: Array, used: F
 
 def compute_replicate_contrast(problem: DiagnosisProblem, residual: Array, used: Flags) -> tuple[Array, Flags]:
     """Compute each reading minus the mean of its replicates, scaled to the variance of one reading.
-
 
     Replicates count only if they occur on two visits or more.
 

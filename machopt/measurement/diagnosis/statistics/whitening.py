@@ -1,9 +1,8 @@
 """Whitening of readings with shared errors: W with W Σ Wᵀ = I, visit by visit.
 
-Within a visit Σ = D + U Uᵀ. D holds the variances of single readings. U has one column per coordinate for each
-shift that
-a cycle or the visit shares, and one per gain error of a cycle. With the singular values Q s Rᵀ of D^(−½) U,
-W = (I − Q (1 − 1/√(1 + s²)) Qᵀ) D^(−½) exactly. Rows are sorted by group, so that sums over a group are slices.
+Within a visit Σ = D + U Uᵀ. D holds the variances of single readings. U has one column per coordinate for each shift
+that a cycle or the visit shares, and one per gain error of a cycle. With the singular values Q s Rᵀ of D^(−½) U, W =
+(I − Q (1 − 1/√(1 + s²)) Qᵀ) D^(−½) exactly. Rows are sorted by group, so that sums over a group are slices.
 """
 
 from __future__ import annotations
@@ -34,9 +33,7 @@ class WhiteningBlock:
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorWhitening:
-    """Transformation of (N, D, …) columns to (M, …) rows with independent unit errors; M measured coordinates in
-    use.
-    """
+    """Transformation of (N, D, …) columns to (M, …) rows with independent unit errors; M used coordinates."""
 
     index: Ints  # (n,) used readings, sorted by group and visit
     sigma: Array  # (D,) standard deviation of a single reading, SI

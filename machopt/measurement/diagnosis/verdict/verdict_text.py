@@ -194,8 +194,6 @@ def _format_finding(f: Finding) -> str:
 def format_error_size(value: float, unit: str) -> str:
     """Format an error; below 0.5 mm in micrometres.
 
-
-
     Args:
         value: Error in ``unit``.
         unit: Unit of the error.

@@ -1,16 +1,13 @@
 """Covariance and confidence intervals of the coefficients, with errors shared within a pose.
 
-The covariance is the cluster-robust CR2 estimate (Bell & McCaffrey 2002; Pustejovsky & Tipton 2018) with one
-cluster per
-pose and the weights of the fit as working covariance. It is valid for any correlation within a pose, and
-unbiased if the
-weights are right. In the normal equations of the poses, H_g and h_g,
+The covariance is the cluster-robust CR2 estimate (Bell & McCaffrey 2002; Pustejovsky & Tipton 2018) with one cluster
+per pose and the weights of the fit as working covariance. It is valid for any correlation within a pose, and unbiased
+if the weights are right. In the normal equations of the poses, H_g and h_g,
 
     u_g = (I − H_g M)^(−½) (h_g − H_g x),   M = (Σ H_g)⁻¹,   Cov x = M (Σ u_g u_gᵀ) M,
 
-which needs P × P matrices only. Degrees of freedom are Satterthwaite's, per coefficient. If few poses determine
-a joint,
-its degrees of freedom are few.
+which needs P × P matrices only. Degrees of freedom are Satterthwaite's, per coefficient. If few poses determine a
+joint, its degrees of freedom are few.
 """
 
 from __future__ import annotations
@@ -44,10 +41,8 @@ class CoefficientUncertainty:
     def stiffness_interval(self) -> Array:
         """Return the confidence intervals (6, 2) of the joint stiffnesses, N·m/rad.
 
-
         The upper end is infinite if the interval of the compliance includes zero. The lower end uses at least one
-        standard error
-        of the compliance.
+        standard error of the compliance.
         """
         least = np.where(np.isfinite(self.sigma[:6]), self.sigma[:6], 0.0)
         low, high = self.interval[:6, 0], np.maximum(self.interval[:6, 1], least)
@@ -58,10 +53,8 @@ class CoefficientUncertainty:
 def compute_coefficient_uncertainty(fit: StiffnessFit, level: float = 0.9) -> CoefficientUncertainty:
     """Compute standard errors and two-sided confidence intervals.
 
-
-    The intervals are too narrow if errors are shared by more than a pose, such as a common gain error of the
-    force sensor,
-    which no replicate shows.
+    The intervals are too narrow if errors are shared by more than a pose, such as a common gain error of the force
+    sensor, which no replicate shows.
 
     Args:
         fit: Any fit; in an unweighted one readings of a pose still count as dependent.

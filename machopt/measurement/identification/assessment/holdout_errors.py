@@ -55,7 +55,6 @@ def summarise_residuals(fit: StiffnessFit, residual: Array) -> HoldoutErrorSumma
 def compute_holdout_residuals(fit: StiffnessFit, settled: SettledCoefficients, rng: np.random.Generator) -> Array:
     """Compute cross-validated residuals: each reading is predicted by coefficients fitted without its pose.
 
-
     Above 60 poses, 20 random groups of poses are left out. Weights and outliers are those of the whole fit.
 
     Args:

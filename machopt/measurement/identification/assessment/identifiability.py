@@ -7,11 +7,9 @@ compliance. Not identified are:
 - a joint that is confounded with another unknown (its error is large because of the others),
 - a joint whose interval includes zero compliance: only a lower bound of its stiffness is known.
 
-Such a joint gets the cell's value, limited to what the readings allow; without a cell's value, the lower bound
-of its
-stiffness. Identifiable combinations (two joints that always move together) are preserved: a weak prior pulls
-the values
-to the cell's, and the data override it where they are informative.
+Such a joint gets the cell's value, limited to what the readings allow; without a cell's value, the lower bound of its
+stiffness. Identifiable combinations (two joints that always move together) are preserved: a weak prior pulls the
+values to the cell's, and the data override it where they are informative.
 """
 
 from __future__ import annotations

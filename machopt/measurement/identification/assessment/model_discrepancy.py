@@ -5,45 +5,30 @@ The residuals r of the readings are explained by the errors of the springs and b
 
     r = A x + B u + e,   x free,   u ~ N(0, Λ),   Λ = (λ · size)²
 
-There is one λ for elastic effects and one for load-dependent gear stiffness. They are estimated by restricted
-maximum
-likelihood (Patterson & Thompson 1971), e from replicates together with all columns; both are averaged over a
-grid of λ.
-Kennedy & O'Hagan 2001 call such a part model discrepancy. Here it is no process over space but over the
-machine's
-interfaces, so that two redundancy angles of one job share what they physically share. The posterior of (x, u),
-mean μ and
-covariance S, is stored in stiffness.yaml. The values in the file stay those of the model; predictions get the
-uncertainty
-of μ and S.
+There is one λ for elastic effects and one for load-dependent gear stiffness. They are estimated by restricted maximum
+likelihood (Patterson & Thompson 1971), e from replicates together with all columns; both are averaged over a grid of
+λ. Kennedy & O'Hagan 2001 call such a part model discrepancy. Here it is no process over space but over the machine's
+interfaces, so that two redundancy angles of one job share what they physically share. The posterior of (x, u), mean μ
+and covariance S, is stored in stiffness.yaml. The values in the file stay those of the model; predictions get the
+uncertainty of μ and S.
 
-Two measures keep S realistic although the assumed effects are not exact. The data part of S is cluster-robust
-(one
-cluster per pose, as in :mod:`machopt.measurement.identification.assessment.coefficient_uncertainty`, if
-larger). What
-cross-validation over regions of poses shows beyond S and noise is added as ``local``, an independent compliance
-of every
-pose.
+Two measures keep S realistic although the assumed effects are not exact. The data part of S is cluster-robust (one
+cluster per pose, as in :mod:`machopt.measurement.identification.assessment.coefficient_uncertainty`, if larger). What
+cross-validation over regions of poses shows beyond S and noise is added as ``local``, an independent compliance of
+every pose.
 
-If the springs explain the readings (twice the log-likelihood rises by less than ``IDENTIFIED.misfit``), all
-effects are
-dropped except one: the effect of weight and load on posture and lever arms (``loaded``). It is present in every
-arm,
-known to first order, and small loads hide it without reducing it. With known masses it is included in full with
-a prior
-of 1 ± PRIOR_LOADED. A file with ``geometric_stiffness`` already includes the load's part; the rest stays in
+If the springs explain the readings (twice the log-likelihood rises by less than ``IDENTIFIED.misfit``), all effects
+are dropped except one: the effect of weight and load on posture and lever arms (``loaded``). It is present in every
+arm, known to first order, and small loads hide it without reducing it. With known masses it is included in full with
+a prior of 1 ± PRIOR_LOADED. A file with ``geometric_stiffness`` already includes the load's part; the rest stays in
 ``loaded``.
 
 Backlash is treated separately. Load tests whose total torques never change sign do not show it, but a job whose
-torques
-do is fully affected. Therefore each model is complemented by variants with typical backlash in one gear, with a
-prior
-probability of one in four. Readings with a torque reversal soon rule it out. The test whether springs explain
-the readings
-excludes these variants, because backlash would absorb part of a nonlinear stiffness.
+torques do is fully affected. Therefore each model is complemented by variants with typical backlash in one gear, with
+a prior probability of one in four. Readings with a torque reversal soon rule it out. The test whether springs explain
+the readings excludes these variants, because backlash would absorb part of a nonlinear stiffness.
 
-A gear law in the file was fitted to these readings, and another law might have fitted as well. There the test
-proves
+A gear law in the file was fitted to these readings, and another law might have fitted as well. There the test proves
 less: every λ counts by its likelihood, and so does ``local``.
 """
 
@@ -192,8 +177,8 @@ def estimate_model_discrepancy(
 
 
 def _compute_displacement_metric(H: Array, names: Sequence[str]) -> Array:
-    """Return the mean square displacement of columns at the measured poses; backlash counts at least as its
-    joint's spring.
+    """Return the mean square displacement of columns at the measured poses; backlash counts at least as its joint's
+    spring.
     """
     out = H + 1e-12 * np.trace(H) * np.eye(len(H))
     for n, part in enumerate(parse_discrepancy_name(name) for name in names):
@@ -285,15 +270,12 @@ def _estimate_local_discrepancy(
 
 
 def estimate_pose_variance(left: Array, expected: Array, force: Array) -> float:
-    """Estimate the independent variance of a pose from left-out regions, whose squares are ``expected`` + variance
-    · ``force``.
-
+    """Estimate the independent variance of a pose from left-out regions, whose squares are ``expected`` + variance ·
+    ``force``.
 
     Regions are weighted by the inverse of their expectation (first step of Paule & Mandel 1982). Few regions
-    determine a
-    variance poorly, and the most likely value, often zero, is not conservative. The result is the posterior
-    mean over
-    non-negative values, with the standard error from the regions' scatter.
+    determine a variance poorly, and the most likely value, often zero, is not conservative. The result is the
+    posterior mean over non-negative values, with the standard error from the regions' scatter.
 
     Args:
         left: (R,) sum of squares of a region's readings, m².

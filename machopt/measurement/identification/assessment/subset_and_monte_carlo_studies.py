@@ -110,7 +110,6 @@ def run_monte_carlo(
 ) -> MonteCarloResult:
     """Repeat the fit with displacements, loads and joint angles perturbed by their uncertainty.
 
-
     Errors are independent between readings, as in the paper.
 
     Args:

@@ -1,9 +1,7 @@
 """Checks of a load-test recording before the fit: units, frames, signs, impossible rows, too few data.
 
-Faulty recordings explain more published mismatches than rare physical effects. An *error* is refused unless the
-user
-accepts its code, because the result would be wrong by a factor or in kind. A *warning* is reported with the
-result.
+Faulty recordings explain more published mismatches than rare physical effects. An *error* is refused unless the user
+accepts its code, because the result would be wrong by a factor or in kind. A *warning* is reported with the result.
 """
 
 from __future__ import annotations
@@ -109,13 +107,10 @@ def refuse_record_faults(
 
 
 def _check_conventions(ways: list[ConventionCandidate]) -> list[RecordFault]:
-    """Report a frame, sign, unit or reference point that explains the recording clearly better than the stated
-    one.
+    """Report a frame, sign, unit or reference point that explains the recording clearly better than the stated one.
 
-
-    Clearly means much better in most poses, slightly better in nearly all poses, or better by so many standard
-    errors over
-    poses that noise is excluded. Unmodelled physics does not cause this: the stated convention then still fits
+    Clearly means much better in most poses, slightly better in nearly all poses, or better by so many standard errors
+    over poses that noise is excluded. Unmodelled physics does not cause this: the stated convention then still fits
     better.
     """
     stated, rivals = ways[0], ways[1:]

@@ -175,7 +175,6 @@ def estimate_reach(robot: Robot, T_flange_tcp: Array) -> float:
 def _find_wrong_load_unit(e: LoadTestExperiment, reach: float, prior: Array | None) -> tuple[str, str, float]:
     """Find whether forces or moments are in another unit: the one whose correction gives typical displacements.
 
-
     Returns a description, the first column of the group, and the correction factor.
     """
     from dataclasses import replace
@@ -230,7 +229,6 @@ def _compute_displacement_ratio(e: LoadTestExperiment, stiffness: Array, rows: s
 
 def describe_common_stiffness_factor(found: Array, prior: Array) -> str | None:
     """Describe a common ratio of all joints to the cell's stiffness that a wrong unit would cause.
-
 
     True stiffness differences vary between joints; a load in pounds changes all alike.
 

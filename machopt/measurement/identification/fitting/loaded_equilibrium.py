@@ -1,16 +1,13 @@
 """Identification at the loaded equilibrium, including the effect of load and weight on the lever arms (K_C).
 
-Joint springs deflect to equilibrium: θ = θ_cmd + C τ(θ) with τ = J(θ)ᵀ w + g(θ) and C = diag(c). A reading is
-the
+Joint springs deflect to equilibrium: θ = θ_cmd + C τ(θ) with τ = J(θ)ᵀ w + g(θ) and C = diag(c). A reading is the
 difference of two such states, with and without load. Differentiation gives (I − C H) ∂θ/∂c_j = τ_j e_j with H =
-∂τ/∂θ:
-K_C of dumas2011 eqs. 8–10, together with that of the weight.
+∂τ/∂θ: K_C of dumas2011 eqs. 8–10, together with that of the weight.
 
-The fit iterates. :meth:`LoadedEquilibriumModel.linearise` writes the readings as equations linear about the
-current
+The fit iterates. :meth:`LoadedEquilibriumModel.linearise` writes the readings as equations linear about the current
 compliances, in the form of :class:`~machopt.measurement.estimation.load_test_equations.LoadTestExperiment`. All
-methods
-for linear equations (weights, bounds, covariance) apply, and the next solution is the next linearisation point.
+methods for linear equations (weights, bounds, covariance) apply, and the next solution is the next linearisation
+point.
 """
 
 from __future__ import annotations
@@ -39,7 +36,6 @@ MOST_ROUNDS = 20
 @dataclass(frozen=True, kw_only=True)
 class LinearisedExperiment(LoadTestExperiment):
     """Readings as equations linear about given compliances; the nonlinear rest is subtracted from ``measured``.
-
 
     y − (d(c₀) − S c₀) = S c + Σ_p x_p B_p w + error. Residuals equal those of the exact prediction at c₀.
     """
@@ -116,7 +112,6 @@ class LoadedEquilibriumModel:
 
     def linearise(self, compliance: Array) -> LinearisedExperiment:
         """Return the readings as linear equations about given compliances.
-
 
         Terms other than joints are evaluated at the commanded joints; their product with joint deflections is of
         second order.
@@ -214,7 +209,6 @@ def refine_at_equilibrium(
 
 def compute_nonlinear_share(equilibrium: LoadedEquilibriumModel, compliance: Array) -> Array:
     """Compute the relative error of the linear law J C Jᵀ w in the translation, | |d| − |d_lin| | / max of both.
-
 
     The same ratio as ν_p of dumas2011 eq. 14, with finite rotations and, with masses, with weight.
 

@@ -1,12 +1,9 @@
 """Positive semidefinite fits of compliance matrices.
 
-A 6 × 6 compliance with 21 free coefficients follows noise into directions in which the structure would move
-against its
-load. No elastic body does, and the planner refuses such a file. In this case the quadratic of the fit is
-minimised again
-over C = S L Lᵀ S, which is positive semidefinite for any L (Burer & Monteiro 2003: with a square L there are
-only the
-minima of the convex problem). The other coefficients follow within their bounds.
+A 6 × 6 compliance with 21 free coefficients follows noise into directions in which the structure would move against
+its load. No elastic body does, and the planner refuses such a file. In this case the quadratic of the fit is
+minimised again over C = S L Lᵀ S, which is positive semidefinite for any L (Burer & Monteiro 2003: with a square L
+there are only the minima of the convex problem). The other coefficients follow within their bounds.
 """
 
 from __future__ import annotations

@@ -117,7 +117,6 @@ class ReadingWeights:
 class StiffnessFit:
     """Fitted coefficients with all data for uncertainty, cross-validation and influence.
 
-
     ``normal`` and ``column`` refer to scaled coefficients x / column. Displacements are A · x.
     """
 
@@ -183,12 +182,9 @@ def fit_stiffness(
 ) -> StiffnessFit:
     """Identify joint compliances and the coefficients of further terms.
 
-
     Minimises Σ over poses of (y − A x)ᵀ W (y − A x) subject to lower bounds. W is the inverse covariance of the
-    readings (error
-    of a single reading, and shifts shared by a load cycle or a visit to a pose). The variance of each
-    coordinate is divided by
-    its outlier weight. Not valid if the displacement is not proportional to the load.
+    readings (error of a single reading, and shifts shared by a load cycle or a visit to a pose). The variance of each
+    coordinate is divided by its outlier weight. Not valid if the displacement is not proportional to the load.
 
     Args:
         experiment: N readings.

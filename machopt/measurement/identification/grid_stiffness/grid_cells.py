@@ -141,8 +141,8 @@ class MeasuredCells:
         return np.asarray(out / out.sum(axis=1, keepdims=True))
 
     def linear(self, z: Array, extra: int) -> tuple[csr_matrix, Array]:
-        """Linearise the relative compliance ρ = m / Σ_g exp(−z_g) of each place about z; ``extra`` unknowns are passed
-        through.
+        """Linearise the relative compliance ρ = m / Σ_g exp(−z_g) of each place about z; ``extra`` unknowns are
+        passed through.
 
         Args:
             z: (C, F) log relative compliances of the cells.
@@ -194,8 +194,7 @@ def find_measured_cells(region: GridRegion, position: Array, on_face: float) -> 
 
 
 def interpolate_by_kriging(region: GridRegion, used: Ints, range_: float) -> tuple[Array, Array, Array, float]:
-    """Compute the weights that predict all cells from those with readings (universal kriging with an estimated
-    mean).
+    """Compute the weights that predict all cells from those with readings (universal kriging with an estimated mean).
 
     Args:
         region: Grid with G cells.

@@ -1,5 +1,5 @@
-"""Equations of a grid: relative compliances of the varying joints, then the terms, from the readings of the
-constant fit.
+"""Equations of a grid: relative compliances of the varying joints, then the terms, from the readings of the constant
+fit.
 """
 
 from __future__ import annotations

@@ -1,21 +1,15 @@
 """Joint stiffness for each cell of a grid of TCP positions (jiao2022 section 2), shrunk towards a constant model.
 
-Space is divided into cubes, each with its own six stiffnesses. On a face, edge or corner they are averaged, as
-in
+Space is divided into cubes, each with its own six stiffnesses. On a face, edge or corner they are averaged, as in
 :func:`machopt.stiffness.arm_stiffness.compute_joint_stiffness`, so a reading there informs every cell that it
-touches. A
-cell alone would follow the noise of its readings. Therefore the log compliances of the cells have a common
-distribution
-per joint, whose width is estimated
+touches. A cell alone would follow the noise of its readings. Therefore the log compliances of the cells have a common
+distribution per joint, whose width is estimated
 (:mod:`~machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood`). A cell deviates from the
-constant
-model as far as its readings support. A cell without readings stays there, with the width as its uncertainty. If
-nothing
-varies, the grid equals the constant model. Logarithms keep every stiffness positive.
+constant model as far as its readings support. A cell without readings stays there, with the width as its uncertainty.
+If nothing varies, the grid equals the constant model. Logarithms keep every stiffness positive.
 
 Harmonic mean and logarithm are nonlinear. Cells, prior, noise and outlier weights are found in a few rounds of
-linearised
-problems.
+linearised problems.
 """
 
 from __future__ import annotations
@@ -117,12 +111,9 @@ def fit_grid(
 ) -> GridFit:
     """Identify joint stiffness that varies over a grid.
 
-
     z_g,j = log c_g,j ~ N(μ_j, s_j²); at a place touching m cells c_j = m / Σ_g k_g,j; displacements as in the
-    constant model.
-    s, correlation range and noise by restricted maximum likelihood, cells by their conditional mean. Not valid
-    if stiffness
-    depends on the arm configuration at a place rather than on the place.
+    constant model. s, correlation range and noise by restricted maximum likelihood, cells by their conditional mean.
+    Not valid if stiffness depends on the arm configuration at a place rather than on the place.
 
     Args:
         constant: Fit of the constant model to the same readings, with terms, weights and clusters.
@@ -294,12 +285,9 @@ def _predict_left_out_poses(
 ) -> GridHoldoutErrors:
     """Predict each pose from the others in closed form.
 
-
-    The contribution ΔH, Δh of a pose to its site's equations, with the site's own part integrated out, is
-    removed from the
-    posterior N(r, W) of the responses: r₋ = (I − W ΔH)⁻¹ (r − W Δh). The constant model solves (H − H_p) x = h
-    − h_p within
-    bounds.
+    The contribution ΔH, Δh of a pose to its site's equations, with the site's own part integrated out, is removed
+    from the posterior N(r, W) of the responses: r₋ = (I − W ΔH)⁻¹ (r − W Δh). The constant model solves (H − H_p) x =
+    h − h_p within bounds.
     """
     each = [
         build_normal_equations(evidence.clusters, s, c) for s, c in zip(evidence.channel_sums, prior.noise, strict=True)

@@ -1,18 +1,14 @@
 """Marginal likelihood of a grid's prior: how much joints vary between cells, and the resulting cell values.
 
 Log compliances z of the cells are distributed about their joint's mean, z_g,j ~ N(μ_j, s_j²), with correlation
-exp(−d/ℓ)
-between cells at distance d (ℓ → 0: independent). For given s, ℓ and noise, the cells follow as best linear
-unbiased
-prediction. s, ℓ and the noise maximise the restricted likelihood, with all cells and means integrated out
-(Patterson &
-Thompson 1971; Harville 1977). A joint without variation gets s → 0, and its cells shrink to the constant model.
+exp(−d/ℓ) between cells at distance d (ℓ → 0: independent). For given s, ℓ and noise, the cells follow as best linear
+unbiased prediction. s, ℓ and the noise maximise the restricted likelihood, with all cells and means integrated out
+(Patterson & Thompson 1971; Harville 1977). A joint without variation gets s → 0, and its cells shrink to the constant
+model.
 
-Within a cell the joint varies too. The deviation of a site (a TCP position) from its cell is a further random
-effect with
-standard deviation η s_j, integrated out for each site. Without it, many readings at few sites would make a cell
-seem far
-better known than it is.
+Within a cell the joint varies too. The deviation of a site (a TCP position) from its cell is a further random effect
+with standard deviation η s_j, integrated out for each site. Without it, many readings at few sites would make a cell
+seem far better known than it is.
 
 All computations use sums by pose (:mod:`~machopt.measurement.estimation.error_clusters`). A step costs one dense
 factorisation of the cells' unknowns and nothing that grows with the number of readings.
@@ -380,7 +376,6 @@ class GridLikelihood:
 
     def marginal(self, prior: GridPrior, each: Sequence[NormalEquations]) -> MarginalEquations:
         """Integrate out the sites' deviations and sum the equations by place.
-
 
         With r_site = r + ε, ε ~ N(0, T): H → (I + H T)⁻¹ H, h → (I + H T)⁻¹ h, yᵀWy → yᵀWy − hᵀ T (I + H T)⁻¹ h.
 

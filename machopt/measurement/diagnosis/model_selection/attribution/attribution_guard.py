@@ -1,11 +1,9 @@
 """Attribution guard: an effect is reported only if it explains more than remains unexplained.
 
 The best law of a catalogue approximates any mismatch and takes much of it. If the noise is known, the remainder
-beyond
-the noise is known too. A law that explains little more than this remainder may be another projection of the same
-unmodelled cause. The same holds for a law with implausible parameters or a size that may be zero. Such a law
-stays in
-the fit, so that no other takes its place, but it is reported by its location only.
+beyond the noise is known too. A law that explains little more than this remainder may be another projection of the
+same unmodelled cause. The same holds for a law with implausible parameters or a size that may be zero. Such a law
+stays in the fit, so that no other takes its place, but it is reported by its location only.
 """
 
 from __future__ import annotations
@@ -133,7 +131,6 @@ def find_contradicted_effect(state: SearchState) -> ScoredHypothesis | None:
 def _withhold_session_dependent(state: SearchState, chosen: tuple[SelectedEffect, ...]) -> tuple[SelectedEffect, ...]:
     """Withhold session-dependent effects if the sessions of a load test differ more by another cause.
 
-
     Replicates then differ by that cause too, and the remainder is hidden in the noise estimate.
     """
     if state.problem.channel != "deflection" or not any(
@@ -167,10 +164,8 @@ def _compute_unexplained_power(state: SearchState, residual: Array, fitted: Arra
     """Return the repeatable power of held-out residuals (N, D) above the noise, SI² per coordinate; 0 if
     insignificant.
 
-
-    One estimate needs no noise level, the other no replicates; both must agree. Held-out residuals exceed the
-    noise by the
-    coefficient errors by as much as fitted residuals (N, D) fall below it.
+    One estimate needs no noise level, the other no replicates; both must agree. Held-out residuals exceed the noise
+    by the coefficient errors by as much as fitted residuals (N, D) fall below it.
     """
     problem = state.problem
     rest = repeatable_mismatch.measure_repeatable_mismatch(problem, residual, state.used_rows, state.noise, rng)
@@ -230,7 +225,6 @@ def _withhold_if_uncatalogued_fits(
     state: SearchState, k: int, more: Sequence[WhitenedHypothesis] = ()
 ) -> SelectedEffect:
     """Return the k-th effect, withheld if an uncatalogued form with no more coefficients fits as well.
-
 
     A hose between column and forearm resembles a gravity compensator. The true law is not outperformed by an
     approximation.

@@ -1,12 +1,9 @@
 """Distinction between a gravity compensator and gear harmonics at a joint with a small angle range.
 
 Harmonics with less than one period in the range fit any smooth curve. A strong compensator lies between the few
-spring
-geometries of the search grid, so that the harmonic fits better. Here the spring geometry is refined. The
-compensator is
-reported unless the data exclude it, and harmonics found in addition at the same joint are removed. Poses over a
-larger
-range of the joint separate both.
+spring geometries of the search grid, so that the harmonic fits better. Here the spring geometry is refined. The
+compensator is reported unless the data exclude it, and harmonics found in addition at the same joint are removed.
+Poses over a larger range of the joint separate both.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
-"""Laws at the end of their grid where they become another law. The limiting law is reported unless the data
-exclude it.
+"""Laws at the end of their grid where they become another law. The limiting law is reported unless the data exclude
+it.
 
-A gear that is softer below a knee smaller than every load is a gear with backlash. Creep with a time constant
-beyond the
-observed time is a permanent twist, that is hysteresis. The simpler name is reported, and the other stays in
-``one_of``.
-Smaller loads or longer rests separate them. The limiting law must reach nearly the same gain.
+A gear that is softer below a knee smaller than every load is a gear with backlash. Creep with a time constant beyond
+the observed time is a permanent twist, that is hysteresis. The simpler name is reported, and the other stays in
+``one_of``. Smaller loads or longer rests separate them. The limiting law must reach nearly the same gain.
 """
 
 from __future__ import annotations

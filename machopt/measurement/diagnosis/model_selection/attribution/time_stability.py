@@ -1,8 +1,7 @@
 """Check that effects which must be constant in time are constant.
 
-A frame, a zero offset and the position of a tracker do not change during the measurement. Solar heating or a
-shock has
-a mean that a frame fits, but the remainder varies with time.
+A frame, a zero offset and the position of a tracker do not change during the measurement. Solar heating or a shock
+has a mean that a frame fits, but the remainder varies with time.
 """
 
 from __future__ import annotations

@@ -102,8 +102,7 @@ def find_rival_explanations(
 def estimate_parameters(
     model: WhitenedModel, chosen: Sequence[SelectedEffect], k: int, tried: Sequence[WhitenedHypothesis]
 ) -> dict[str, EstimatedValue]:
-    """Estimate the parameters of the k-th effect with 90 and 95 % intervals over all equally likely shapes and
-    laws.
+    """Estimate the parameters of the k-th effect with 90 and 95 % intervals over all equally likely shapes and laws.
 
     Args:
         model: Whitened base model.
@@ -213,7 +212,6 @@ def _apply_coefficient_prior(
     """Return sizes of a body and their intervals; insignificant ones are replaced by those of significant
     coefficients.
 
-
     Otherwise the largest of several compliances would be the one that no reading determines.
     """
     (x, covariance, freedom, doubt), (value, intervals) = fit, told
@@ -230,10 +228,8 @@ def _apply_coefficient_prior(
 def _compute_likelihood_margin(beside: WhitenedModel, c: SelectedEffect, best: float) -> float:
     """Return the whitened sum of squares by which another shape may be worse and still be accepted.
 
-
-    If the noise is measured and the law leaves more than noise, its form is not exact. A shape that is worse by
-    no more than
-    this excess may be equally close to the truth.
+    If the noise is measured and the law leaves more than noise, its form is not exact. A shape that is worse by no
+    more than this excess may be equally close to the truth.
     """
     m = beside.with_law(c.whitened, c.scored.shape, held=True)
     freedom = len(m.y) - m.count
@@ -251,7 +247,6 @@ def _compute_model_uncertainty(chosen: Sequence[SelectedEffect], k: int) -> floa
     """Return the relative 1σ of the k-th effect caused by the form of the other laws: an exact law absorbs their
     remainder.
 
-
     Next to bodies and gears a zero offset and a frame were 11 and 13 % off; their own noise accounted for 3 %.
     """
     others = (o.whitened.hypothesis.effect for i, o in enumerate(chosen) if i != k)
@@ -263,8 +258,7 @@ def _compute_model_uncertainty(chosen: Sequence[SelectedEffect], k: int) -> floa
 def _compute_quantity_intervals(
     law: WhitenedHypothesis, at: int, x: Array, covariance: Array, freedom: float, doubt: float = 0.0
 ) -> dict[str, Array]:
-    """Return the 90 and 95 % intervals (2, 2) of each quantity, by first and second derivatives in the
-    coefficients.
+    """Return the 90 and 95 % intervals (2, 2) of each quantity, by first and second derivatives in the coefficients.
 
     Args:
         law: Whitened hypothesis.

@@ -1,12 +1,9 @@
 """Repeatable mismatch: is there one, and where in the machine or the data.
 
-Repeatable power S = mean of r⁽¹⁾·r⁽²⁾ over pairs of replicates on two visits. Independent noise cancels, and
-model errors
-remain. Its p-value comes from flipping the signs of whole visits. Both visits of a pose are held out together
-and
-predicted by the same coefficients. The prediction error is common to both, and for few poses and many unknowns
-as large
-as noise. Its expectation is therefore subtracted.
+Repeatable power S = mean of r⁽¹⁾·r⁽²⁾ over pairs of replicates on two visits. Independent noise cancels, and model
+errors remain. Its p-value comes from flipping the signs of whole visits. Both visits of a pose are held out together
+and predicted by the same coefficients. The prediction error is common to both, and for few poses and many unknowns as
+large as noise. Its expectation is therefore subtracted.
 """
 
 from __future__ import annotations
@@ -51,10 +48,8 @@ def measure_repeatable_mismatch(
 ) -> RepeatableMismatch:
     """Measure the repeatable power and its p-value.
 
-
-    If time matters, errors shared by successive visits (of other poses) count too: heat, a moved tracker.
-    Without replicates
-    the power is the excess over the noise, without a p-value (NaN).
+    If time matters, errors shared by successive visits (of other poses) count too: heat, a moved tracker. Without
+    replicates the power is the excess over the noise, without a p-value (NaN).
 
     Args:
         problem: Regression problem.
@@ -134,7 +129,6 @@ def has_repeatable_instrument_error(
 ) -> bool:
     """Return whether an independent instrument shows a repeatable error beyond its noise.
 
-
     The test is that of :func:`measure_repeatable_mismatch`.
 
     Args:
@@ -179,10 +173,8 @@ def _compute_sign_flip_chance(
 def _compute_allowed_power(problem: DiagnosisProblem, used: Flags, noise: ReplicateNoise) -> float:
     """Return the power (SI²) that held-out residuals may have without replicates.
 
-
-    The noise is then estimated from the residuals and is no evidence against the model. Held-out groups have
-    larger errors
-    because of few groups and many unknowns. Only a stated uncertainty is evidence.
+    The noise is then estimated from the residuals and is no evidence against the model. Held-out groups have larger
+    errors because of few groups and many unknowns. Only a stated uncertainty is evidence.
     """
     family = problem.families[0]
     if family.stated_uncertainty is not None:
@@ -233,8 +225,7 @@ def _sum_products_by_visit_pair(
 
 
 def locate_in_machine(scored: Sequence[ScoredHypothesis], power: float) -> list[MismatchShare]:
-    """Compute the share of the whitened mismatch that each place can explain alone, by its best law,
-    cross-validated.
+    """Compute the share of the whitened mismatch that each place can explain alone, by its best law, cross-validated.
 
     Args:
         scored: All hypotheses, scored with the base.

@@ -1,10 +1,8 @@
 """Screening: the gain of each hypothesis on all readings, cross-validated, and by chance.
 
-The gain is the reduction of the whitened residual sum of squares when the model is refitted with the
-hypothesis. It is
-the squared noncentrality of the effect. The p-value is corrected for the whole search: signs of whole groups
-are flipped
-(wild cluster bootstrap), and the largest gain of any hypothesis and shape counts (max-T).
+The gain is the reduction of the whitened residual sum of squares when the model is refitted with the hypothesis. It
+is the squared noncentrality of the effect. The p-value is corrected for the whole search: signs of whole groups are
+flipped (wild cluster bootstrap), and the largest gain of any hypothesis and shape counts (max-T).
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Normal equations of the base and of all laws at all shapes, computed once. Any subset is then small linear
-algebra.
-"""
+"""Normal equations of the base and of all laws at all shapes, computed once: subsets are small linear algebra."""
 
 from __future__ import annotations
 
@@ -153,8 +151,7 @@ def eliminate_columns(sums: Array, columns: Array) -> Array:
 
 
 def compute_group_gains(left: Array, sums: NormalEquationSums) -> Array:
-    """Compute the gain of each group in addition to the eliminated columns; absorbed directions contribute
-    nothing.
+    """Compute the gain of each group in addition to the eliminated columns; absorbed directions contribute nothing.
 
     Args:
         left: Reduced normal equations, see :func:`eliminate_columns`.

@@ -16,10 +16,8 @@ def compute_session_transfer(model: WhitenedModel, s: ScoredHypothesis) -> float
     """Compute the gain of a law on each session with model and coefficients of the other sessions, relative to its
     gain.
 
-
     Base unknowns that only one session determines, such as a moved tracker, are fitted to that session with and
-    without the
-    law.
+    without the law.
 
     Args:
         model: Whitened model.

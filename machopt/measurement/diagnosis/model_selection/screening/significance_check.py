@@ -18,7 +18,6 @@ from machopt.numerics.array_types import Array
 def find_insignificant_laws(model: WhitenedModel, laws: Sequence[tuple[WhitenedHypothesis, int]]) -> list[int]:
     """Find laws without a coefficient or size whose 95 % interval excludes zero.
 
-
     For a body only diagonal compliances count, not the coupling of two rigid directions.
 
     Args:

@@ -1,16 +1,13 @@
 """Comparison of sets of effects in measured poses by description length (Bayesian evidence).
 
-Forward selection takes the largest gain at each step. A frame with six coefficients gains as much as the two
-zero offsets
-that it contains and is selected first, and no later step corrects this. Therefore one, two or three of the
-selected
-effects are exchanged for other sets: several laws with one coefficient each, or one law with six.
+Forward selection takes the largest gain at each step. A frame with six coefficients gains as much as the two zero
+offsets that it contains and is selected first, and no later step corrects this. Therefore one, two or three of the
+selected effects are exchanged for other sets: several laws with one coefficient each, or one law with six.
 
 The description length of a set is −2 log of its evidence. It contains the residual, the prior penalty of the
 coefficients, and log(1 + λ) for each direction that the readings determine λ times better than the prior (Occam
-factor).
-Coefficients without a prior get a unit-information prior, which gives the BIC.
-Source: MacKay 1992 (Occam factors); Kass & Wasserman 1995 (unit information); Kass & Raftery 1995 (the scale).
+factor). Coefficients without a prior get a unit-information prior, which gives the BIC. Source: MacKay 1992 (Occam
+factors); Kass & Wasserman 1995 (unit information); Kass & Raftery 1995 (the scale).
 """
 
 from __future__ import annotations
@@ -105,9 +102,7 @@ def exchange_for_weight_laws(
 ) -> list[SelectedEffect]:
     """Replace an offset, frame or harmonic by a weight-dependent law if the description becomes clearly shorter.
 
-
-    The previous comparison covers load-independent laws only; it would leave a compensator torque as a zero
-    offset.
+    The previous comparison covers load-independent laws only; it would leave a compensator torque as a zero offset.
 
     Args:
         model: Whitened base model.

@@ -1,9 +1,8 @@
 """Extended search if the selected effects leave more than noise, or if they need more coefficients than one other
 law.
 
-It tries first the laws with larger shape grids, then forms that are no effect of the catalogue. The selection
-stays if
-none of these is accepted.
+It tries first the laws with larger shape grids, then forms that are no effect of the catalogue. The selection stays
+if none of these is accepted.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Forward selection of effects by cross-validated gain; each step is tested against the chance level of the whole
 search.
 
-After every step earlier effects may be exchanged or dropped. Pairs among the best hypotheses are tried
-exhaustively,
+After every step earlier effects may be exchanged or dropped. Pairs among the best hypotheses are tried exhaustively,
 because one effect can imitate two.
 """
 
@@ -184,10 +183,8 @@ def prune_joint_effects(
 ) -> list[SelectedEffect]:
     """Refit jointly selected effects and drop those that the others make unnecessary.
 
-
-    If the noise was estimated from residuals of a poorer model, it does not tell which effects are needed. Then
-    all effects
-    stay whose gain exceeds the chance level of a search with the whole sum.
+    If the noise was estimated from residuals of a poorer model, it does not tell which effects are needed. Then all
+    effects stay whose gain exceeds the chance level of a search with the whole sum.
 
     Args:
         model: Whitened base model.
@@ -220,10 +217,8 @@ def prune_joint_effects(
 def _refit_together(model: WhitenedModel, chosen: Sequence[SelectedEffect]) -> list[SelectedEffect]:
     """Return each effect with its coefficients from the joint fit, to which the cross-validated error refers.
 
-
-    Scored individually, a direction shared by two effects counts as absorbed in both and would vanish. Bounded
-    laws keep
-    coefficients within their bounds.
+    Scored individually, a direction shared by two effects counts as absorbed in both and would vanish. Bounded laws
+    keep coefficients within their bounds.
     """
     x, at, out = add_selected_effects(model, chosen).coefficients, model.count, []
     for c in chosen:
@@ -347,9 +342,8 @@ def compute_law_error(s: ScoredHypothesis, chosen: Sequence[SelectedEffect], of_
 def _compute_second_order_share(c: SelectedEffect) -> float:
     """Return the remainder of a gain or axis-rotation column as a share of its power: the square of its size.
 
-
-    A load cell with a gain error of 7 % has a large effect, but its linear law leaves only 0.5 %, less than
-    laws of gears.
+    A load cell with a gain error of 7 % has a large effect, but its linear law leaves only 0.5 %, less than laws of
+    gears.
     """
     h, s = c.whitened.hypothesis, c.scored
     size = next(iter(h.quantities(s.x * c.whitened.unit[s.shape], c.whitened.shapes[s.shape]).values()))
@@ -370,9 +364,7 @@ def compute_body_error_share(tried: Sequence[WhitenedHypothesis]) -> float:
 
 
 def _is_behind_body(a: EffectHypothesis, body: EffectHypothesis) -> bool:
-    """Return whether a law acts at one of the first three joints behind a body, which rotate with the body's
-    weight.
-    """
+    """Return whether a law acts at one of the first three joints behind a body, which rotate with the body's weight."""
     place, of = parse_location(a.location), parse_location(body.location)
     return place.is_joint_location and min(place.numbers, default=0) > max(
         n + 1 for n in (JOINTS_BEFORE_WRIST - 1, *of.numbers)
@@ -391,10 +383,8 @@ def _is_neighbour(a: EffectHypothesis, b: EffectHypothesis) -> bool:
 def select_simplest_law(model: WhitenedModel, scored: Sequence[ScoredHypothesis]) -> ScoredHypothesis:
     """Select the best law by cross-validation, or one with fewer coefficients that is hardly worse.
 
-
-    A strong effect dominates the residual variance; relative to it, a significant coefficient seems worthless.
-    The cost of a
-    coefficient is therefore limited by the threshold that rejects a rival.
+    A strong effect dominates the residual variance; relative to it, a significant coefficient seems worthless. The
+    cost of a coefficient is therefore limited by the threshold that rejects a rival.
 
     Args:
         model: Whitened base model.

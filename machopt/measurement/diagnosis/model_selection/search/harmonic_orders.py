@@ -1,10 +1,8 @@
 """Several harmonic orders of one gear: a joint's harmonics as one law, each order refined together with the others.
 
-Forward selection reports one law per place. A gear has errors in the orders of its input, cam and output at
-once. Once a
-harmonic is selected, further ones at the same place are added while they are supported (orthogonal matching
-pursuit).
-Orders that become unnecessary are dropped again.
+Forward selection reports one law per place. A gear has errors in the orders of its input, cam and output at once.
+Once a harmonic is selected, further ones at the same place are added while they are supported (orthogonal matching
+pursuit). Orders that become unnecessary are dropped again.
 """
 
 from __future__ import annotations
@@ -156,10 +154,8 @@ def _merge_unresolved_orders(
 ) -> Shape:
     """Merge orders that the range of the joint cannot resolve, and refine the rest.
 
-
-    Two orders with less than a fraction of a beat in the range are one harmonic to these data. Fitted
-    separately they get
-    large cancelling amplitudes.
+    Two orders with less than a fraction of a beat in the range are one harmonic to these data. Fitted separately they
+    get large cancelling amplitudes.
     """
     assert law.refinement is not None  # of a wave
     while len(orders) > 1:

@@ -1,12 +1,9 @@
 """Joint selection of many effects: a sparse sum over harmonics of every joint, every frame and every other law.
 
 A calibrated arm with a laser tracker shows more effects than forward selection can handle: harmonics of several
-orders in
-each gear, and frames that are 0.1 mm off. The normal equations of all laws are computed once. Column groups are
-selected
-one by one, each refitted with all before it (group orthogonal matching pursuit, Lozano, Swirszcz & Abe 2009),
-as long as
-the next one improves the cross-validated error.
+orders in each gear, and frames that are 0.1 mm off. The normal equations of all laws are computed once. Column groups
+are selected one by one, each refitted with all before it (group orthogonal matching pursuit, Lozano, Swirszcz & Abe
+2009), as long as the next one improves the cross-validated error.
 """
 
 from __future__ import annotations

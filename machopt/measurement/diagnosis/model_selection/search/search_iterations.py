@@ -121,13 +121,11 @@ def _run_search_iteration(
 
 
 def _build_linearisation_point(chosen: Sequence[SelectedEffect]) -> LinearisationPoint:
-    """Return the load-independent corrections and compliant bodies among the selected effects, unless there are
-    many.
+    """Return the load-independent corrections and compliant bodies among the selected effects, unless there are many.
 
-
-    Many harmonics and frames are strongly correlated, and iterating about all of them finds fewer. On a public
-    UR10 data set
-    (series D, benchmarks/real/poses.py) held-out poses were then predicted worse: 0.107 mm instead of 0.087 mm.
+    Many harmonics and frames are strongly correlated, and iterating about all of them finds fewer. On a public UR10
+    data set (series D, benchmarks/real/poses.py) held-out poses were then predicted worse: 0.107 mm instead of 0.087
+    mm.
     """
     if len(chosen) > thresholds.RESTING.crowded:
         return LinearisationPoint()
@@ -147,7 +145,6 @@ def _build_correction(c: SelectedEffect) -> Correction | None:
 
 def _find_implausible_unknowns(problem: DiagnosisProblem, x: Array, chosen: Sequence[SelectedEffect]) -> frozenset[int]:
     """Return base unknowns with implausible values caused by load-independent effects.
-
 
     Without such effects the cell may be wrong by any factor, and the value is kept.
     """

@@ -31,8 +31,7 @@ CUT_INTERVAL_NOTE = "the interval of its shape ends where no shape was tried bey
 
 
 def build_ratio_refinement(grid: Sequence[Shape]) -> ShapeRefinement | None:
-    """Build the refinement of one positive number, with equal ratios towards the grid neighbours and beyond the
-    ends.
+    """Build the refinement of one positive number, with equal ratios towards the grid neighbours and beyond the ends.
 
     Args:
         grid: Shapes of the search.
@@ -54,7 +53,6 @@ def build_ratio_refinement(grid: Sequence[Shape]) -> ShapeRefinement | None:
 
 def build_two_number_refinement(grid: Sequence[Shape]) -> ShapeRefinement | None:
     """Build the refinement of two numbers on a full rectangular grid, up to the neighbours of each.
-
 
     Nothing is searched beyond the ends of the grid, where no reading determines a position or width.
 
@@ -169,10 +167,8 @@ def _is_unambiguous(near: Sequence[Shape], finer: ShapeRefinement) -> bool:
 def compute_likelihood_margin(h: EffectHypothesis) -> float:
     """Compute the loss of gain within which another shape is equally likely, in residual variances.
 
-
-    The position of a discontinuity has another distribution than a smooth parameter: ξ of max(2 W(s) − |s|)
-    with probability
-    (1 − exp(−ξ/2))² (Hansen, Econometrica 68 (2000) 575). At 95 % it is 7.35 instead of 3.84 of χ².
+    The position of a discontinuity has another distribution than a smooth parameter: ξ of max(2 W(s) − |s|) with
+    probability (1 − exp(−ξ/2))² (Hansen, Econometrica 68 (2000) 575). At 95 % it is 7.35 instead of 3.84 of χ².
 
     Args:
         h: Hypothesis.
@@ -193,7 +189,6 @@ def _extend_shape_range(
     finer: ShapeRefinement,
 ) -> tuple[list[Shape], bool]:
     """Extend the evaluated shapes by grid steps until they are no longer equally likely on both sides.
-
 
     Returns the shapes, and whether the last one at an end of the range is still equally likely.
     """
@@ -217,10 +212,8 @@ def _find_interval_ends(
 ) -> list[Shape]:
     """Return the outermost equally likely shapes of one number by bisection.
 
-
-    For a discontinuous law, all shapes between two of its steps are equivalent, and only the surroundings of
-    the best one
-    were evaluated.
+    For a discontinuous law, all shapes between two of its steps are equivalent, and only the surroundings of the best
+    one were evaluated.
     """
     for _ in range(HALVINGS):
         order = sorted(seen)
@@ -241,7 +234,6 @@ def _find_region_sides(
     within: tuple[tuple[float, float], ...],
 ) -> tuple[list[Shape], bool]:
     """Return the outermost equally likely shapes in each of two numbers, with the other number free.
-
 
     Also returns whether a shape at the end of the range is still equally likely.
     """
