@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from machopt.effects.law_interfaces.joint_laws import (
-    FrictionLaw,
-    FrictionState,
     JointAngleLaw,
     JointAngleLawDefaults,
     JointAngleRange,
@@ -15,12 +13,7 @@ from machopt.effects.law_interfaces.joint_laws import (
     JointLawDefaults,
     JointLoading,
     JointLoadRange,
-    JointSpeedRange,
-    MotorLaw,
-    MotorLoading,
     ParallelTorqueLaw,
-    VibrationLaw,
-    VibrationLoading,
     compute_compliance_percent,
     is_time_dependent,
 )
@@ -38,6 +31,15 @@ from machopt.effects.law_interfaces.law_parameters import (
     Port,
     Quantity,
     Shape,
+)
+from machopt.effects.law_interfaces.motion_laws import (
+    FrictionLaw,
+    FrictionState,
+    JointSpeedRange,
+    MotorLaw,
+    MotorLoading,
+    VibrationLaw,
+    VibrationLoading,
 )
 from machopt.effects.law_interfaces.structure_and_record_laws import (
     BodyLaw,

@@ -86,9 +86,6 @@ class BodyLawDefaults:
             body: Geometry of the compliant body, all joints at zero.
             own: For each distributed weight: the total force (K, 3) N in the law's axes, and its extent from the root,
                 m.
-
-        Returns:
-            None.
         """
         return None
 
@@ -110,9 +107,6 @@ class BodyLawDefaults:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
             body: Geometry of the compliant body, all joints at zero.
-
-        Returns:
-            Keys and values in the units of the keys.
         """
         return parameter_conversion.write_law_parameters(self, values, shape)  # type: ignore[arg-type]  # subclasses have coefficients
 
@@ -123,9 +117,6 @@ class BodyLawDefaults:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             metric: (P, P) weight matrix of the least-squares problem: dᵀ metric d is the increase of the residual sum
                 for a change d.
-
-        Returns:
-            (P,) admissible coefficients.
         """
         return values
 
@@ -135,9 +126,6 @@ class BodyLawDefaults:
         Args:
             dimensions: Number of measured coordinates: 3 (position) or 6 (pose).
             turning: Whether the loads include moments that rotate the tool.
-
-        Returns:
-            The law with the observable coefficients.
         """
         return self  # type: ignore[return-value]  # and matrices
 
@@ -252,9 +240,6 @@ class UniformBeamLaw(BodyLawDefaults):
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
             body: Geometry of the compliant body, all joints at zero.
-
-        Returns:
-            Keys and values in the units of the keys.
         """
         if not np.any(values):
             return {RIGID: [0.0] * 6}
@@ -357,9 +342,6 @@ class MatrixEntriesLaw(BodyLawDefaults):
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             metric: (P, P) weight matrix of the least-squares problem: dᵀ metric d is the increase of the residual sum
                 for a change d.
-
-        Returns:
-            (P,) coefficients.
         """
         return find_nearest_semidefinite(values, self.pairs, metric)
 

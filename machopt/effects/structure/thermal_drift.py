@@ -192,9 +192,6 @@ class ThermalMotion(Protocol):
 
         Args:
             least: Lower limit of strain coefficients.
-
-        Returns:
-            Parameter definitions.
         """
         ...
 
@@ -214,9 +211,6 @@ class ThermalMotion(Protocol):
 
         Args:
             seen: Times, temperatures and motion patterns of N readings.
-
-        Returns:
-            True if a search should try it.
         """
         ...
 
@@ -249,9 +243,6 @@ class CastingExpansion:
 
         Args:
             least: Lower limit of strain coefficients.
-
-        Returns:
-            Parameter definitions.
         """
         parts = ("carousel", "upper_arm", "forearm") if self.per_casting else ("arm",)
         return tuple(LawParameter(key=f"strain_{p}", unit="1", lower_limit=least) for p in parts)
@@ -274,9 +265,6 @@ class CastingExpansion:
 
         Args:
             seen: Times, temperatures and motion patterns of N readings.
-
-        Returns:
-            True if a search should try it.
         """
         if not seen.is_relative or seen.time_since_start is None or seen.unloaded_time_since_start is None:
             return True
@@ -288,9 +276,6 @@ class CastingExpansion:
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             course: (N,) course at each reading.
-
-        Returns:
-            ``rise`` in K.
         """
         return {"rise": Quantity(float(np.abs(course).max() * np.abs(values).max()) / STEEL, "K")}
 
@@ -314,9 +299,6 @@ class StandDrift:
 
         Args:
             least: Lower limit of strain coefficients.
-
-        Returns:
-            Parameter definitions.
         """
         turns = tuple(LawParameter(key=f"turn_{a}", unit="rad") for a in "xyz") if self.includes_tilt else ()
         return (*(LawParameter(key=f"shift_{a}", unit="m") for a in "xyz"), *turns)
@@ -338,9 +320,6 @@ class StandDrift:
 
         Args:
             seen: Times, temperatures and motion patterns of N readings.
-
-        Returns:
-            True if a search should try it.
         """
         return self.includes_tilt or seen.is_relative
 
@@ -350,9 +329,6 @@ class StandDrift:
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             course: (N,) course at each reading.
-
-        Returns:
-            An empty mapping.
         """
         return {}
 
@@ -377,9 +353,6 @@ class ExpansionAndStandDrift:
 
         Args:
             least: Lower limit of strain coefficients.
-
-        Returns:
-            Parameter definitions.
         """
         return (*self.expansion.coefficients(least), *self.stand_drift.coefficients(least))
 
@@ -399,9 +372,6 @@ class ExpansionAndStandDrift:
 
         Args:
             seen: Times, temperatures and motion patterns of N readings.
-
-        Returns:
-            True if a search should try it.
         """
         return not seen.is_relative  # a load test has many readings at the same TCP position
 
@@ -411,9 +381,6 @@ class ExpansionAndStandDrift:
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             course: (N,) course at each reading.
-
-        Returns:
-            ``rise`` in K.
         """
         return self.expansion.estimate_temperature_rise(values[:1], course)
 

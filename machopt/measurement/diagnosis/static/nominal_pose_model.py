@@ -131,9 +131,6 @@ class NominalPoseModel:
 
         Args:
             frame: Current fit of frames, targets and compliances.
-
-        Returns:
-            Joint numbers.
         """
         if not self.weight_alone:
             return frozenset()
@@ -152,13 +149,10 @@ class NominalPoseModel:
         return frozenset(j + 1 for j in range(6) if shown[j] < least)
 
     def compute_load(self, state: ArmState) -> Array:
-        """Return the recorded load referred to the measured points.
+        """Return the recorded load (N, 6) N, N·m referred to the measured points.
 
         Args:
             state: Arm state at the loaded equilibrium.
-
-        Returns:
-            (N, 6) N, N·m.
         """
         if not self.recording.targets or not self.wrench.any():
             return self.wrench
@@ -166,13 +160,10 @@ class NominalPoseModel:
         return np.concatenate([self.wrench[:, :3], self.wrench[:, 3:] + np.cross(lever, self.wrench[:, :3])], axis=1)
 
     def compute_torque(self, state: ArmState) -> Array:
-        """Return the joint torques of load and weight.
+        """Return the joint torques (N, 6) N·m of load and weight.
 
         Args:
             state: Arm state at the loaded equilibrium.
-
-        Returns:
-            (N, 6) N·m.
         """
         tau = np.einsum("nci,nc->ni", state.J, self.compute_load(state))
         return np.asarray(
@@ -267,9 +258,6 @@ class NominalPoseModel:
         Args:
             unknowns: Base unknowns of the columns.
             x: (P,) values, SI.
-
-        Returns:
-            The parts.
         """
         springs = {u.spring_joint - 1: float(v) for u, v in zip(unknowns, x, strict=True) if u.spring_joint is not None}
         rest = x[len(springs) :]
@@ -283,9 +271,6 @@ class NominalPoseModel:
         Args:
             unknowns: Base unknowns of the columns.
             frame: Current fit of frames, targets and compliances.
-
-        Returns:
-            (P,) SI.
         """
         springs = [frame.compliance[u.spring_joint - 1] for u in unknowns if u.spring_joint is not None]
         frames = np.zeros(6 * self.frame_count if self.free else 0)
@@ -296,9 +281,6 @@ class NominalPoseModel:
 
         Args:
             loose: Factor on the uncertainty of nominal target positions.
-
-        Returns:
-            The fit.
         """
         frame = FirstPoseFit(
             np.zeros((self.frame_count, 3)),
@@ -322,9 +304,6 @@ class NominalPoseModel:
         Args:
             columns: (N, D, P) base columns.
             unknowns: Base unknowns of the columns.
-
-        Returns:
-            Number of directions.
         """
         rest = columns[:, :3, [u.spring_joint is None for u in unknowns]].reshape(3 * len(columns), -1)
         size = np.linalg.norm(rest, axis=0)
@@ -343,9 +322,6 @@ class NominalPoseModel:
             state: Arm state at the loaded equilibrium.
             frame: Current fit of frames, targets and compliances.
             springs: (6,) joint compliances, rad/(N·m).
-
-        Returns:
-            The readings.
         """
         near = thresholds.RESTING.near_cell if self.cell.stiffness is not None else thresholds.RESTING.near_usual
         _, session = np.unique(self.recording.session, return_inverse=True)
@@ -375,9 +351,6 @@ class NominalPoseModel:
 
         Args:
             frame: Current fit of frames, targets and compliances.
-
-        Returns:
-            One sentence each.
         """
         out = []
         for n, name in enumerate(reflectors_and_tracker_frames.list_frame_labels(self.recording)) if self.free else ():

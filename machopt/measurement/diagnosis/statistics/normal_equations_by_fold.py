@@ -135,9 +135,6 @@ class WhitenedModel:
         Args:
             more: (M, p) whitened columns.
             held: (p,) prior precision; None without a prior.
-
-        Returns:
-            The extended model.
         """
         C = np.concatenate([np.stack([more[r].T @ p.X[r] for r in self.rows]) for p in self.column_groups], axis=2)
         own = np.stack([x.T @ x for x in (more[r] for r in self.rows)])
@@ -151,9 +148,6 @@ class WhitenedModel:
             law: Hypothesis whitened for the same readings and folds.
             shape: Index of the shape.
             held: Whether the prior of its coefficients is applied.
-
-        Returns:
-            The extended model.
         """
         if law.y is not self.y:
             raise ValueError("a law keeps its products with other readings than this model's; with_columns would work")
@@ -289,9 +283,6 @@ def build_whitened_model(
         fold: (V,) cross-validation fold of each visit.
         prior: (P,) prior precision.
         rows: Rows of each fold; None: derived from ``fold``.
-
-    Returns:
-        The model.
     """
     rows = list_rows_by_fold(w, fold) if rows is None else rows
     XX = np.stack([x.T @ x for x in (X[r] for r in rows)])
@@ -316,9 +307,6 @@ def copy_folds(one: WhitenedModel, like: WhitenedModel) -> WhitenedModel:
     Args:
         one: Model to rebuild.
         like: Model with the folds.
-
-    Returns:
-        The rebuilt model.
     """
     return build_whitened_model(one.w, one.X, one.y, like.fold, one.prior, like.rows)
 
