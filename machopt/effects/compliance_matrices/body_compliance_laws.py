@@ -375,11 +375,11 @@ def project_to_semidefinite(C: Array) -> Array:
     Returns:
         (6, 6) positive semidefinite matrix; C itself if it already is.
     """
-    gives = np.diag(C) > 0.0
-    size = np.sqrt(np.where(gives, np.diag(C), 1.0))
-    kept = np.where(np.outer(gives, gives), C, 0.0)
-    w, V = np.linalg.eigh(kept / np.outer(size, size))
-    return kept if w[0] >= 0.0 else np.asarray((V * np.maximum(w, 0.0)) @ V.T * np.outer(size, size))
+    is_compliant = np.diag(C) > 0.0
+    size = np.sqrt(np.where(is_compliant, np.diag(C), 1.0))
+    reduced = np.where(np.outer(is_compliant, is_compliant), C, 0.0)
+    w, V = np.linalg.eigh(reduced / np.outer(size, size))
+    return reduced if w[0] >= 0.0 else np.asarray((V * np.maximum(w, 0.0)) @ V.T * np.outer(size, size))
 
 
 def read_body_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw, Array, Array, CompliantBody]:

@@ -60,17 +60,17 @@ def compute_expected_accuracy(M: Array) -> ExpectedAccuracy:
     Returns:
         The accuracy.
     """
-    felt = np.diag(M) > LEAST
-    size = np.where(felt, np.sqrt(np.maximum(np.diag(M), LEAST)), 1.0)
-    values, vectors = np.linalg.eigh(np.where(np.outer(felt, felt), M / np.outer(size, size), 0.0))
+    is_observed = np.diag(M) > LEAST
+    size = np.where(is_observed, np.sqrt(np.maximum(np.diag(M), LEAST)), 1.0)
+    values, vectors = np.linalg.eigh(np.where(np.outer(is_observed, is_observed), M / np.outer(size, size), 0.0))
     null = values <= NULL * max(values.max(), np.finfo(float).tiny)
-    lost, kept = vectors[:, null], vectors[:, ~null]
-    unseen = np.linalg.norm(lost, axis=1) > SHARE
-    covariance = (kept / values[~null]) @ kept.T / np.outer(size, size)
-    sigma = np.where(unseen, np.inf, np.sqrt(np.diag(covariance)))
-    spread = np.linalg.eigvalsh(covariance[np.ix_(~unseen, ~unseen)])
+    null_vectors, range_vectors = vectors[:, null], vectors[:, ~null]
+    is_unobserved = np.linalg.norm(null_vectors, axis=1) > SHARE
+    covariance = (range_vectors / values[~null]) @ range_vectors.T / np.outer(size, size)
+    sigma = np.where(is_unobserved, np.inf, np.sqrt(np.diag(covariance)))
+    spread = np.linalg.eigvalsh(covariance[np.ix_(~is_unobserved, ~is_unobserved)])
     condition = float(np.sqrt(spread[-1] / spread[0])) if len(spread) and spread[0] > 0.0 else np.inf
-    return ExpectedAccuracy(covariance, sigma, condition, _group_confounded_unknowns(lost, unseen))
+    return ExpectedAccuracy(covariance, sigma, condition, _group_confounded_unknowns(null_vectors, is_unobserved))
 
 
 def compute_design_efficiency(found: ExpectedAccuracy, reference: ExpectedAccuracy) -> tuple[float, float, float]:

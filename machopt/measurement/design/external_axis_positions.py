@@ -14,12 +14,12 @@ from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
 
 
-def set_external_axis_positions(cell: Cell, asked: Sequence[str]) -> Cell:
+def set_external_axis_positions(cell: Cell, position_texts: Sequence[str]) -> Cell:
     """Set the positions of external joints during the measurement.
 
     Args:
         cell: Robot cell.
-        asked: Texts ``name=value`` (or ``e1=value``), in mm for prismatic joints and degrees for others.
+        position_texts: Texts ``name=value`` (or ``e1=value``), in mm for prismatic joints and degrees for others.
 
     Returns:
         The cell with these positions as home of the external joints.
@@ -28,7 +28,7 @@ def set_external_axis_positions(cell: Cell, asked: Sequence[str]) -> Cell:
         InputError: An unknown joint, no number, or a position out of range.
     """
     names, home = list(cell.external_joints), np.array(cell.external_home)
-    for word in asked:
+    for word in position_texts:
         name, equals, text = word.partition("=")
         short = [f"e{k + 1}" for k in range(len(names))]
         name = names[short.index(name)] if name in short and name not in names else name

@@ -181,15 +181,15 @@ def diagnose_static_recording(
         d, problem = existing_terms.diagnose_with_known_terms(terms, load_tests)
     else:
         d, problem = existing_terms.diagnose_with_known_terms(terms, poses, existing_terms.is_known_in_poses)
-    aside = outlier_rows.find_outlier_rows(recording, d, copies, problem, others)
+    outlier_finding = outlier_rows.find_outlier_rows(recording, d, copies, problem, others)
     said += cell_stiffness_comparison.describe_deviating_springs(d, prior)
     said += tcp_offset.describe_tcp_correction(T, beside)
     said += () if cell.stiffness is None else describe_ignored_springs(cell.stiffness.external)
     if recording.kind == "absolute" and cell.stiffness is not None and cell.stiffness.position is not None:
         said += cell.stiffness.position.beyond(recording.q)
-    mended, overnight = moved_tracker_or_target.merge_with_thermal_drift(right.findings, d.findings)
+    corrected, overnight = moved_tracker_or_target.merge_with_thermal_drift(right.findings, d.findings)
     whole = _add_record_findings(
-        d, [*mended, *beside], aside, (*right.reflector_notes, *overnight, *notes), tuple(said)
+        d, [*corrected, *beside], outlier_finding, (*right.reflector_notes, *overnight, *notes), tuple(said)
     )
     return DiagnosedRecording(data_sufficiency.downgrade_if_insufficient(whole, problem), problem, recording)
 
@@ -210,12 +210,12 @@ def _correct_recording(
     """Correct columns and units first, then reflectors and sessions, then labels and gains."""
     T, prior = cell.tool.T_flange_tcp, None if cell.stiffness is None else cell.stiffness.joints
     recording, found = pose_units.correct_pose_units(recording, robot, T, accept)
-    recording, stood = reflectors_and_tracker_frames.transform_to_base(recording, robot, T)
+    recording, reflector_notes = reflectors_and_tracker_frames.transform_to_base(recording, robot, T)
     guessed = cell.stiffness is not None and cell.stiffness.estimated
-    recording, mended, warnings = static_record_correction.correct_static_record(
+    recording, findings, warnings = static_record_correction.correct_static_record(
         recording, robot, T, prior, accept, estimated=guessed
     )
-    found = [*found, *mended]
+    found = [*found, *findings]
     if recording.kind == "absolute" and "columns" not in accept:
         recording, sitting = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
         found += sitting
@@ -225,7 +225,7 @@ def _correct_recording(
         found += [*put_down, *assigned]
     recording, relabelled = wrong_weight_label.correct_wrong_weight_labels(recording, robot, T, accept)
     recording, louder = session_force_gain.correct_session_force_gains(recording, robot, T, accept)
-    return _CorrectedRecording(recording, [*found, *relabelled, *louder], tuple(stood), tuple(warnings))
+    return _CorrectedRecording(recording, [*found, *relabelled, *louder], tuple(reflector_notes), tuple(warnings))
 
 
 def _list_known_terms(cell: Cell, robot: Robot, masses: RobotMasses | None) -> tuple[StiffnessTerm, ...]:
@@ -328,7 +328,7 @@ def diagnose_motion_recording(
     recording: Recording,
     options: selection_pipeline.DiagnosisOptions,
     *,
-    asked: str,
+    requested_channel: str,
     seed: int,
     toolpath: bool,
 ) -> DiagnosedRecording:
@@ -338,7 +338,7 @@ def diagnose_motion_recording(
         cell: Robot cell.
         recording: Recording of kind motion.
         options: Options of the model selection.
-        asked: Requested channel, or "auto".
+        requested_channel: Requested channel, or "auto".
         seed: Seed of all random choices.
         toolpath: Whether the effect on a toolpath is requested too.
 
@@ -366,7 +366,7 @@ def diagnose_motion_recording(
             ),
             file=recording.source,
         )
-    channel = possible[0] if asked == "auto" else asked
+    channel = possible[0] if requested_channel == "auto" else requested_channel
     if channel not in possible:
         raise InputError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
     options.progress(f"signals and equations, channel {channel}")
@@ -407,16 +407,20 @@ def diagnose_motion_recording(
 
 
 def _add_record_findings(
-    d: DiagnosisResult, mended: list[Finding], aside: Finding | None, notes: tuple[str, ...], warnings: tuple[str, ...]
+    d: DiagnosisResult,
+    corrections: list[Finding],
+    outlier_finding: Finding | None,
+    notes: tuple[str, ...],
+    warnings: tuple[str, ...],
 ) -> DiagnosisResult:
     """Return the diagnosis with the record findings: corrections first, outlier rows last."""
-    findings = (*mended, *d.findings, *(() if aside is None else (aside,)))
+    findings = (*corrections, *d.findings, *(() if outlier_finding is None else (outlier_finding,)))
     before, explained, verdict = d.heldout_before, d.explained, d.verdict
-    if mended:  # the recording fault was part of the mismatch: count from the uncorrected error
-        before = max([before, *(f.before for f in mended if np.isfinite(f.before))])
+    if corrections:  # the recording fault was part of the mismatch: count from the uncorrected error
+        before = max([before, *(f.before for f in corrections if np.isfinite(f.before))])
         beyond, left = before**2 - d.noise_floor**2, max(d.heldout_after**2 - d.noise_floor**2, 0.0)
         explained = float(np.clip(1.0 - left / beyond, 0.0, 1.0)) if beyond > 0 else d.explained
-    if mended and d.verdict == "unexplained":  # the recording fault is corrected, and a mismatch remains
+    if corrections and d.verdict == "unexplained":  # the recording fault is corrected, and a mismatch remains
         verdict = "partly_explained"
     out = replace(
         d,

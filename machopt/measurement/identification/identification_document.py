@@ -200,7 +200,7 @@ def _describe_common_factor(found: IdentificationResult, cell: Cell) -> list[str
     if cell.stiffness is None:
         return []
     known = [j for j in found.joints if j.identified]
-    said = describe_common_stiffness_factor(
+    text = describe_common_stiffness_factor(
         np.array([j.k for j in known]), cell.stiffness.joints[[j.joint - 1 for j in known]]
     )
-    return [said] if said else []
+    return [text] if text else []

@@ -74,7 +74,7 @@ def identify_stiffness(
     findings = check_experiment(
         experiment, robot, T_flange_tcp, nominal, len(list_fit_coefficients(model.fitted_terms))
     )
-    said = refuse_record_faults(experiment, findings, options.accept)
+    messages = refuse_record_faults(experiment, findings, options.accept)
     solved = _fit_constant_model(experiment, robot, T_flange_tcp, model, nominal, options, masses)
     left_out = compute_holdout_residuals(solved.fit, solved.settled, rng)
     subsets, errors_study = _run_studies(solved, robot, T_flange_tcp, options, rng)
@@ -91,7 +91,7 @@ def identify_stiffness(
             grid=grid,
             why_model=why,
             findings=tuple(findings),
-            messages=tuple(said),
+            messages=tuple(messages),
             subsets=subsets,
             monte_carlo=errors_study,
             equilibrium_influence=solved.equilibrium_influence,
@@ -125,8 +125,8 @@ def _select_model_terms(
 ) -> _ModelTerms:
     fitted, geometric = compile_terms(options.terms, robot, T_flange_tcp)
     again = {(t.effect, t.location) for t in fitted}
-    kept = [] if prior is None else [t for t in prior.terms if (t.effect, t.location) not in again]
-    known, geometric_before = compile_terms(kept, robot, T_flange_tcp)
+    known_terms = [] if prior is None else [t for t in prior.terms if (t.effect, t.location) not in again]
+    known, geometric_before = compile_terms(known_terms, robot, T_flange_tcp)
     return _ModelTerms(fitted, known, options.geometric or geometric or geometric_before)
 
 

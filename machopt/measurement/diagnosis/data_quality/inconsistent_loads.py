@@ -61,7 +61,7 @@ def correct_inconsistent_loads(
     before, after = (1e3 * v * float(np.mean(np.abs(d[:, :3]))) for v in (stated, left[best]))
     against = float(np.mean(np.einsum("nc,nc->n", w[:, :3], d[:, :3]) < 0))
     chance = 0.5 ** len(np.unique(recording.pose))  # probability that every pose agrees by chance
-    said = (
+    text = (
         f"{100 * against:.0f} % of the readings move against their load. "
         if against > thresholds.RECORD.against
         else ""
@@ -71,21 +71,21 @@ def correct_inconsistent_loads(
             build_record_finding(
                 LOAD.name,
                 "sensor:force",
-                f"{said}Displacements fit a weight of the recorded size that hangs straight down, not the recorded "
+                f"{text}Displacements fit a weight of the recorded size that hangs straight down, not the recorded "
                 "directions",
                 before,
                 after,
                 chance,
             )
         )
-        said = ""
+        text = ""
     if axis >= 0:
         name = "xyz"[axis]
         out.append(
             build_record_finding(
                 DISPLACEMENT.name,
                 "sensor:displacement",
-                f"{said}d{name} counts against {name} of the stated axes",
+                f"{text}d{name} counts against {name} of the stated axes",
                 before,
                 after,
                 chance,

@@ -165,13 +165,13 @@ def merge_with_thermal_drift(
         Remaining corrections, and notes on the dropped ones.
     """
     drift = max((f.parameters["drift"].value for f in found if f.effect == THERMAL.name), default=0.0)
-    kept, notes = [], []
+    remaining, notes = [], []
     for f in record_findings:
         if (THERMAL.name, THERMAL.places[0]) in f.one_of and _read_frame_shift(f) <= drift:
             notes.append(f"{f.note}: the drift that was found moves as much within a session, so no tracker is blamed")
         else:
-            kept.append(f)
-    return kept, tuple(notes)
+            remaining.append(f)
+    return remaining, tuple(notes)
 
 
 def _read_frame_shift(f: Finding) -> float:

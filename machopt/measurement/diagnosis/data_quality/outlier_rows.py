@@ -37,11 +37,11 @@ def find_outlier_rows(
         The finding, or None.
     """
     out = ~diagnosis.used
-    aside = out & ~find_repeated_deviations(problem, diagnosis.errors.final, out)
-    if not aside.any():
+    excluded = out & ~find_repeated_deviations(problem, diagnosis.errors.final, out)
+    if not excluded.any():
         return None
     measured = recording.displacement if recording.kind == "deflection" else recording.position
-    slips = np.zeros(len(aside), bool)
+    slips = np.zeros(len(excluded), bool)
     if measured is not None:
         d = measured[:, :3]
         predicted = d - diagnosis.errors.final[:, :3]
@@ -49,18 +49,18 @@ def find_outlier_rows(
         for f in DECIMAL_SHIFTS:
             large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > thresholds.RECORD.slip_up * noise)
             small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > thresholds.RECORD.slip_down * noise)
-            slips |= aside & (large | small).any(axis=1)
-    clerical = int((slips | (copies & aside)).sum())
-    share = float(aside.mean())
+            slips |= excluded & (large | small).any(axis=1)
+    clerical = int((slips | (copies & excluded)).sum())
+    share = float(excluded.mean())
     if share <= thresholds.RECORD.ordinary and (
-        clerical < thresholds.RECORD.clerical or clerical < thresholds.RECORD.mostly * aside.sum()
+        clerical < thresholds.RECORD.clerical or clerical < thresholds.RECORD.mostly * excluded.sum()
     ):
-        aside = aside & (np.zeros(len(aside), bool) if certain is None else certain)
-        clerical = int(aside.sum())
-    if not aside.any():
+        excluded = excluded & (np.zeros(len(excluded), bool) if certain is None else certain)
+        clerical = int(excluded.sum())
+    if not excluded.any():
         return None
-    where = format_rows_location(problem.row[aside].tolist())
-    count = float(aside.sum())
+    where = format_rows_location(problem.row[excluded].tolist())
+    count = float(excluded.sum())
     # probability that Gaussian noise causes at least one of these rows
     by_noise = float(min(2.0 * ndtr(-thresholds.NOISE.gross) * diagnosis.errors.final.size, 1.0))
     return build_record_finding(

@@ -94,7 +94,7 @@ def correct_pose_units(
         )
         if found is not None:
             parts[int(name)] = found
-    out, said = recording, []
+    out, findings = recording, []
     for field in HEADS:
         kinds = ((way.names[field], way.find_first_column(field)) for way, _, _ in parts.values() if way.names[field])
         for unit, head in dict.fromkeys(kinds):
@@ -103,11 +103,11 @@ def correct_pose_units(
                 for n, (way, _, _) in parts.items()
                 if (way.names[field], way.find_first_column(field)) == (unit, head)
             ]
-            said.append(_build_unit_finding(field, unit, hit, len(sessions), parts))
+            findings.append(_build_unit_finding(field, unit, hit, len(sessions), parts))
     for name, (way, _, _) in parts.items():
         rows = recording.session == name
         out = replace_rows(out, way.apply(select_rows(out, rows)), rows)
-    return out, said
+    return out, findings
 
 
 def _select_few_readings(part: Recording) -> Recording:

@@ -173,14 +173,14 @@ def _is_whole_sessions(session: NDArray[np.int64], rows: Flags) -> bool:
     return bool((every & ~rows).sum() <= 2 * len(inside))
 
 
-def _find_lost_row(held: _ShiftComparison) -> int:
+def _find_lost_row(comparison: _ShiftComparison) -> int:
     """Return the row without its own reading: of the two equal rows at the block's end, the one with the larger
     error.
     """
-    at = np.flatnonzero(held.rows)
-    inside = int(at[0] if held.shift > 0 else at[-1])
-    outside = inside - held.shift
-    if not 0 <= outside < len(held.rows) or held.shifted_error[inside] >= held.stated[outside]:
+    at = np.flatnonzero(comparison.rows)
+    inside = int(at[0] if comparison.shift > 0 else at[-1])
+    outside = inside - comparison.shift
+    if not 0 <= outside < len(comparison.rows) or comparison.shifted_error[inside] >= comparison.stated[outside]:
         return inside
     return outside
 

@@ -101,11 +101,11 @@ def correct_static_record(
         if error is None:
             break
         before = _compute_misfit(tests)
-        mended = _apply_correction(recording, error, robot, T_flange_tcp)
-        if mended is None:
+        corrected = _apply_correction(recording, error, robot, T_flange_tcp)
+        if corrected is None:
             warnings.insert(0, error.message)
             break
-        recording = mended
+        recording = corrected
         right = build_load_test_experiment(recording, robot, T_flange_tcp)
         usual = _select_reference_stiffness(prior, estimate_reach(robot, T_flange_tcp))
         chance = _compute_sign_test(

@@ -189,6 +189,6 @@ def _build_label_finding(s: _LoadSize, several: bool) -> Finding:
             "force": build_exact_estimate(s.force, "N"),
             **session,
         },
-        beside=(format_column_location("fy_N"), format_column_location("fz_N")),
+        further_places=(format_column_location("fy_N"), format_column_location("fz_N")),
         stated={"message": words, "force_N": s.force} | ({"session": s.session} if several else {}),
     )

@@ -30,11 +30,11 @@ def discard_noise_components(recording: Recording) -> tuple[Recording, list[str]
         return recording, []
     stated = [recording.uncertainty.force] * 3 + [recording.uncertainty.moment] * 3
     quiet = []
-    for k, told in enumerate(stated):
+    for k, notes in enumerate(stated):
         w = np.abs(recording.wrench[:, k])
         if not w.any():
             continue
-        sigma = told or _estimate_component_scatter(recording, k)
+        sigma = notes or _estimate_component_scatter(recording, k)
         if not sigma:
             continue
         loud = w > thresholds.NOISE.silent_peak * sigma

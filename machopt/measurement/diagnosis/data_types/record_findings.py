@@ -35,7 +35,7 @@ def build_record_finding(
     *,
     law: str = STATED_RECORD,
     equation: str = "",
-    beside: tuple[str, ...] = (),
+    further_places: tuple[str, ...] = (),
     stated: Mapping[str, Any] | None = None,
 ) -> Finding:
     """Build a finding about the recording.
@@ -50,7 +50,7 @@ def build_record_finding(
         parameters: Estimates; the first one is the size.
         law: Name of the law if it is more than a different reading of the recording.
         equation: Its equation.
-        beside: Further affected places.
+        further_places: Further affected places.
         stated: Parameters of the correction instead of the words.
 
     Returns:
@@ -62,7 +62,7 @@ def build_record_finding(
         law=law,
         equation=equation,
         note=words,
-        one_of=tuple((effect, w) for w in (where, *beside)),
+        one_of=tuple((effect, w) for w in (where, *further_places)),
         parameters=dict(parameters or {}),
         before=before,
         after=after,

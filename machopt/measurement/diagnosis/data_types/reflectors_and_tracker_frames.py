@@ -92,12 +92,12 @@ def compute_nominal_points(recording: Recording, robot: Robot, T_flange_tcp: Arr
     Returns:
         (N, 3) positions in m, and (N, 3, 3) flange orientations, both in base_link.
     """
-    there = robot.compute_fk(recording.q, T_flange_tcp)
-    R = there[:, :3, :3] @ T_flange_tcp[:3, :3].T
+    T_base_tcp = robot.compute_fk(recording.q, T_flange_tcp)
+    R = T_base_tcp[:, :3, :3] @ T_flange_tcp[:3, :3].T
     if not recording.targets:
-        return there[:, :3, 3], R
-    beside = list_reflector_positions(recording, T_flange_tcp)[index_reflectors(recording)] - T_flange_tcp[:3, 3]
-    return there[:, :3, 3] + np.einsum("nij,nj->ni", R, beside), R
+        return T_base_tcp[:, :3, 3], R
+    offset = list_reflector_positions(recording, T_flange_tcp)[index_reflectors(recording)] - T_flange_tcp[:3, 3]
+    return T_base_tcp[:, :3, 3] + np.einsum("nij,nj->ni", R, offset), R
 
 
 def build_frame_and_reflector_columns(recording: Recording, p: Array, R: Array) -> Array:

@@ -119,24 +119,24 @@ class DiscriminationPlan:
     notes: tuple[str, ...]
 
 
-def compute_planning_noise(asked: DiscriminationOptions, found: OpenDiagnosis, cycles: int) -> ReadingNoise:
+def compute_planning_noise(user_options: DiscriminationOptions, diagnosis: OpenDiagnosis, cycles: int) -> ReadingNoise:
     """Compute the noise of a number of rounds, from the diagnosis or from the user's statement.
 
     Args:
-        asked: User input; a stated noise has priority.
-        found: The open diagnosis with its observed scatter.
+        user_options: User input; a stated noise has priority.
+        diagnosis: The open diagnosis with its observed scatter.
         cycles: Number of rounds.
 
     Returns:
         Noise of the mean of all rounds.
     """
-    stated = asked.noise
-    if found.scatter is None or asked.has_stated_noise:
-        return replace(stated, cycles=cycles, targets=stated.targets if found.coordinates == 6 else None)
-    own, visit = found.scatter
+    stated = user_options.noise
+    if diagnosis.scatter is None or user_options.has_stated_noise:
+        return replace(stated, cycles=cycles, targets=stated.targets if diagnosis.coordinates == 6 else None)
+    own, visit = diagnosis.scatter
     targets = None
-    if found.coordinates == 6:
-        targets = own / found.turn if found.turn else asked.targets
+    if diagnosis.coordinates == 6:
+        targets = own / diagnosis.turn if diagnosis.turn else user_options.targets
     # each round moves to the pose again: the error shared by a visit is independent between rounds
     return ReadingNoise(
         displacement=own / np.sqrt(UNLOADED_TWICE),
@@ -162,7 +162,7 @@ def select_planning_compliance(found: OpenDiagnosis, stiffness: Array) -> Array:
 
 
 def build_discrimination_plan(
-    asked: DiscriminationOptions,
+    user_options: DiscriminationOptions,
     found: OpenDiagnosis,
     cell: Cell,
     robot: Robot,
@@ -177,7 +177,7 @@ def build_discrimination_plan(
     """Select poses, loads and number of rounds.
 
     Args:
-        asked: User input on noise and rounds.
+        user_options: User input on noise and rounds.
         found: The open diagnosis.
         cell: Robot cell.
         robot: Kinematic model of the arm.
@@ -193,10 +193,10 @@ def build_discrimination_plan(
         The plan.
     """
     rng = np.random.default_rng(size.seed)
-    noise = compute_planning_noise(asked, found, 1)
+    noise = compute_planning_noise(user_options, found, 1)
     compliance = select_planning_compliance(found, prior.stiffness.joints)
-    stands = [s for d in found.rival_sets for s in (*d.candidate_laws, *d.other_laws)]
-    steps = select_load_steps(stands) if found.channel == "deflection" else (1.0,)
+    candidate_laws = [s for d in found.rival_sets for s in (*d.candidate_laws, *d.other_laws)]
+    steps = select_load_steps(candidate_laws) if found.channel == "deflection" else (1.0,)
     few = _thin_cases(cases, ROWS // (len(steps) * noise.dimensions), rng)
     progress("what each explanation predicts")
     q = pool.q[few.pose]
@@ -228,12 +228,12 @@ def build_discrimination_plan(
     for both, first in zip(contests, each, strict=True):
 
         def planned(n: int, both: Sequence[ModelContest] = both) -> float:
-            own, together = compute_case_noise(few, compute_planning_noise(asked, found, n), steps)
+            own, together = compute_case_noise(few, compute_planning_noise(user_options, found, n), steps)
             return compute_separation(both, own, together, few.pose, blocks)
 
         wanted.append(compute_required_rounds(planned, first, enough))
-    cycles = max(asked.noise.cycles, combine_required_rounds(wanted, excluded))
-    final = compute_planning_noise(asked, found, cycles)
+    cycles = max(user_options.noise.cycles, combine_required_rounds(wanted, excluded))
+    final = compute_planning_noise(user_options, found, cycles)
     own, together = compute_case_noise(few, final, steps)
     pairs = []
     for k, ((pair, _, _), both) in enumerate(zip(open_, contests, strict=True)):

@@ -142,9 +142,9 @@ def _build_rival_sets(data: DiagnosisDocument, file: Path) -> tuple[list[RivalLa
     ]
     if not hidden:
         return [], notes
-    stands = (NO_EFFECT, *hidden)
+    candidate_laws = (NO_EFFECT, *hidden)
     why = "nothing was found; these effects could hide most below their detection limits"
-    return [RivalLawSet(why, stands, tuple((0, k) for k in range(1, len(stands))))], notes
+    return [RivalLawSet(why, candidate_laws, tuple((0, k) for k in range(1, len(candidate_laws))))], notes
 
 
 def _build_finding_rivals(f: FindingEntry, others: Sequence[FindingEntry]) -> RivalLawSet:
@@ -156,12 +156,12 @@ def _build_finding_rivals(f: FindingEntry, others: Sequence[FindingEntry]) -> Ri
     ]  # a law that is identical under this load, as play, has no fit of its own
     beside = tuple(_build_candidate_law(o) for o in others)
     if left:
-        stands = (own, *left)
+        candidate_laws = (own, *left)
         why = f"{own.effect} {own.location} was found, these could not be excluded"
-        return RivalLawSet(why, stands, tuple(combinations(range(len(stands)), 2)), beside)
-    stands = (own, *rivals[:MAX_REJECTED_RIVALS], NO_EFFECT)
+        return RivalLawSet(why, candidate_laws, tuple(combinations(range(len(candidate_laws)), 2)), beside)
+    candidate_laws = (own, *rivals[:MAX_REJECTED_RIVALS], NO_EFFECT)
     why = f"{own.effect} {own.location} was found alone: against nothing and the nearest that were rejected"
-    return RivalLawSet(why, stands, tuple((0, k) for k in range(1, len(stands))), beside)
+    return RivalLawSet(why, candidate_laws, tuple((0, k) for k in range(1, len(candidate_laws))), beside)
 
 
 def _build_candidate_law(named: FindingEntry | RivalEntry) -> CandidateLaw:
@@ -184,8 +184,8 @@ def _build_location_rivals(data: DiagnosisDocument, file: Path) -> list[RivalLaw
         raise InputError(f"found {data.rmse_unit!r}; mm was expected", file=file, where="rmse_unit")
     rms = factor * _require_number(data.baseline.repeatable_rmse, file)
     shares = sorted((s for s in data.mismatch if s.kind == "machine"), key=lambda s: -(s.share or 0.0))
-    stands = tuple(CandidateLaw(effect="", location=s.axis, rms=rms) for s in shares)
-    if not stands:
+    candidate_laws = tuple(CandidateLaw(effect="", location=s.axis, rms=rms) for s in shares)
+    if not candidate_laws:
         return []
     why = "no law explains the mismatch; these are the nearest places"
-    return [RivalLawSet(why, stands, tuple(combinations(range(len(stands)), 2)))]
+    return [RivalLawSet(why, candidate_laws, tuple(combinations(range(len(candidate_laws)), 2)))]

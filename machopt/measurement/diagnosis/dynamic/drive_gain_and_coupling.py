@@ -34,7 +34,11 @@ MAX_SHAPES = 3  # most shapes of a law in the search, because columns of two joi
 
 
 def build_drive_hypotheses(
-    scene: MotionModel, paths: Sequence[FrictionReversal], torque: Array, beside: Array, carried: Mapping[int, Array]
+    scene: MotionModel,
+    paths: Sequence[FrictionReversal],
+    torque: Array,
+    other_columns: Array,
+    carried: Mapping[int, Array],
 ) -> list[EffectHypothesis]:
     """Build the hypotheses of all motor laws at all places with moving joints.
 
@@ -42,7 +46,7 @@ def build_drive_hypotheses(
         scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
         paths: Reversal shape of the base friction of each joint.
         torque: (N, n) measured minus predicted torque, N·m.
-        beside: (N, n, p) columns of mass errors that the torque may contain.
+        other_columns: (N, n, p) columns of mass errors that the torque may contain.
         carried: (M,) torque of each joint (0-based) with an additional load, N·m: see
             :func:`compute_gain_error_torque`.
 
@@ -55,7 +59,9 @@ def build_drive_hypotheses(
         for where in effect.search_places:
             joints = _parse_joints(where)
             if _has_moving_joints(scene, joints):
-                last = _LastJointTorque(scene, joints, paths[joints[-1]], torque[:, joints[-1]], beside[:, joints[-1]])
+                last = _LastJointTorque(
+                    scene, joints, paths[joints[-1]], torque[:, joints[-1]], other_columns[:, joints[-1]]
+                )
                 laws = [law for law in effect.motor_laws if not (scene.free_gains and law.absorbed_by_gain)]
                 own = scene.predicted[:, sorted(set(joints))]
                 out += [_build_drive_hypothesis(scene, effect, where, law, joints, last, own) for law in laws]

@@ -109,7 +109,7 @@ def _build_exchange_finding(
         float(np.median(before)),
         float(np.median(after)),
         compute_sign_test(before, after),
-        beside=(format_column_location(two),),
+        further_places=(format_column_location(two),),
     )
 
 

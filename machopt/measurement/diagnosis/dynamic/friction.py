@@ -120,7 +120,7 @@ def compute_reversal_signal(scene: MotionModel, v: Array, turn: FrictionReversal
     return compute_presliding_direction(v, 1.0 / scene.motion.rate, scene.segment_start, path)
 
 
-def fit_breakaway(scene: MotionModel, joint: int, y: Array, beside: Array) -> FrictionReversal:
+def fit_breakaway(scene: MotionModel, joint: int, y: Array, other_columns: Array) -> FrictionReversal:
     """Fit the reversal shape of a joint's friction, together with Coulomb and viscous friction and inertia.
 
     A slightly wrong reversal shape leaves a residual that resembles a friction peak at low speed. The best of
@@ -130,12 +130,12 @@ def fit_breakaway(scene: MotionModel, joint: int, y: Array, beside: Array) -> Fr
         scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
         joint: Joint index, 0-based.
         y: (N,) torque of the joint, N·m.
-        beside: (N, p) further columns that the torque may contain.
+        other_columns: (N, p) further columns that the torque may contain.
 
     Returns:
         The reversal shape.
     """
-    power = _build_residual_function(scene, joint, y, beside)
+    power = _build_residual_function(scene, joint, y, other_columns)
     best, found = np.inf, REVERSAL_SHAPES[0]
     for turn in REVERSAL_SHAPES:
         left = power(turn)
@@ -145,12 +145,12 @@ def fit_breakaway(scene: MotionModel, joint: int, y: Array, beside: Array) -> Fr
 
 
 def _build_residual_function(
-    scene: MotionModel, joint: int, y: Array, beside: Array
+    scene: MotionModel, joint: int, y: Array, other_columns: Array
 ) -> Callable[[FrictionReversal], float]:
     """Return a function that computes the residual sum of squares for a reversal shape, all other columns refitted."""
     m = scene.motion
     own = m.subtract_period_mean(m.average_blocks(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
-    rest = np.concatenate([own, beside], axis=1)
+    rest = np.concatenate([own, other_columns], axis=1)
 
     def power(turn: FrictionReversal) -> float:
         z = m.subtract_period_mean(m.average_blocks(compute_friction_direction(scene, joint, turn)[:, None]))
@@ -159,7 +159,9 @@ def _build_residual_function(
     return power
 
 
-def describe_gradual_reversal(scene: MotionModel, joint: int, turn: FrictionReversal, y: Array, beside: Array) -> str:
+def describe_gradual_reversal(
+    scene: MotionModel, joint: int, turn: FrictionReversal, y: Array, other_columns: Array
+) -> str:
     """Describe friction that reverses gradually, if the data exclude an immediate reversal as of Coulomb friction.
 
     The distance between two samples at a reversal limits what can be resolved.
@@ -170,7 +172,7 @@ def describe_gradual_reversal(scene: MotionModel, joint: int, turn: FrictionReve
         turn: Reversal shape: presliding displacement in rad (m), and speed in rad/s (m/s) of a tanh; one of
             them is zero.
         y: (N,) torque of the joint, N·m.
-        beside: (N, p) further columns that the torque may contain.
+        other_columns: (N, p) further columns that the torque may contain.
 
     Returns:
         Text; empty if an immediate reversal is possible.
@@ -179,7 +181,7 @@ def describe_gradual_reversal(scene: MotionModel, joint: int, turn: FrictionReve
     between = float(np.sqrt(np.mean(scene.motion.a[:, joint] ** 2))) / scene.motion.rate  # rad/s (m/s)
     if speed <= between and 2.0 * path <= between / scene.motion.rate:
         return ""
-    power = _build_residual_function(scene, joint, y, beside)
+    power = _build_residual_function(scene, joint, y, other_columns)
     if len(y) * np.log(power(IMMEDIATE_REVERSAL) / max(power(turn), 1e-300)) < thresholds.DETECTION.gain:
         return ""
     if scene.prismatic[joint]:

@@ -258,9 +258,9 @@ def _estimate_torque_delay(
         """Mean square that each moving joint leaves while under way, by the breakaway path that leaves least."""
         late, out = smooth(d), []
         for j in moving:
-            y, beside, z = (x[under_way[j]] for x in parts(d, j, late))
-            size = np.linalg.norm(beside, axis=0)
-            Q, _ = np.linalg.qr(beside[:, size > 0] / size[size > 0])
+            y, other_columns, z = (x[under_way[j]] for x in parts(d, j, late))
+            size = np.linalg.norm(other_columns, axis=0)
+            Q, _ = np.linalg.qr(other_columns[:, size > 0] / size[size > 0])
             y, z = (x - Q @ (Q.T @ x) for x in (y, z))
             gains = (y @ z) ** 2 / np.maximum(np.sum(z**2, axis=0), 1e-300)
             out.append(float(y @ y - gains.max()) / len(y))
@@ -277,9 +277,9 @@ def _estimate_torque_delay(
     shared = worth and 2 * int(np.sum(np.array(left(best)) < power)) > len(moving)
     fitted, late = [], smooth(best)
     for j in moving:
-        y, beside, z = parts(best, j, late, 2 * len(DELAY_REVERSAL_SHAPES))
+        y, other_columns, z = parts(best, j, late, 2 * len(DELAY_REVERSAL_SHAPES))
         each = [
-            (*fit_least_squares(y, np.concatenate([beside[:, :3], x[:, None], beside[:, 3:]], axis=1)), k)
+            (*fit_least_squares(y, np.concatenate([other_columns[:, :3], x[:, None], other_columns[:, 3:]], axis=1)), k)
             for k, x in enumerate(z.T)
         ]
         fitted.append(min(each, key=lambda f: float(f[0] @ f[0])))

@@ -132,8 +132,8 @@ def build_motion_problem(
     predicted = _predict_joint_torque(dynamics, motion, terms)
     free_gains, unsized = motor_currents.has_currents_only(mended) and predicted is not None, frozenset[int]()
     if predicted is not None and free_gains:
-        made = motor_currents.convert_currents_to_torques(mended, motion, predicted)
-        mended, unsized, warnings = made.recording, made.joints_without_gain, [*warnings, made.notes]
+        converted = motor_currents.convert_currents_to_torques(mended, motion, predicted)
+        mended, unsized, warnings = converted.recording, converted.joints_without_gain, [*warnings, converted.notes]
     elif predicted is not None and channel == "torque":
         mended, exchanged = exchanged_torque_columns.correct_exchanged_torques(mended, motion, predicted)
         mended, of_torque = motion_record_checks.correct_torque_side(mended, motion, predicted)
@@ -164,11 +164,11 @@ def build_motion_problem(
         )
     if recording.q_command is None and channel != "tip":
         missing.append(UntestableEffect("servo_lag", "controller", "the commanded joints are not recorded"))
-    kept, nameless = (
+    usable, nameless = (
         tuple(replace(h, columns=cache_columns(h.columns)) for h in laws)
         for laws in (catalogue.hypotheses, catalogue.uncatalogued_hypotheses)
     )
-    catalogue = replace(catalogue, hypotheses=kept, untestable=tuple(missing), uncatalogued_hypotheses=nameless)
+    catalogue = replace(catalogue, hypotheses=usable, untestable=tuple(missing), uncatalogued_hypotheses=nameless)
     return problem, catalogue, tuple(scene.notes), (*found, *more)
 
 

@@ -153,24 +153,24 @@ def _correct_channel_units(recording: Recording, name: str, joints: list[int]) -
     values = getattr(recording, odd).copy()
     values[:, joints] *= scale
     words = FACTORS[known[0]] if odd != "q" else "metres for millimetres" if slides else "radians for degrees"
-    mended = replace(recording, **{odd: values})
+    corrected = replace(recording, **{odd: values})
     misfit = [
         np.sum([compute_interval_medians(_subtract_median(a[:, j]) - _subtract_median(b[:, j])) for j in sure], axis=0)
-        for a, b in (_compare_with_encoders(r, name) for r in (recording, mended))
+        for a, b in (_compare_with_encoders(r, name) for r in (recording, corrected))
     ]
     where = format_column_name(recording, odd, joints[0])
-    return mended, [_build_unit_finding(where, 1.0 / scale, words, compute_sign_test(misfit[0], misfit[1]))]
+    return corrected, [_build_unit_finding(where, 1.0 / scale, words, compute_sign_test(misfit[0], misfit[1]))]
 
 
 def _correct_milliseconds(recording: Recording, joints: list[int]) -> tuple[Recording, list[Finding]]:
     """Correct a clock in milliseconds: encoder speeds are 1000 times smaller than the recorded velocities."""
     assert recording.time is not None
-    mended = replace(recording, time=recording.time / 1e3)
+    corrected = replace(recording, time=recording.time / 1e3)
     before, after = (
         np.sum([compute_interval_medians(x[:, j] - q[:, j]) for j in joints], axis=0)
-        for x, q in (_compare_with_encoders(r, "velocity") for r in (recording, mended))
+        for x, q in (_compare_with_encoders(r, "velocity") for r in (recording, corrected))
     )
-    return mended, [_build_unit_finding("time_s", 1e3, "milliseconds for seconds", compute_sign_test(before, after))]
+    return corrected, [_build_unit_finding("time_s", 1e3, "milliseconds for seconds", compute_sign_test(before, after))]
 
 
 def _compare_with_encoders(recording: Recording, name: str) -> tuple[Array, Array]:

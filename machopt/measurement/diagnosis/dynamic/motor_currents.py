@@ -85,10 +85,10 @@ def convert_currents_to_torques(recording: Recording, motion: MotionSignals, pre
     gains = np.array([1.0 / max(slope, sigma) for slope, sigma in each])
     made = np.zeros_like(recording.current)
     made[:, :n] = recording.current[:, :n] * gains
-    told = ", ".join(f"{g:.4g} (joint {j + 1})" for j, g in enumerate(gains) if j not in unsized)
+    observable = ", ".join(f"{g:.4g} (joint {j + 1})" for j, g in enumerate(gains) if j not in unsized)
     words = (
         "torque is current times a gain of each joint, which is refitted in any case: N·m per unit of current1_A …, by "
-        f"the masses of URDF and tool, {told}; a gain that all share passes for heavier masses"
+        f"the masses of URDF and tool, {observable}; a gain that all share passes for heavier masses"
     )
     if unsized:
         which = ", ".join(str(j + 1) for j in sorted(unsized))
@@ -102,9 +102,9 @@ def convert_currents_to_torques(recording: Recording, motion: MotionSignals, pre
 def _fit_current_per_torque(motion: MotionSignals, current: Array, needed: Array, joint: int) -> tuple[float, float]:
     """Return amperes per N·m of a joint, and its standard deviation."""
     v, a = motion.v[:, joint], motion.a[:, joint]
-    beside = np.stack([np.ones(len(v)), np.sign(v), v, a], axis=1)
+    other_columns = np.stack([np.ones(len(v)), np.sign(v), v, a], axis=1)
     seen, asked = (
-        motion.subtract_period_mean(motion.average_blocks(fit_least_squares(x, beside)[0][:, None]))[:, 0]
+        motion.subtract_period_mean(motion.average_blocks(fit_least_squares(x, other_columns)[0][:, None]))[:, 0]
         for x in (current, needed)
     )
     power = max(float(asked @ asked), 1e-300)

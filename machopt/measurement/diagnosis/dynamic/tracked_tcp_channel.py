@@ -68,14 +68,14 @@ def build_tracked_tcp_problem(
         raise InputError(f"{rec.source}: the channel tip needs x_mm, y_mm, z_mm")
     T_tool = cell.tool.T_flange_tcp
     commanded = rec.q_command is not None
-    asked = m.q if rec.q_command is None else np.ascontiguousarray(rec.q_command[m.index, :6])
+    commanded_angles = m.q if rec.q_command is None else np.ascontiguousarray(rec.q_command[m.index, :6])
     scene.notes.append("the TCP is predicted from the " + ("commanded joints" if commanded else "encoders"))
     measured = rec.position[m.index]
-    lag = estimate_encoder_delays(scene, asked) if commanded else np.zeros(6)
-    asked = scene.true_angles(asked)
+    lag = estimate_encoder_delays(scene, commanded_angles) if commanded else np.zeros(6)
+    commanded_angles = scene.true_angles(commanded_angles)
     # Jacobians and orientations at the encoder angles
     pose = _BentArm(robot, T_tool, scene.true_angles(m.q), np.zeros_like(m.q))
-    tip = robot.compute_fk(asked, T_tool)[:, :3, 3]
+    tip = robot.compute_fk(commanded_angles, T_tool)[:, :3, 3]
     followed = pose.p - tip  # following error by the encoders
 
     found = compute_joint_load_torque(scene)
@@ -138,7 +138,7 @@ def build_tracked_tcp_problem(
     best = find_best_delay(lambda d: fit.misfit(late(d)))
     out += build_channel_delay_hypotheses(scene, "position", late, best, penalty=1.0 if commanded else 0.0)
     if commanded:
-        out += _build_servo_hypotheses(scene, fit, robot, asked, followed, lag)
+        out += _build_servo_hypotheses(scene, fit, robot, commanded_angles, followed, lag)
     else:
         untestable.append(
             UntestableEffect(
@@ -197,22 +197,22 @@ def _linearise_at_equilibrium(
     return y_fine, pose
 
 
-def estimate_encoder_delays(scene: MotionModel, asked: Array) -> Array:
+def estimate_encoder_delays(scene: MotionModel, commanded_angles: Array) -> Array:
     """Estimate the delay of each encoder behind its command.
 
     Args:
         scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
-        asked: (M, n) commanded joint angles, rad.
+        commanded_angles: (M, n) commanded joint angles, rad.
 
     Returns:
         (n,) s; 0 if an encoder follows without delay.
     """
     m = scene.motion
-    speed = m.differentiate(asked)
-    out = np.zeros(asked.shape[1])
-    for j in range(asked.shape[1]):
-        behind = asked[:, j] - m.q[:, j]
-        if np.std(behind) > thresholds.MOTION.follows and np.ptp(asked[:, j]) > thresholds.MOTION.moves:
+    speed = m.differentiate(commanded_angles)
+    out = np.zeros(commanded_angles.shape[1])
+    for j in range(commanded_angles.shape[1]):
+        behind = commanded_angles[:, j] - m.q[:, j]
+        if np.std(behind) > thresholds.MOTION.follows and np.ptp(commanded_angles[:, j]) > thresholds.MOTION.moves:
             x = np.stack([speed[:, j], np.ones(len(behind))], axis=1)
             out[j] = float(np.linalg.lstsq(x, behind, rcond=None)[0][0])
     return out
@@ -259,16 +259,16 @@ def _find_late_encoders(y: Array, base: Array, scene: MotionModel, followed: Arr
 
 
 def _build_servo_hypotheses(
-    scene: MotionModel, fit: ExplainedPower, robot: Robot, asked: Array, followed: Array, lag: Array
+    scene: MotionModel, fit: ExplainedPower, robot: Robot, commanded_angles: Array, followed: Array, lag: Array
 ) -> list[EffectHypothesis]:
     """Return the servo-lag laws: as the encoders show it, and one delay common to all joints."""
     m = scene.motion
     T_tool = scene.cell.tool.T_flange_tcp
-    tip = robot.compute_fk(asked, T_tool)[:, :3, 3]
+    tip = robot.compute_fk(commanded_angles, T_tool)[:, :3, 3]
 
     def late(d: float) -> Array:
         return m.subtract_period_mean(
-            m.average_blocks(robot.compute_fk(m.delay_cubic(asked, d), T_tool)[:, :3, 3] - tip)
+            m.average_blocks(robot.compute_fk(m.delay_cubic(commanded_angles, d), T_tool)[:, :3, 3] - tip)
         )
 
     best = find_best_delay(lambda d: fit.misfit(late(d)))

@@ -128,9 +128,9 @@ def diagnose_with_known_terms(
     again = {(f.effect, f.location) for f in d.findings} & {(t.effect, t.location) for t in terms}
     if again:
         d, problem = diagnose(tuple(t for t in terms if (t.effect, t.location) not in again))
-    said = [
+    text = [
         f"the cell's own terms {words}: {', '.join(f'{t.effect} {t.location}' for t in some)}"
         for words, some in (("that this kind of recording does not count", left), ("count as known", terms))
         if some
     ]
-    return replace(d, notes=(*d.notes, *said)) if said else d, problem
+    return replace(d, notes=(*d.notes, *text)) if text else d, problem

@@ -95,9 +95,9 @@ def compute_joint_angle_range(r: StaticReadings, j: int) -> JointAngleRange:
     q = r.state.q[:, j]
     low, high = float(q.min()), float(q.max())
     distinct = len(np.unique(np.round(q, thresholds.RESTING.angle_decimals)))
-    shown = high - low >= thresholds.RESTING.least_wave and distinct >= thresholds.RESTING.fewest_angles
+    is_observable = high - low >= thresholds.RESTING.least_wave and distinct >= thresholds.RESTING.fewest_angles
     balanced = any(format_joint_location(j + 1) in e.places for e in registry.select_parallel_torque_effects())
-    most = int(distinct / thresholds.RESTING.poses_per_order) if shown else 0
+    most = int(distinct / thresholds.RESTING.poses_per_order) if is_observable else 0
     return JointAngleRange(low, high, most, thresholds.RESTING.above_balancer if balanced else 1.0)
 
 

@@ -92,8 +92,8 @@ def find_observable_directions(columns: Array, base: Array) -> Array:
     Q = np.linalg.qr(B)[0] if B.shape[1] else B
     _, s, Vt = np.linalg.svd(np.linalg.qr(A - Q @ (Q.T @ A))[1])
     whole = np.linalg.norm(A @ Vt.T, axis=0)
-    kept = (s > thresholds.RESTING.shown_geometry * whole) & (s > thresholds.RESTING.weak_geometry * s[0])
-    return np.asarray(np.round(Vt[kept], 12).T)  # removes rounding residue of absorbed components
+    is_observable = (s > thresholds.RESTING.shown_geometry * whole) & (s > thresholds.RESTING.weak_geometry * s[0])
+    return np.asarray(np.round(Vt[is_observable], 12).T)  # removes rounding residue of absorbed components
 
 
 def _build_frame_hypothesis(place: str, columns: Array, V: Array, penalty: float) -> EffectHypothesis:

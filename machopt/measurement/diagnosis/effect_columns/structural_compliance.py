@@ -42,9 +42,11 @@ def build_structure_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
             place = locate_spring(r.robot, r.T_flange_tcp, where)
             load = compute_carried_wrench(r, place)
             laws = [law for law in effect.body_laws if r.is_difference or law.includes_weight]
-            shown = [law.restrict_to_observed(r.dimensions, turning=bool(r.wrench[:, 3:].any())) for law in laws]
+            observable_laws = [
+                law.restrict_to_observed(r.dimensions, turning=bool(r.wrench[:, 3:].any())) for law in laws
+            ]
             for law in {
-                one.name: one for one in shown
+                one.name: one for one in observable_laws
             }.values():  # some laws coincide without moments or measured rotations
                 grid = law.grid(place.shape)
                 if grid:
@@ -119,11 +121,11 @@ def find_first_moved_body(place: SpringLocation) -> int:
     return BODY_BEHIND_FLANGE if place.location == "tool" else place.body
 
 
-def _compute_tcp_twist(r: StaticReadings, made: BodySpring, load: Array) -> Array:
+def _compute_tcp_twist(r: StaticReadings, spring: BodySpring, load: Array) -> Array:
     """(N, 6, P) m, rad at the TCP per unit of each coefficient."""
-    out = made.compute_response(r.state, load)
-    own = [] if r.is_difference else _list_distributed_weights(r, made.place)
-    sag = made.compute_weight_sag(r.state, own) if own else None
+    out = spring.compute_response(r.state, load)
+    own = [] if r.is_difference else _list_distributed_weights(r, spring.place)
+    sag = spring.compute_weight_sag(r.state, own) if own else None
     return out if sag is None else out + sag
 
 

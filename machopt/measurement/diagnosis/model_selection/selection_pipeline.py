@@ -135,20 +135,20 @@ class _VerdictReason:
 def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.random.Generator) -> DiagnosisResult:
     """Build the result of a finished search; the columns of all laws are released before the validation."""
     options.progress("rivals and intervals")
-    held = _validate_findings(state, rng)
-    judged = _select_verdict(state, held, rng)
-    shares = _locate_mismatch(state, held, judged.verdict)
+    validated = _validate_findings(state, rng)
+    judged = _select_verdict(state, validated, rng)
+    shares = _locate_mismatch(state, validated, judged.verdict)
     options.progress("detection limits")
-    kept = held.uncatalogued if held.withdrawn else state.chosen
-    seen = _compute_limits(state, kept, rng)
+    remaining = validated.uncatalogued if validated.withdrawn else state.chosen
+    seen = _compute_limits(state, remaining, rng)
     coefficients, shapes = (
-        tuple(_list_base_coefficients(state, kept)),
+        tuple(_list_base_coefficients(state, remaining)),
         sum(len(t.shapes) for t in state.whitened_hypotheses),
     )
     state = replace(state, whitened_hypotheses=())
     options.progress("proof on readings that no step saw")
-    proof = validate_on_holdout(state, options.max_effects, rng) if held.findings or held.withdrawn else None
-    result = _build_diagnosis_result(state, held, judged, options.predicted)
+    proof = validate_on_holdout(state, options.max_effects, rng) if validated.findings or validated.withdrawn else None
+    result = _build_diagnosis_result(state, validated, judged, options.predicted)
     result = replace(
         result,
         mismatch=tuple(shares),
@@ -167,10 +167,10 @@ def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.rand
 
 
 def _build_diagnosis_result(
-    state: SearchState, held: _ValidatedFindings, judged: _VerdictReason, predicted: str
+    state: SearchState, validated: _ValidatedFindings, judged: _VerdictReason, predicted: str
 ) -> DiagnosisResult:
     """Build findings, verdict and error sizes; locations, limits and validation follow later."""
-    problem, used, before, after = state.problem, state.used_rows, held.residual_before, held.residual_after
+    problem, used, before, after = state.problem, state.used_rows, validated.residual_before, validated.residual_after
     factor = problem.families[0].factor
     by_group, groups = holdout_residuals.compute_rmse_by_group(problem, (before, after), used)
     return DiagnosisResult(
@@ -181,12 +181,12 @@ def _build_diagnosis_result(
         unit=problem.families[0].unit,
         heldout_before=holdout_residuals.compute_rmse(problem, before, used),
         noise_floor=holdout_residuals.compute_noise_floor(problem, state.noise, used),
-        repeatable=factor * float(np.sqrt(held.power)),
-        mismatch_p=held.mismatch_before.p_value,
+        repeatable=factor * float(np.sqrt(validated.power)),
+        mismatch_p=validated.mismatch_before.p_value,
         heldout_after=holdout_residuals.compute_rmse(problem, after, used),
-        explained=held.explained,
-        repeatable_after=factor * float(np.sqrt(max(held.mismatch_after.power, 0.0))),
-        findings=held.findings,
+        explained=validated.explained,
+        repeatable_after=factor * float(np.sqrt(max(validated.mismatch_after.power, 0.0))),
+        findings=validated.findings,
         mismatch=(),
         limits=(),
         untestable=state.catalogue.untestable,
@@ -196,12 +196,12 @@ def _build_diagnosis_result(
         used=used,
         outliers=problem.row[~used],
         axes=state.catalogue.axes,
-        notes=tuple(verdict_text.describe_withdrawn_findings(held.withdrawn))
+        notes=tuple(verdict_text.describe_withdrawn_findings(validated.withdrawn))
         + verdict_text.describe_noise_source(state.noise)
         + holdout_residuals.describe_other_instruments(problem, before, after, state.noise, used)
         + (() if judged.excess_noise is None else (judged.excess_noise.words,))
         + verdict_text.describe_session_contradictions(judged.another_day)
-        + unmodelled_interfaces.describe_uncatalogued_forms([c.whitened.hypothesis for c in held.uncatalogued]),
+        + unmodelled_interfaces.describe_uncatalogued_forms([c.whitened.hypothesis for c in validated.uncatalogued]),
     )
 
 
@@ -257,33 +257,35 @@ def _is_mismatch_relevant(state: SearchState, there: repeatable_mismatch.Repeata
     return bool(sure and np.sqrt(power) > thresholds.PROOF.matters * state.noise.total(0))
 
 
-def _select_verdict(state: SearchState, held: _ValidatedFindings, rng: np.random.Generator) -> _VerdictReason:
+def _select_verdict(state: SearchState, validated: _ValidatedFindings, rng: np.random.Generator) -> _VerdictReason:
     problem, used, noise = state.problem, state.used_rows, state.noise
     verdict: Verdict
-    if held.findings:
+    if validated.findings:
         verdict = (
-            "explained" if _is_fully_explained(state, held.mismatch_after, held.residual_after) else "partly_explained"
+            "explained"
+            if _is_fully_explained(state, validated.mismatch_after, validated.residual_after)
+            else "partly_explained"
         )
     else:
-        verdict = "unexplained" if held.is_relevant or held.withdrawn else "consistent"
+        verdict = "unexplained" if validated.is_relevant or validated.withdrawn else "consistent"
     if repeatable_mismatch.has_repeatable_instrument_error(
-        problem, held.residual_after, used, noise, rng, held.final.compute_prediction_noise()
+        problem, validated.residual_after, used, noise, rng, validated.final.compute_prediction_noise()
     ):
         verdict = instrument_uncertainty_check.weaken_verdict(verdict)
     few = len(np.unique(problem.group)) < thresholds.PROOF.fewest_groups  # too few groups for cross-validation
     left = instrument_uncertainty_check.check_stated_uncertainty(
-        problem, held.final.residual if few else held.residual_after, noise, used
+        problem, validated.final.residual if few else validated.residual_after, noise, used
     )
     if left is not None:
         verdict = left.verdict(verdict)
     other_day = attribution_guard.find_contradicted_effect(state)
     apart = () if other_day is None else (other_day.whitened.hypothesis.name,)
-    if apart or held.uncatalogued:
+    if apart or validated.uncatalogued:
         verdict = instrument_uncertainty_check.weaken_verdict(verdict)
     return _VerdictReason(verdict, left, apart)
 
 
-def _locate_mismatch(state: SearchState, held: _ValidatedFindings, verdict: Verdict) -> list[MismatchShare]:
+def _locate_mismatch(state: SearchState, validated: _ValidatedFindings, verdict: Verdict) -> list[MismatchShare]:
     """Locate the mismatch: findings, further places in the machine, then axes of the data."""
     problem, used = state.problem, state.used_rows
     machine: list[MismatchShare] = []
@@ -292,16 +294,16 @@ def _locate_mismatch(state: SearchState, held: _ValidatedFindings, verdict: Verd
         beyond = max(state.base.rss - len(state.base.y) + state.base.count, 1.0)
         machine = repeatable_mismatch.locate_in_machine(score_hypotheses(state.base, state.whitened_hypotheses), beyond)
         data = repeatable_mismatch.locate_in_data(
-            problem, held.residual_before, used, state.noise, state.catalogue.axes
+            problem, validated.residual_before, used, state.noise, state.catalogue.axes
         )
-    if held.mismatch_before.is_over_time and held.is_relevant:
+    if validated.mismatch_before.is_over_time and validated.is_relevant:
         lasts = MismatchShare(
             "environment", 1.0, "what one visit shows, the next one shows too, at another pose: it lasts"
         )
         machine = [lasts, *(s for s in machine if s.axis != "environment")]
-    shares = _list_location_shares(state, held.findings, machine)
-    if held.geometric_stiffness is not None:
-        shares = held.geometric_stiffness.add_to_shares(
+    shares = _list_location_shares(state, validated.findings, machine)
+    if validated.geometric_stiffness is not None:
+        shares = validated.geometric_stiffness.add_to_shares(
             shares, holdout_residuals.compute_noise_floor(problem, state.noise, used)
         )
     return shares + data[:3]

@@ -212,8 +212,11 @@ def _format_effect_sentence(
             f"; chosen anew, the rotation differs at {100.0 * share:.0f} % of the points (by {turned:.0f}° in the mean "
             f"over all) and leaves {mean['after']:.3f} mm in the mean and {worst['after']:.3f} mm at worst"
         )
-        kept = 1.0 - thresholds.RESTING.worth_turning
-        if mean["after"] > kept * mean["unchanged"] and worst["after"] > kept * worst["unchanged"]:
+        unchanged_points = 1.0 - thresholds.RESTING.worth_turning
+        if (
+            mean["after"] > unchanged_points * mean["unchanged"]
+            and worst["after"] > unchanged_points * worst["unchanged"]
+        ):
             out += ", hardly less" if mean["after"] < mean["unchanged"] else ", no less in the mean"
     else:
         out += "; the rotation stays as it is"

@@ -34,8 +34,8 @@ def diagnose_with_plausible_corrections(
     barred: frozenset[EffectLocation] = frozenset()
     for _ in range(MAX_SEARCHES):
         found = look(barred)
-        made = build_extended_stiffness(cell, found.diagnosis, weight_alone=found.weight_alone)
-        impossible = {(t.effect, t.location) for t in made.withheld} - barred
+        extended_stiffness = build_extended_stiffness(cell, found.diagnosis, weight_alone=found.weight_alone)
+        impossible = {(t.effect, t.location) for t in extended_stiffness.withheld} - barred
         beside = any(isinstance(f.correction, KinematicCorrection) for f in found.diagnosis.findings)
         if not impossible or not beside or found.recording.kind != "absolute":
             break
@@ -45,4 +45,6 @@ def diagnose_with_plausible_corrections(
         f"all else found without it"
         for name in sorted(barred)
     )
-    return replace(found, diagnosis=replace(found.diagnosis, notes=(*found.diagnosis.notes, *notes))), made
+    return replace(
+        found, diagnosis=replace(found.diagnosis, notes=(*found.diagnosis.notes, *notes))
+    ), extended_stiffness

@@ -89,7 +89,7 @@ def build_link_moment_columns(
     assert r.state.R_bodies is not None  # load-test states include bodies
     z = np.moveaxis(r.state.J[:, 3:], 2, 0)  # (6, N, 3) axes
     moved = compute_joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions]
-    bent = r.load_torque * r.compliance  # rad under the load
+    deflection = r.load_torque * r.compliance  # rad under the load
     prior = thresholds.RESTING.first_moment * estimate_reach(r.robot, r.T_flange_tcp) ** 4
     out, unknowns = [], []
     for link in links:
@@ -100,7 +100,7 @@ def build_link_moment_columns(
                 torque[:, i] = _compute_dot_products(z[i], np.cross(u, gravity))
                 for other in range(link):
                     a, b = z[min(i, other)], z[max(i, other)]
-                    extra[:, i] += _compute_dot_products(a, np.cross(np.cross(b, u), gravity)) * bent[:, other]
+                    extra[:, i] += _compute_dot_products(a, np.cross(np.cross(b, u), gravity)) * deflection[:, other]
             turned = r.state.J[:, : r.dimensions] * (extra * r.compliance)[:, None, :]
             column = turned.sum(axis=2) + np.einsum("ndj,nj->nd", moved, torque * r.compliance)
             if not column.any():

@@ -33,12 +33,12 @@ def downgrade_if_insufficient(d: DiagnosisResult, problem: DiagnosisProblem) -> 
     poses = len(np.unique(problem.group[d.used]))
     unknown = bool(np.isnan(d.mismatch_p)) and not problem.families[0].stated_uncertainty
     if unknown and d.verdict == "explained":
-        said = (
+        text = (
             f"nothing was measured twice and no uncertainty is stated: what is left passes for noise; "
             f"{REPLICATES_ADVICE}"
         )
-        told = replace(d, verdict="partly_explained", notes=(*d.notes, said))
-        return replace(told, sentence=format_verdict(told))
+        notes = replace(d, verdict="partly_explained", notes=(*d.notes, text))
+        return replace(notes, sentence=format_verdict(notes))
     if d.verdict != "consistent":
         return d
     if poses < thresholds.PROOF.fewest_groups:

@@ -37,17 +37,17 @@ def summarise_residuals(fit: StiffnessFit, residual: Array) -> HoldoutErrorSumma
         The summary.
     """
     counts = fit.weighting.robust > thresholds.IDENTIFIED.out
-    kept = np.where(counts, residual, np.nan)
+    inliers = np.where(counts, residual, np.nan)
     total = np.where(counts, fit.experiment.measured, np.nan)
     turned = residual.shape[1] == 6
     by_pose = np.full(fit.clusters.poses, np.nan)
     for g in range(fit.clusters.poses):
-        by_pose[g] = _compute_rms(kept[fit.clusters.readings(g), :3])
+        by_pose[g] = _compute_rms(inliers[fit.clusters.readings(g), :3])
     return HoldoutErrorSummary(
-        rmse=_compute_rms(kept[:, :3]),
-        axes=np.array([_compute_rms(column) for column in kept.T]),
-        rotation=_compute_rms(kept[:, 3:]) if turned else np.nan,
-        explained=_compute_explained_share(kept[:, :3], total[:, :3]),
+        rmse=_compute_rms(inliers[:, :3]),
+        axes=np.array([_compute_rms(column) for column in inliers.T]),
+        rotation=_compute_rms(inliers[:, 3:]) if turned else np.nan,
+        explained=_compute_explained_share(inliers[:, :3], total[:, :3]),
         by_pose=by_pose,
     )
 

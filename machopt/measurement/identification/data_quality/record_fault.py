@@ -35,5 +35,5 @@ def format_row_locations(e: LoadTestExperiment, rows: NDArray[np.int64]) -> str:
     Returns:
         Text.
     """
-    shown = ", ".join(e.format_reading_location(int(r)) for r in rows[:MAX_LISTED_ROWS])
-    return shown + (f" and {len(rows) - MAX_LISTED_ROWS} more" if len(rows) > MAX_LISTED_ROWS else "")
+    listed = ", ".join(e.format_reading_location(int(r)) for r in rows[:MAX_LISTED_ROWS])
+    return listed + (f" and {len(rows) - MAX_LISTED_ROWS} more" if len(rows) > MAX_LISTED_ROWS else "")

@@ -84,7 +84,7 @@ def has_negative_compliance(C: Array) -> bool:
 
 
 def fit_semidefinite_matrix(
-    fit: StiffnessFit, part: FittedMatrix, H: Array, h: Array, x: Array, held: NDArray[np.bool_]
+    fit: StiffnessFit, part: FittedMatrix, H: Array, h: Array, x: Array, is_fixed: NDArray[np.bool_]
 ) -> Array:
     """Minimise ½ uᵀ H u − hᵀ u subject to a positive semidefinite matrix.
 
@@ -94,14 +94,14 @@ def fit_semidefinite_matrix(
         H: (P, P) normal matrix in scaled coefficients u = x / column.
         h: (P,) right-hand side.
         x: (P,) minimum without the condition.
-        held: (P,) True for fixed coefficients.
+        is_fixed: (P,) True for fixed coefficients.
 
     Returns:
         (P,) coefficients.
     """
     inside = np.zeros(len(x), bool)
     inside[part.first_coefficient] = True
-    free = ~inside & ~held
+    free = ~inside & ~is_fixed
     diagonal = part.row == part.column
     S = np.empty(6)
     S[part.row[diagonal]] = np.sqrt(fit.column[part.first_coefficient[diagonal]])

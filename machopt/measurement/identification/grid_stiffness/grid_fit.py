@@ -189,12 +189,12 @@ def _compute_pose_positions(fit: StiffnessFit) -> tuple[Array, Ints]:
 def _select_varying_joints(fit: StiffnessFit, hold: Array | None) -> tuple[Bools, Array]:
     """Return which joints vary (6,), and the reference compliance (6,); for fixed joints their value."""
     c = fit.compliance
-    held = np.full(6, np.nan) if hold is None else np.asarray(hold, float)
+    is_fixed = np.full(6, np.nan) if hold is None else np.asarray(hold, float)
     M = np.linalg.pinv(fit.normal.total()[0], hermitian=True)
     sigma = np.sqrt(np.maximum(np.diag(M)[:6], 0.0)) * fit.column[:6]
     seen = np.abs(fit.A[..., :6]).max(axis=(0, 1)) * c.max() > MIN_COLUMN_EFFECT * np.abs(fit.y).max()
-    vary = ~np.isfinite(held) & seen & (c > thresholds.IDENTIFIED.varies * sigma)
-    blind = ~np.isfinite(held) & ~seen
+    vary = ~np.isfinite(is_fixed) & seen & (c > thresholds.IDENTIFIED.varies * sigma)
+    blind = ~np.isfinite(is_fixed) & ~seen
     if blind.any():
         raise InputError(
             f"no reading moves joint {_format_joint_list(blind)}, so that a grid needs its stiffness from "
@@ -207,7 +207,7 @@ def _select_varying_joints(fit: StiffnessFit, hold: Array | None) -> tuple[Bools
             "nothing to vary by cell. More readings, or larger loads, would work",
             file=fit.experiment.source,
         )
-    value = np.where(np.isfinite(held), 1.0 / np.where(np.isfinite(held), held, 1.0), np.maximum(c, sigma))
+    value = np.where(np.isfinite(is_fixed), 1.0 / np.where(np.isfinite(is_fixed), is_fixed, 1.0), np.maximum(c, sigma))
     return vary, np.where(vary, c, value)
 
 

@@ -233,16 +233,16 @@ def _withhold_if_uncatalogued_fits(
     rough = [*(t for t in state.whitened_hypotheses if t.hypothesis.is_approximate), *more]
     if not c.whitened.hypothesis.is_in_catalogue or not rough:
         return c
-    beside = add_selected_effects(state.base, [o for i, o in enumerate(state.chosen) if i != k])
-    own = score_hypotheses(beside, [c.whitened])[0]
+    model_without = add_selected_effects(state.base, [o for i, o in enumerate(state.chosen) if i != k])
+    own = score_hypotheses(model_without, [c.whitened])[0]
 
     def worth(s: ScoredHypothesis) -> float:
         numbers = s.whitened.X.shape[2] + len(s.whitened.shapes[s.shape])
-        return float(s.gain / beside.residual_variance - thresholds.DETECTION.per_coefficient * numbers)
+        return float(s.gain / model_without.residual_variance - thresholds.DETECTION.per_coefficient * numbers)
 
     # dozens of forms are tried for this purpose only: the best of many is good by chance
     most = worth(own) + (thresholds.DETECTION.shorter if more else 0.0)
-    better = [s for s in score_hypotheses(beside, rough) if worth(s) > most]
+    better = [s for s in score_hypotheses(model_without, rough) if worth(s) > most]
     return (
         c
         if not better

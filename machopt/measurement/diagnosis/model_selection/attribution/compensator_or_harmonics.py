@@ -101,37 +101,39 @@ def _fit_spring_geometry(
     state: SearchState, others: Sequence[SelectedEffect], law: WhitenedHypothesis
 ) -> tuple[SelectedEffect, float]:
     """Return a compensator with refined geometry and its whitened residual sum of squares."""
-    h, beside = law.hypothesis, add_selected_effects(state.base, others)
+    h, model_without = law.hypothesis, add_selected_effects(state.base, others)
     assert h.refinement is not None  # checked by the caller
 
     def at(*shapes: Shape) -> WhitenedHypothesis:
         return replace(whiten_hypotheses(state.base, [replace(h, shapes=shapes)])[0], index=law.index)
 
-    left = _build_residual_function(state, beside, h)
+    left = _build_residual_function(state, model_without, h)
     found: list[tuple[float, Shape]] = []
     for ratio in RATIOS:
         each = at(*((ratio, float(a)) for a in ANGLES))
-        shape = _minimise_by_simplex(left, each.shapes[int(np.argmax(compute_gain_by_shape(beside, each)))])
+        shape = _minimise_by_simplex(left, each.shapes[int(np.argmax(compute_gain_by_shape(model_without, each)))])
         found.append((left(shape), shape))
     least, best = min(found)
-    c = refine_law_shape(state.base, beside, SelectedEffect(score_hypotheses(beside, [at(best)])[0], 1.0), h.refinement)
-    return c, min(least, beside.with_law(c.whitened, c.scored.shape).rss)
+    c = refine_law_shape(
+        state.base, model_without, SelectedEffect(score_hypotheses(model_without, [at(best)])[0], 1.0), h.refinement
+    )
+    return c, min(least, model_without.with_law(c.whitened, c.scored.shape).rss)
 
 
 def _build_residual_function(
-    state: SearchState, beside: WhitenedModel, h: EffectHypothesis
+    state: SearchState, model_without: WhitenedModel, h: EffectHypothesis
 ) -> Callable[[Shape], float]:
     """Return a function from a shape to the whitened residual sum of squares together with a model."""
-    X = np.concatenate([beside.X, np.diag(np.sqrt(beside.prior))])
+    X = np.concatenate([model_without.X, np.diag(np.sqrt(model_without.prior))])
     size = np.linalg.norm(X, axis=0)
     U, s, _ = np.linalg.svd(X[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    Q, none = U[:, s > ZERO_SINGULAR_VALUE * s[0]], np.zeros(beside.count)
-    y = np.concatenate([beside.y, none])
+    Q, none = U[:, s > ZERO_SINGULAR_VALUE * s[0]], np.zeros(model_without.count)
+    y = np.concatenate([model_without.y, none])
     y = y - Q @ (Q.T @ y)
 
     def left(shape: Shape) -> float:
         A = state.whitening.whiten(h.columns(shape))
-        A = np.concatenate([A / np.linalg.norm(A, axis=0), np.zeros((beside.count, A.shape[1]))])
+        A = np.concatenate([A / np.linalg.norm(A, axis=0), np.zeros((model_without.count, A.shape[1]))])
         A = A - Q @ (Q.T @ A)
         return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 

@@ -56,11 +56,11 @@ def _find_best_replacement(
     state: SearchState, chosen: list[SelectedEffect], k: int, effect: str
 ) -> ScoredHypothesis | None:
     """Return the best law of an effect in place of the k-th; None if none is supported and equally good."""
-    beside = add_selected_effects(state.base, chosen[:k] + chosen[k + 1 :])
+    model_without = add_selected_effects(state.base, chosen[:k] + chosen[k + 1 :])
     place = chosen[k].whitened.hypothesis.location
-    least = (1.0 - thresholds.DETECTION.beside) * score_hypotheses(beside, [chosen[k].whitened])[0].gain
+    least = (1.0 - thresholds.DETECTION.beside) * score_hypotheses(model_without, [chosen[k].whitened])[0].gain
     laws = [t for t in state.catalogue_hypotheses if t.hypothesis.name == (effect, place)]
-    found = [s for s in score_hypotheses(beside, laws) if is_supported(beside, s) and s.gain >= least]
+    found = [s for s in score_hypotheses(model_without, laws) if is_supported(model_without, s) and s.gain >= least]
     return max(found, key=lambda s: s.total) if found else None
 
 

@@ -49,10 +49,10 @@ def find_rival_explanations(
         Rivals, the best first, and the effects that are not excluded, the selected one first.
     """
     others = [c for i, c in enumerate(chosen) if i != k]
-    beside = add_selected_effects(model, others)
+    model_without = add_selected_effects(model, others)
     taken = {c.whitened.hypothesis.name for c in others}
     mine = chosen[k].whitened.hypothesis
-    scored = score_hypotheses(beside, [t for t in tried if t.hypothesis.name not in taken])
+    scored = score_hypotheses(model_without, [t for t in tried if t.hypothesis.name not in taken])
     best: dict[EffectLocation, ScoredHypothesis] = {}
     for s in scored:
         name = s.whitened.hypothesis.name
@@ -114,7 +114,7 @@ def estimate_parameters(
         Estimates by name; the first one is the size.
     """
     c = chosen[k]
-    beside = add_selected_effects(model, [o for i, o in enumerate(chosen) if i != k])
+    model_without = add_selected_effects(model, [o for i, o in enumerate(chosen) if i != k])
     h = c.whitened.hypothesis
     value: Mapping[str, Quantity] = h.quantities(
         c.scored.x * c.whitened.unit[c.scored.shape], c.whitened.shapes[c.scored.shape]
@@ -122,12 +122,12 @@ def estimate_parameters(
     ends: dict[str, list[Array]] = {name: [] for name in value}
     own: dict[str, Array] = {}
     doubt = _compute_model_uncertainty(chosen, k)
-    best = _compute_residual_squares(beside, c)
-    most = best + _compute_likelihood_margin(beside, c, best)
+    best = _compute_residual_squares(model_without, c)
+    most = best + _compute_likelihood_margin(model_without, c, best)
     for t in [o for o in tried if o.hypothesis.name == h.name and o is not c.whitened] + [c.whitened]:
         p = t.X.shape[2]
         for s in range(len(t.shapes)):
-            m = beside.with_law(t, s, held=True)
+            m = model_without.with_law(t, s, held=True)
             if m.rss > most and (t is not c.whitened or s != c.scored.shape):
                 continue
             x, covariance, freedom = compute_cluster_robust_fit(m)
@@ -171,9 +171,9 @@ def is_size_significant(model: WhitenedModel, chosen: Sequence[SelectedEffect], 
         True if significant.
     """
     c = chosen[k]
-    beside = add_selected_effects(model, [o for i, o in enumerate(chosen) if i != k])
+    model_without = add_selected_effects(model, [o for i, o in enumerate(chosen) if i != k])
     x, covariance, freedom = compute_cluster_robust_fit(
-        beside.with_columns(c.columns, c.whitened.precision(c.scored.shape))
+        model_without.with_columns(c.columns, c.whitened.precision(c.scored.shape))
     )
     p, at, h = len(c.scored.x), c.scored.shape, c.whitened.hypothesis
     x, covariance = x[-p:], covariance[-p:, -p:]
@@ -225,13 +225,13 @@ def _apply_coefficient_prior(
     return {**value, **{n: sizes[n] for n in taken}}, {**intervals, **{n: again[n] for n in taken}}
 
 
-def _compute_likelihood_margin(beside: WhitenedModel, c: SelectedEffect, best: float) -> float:
+def _compute_likelihood_margin(model_without: WhitenedModel, c: SelectedEffect, best: float) -> float:
     """Return the whitened sum of squares by which another shape may be worse and still be accepted.
 
     If the noise is measured and the law leaves more than noise, its form is not exact. A shape that is worse by no
     more than this excess may be equally close to the truth.
     """
-    m = beside.with_law(c.whitened, c.scored.shape, held=True)
+    m = model_without.with_law(c.whitened, c.scored.shape, held=True)
     freedom = len(m.y) - m.count
     beyond = best - freedom - 2.0 * np.sqrt(2.0 * freedom)  # excess over noise at two standard deviations
     form = 0.0 if c.whitened.hypothesis.is_exact else min(beyond, thresholds.DETECTION.beside * c.scored.gain)
@@ -307,8 +307,8 @@ def _compute_noise_bias(h: EffectHypothesis, x: Array, covariance: Array, at: tu
     return out
 
 
-def _compute_residual_squares(beside: WhitenedModel, c: SelectedEffect) -> float:
-    return beside.with_law(c.whitened, c.scored.shape, held=True).rss
+def _compute_residual_squares(model_without: WhitenedModel, c: SelectedEffect) -> float:
+    return model_without.with_law(c.whitened, c.scored.shape, held=True).rss
 
 
 def _compute_paired_p_value(d: Array) -> float:

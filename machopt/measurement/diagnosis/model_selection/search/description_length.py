@@ -121,20 +121,22 @@ def exchange_for_weight_laws(
         near = [t for t in near if t.hypothesis.name not in names and _is_weight_law(t)]
         if not _is_exchangeable(c.whitened) or not near:
             continue
-        spread, beside = add_selected_effects(model, out).residual_variance, add_selected_effects(model, others)
+        spread, model_without = add_selected_effects(model, out).residual_variance, add_selected_effects(model, others)
 
         def length(s: ScoredHypothesis, spread: float = spread) -> float:
             numbers = len(s.x) + len(s.whitened.shapes[s.shape])
             return numbers * float(np.log(len(model.y))) - s.gain / spread
 
-        own = score_hypotheses(beside, [_select_shape(c.whitened, c.scored.shape)])[0]
+        own = score_hypotheses(model_without, [_select_shape(c.whitened, c.scored.shape)])[0]
         most = length(own) - thresholds.DETECTION.shorter
-        better = [s for s in score_hypotheses(beside, near) if length(s) < most and is_supported(beside, s)]
+        better = [
+            s for s in score_hypotheses(model_without, near) if length(s) < most and is_supported(model_without, s)
+        ]
         if better:
             best = min(better, key=length)
             residual = add_selected_effects(model, [*others, SelectedEffect(best, 1.0)]).residual
-            among = fit_hypotheses(beside, [t for t in laws if t.hypothesis.name not in names])
-            chance = float(compute_chance_probability(beside, [best, *among], residual, rng)[0])
+            among = fit_hypotheses(model_without, [t for t in laws if t.hypothesis.name not in names])
+            chance = float(compute_chance_probability(model_without, [best, *among], residual, rng)[0])
             out[k] = SelectedEffect(best, chance) if chance <= thresholds.DETECTION.chance else c
     return sorted(out, key=lambda c: -c.scored.total)
 
@@ -276,11 +278,11 @@ def _score_together(model: WhitenedModel, parts: Sequence[_DescriptionPart]) -> 
     out = []
     for part in parts:
         others = [o for o in parts if o is not part]
-        beside = model
+        model_without = model
         for o in others:
-            beside = beside.with_law(o.law, o.shape, held=True)
-        s = score_hypotheses(beside, [_select_shape(part.law, part.shape)])[0]
-        if part.is_new and not is_supported_without_session_check(beside, s):
+            model_without = model_without.with_law(o.law, o.shape, held=True)
+        s = score_hypotheses(model_without, [_select_shape(part.law, part.shape)])[0]
+        if part.is_new and not is_supported_without_session_check(model_without, s):
             return None
         out.append(SelectedEffect(replace(s, whitened=part.law, shape=part.shape), part.p_value))
     return out

@@ -198,11 +198,13 @@ def prune_joint_effects(
     chosen = [SelectedEffect(score_hypotheses(model, [t])[0], 1.0) for t in laws]
     known = add_selected_effects(model, chosen).rss > thresholds.RESTING.noise_known * len(model.y)
     while True:
-        beside = [add_selected_effects(model, [o for o in chosen if o is not c]) for c in chosen]
-        chosen = [replace(c, scored=score_hypotheses(m, [c.whitened])[0]) for m, c in zip(beside, chosen, strict=True)]
+        model_without = [add_selected_effects(model, [o for o in chosen if o is not c]) for c in chosen]
+        chosen = [
+            replace(c, scored=score_hypotheses(m, [c.whitened])[0]) for m, c in zip(model_without, chosen, strict=True)
+        ]
         needed = [
             s.gain / m.residual_variance - compute_least_gain(m, s)
-            for m, s in zip(beside, [c.scored for c in chosen], strict=True)
+            for m, s in zip(model_without, [c.scored for c in chosen], strict=True)
         ]
         if known and chosen and min(needed) < 0.0:
             del chosen[int(np.argmin(needed))]
@@ -449,8 +451,8 @@ def _eliminate_backward(model: WhitenedModel, chosen: list[SelectedEffect]) -> l
     while True:
         again = []
         for k, c in enumerate(out):
-            beside = add_selected_effects(model, out[:k] + out[k + 1 :])
-            again.append((beside, score_hypotheses(beside, [c.whitened])[0]))
+            model_without = add_selected_effects(model, out[:k] + out[k + 1 :])
+            again.append((model_without, score_hypotheses(model_without, [c.whitened])[0]))
         weak = [k for k, (m, s) in enumerate(again) if not is_supported(m, s)] or find_insignificant_laws(
             add_selected_effects(model, out), [(c.whitened, c.scored.shape) for c in out]
         )

@@ -93,15 +93,15 @@ def _fit_joint_orders(
 ) -> SelectedEffect:
     """Return the k-th effect with all its orders."""
     first = chosen[k]
-    beside = add_selected_effects(model, [c for n, c in enumerate(chosen) if n != k])
+    model_without = add_selected_effects(model, [c for n, c in enumerate(chosen) if n != k])
     law = single[0].hypothesis
     assert law.refinement is not None  # of a wave
     orders = tuple(first.whitened.shapes[first.scored.shape])
     added = False
     while len(orders) < MOST:
-        refined = _refine_orders(model, beside, law, orders)
+        refined = _refine_orders(model, model_without, law, orders)
         one = _find_next_order(
-            beside.with_columns(_build_order_columns(model, law, refined).columns_at(0)), single, rng
+            model_without.with_columns(_build_order_columns(model, law, refined).columns_at(0)), single, rng
         )
         if one is None:
             break
@@ -109,9 +109,12 @@ def _fit_joint_orders(
     if not added:
         return first
     orders = _drop_unneeded_orders(
-        model, beside, law, _merge_unresolved_orders(model, beside, law, _refine_orders(model, beside, law, orders))
+        model,
+        model_without,
+        law,
+        _merge_unresolved_orders(model, model_without, law, _refine_orders(model, model_without, law, orders)),
     )
-    own = score_hypotheses(beside, [_build_order_columns(model, _combine_waves(law, orders), orders)])[0]
+    own = score_hypotheses(model_without, [_build_order_columns(model, _combine_waves(law, orders), orders)])[0]
     return replace(first, scored=own)
 
 
@@ -130,15 +133,15 @@ def _find_next_order(
     return float(best.whitened.shapes[best.shape][0])
 
 
-def _refine_orders(model: WhitenedModel, beside: WhitenedModel, law: EffectHypothesis, orders: Shape) -> Shape:
+def _refine_orders(model: WhitenedModel, model_without: WhitenedModel, law: EffectHypothesis, orders: Shape) -> Shape:
     """Refine each order with the others fixed; integer orders are preferred if they are no worse."""
     assert law.refinement is not None  # of a wave
     out = list(orders)
     for share in NARROWER:
         for n, order in enumerate(out):
-            m = beside
+            m = model_without
             if len(out) > 1:
-                m = beside.with_columns(
+                m = model_without.with_columns(
                     _build_order_columns(model, law, tuple(v for i, v in enumerate(out) if i != n)).columns_at(0)
                 )
             about = tuple(dict.fromkeys(((order,), *law.refinement.shapes_around((order,), share))))
@@ -150,7 +153,7 @@ def _refine_orders(model: WhitenedModel, beside: WhitenedModel, law: EffectHypot
 
 
 def _merge_unresolved_orders(
-    model: WhitenedModel, beside: WhitenedModel, law: EffectHypothesis, orders: Shape
+    model: WhitenedModel, model_without: WhitenedModel, law: EffectHypothesis, orders: Shape
 ) -> Shape:
     """Merge orders that the range of the joint cannot resolve, and refine the rest.
 
@@ -165,23 +168,29 @@ def _merge_unresolved_orders(
         if orders[pair[1]] - orders[pair[0]] >= law.refinement.minimum_separation:
             break
         ways = [orders[:n] + orders[n + 1 :] for n in pair]
-        kept = min(ways, key=lambda way: beside.with_columns(_build_order_columns(model, law, way).columns_at(0)).rss)
-        orders = _refine_orders(model, beside, law, kept)
+        kept = min(
+            ways, key=lambda way: model_without.with_columns(_build_order_columns(model, law, way).columns_at(0)).rss
+        )
+        orders = _refine_orders(model, model_without, law, kept)
     return orders
 
 
-def _drop_unneeded_orders(model: WhitenedModel, beside: WhitenedModel, law: EffectHypothesis, orders: Shape) -> Shape:
+def _drop_unneeded_orders(
+    model: WhitenedModel, model_without: WhitenedModel, law: EffectHypothesis, orders: Shape
+) -> Shape:
     """Drop orders that the others make unnecessary, and refine the rest."""
     while len(orders) > 1:
         need = []
         for n in range(len(orders)):
-            rest = beside.with_columns(_build_order_columns(model, law, orders[:n] + orders[n + 1 :]).columns_at(0))
+            rest = model_without.with_columns(
+                _build_order_columns(model, law, orders[:n] + orders[n + 1 :]).columns_at(0)
+            )
             s = score_hypotheses(rest, [_build_order_columns(model, law, (orders[n],))])[0]
             need.append(s.gain / rest.residual_variance - compute_least_gain(rest, s))
         worst = int(np.argmin(need))
         if need[worst] >= 0.0:
             break
-        orders = _refine_orders(model, beside, law, orders[:worst] + orders[worst + 1 :])
+        orders = _refine_orders(model, model_without, law, orders[:worst] + orders[worst + 1 :])
     return orders
 
 

@@ -91,20 +91,20 @@ def refine_chosen_shapes(state: SearchState) -> SearchState:
     for k, c in enumerate(chosen):
         if c.whitened.hypothesis.refinement is None:
             continue
-        beside = add_selected_effects(state.base, [o for n, o in enumerate(chosen) if n != k])
-        chosen[k] = refine_law_shape(state.base, beside, c, c.whitened.hypothesis.refinement)
+        model_without = add_selected_effects(state.base, [o for n, o in enumerate(chosen) if n != k])
+        chosen[k] = refine_law_shape(state.base, model_without, c, c.whitened.hypothesis.refinement)
         laws[next(n for n, t in enumerate(laws) if t is c.whitened)] = chosen[k].whitened
     return replace(state, whitened_hypotheses=tuple(laws), chosen=tuple(chosen))
 
 
 def refine_law_shape(
-    base: WhitenedModel, beside: WhitenedModel, c: SelectedEffect, finer: ShapeRefinement
+    base: WhitenedModel, model_without: WhitenedModel, c: SelectedEffect, finer: ShapeRefinement
 ) -> SelectedEffect:
     """Refine the shape of one law and determine all equally likely shapes.
 
     Args:
         base: Whitened base model.
-        beside: Model with the other selected effects.
+        model_without: Model with the other selected effects.
         c: The effect.
         finer: Refinement of its shape.
 
@@ -114,19 +114,21 @@ def refine_law_shape(
     h, best, share = c.whitened.hypothesis, c.whitened.shapes[c.scored.shape], 1.0
     seen: dict[Shape, float] = {}
     if finer.search_range is not None:
-        seen.update(zip(c.whitened.shapes, compute_gain_by_shape(beside, c.whitened).tolist(), strict=True))
+        seen.update(zip(c.whitened.shapes, compute_gain_by_shape(model_without, c.whitened).tolist(), strict=True))
         best = max(seen, key=lambda s: seen[s])
     grid = list(seen)
 
     def asked(shapes: Sequence[Shape]) -> Array:
         found = whiten_hypotheses(base, [replace(h, shapes=tuple(shapes))])  # empty if no shape changes a reading
-        gain = compute_gain_by_shape(beside, found[0]) if found else np.zeros(len(shapes))
+        gain = compute_gain_by_shape(model_without, found[0]) if found else np.zeros(len(shapes))
         seen.update(zip(shapes, gain.tolist(), strict=True))
         return gain
 
     def least(best_gain: float) -> float:
         """Gain from which on a shape is as likely."""
-        rest = (beside.rss - best_gain) / max(len(beside.y) - beside.count - c.whitened.X.shape[2], 1)
+        rest = (model_without.rss - best_gain) / max(
+            len(model_without.y) - model_without.count - c.whitened.X.shape[2], 1
+        )
         return float(best_gain - compute_likelihood_margin(h) * max(rest, 1.0))
 
     while True:
@@ -153,7 +155,7 @@ def refine_law_shape(
     # intervals use the equally likely shapes only
     noted = replace(h, shapes=tuple(near), note="; ".join(n for n in notes if n))
     kept = replace(whiten_hypotheses(base, [noted])[0], index=c.whitened.index)
-    own = score_hypotheses(beside, whiten_hypotheses(base, [replace(h, shapes=(at,))]))[0]
+    own = score_hypotheses(model_without, whiten_hypotheses(base, [replace(h, shapes=(at,))]))[0]
     return replace(c, scored=replace(own, whitened=kept, shape=near.index(at)))
 
 
@@ -183,7 +185,7 @@ def compute_likelihood_margin(h: EffectHypothesis) -> float:
 
 
 def _extend_shape_range(
-    asked: Callable[[Sequence[Shape]], Array],
+    evaluate_shapes: Callable[[Sequence[Shape]], Array],
     seen: dict[Shape, float],
     least: Callable[[], float],
     finer: ShapeRefinement,
@@ -202,13 +204,13 @@ def _extend_shape_range(
             if outermost(at, last) == last:
                 cut = True
                 break
-            asked([at])
+            evaluate_shapes([at])
             out.append(at)
     return out, cut
 
 
 def _find_interval_ends(
-    asked: Callable[[Sequence[Shape]], Array], seen: dict[Shape, float], least: Callable[[], float]
+    evaluate_shapes: Callable[[Sequence[Shape]], Array], seen: dict[Shape, float], least: Callable[[], float]
 ) -> list[Shape]:
     """Return the outermost equally likely shapes of one number by bisection.
 
@@ -222,13 +224,13 @@ def _find_interval_ends(
         between_them = [(0.5 * (order[a][0] + order[b][0]),) for a, b in pairs]
         if not between_them:
             break
-        asked(between_them)
+        evaluate_shapes(between_them)
     order = [s for s in sorted(seen) if seen[s] > least()]
     return [order[0], order[-1]]
 
 
 def _find_region_sides(
-    asked: Callable[[Sequence[Shape]], Array],
+    evaluate_shapes: Callable[[Sequence[Shape]], Array],
     seen: dict[Shape, float],
     least: Callable[[], float],
     within: tuple[tuple[float, float], ...],
@@ -251,7 +253,7 @@ def _find_region_sides(
                 value = float(np.clip(last[n] + side * step, *within[n]))
                 others = np.clip(last[1 - n] + wide * np.linspace(-0.5, 0.5, 2 * TWO_NUMBER_POINTS + 1), *within[1 - n])
                 shapes = [(value, float(o)) if n == 0 else (float(o), value) for o in np.unique(others)]
-                gain = asked(shapes)
+                gain = evaluate_shapes(shapes)
                 if gain.max() > least():
                     last = shapes[int(np.argmax(gain))]
                     out.append(last)
