@@ -101,16 +101,23 @@ def test_a_channel_that_was_not_recorded_is_refused_by_what_it_needs(tmp_path: P
     with pytest.raises(InputError, match=r"needs tau1_Nm … and a URDF with inertias"):
         motion_channels.build_motion_problem(r, cell, "torque", rng)
     with pytest.raises(InputError, match=r"a toolpath needs an arm of six revolute joints"):
-        diagnosis_pipeline.diagnose_motion_recording(cell, r, DiagnosisOptions(), asked="auto", seed=0, toolpath=True)
+        diagnosis_pipeline.diagnose_motion_recording(
+            cell, r, DiagnosisOptions(), requested_channel="auto", seed=0, toolpath=True
+        )
     with pytest.raises(InputError, match=r"current1_A, current2_A never change: .*currents of all joints"):
         diagnosis_pipeline.diagnose_motion_recording(
-            cell, replace(r, current=np.ones_like(r.q)), DiagnosisOptions(), asked="auto", seed=0, toolpath=False
+            cell,
+            replace(r, current=np.ones_like(r.q)),
+            DiagnosisOptions(),
+            requested_channel="auto",
+            seed=0,
+            toolpath=False,
         )
     assert r.time is not None
     tau = load_dynamics(cell).compute_torque(r.q, r.velocity, np.gradient(r.velocity, r.time, axis=0))
     with pytest.raises(InputError, match=r"found link; this recording allows torque"):
         diagnosis_pipeline.diagnose_motion_recording(
-            cell, replace(r, torque=tau), DiagnosisOptions(), asked="link", seed=0, toolpath=False
+            cell, replace(r, torque=tau), DiagnosisOptions(), requested_channel="link", seed=0, toolpath=False
         )
     assert exchanged_torque_columns.correct_exchanged_torques(r, build_motion_signals(r, 2), tau) == (r, [])
     assert correct_torque_side(r, build_motion_signals(r, 2), tau) == (r, [])

@@ -1,20 +1,18 @@
-"""What an arm may do beside its linear joint springs: each effect once, for the planner, identify and diagnose.
+"""Physical effects of a robot beyond linear joint springs, shared by planner, ``identify`` and ``diagnose``.
 
-An effect says what it is called, where it can be, and by which laws it goes; a law says what it does *locally* and
-knows neither robots nor recordings::
+An effect has a name, a list of places and one or more laws. A law is a local equation: it knows no robot and no
+recording::
 
-    Parameter ─┐                    a number of a law as files state it; a definition, never a value
-    Drive ─────┤► Law ─► Effect ─► registry
-               │   columns(shape, drive)   twist per unit of each coefficient
-               │   tangent(shape, drive)   its slope: what a small load meets
-               └   sizes(values, shape, scale), grid(scale): numbers of the trade, and what a search tries
+    LawParameter ─┐                  a named number of a law as files state it; a definition, not a value
+    JointLoading ─┤► Law ─► Effect ─► registry
+                  │   columns(shape, drive)   twist per unit of each coefficient
+                  │   tangent(shape, drive)   its slope: the response to a small additional load
+                  └   sizes(values, shape, scale), grid(scale): reported quantities, and the shapes a search tries
 
-Who needs a law lifts what it returns to where it is seen: :mod:`machopt.stiffness.terms` to the TCP under a plan's
-load,
-:mod:`machopt.measurement.diagnosis` to the readings of a load test, of poses, of a motion. ``verify`` has its own
-second writing.
+The caller transforms the output of a law: :mod:`machopt.stiffness.terms` to the TCP under a planned load,
+:mod:`machopt.measurement.diagnosis` to the readings of a load test, of measured poses or of a motion. ``verify`` has
+a second, independent implementation.
 
-One file a family: :mod:`nonlinear_stiffness`, :mod:`backlash`, :mod:`hysteresis`, :mod:`creep`,
-:mod:`angle_dependent_stiffness`;
-:mod:`registry` lists them all. To add an effect is one such file and one line there.
+Each file defines one family of effects, for example :mod:`machopt.effects.joint.backlash`.
+:mod:`machopt.effects.registry` lists all of them. A new effect needs one such file and one line in the registry.
 """

@@ -1,8 +1,8 @@
-"""The range of angles that a transmission error was measured over, outside of which it is not applied.
+"""Angle range over which a transmission error was measured. The correction is not applied outside of it.
 
-A sum of waves follows what was measured and nothing else: a quarter of a turn further it is as likely wrong by its own
-size as right. Beyond either end it fades out over :data:`FADE`, so smoothly that the jerk of a path stays continuous:
-w(t) = t⁴ (35 − 84 t + 70 t² − 20 t³), w' = 140 t³ (1 − t)³.
+A sum of harmonics is valid only where it was measured. A quarter of a turn further its error may equal its own
+amplitude. Beyond either end it fades out over :data:`FADE`, smoothly enough for a continuous jerk of the path: w(t) =
+t⁴ (35 − 84 t + 70 t² − 20 t³), w' = 140 t³ (1 − t)³.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from machopt.numerics.array_types import Array
 RANGE_KEY = "range_deg"
 FADE = 5.0 * DEGREE
 STEEPEST = 35.0 / 16.0  # w' in the middle
-MAX_ANGLE_GAP = 20.0 * DEGREE  # poses whose joint stands so far from all others show nothing of the way there
-MIN_ANGLES = 3  # angles that a range is stated of
+MAX_ANGLE_GAP = 20.0 * DEGREE  # an outermost angle farther than this from the next one does not extend the range
+MIN_ANGLES = 3  # fewest angles that define a range
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,15 @@ class AngleRange:
     high: float
 
     def weight(self, angle: Array, derivative: int = 0) -> Array:
-        """(...,) 1 inside, 0 farther than :data:`FADE` from it, or a derivative by the angle of up to three."""
+        """Return the fade weight of the correction, or a derivative of it.
+
+        Args:
+            angle: (...,) encoder angles, rad.
+            derivative: Order of the derivative with respect to the angle, 0 to 3.
+
+        Returns:
+            (...,) 1 inside the range and 0 farther than :data:`FADE` outside; derivatives in 1/rad^n.
+        """
         up, down = ((angle - self.low) / FADE + 1.0, (self.high - angle) / FADE + 1.0)
         if not derivative:
             return np.asarray(_compute_fade(up, 0) * _compute_fade(down, 0))
@@ -41,14 +49,31 @@ class AngleRange:
 
 
 def differentiate_weighted_product(weight: AngleRange, angle: Array, other: list[Array], derivative: int) -> Array:
-    """A derivative of weight × other by the angle, from those of the other up to it."""
+    """Return a derivative of weight(q) · f(q) with respect to the angle (Leibniz rule).
+
+    Args:
+        weight: Range that defines the fade weight.
+        angle: (...,) encoder angles, rad.
+        other: f and its derivatives up to ``derivative``, each of the shape of ``angle``.
+        derivative: Order of the derivative with respect to the angle; 0 is the function itself.
+
+    Returns:
+        (...,) the derivative of the product.
+    """
     return np.asarray(
         sum(comb(derivative, k) * weight.weight(angle, derivative - k) * other[k] for k in range(derivative + 1))
     )
 
 
 def read_angle_range(parameters: Mapping[str, Any]) -> AngleRange | None:
-    """The range of an entry of kinematics.yaml; None where it states none: the whole turn."""
+    """Read the angle range of an entry of kinematics.yaml.
+
+    Args:
+        parameters: Parameters of the entry; ``range_deg`` holds both ends in degrees.
+
+    Returns:
+        The range in rad, or None if the entry states none and therefore holds for the whole turn.
+    """
     if RANGE_KEY not in parameters:
         return None
     low, high = parameters[RANGE_KEY]
@@ -56,7 +81,16 @@ def read_angle_range(parameters: Mapping[str, Any]) -> AngleRange | None:
 
 
 def compute_measured_range(angle: Array) -> list[float]:
-    """What an entry states of the angles (N,) rad that it was found at, deg; ends that stand alone do not count."""
+    """Compute the angle range that an entry states from the angles of its measurements.
+
+    Outermost angles with a gap of more than :data:`MAX_ANGLE_GAP` to the next one are left out.
+
+    Args:
+        angle: (N,) measured joint angles, rad.
+
+    Returns:
+        [lower, upper] in degrees, rounded outward to 0.001 degree.
+    """
     q = np.sort(angle) / DEGREE
     first, last = 0, len(q) - 1
     while last - first >= MIN_ANGLES and q[first + 1] - q[first] > MAX_ANGLE_GAP / DEGREE:

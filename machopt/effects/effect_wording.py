@@ -1,4 +1,4 @@
-"""Effects and places in words of the trade."""
+"""Names of effects and places in words for reports and messages."""
 
 from __future__ import annotations
 
@@ -24,19 +24,40 @@ _MOST_ROWS = 6
 
 
 def format_effect_noun(effect: str) -> str:
-    """ "hysteresis"; of a user's own its name without underscores."""
+    """Return the noun of an effect, for example "hysteresis".
+
+    Args:
+        effect: Name of the effect as files and findings state it.
+
+    Returns:
+        The noun; for a user-defined effect its name without underscores.
+    """
     known = registry.find_effect(effect)
     return known.noun if known else effect.replace("_", " ")
 
 
 def format_effect_sentence(effect: str) -> str:
-    """One sentence on what the effect is; empty for a user's own."""
+    """Return one sentence that explains the effect.
+
+    Args:
+        effect: Name of the effect as files and findings state it.
+
+    Returns:
+        The sentence; empty for a user-defined effect.
+    """
     known = registry.find_effect(effect)
     return known.sentence if known else ""
 
 
 def format_place(location: str) -> str:
-    """A location in words: ``joint:4-5`` is "joints 4 and 5"."""
+    """Return a location in words: ``joint:4-5`` becomes "joints 4 and 5".
+
+    Args:
+        location: Location string as in findings.
+
+    Returns:
+        The place in words.
+    """
     at = parse_location(location)
     if at.is_joint_location and len(at.numbers) > 1:
         return "joints " + " and ".join(map(str, at.numbers))
@@ -52,21 +73,38 @@ def format_place(location: str) -> str:
 
 
 def format_effect_at_place(effect: str, location: str) -> str:
-    """An effect at its place: "hysteresis of joint 3", "compliance of the base"."""
+    """Return an effect with its place: "hysteresis of joint 3", "compliance of the base".
+
+    Args:
+        effect: Name of the effect as files and findings state it.
+        location: Place of the effect, for example ``joint:3``.
+
+    Returns:
+        The phrase.
+    """
     known, name = registry.find_effect(effect), format_effect_noun(effect)
     if not location or (known is not None and not known.preposition):
         return name
     article = "the " if parse_location(location).kind in (BASE, TOOL, SENSOR, ARM) else ""
-    said = (
+    place = (
         f"{article}{format_place(location)}"
         if known is None
         else known.place_wording.get(location, f"{article}{format_place(location)}")
     )
-    return f"{name} {'of' if known is None else known.preposition} {said}"
+    return f"{name} {'of' if known is None else known.preposition} {place}"
 
 
 def format_effect_in_sentence(effect: str, location: str) -> str:
-    """An effect in a running sentence, its place where it has several: "link compliance of link 3", "wrong payload"."""
+    """Return an effect for use inside a sentence, with its place if it can occur at several: "link compliance of link
+    3".
+
+    Args:
+        effect: Name of the effect as files and findings state it.
+        location: Place of the effect, for example ``joint:3``.
+
+    Returns:
+        The phrase.
+    """
     known = registry.find_effect(effect)
     name = known.short_noun or known.noun if known else effect.replace("_", " ")
     at = parse_location(location)
@@ -76,7 +114,15 @@ def format_effect_in_sentence(effect: str, location: str) -> str:
 
 
 def join_with_commas(words: Sequence[str], last: str = "or") -> str:
-    """ "a, b or c"."""
+    """Return a list in words: "a, b or c".
+
+    Args:
+        words: Words in order.
+        last: Conjunction before the last word.
+
+    Returns:
+        The joined text; empty for no words.
+    """
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}" if words else ""
 
 

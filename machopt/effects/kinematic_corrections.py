@@ -1,4 +1,4 @@
-"""Entries of kinematics.yaml: from a law's numbers, and what was found on top of what is known."""
+"""Entries of kinematics.yaml: built from a law's numbers, and merged with known entries."""
 
 from __future__ import annotations
 
@@ -15,7 +15,18 @@ from machopt.numerics.array_types import Array
 def build_kinematic_correction(
     effect: Effect, location: str, values: Array, shape: Array, more: Mapping[str, Any] | None = None
 ) -> KinematicCorrection:
-    """What kinematics.yaml states of an effect of port angle, with keys that are no numbers of its law."""
+    """Build the entry of kinematics.yaml for an effect of port angle.
+
+    Args:
+        effect: Effect with at least one angle law.
+        location: Place of the effect, for example ``joint:3``.
+        values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+        shape: (S,) shape parameters of the law, SI.
+        more: Further keys of the entry that are not numbers of the law, for example the angle range.
+
+    Returns:
+        The entry.
+    """
     law = effect.angle_laws[0]
     stated = parameter_conversion.write_law_parameters(law, values, shape)
     keys = [p.key for p in (*law.shape, *law.coefficients)]
@@ -23,27 +34,34 @@ def build_kinematic_correction(
 
 
 def extend_kinematics(known: KinematicCorrections | None, found: Iterable[KinematicCorrection]) -> KinematicCorrections:
-    """The corrections known so far and what was found on top of them.
+    """Combine known corrections with newly found ones.
 
-    At one place zero offsets, couplings and geometry add up; waves stand beside each other, the same order adds up.
-    Waves of another range of angles are an entry of their own.
+    At the same place zero offsets, couplings and geometry add up. Harmonics are listed side by side, and equal orders
+    add up. Harmonics with another angle range form an entry of their own.
+
+    Args:
+        known: Corrections known so far, or None.
+        found: Corrections found relative to the known ones.
+
+    Returns:
+        All corrections.
     """
     out: dict[tuple[str, str, tuple[float, ...]], KinematicCorrection] = {}
     laws = registry.list_angle_effects_by_word()
     for c in (*(known.corrections if known else ()), *found):
         key = c.effect, c.location, tuple(c.parameters.get(angle_range.RANGE_KEY, ()))
-        old = out.get(key)
-        if old is not None and c.effect == link_geometry.EFFECT.name:
-            both = link_geometry.add_frame_offsets(old.parameters, c.parameters)
-            out[key] = KinematicCorrection(c.effect, c.location, both)
-        elif old is not None:
-            both = parameter_conversion.add_law_parameters(laws[c.effect][1], old.parameters, c.parameters)
-            kept = (
+        existing = out.get(key)
+        if existing is not None and c.effect == link_geometry.EFFECT.name:
+            total = link_geometry.add_frame_offsets(existing.parameters, c.parameters)
+            out[key] = KinematicCorrection(c.effect, c.location, total)
+        elif existing is not None:
+            total = parameter_conversion.add_law_parameters(laws[c.effect][1], existing.parameters, c.parameters)
+            angle_range_entry = (
                 {angle_range.RANGE_KEY: c.parameters[angle_range.RANGE_KEY]}
                 if angle_range.RANGE_KEY in c.parameters
                 else {}
             )
-            out[key] = KinematicCorrection(c.effect, c.location, both | kept)
+            out[key] = KinematicCorrection(c.effect, c.location, total | angle_range_entry)
         else:
             out[key] = c
     return KinematicCorrections(tuple(out.values()))

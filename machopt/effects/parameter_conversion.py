@@ -1,4 +1,4 @@
-"""From the parameters of a file to the numbers of a law and back, by what the law declares."""
+"""Conversion between the parameters of a file and the numbers of a law, by the definitions that the law declares."""
 
 from __future__ import annotations
 
@@ -14,10 +14,17 @@ from machopt.numerics.array_types import Array
 
 
 def find_law(effect: Effect, given: ParameterReader) -> JointLaw:
-    """Which law a file means: the word that it states, else the effect's default.
+    """Find the joint law that a file means: the stated word, otherwise the effect's default.
+
+    Args:
+        effect: Effect of the entry.
+        given: Reader of the entry's parameters.
+
+    Returns:
+        The law.
 
     Raises:
-        InputError: a word that is no law of the effect, or none where it has several.
+        InputError: An unknown word, or no word although the effect has several laws.
     """
     words = effect.law_words
     if not words:
@@ -32,10 +39,18 @@ def find_law(effect: Effect, given: ParameterReader) -> JointLaw:
 def find_body_law(
     effect: Effect, given: ParameterReader, body: CompliantBody
 ) -> tuple[BodyLaw, Array, Array, CompliantBody]:
-    """Law, coefficients and shape that a file means of a body, and the body as the file has it.
+    """Find the law of a compliant body that a file means, with its numbers.
+
+    Args:
+        effect: Effect of the entry.
+        given: Reader of the entry's parameters.
+        body: Geometry of the compliant body, all joints at zero.
+
+    Returns:
+        The law, its coefficients (P,) and shape (S,) in SI, and the body with stated properties.
 
     Raises:
-        InputError: a word that is no law of the effect, or numbers that cannot be.
+        InputError: An unknown word, or impossible numbers.
     """
     if effect.file_reader is not None:
         return effect.file_reader(given, body)
@@ -49,10 +64,18 @@ def find_body_law(
 
 
 def read_law_parameters(law: LawParameterSet, given: ParameterReader) -> tuple[Array, Array, str]:
-    """Values (P,) and shape (S,) in SI, NaN for what a file does not state, and what the law remembers ("": unsaid).
+    """Read the numbers of a law in SI.
+
+    Args:
+        law: Law that defines the parameters.
+        given: Reader of the entry's parameters.
+
+    Returns:
+        Coefficients (P,), shape (S,) with NaN for unstated numbers, and the kind of load history (empty if
+        unstated).
 
     Raises:
-        InputError: a number that cannot be, or rows of different lengths.
+        InputError: An impossible number, or lists of different lengths.
     """
     groups = [[(p, _read_parameter_row(p, given)) for p in group] for group in (law.coefficients, law.shape)]
     rows = [(p, row) for group in groups for p, row in group if p.is_list]
@@ -67,7 +90,17 @@ def read_law_parameters(law: LawParameterSet, given: ParameterReader) -> tuple[A
 
 
 def write_law_parameters(law: LawParameterSet, values: Array, shape: Array, memory: str = "") -> dict[str, Any]:
-    """The parameters as a file states them; what is NaN is left out."""
+    """Return the parameters as a file states them. NaN entries are left out.
+
+    Args:
+        law: Law that defines the parameters.
+        values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+        shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+        memory: Kind of load history; empty to leave it out.
+
+    Returns:
+        Keys and values in the units of the keys.
+    """
     out: dict[str, Any] = {"law": law.word} if law.word else {}
     for group, numbers in ((law.coefficients, values), (law.shape, shape)):
         rows = _split_by_parameter(group, np.asarray(numbers, float))
@@ -81,7 +114,15 @@ def write_law_parameters(law: LawParameterSet, values: Array, shape: Array, memo
 
 
 def list_coefficient_names(law: LawParameterSet, count: int) -> tuple[tuple[str, str, float], ...]:
-    """Name, SI unit and lower bound in SI of each of ``count`` coefficients."""
+    """List the coefficients of a law with units and bounds.
+
+    Args:
+        law: Law that defines the parameters.
+        count: Number of coefficients P.
+
+    Returns:
+        For each coefficient: name, SI unit, lower bound in SI.
+    """
     rows = [
         (p, row)
         for p, row in zip(law.coefficients, _split_by_parameter(law.coefficients, np.arange(count)), strict=True)
@@ -99,9 +140,18 @@ def list_coefficient_names(law: LawParameterSet, count: int) -> tuple[tuple[str,
 
 
 def add_law_parameters(law: LawParameterSet, one: Mapping[str, Any], two: Mapping[str, Any]) -> dict[str, Any]:
-    """Two statements of a law at one place as one: numbers of the same shape add up, others stand side by side.
+    """Combine two entries of the same law at one place.
 
-    In the file's own units, so that what is not touched stays as it was to the last digit.
+    Coefficients with equal shape add up; others are listed side by side. The sum is formed in the file's units, so
+    that unchanged numbers keep all their digits.
+
+    Args:
+        law: Law that defines the parameters.
+        one: Parameters of the first entry.
+        two: Parameters of the second entry.
+
+    Returns:
+        Parameters of the combined entry.
     """
     keys, own = [p.key for p in (*law.shape, *law.coefficients)], len(law.shape)
     total: dict[tuple[float, ...], list[float]] = {}
@@ -116,7 +166,7 @@ def add_law_parameters(law: LawParameterSet, one: Mapping[str, Any], two: Mappin
 
 
 def _split_by_parameter(group: tuple[LawParameter, ...], numbers: NDArray[Any]) -> list[NDArray[Any]]:
-    """The numbers of each parameter; those of one branch stand side by side, single ones before them."""
+    """Return the numbers of each parameter. Numbers of one branch are adjacent; scalar parameters come first."""
     single = sum(not p.is_list for p in group)
     many = numbers[single:].reshape(-1, max(len(group) - single, 1)).T
     lone, rows = iter(range(single)), iter(many)
@@ -124,14 +174,14 @@ def _split_by_parameter(group: tuple[LawParameter, ...], numbers: NDArray[Any]) 
 
 
 def _join_branches(group: list[tuple[LawParameter, Array]], branches: int) -> Array:
-    """The other way round; NaN for what is not stated."""
+    """Invert :func:`_split_by_parameter`; unstated numbers become NaN."""
     rows = [(p, row if len(row) else np.full(branches if p.is_list else 1, np.nan)) for p, row in group]
     single, many = ([row for p, row in rows if p.is_list is of] for of in (False, True))
     return np.concatenate([*single, *([np.stack(many, axis=1).ravel()] if many else []), np.empty(0)])
 
 
 def _read_parameter_row(p: LawParameter, given: ParameterReader) -> Array:
-    """Numbers of one key in SI; empty where it is not stated."""
+    """Return the numbers of one key in SI; empty if it is not stated."""
     if p.is_list and not (p.is_scalar_for_one_branch and given.read_single_key(p.key)):
         row = given.read_row(p.key, least=p.lower_limit)
         if p.positive and not (row > 0.0).all():

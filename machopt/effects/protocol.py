@@ -1,4 +1,4 @@
-"""An effect: a word of the vocabulary and what stands behind it; here too is all that the author of a law imports."""
+"""The class :class:`Effect`, together with the names that the author of a law imports."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from machopt.effects.law_interfaces.joint_laws import (
-    FrictionLaw,
-    FrictionState,
     JointAngleLaw,
     JointAngleLawDefaults,
     JointAngleRange,
@@ -15,12 +13,7 @@ from machopt.effects.law_interfaces.joint_laws import (
     JointLawDefaults,
     JointLoading,
     JointLoadRange,
-    JointSpeedRange,
-    MotorLaw,
-    MotorLoading,
     ParallelTorqueLaw,
-    VibrationLaw,
-    VibrationLoading,
     compute_compliance_percent,
     is_time_dependent,
 )
@@ -38,6 +31,15 @@ from machopt.effects.law_interfaces.law_parameters import (
     Port,
     Quantity,
     Shape,
+)
+from machopt.effects.law_interfaces.motion_laws import (
+    FrictionLaw,
+    FrictionState,
+    JointSpeedRange,
+    MotorLaw,
+    MotorLoading,
+    VibrationLaw,
+    VibrationLoading,
 )
 from machopt.effects.law_interfaces.structure_and_record_laws import (
     BodyLaw,
@@ -101,43 +103,41 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """A word of the vocabulary and what stands behind it."""
+    """One effect of the vocabulary: its name, texts, places and laws."""
 
-    name: str  # "joint_hysteresis"; one thing in the program
-    word: str = ""  # what files and findings call it, where two effects share a word; empty: the name
-    noun: str  # "hysteresis"; its place follows
-    sentence: str  # for the reader of a report
+    name: str  # unique in the program, e.g. "joint_hysteresis"
+    word: str = ""  # name in files and findings if two effects share one; empty: the name
+    noun: str  # e.g. "hysteresis"; the place follows in texts
+    sentence: str  # one-sentence explanation for reports
     port: Port
     places: tuple[str, ...]  # of an arm; empty: not listed, e.g. columns of a recording
-    preferred_places: tuple[str, ...] = ()  # those of its places that a search tries; empty: all
+    preferred_places: tuple[str, ...] = ()  # places that a search tries; empty: all
     joint_laws: tuple[JointLaw, ...] = ()  # in the order in which they are tried
-    angle_laws: tuple[JointAngleLaw, ...] = ()  # those of port angle; the first is the one that files state
-    parallel_torque_laws: tuple[
-        ParallelTorqueLaw, ...
-    ] = ()  # those of port torque; the first is the one that files state
-    body_laws: tuple[BodyLaw, ...] = ()  # those of port body
-    record_laws: tuple[RecordLaw, ...] = ()  # those of port record, on forces and displacements
-    friction_laws: tuple[FrictionLaw, ...] = ()  # those of a motor's torque in motion
-    motor_laws: tuple[MotorLaw, ...] = ()  # those of what drives tell of their motors
-    drift_laws: tuple[DriftLaw, ...] = ()  # those of time and temperature
-    payload_laws: tuple[PayloadLaw, ...] = ()  # those of the load at the flange
-    vibration_laws: tuple[VibrationLaw, ...] = ()  # those of a joint's spring in motion
-    delay_laws: tuple[DelayLaw, ...] = ()  # those of what comes late
-    file_reader: Reader | None = None  # of bodies whose files have forms of their own; None: by what the laws declare
-    default_law: str = ""  # law of a file that states none; empty: it must, where there are several
-    is_elastic: bool = False  # stands in stiffness.yaml
-    short_noun: str = ""  # the noun where a sentence runs on; empty: the noun
-    preposition: str = "of"  # between noun and place; empty: the noun says where it is
-    place_wording: Mapping[str, str] = field(default_factory=dict)  # places that are said in another way here
-    form_uncertainty: float = DEFAULT_FORM_UNCERTAINTY  # relative 1 sigma of its sizes for its own form
+    angle_laws: tuple[JointAngleLaw, ...] = ()  # port angle; files state the first one
+    parallel_torque_laws: tuple[ParallelTorqueLaw, ...] = ()  # port torque; files state the first one
+    body_laws: tuple[BodyLaw, ...] = ()  # port body
+    record_laws: tuple[RecordLaw, ...] = ()  # port record, of forces and displacements
+    friction_laws: tuple[FrictionLaw, ...] = ()  # of the motor torque in motion
+    motor_laws: tuple[MotorLaw, ...] = ()  # of the recorded drive torques
+    drift_laws: tuple[DriftLaw, ...] = ()  # of time and temperature
+    payload_laws: tuple[PayloadLaw, ...] = ()  # of the load at the flange
+    vibration_laws: tuple[VibrationLaw, ...] = ()  # of a joint's spring in motion
+    delay_laws: tuple[DelayLaw, ...] = ()  # of time delays
+    file_reader: Reader | None = None  # reader for bodies with special file forms; None: by the declared parameters
+    default_law: str = ""  # law of a file that states none; empty: a file must state one of several
+    is_elastic: bool = False  # is stated in stiffness.yaml
+    short_noun: str = ""  # noun inside a sentence; empty: the noun
+    preposition: str = "of"  # between noun and place; empty: the noun contains the place
+    place_wording: Mapping[str, str] = field(default_factory=dict)  # special wording of places
+    form_uncertainty: float = DEFAULT_FORM_UNCERTAINTY  # relative 1 sigma of its sizes caused by the form of its law
     plausible_sizes: Mapping[str, float] = field(
         default_factory=dict
-    )  # most of its size, by unit: beyond it fits other things
-    note: str = ""  # where it shows, e.g. "on load reversal"
+    )  # largest plausible size by unit; a larger fit describes something else
+    note: str = ""  # where it is visible, e.g. "on load reversal"
 
     @property
     def is_joint_pair(self) -> bool:
-        """Between two joints: its law, which is linear, turns each by the torque of the other."""
+        """Whether it couples two joints: its linear law twists each joint by the torque of the other."""
         return bool(self.places) and "-" in self.places[0]
 
     @property
@@ -151,14 +151,22 @@ class Effect:
         return self.word or self.name
 
     def find_law(self, word: str, stated: frozenset[str] = frozenset()) -> JointLaw:
-        """The law of a word, of several the first that has every key a file states."""
+        """Return the joint law of a word.
+
+        Args:
+            word: Name of the law in files; empty for the only one.
+            stated: Keys that the file states; of several laws the first one that has all of them is returned.
+
+        Returns:
+            The law.
+        """
         known = [law for law in self.joint_laws if law.word == word]
         keys = [{p.key for p in (*law.coefficients, *law.shape)} for law in known]
         return next((law for law, own in zip(known, keys, strict=True) if stated <= own), known[-1])
 
     @property
     def has_memory(self) -> bool:
-        """All its laws ask for a history."""
+        """Whether all its joint laws depend on the load history."""
         return bool(self.joint_laws) and all(law.has_memory for law in self.joint_laws)
 
     @property

@@ -1,4 +1,4 @@
-"""Every effect, from one explicit list."""
+"""Registry of all effects, built from one explicit list."""
 
 from __future__ import annotations
 
@@ -63,10 +63,16 @@ ALL_EFFECTS = (
 
 
 def build_registry(effects: Iterable[Effect]) -> Mapping[str, Effect]:
-    """Effects by name, in order.
+    """Build the registry of effects by name.
+
+    Args:
+        effects: Effects in the order in which a search tries them.
+
+    Returns:
+        Effects by name, in order.
 
     Raises:
-        ValueError: a name that stands twice, or a word twice among what is elastic or what is not.
+        ValueError: A name occurs twice, or a file word occurs twice among elastic or among other effects.
     """
     out: dict[str, Effect] = {}
     seen: set[tuple[str, bool]] = set()
@@ -83,81 +89,179 @@ EFFECTS = build_registry(ALL_EFFECTS)
 
 
 def find_effect(word: str) -> Effect | None:
-    """The effect that files and findings mean by a word, the first where two share it; None of a user's own."""
+    """Find the effect that files and findings mean by a word.
+
+    Args:
+        word: Name or file word; if two effects share it, the first one is returned.
+
+    Returns:
+        The effect; None for a user-defined effect.
+    """
     return EFFECTS.get(word) or next((e for e in EFFECTS.values() if e.file_word == word), None)
 
 
 def find_elastic_effect(word: str) -> Effect:
-    """The effect that stiffness.yaml means by a word that it may use."""
+    """Find the effect that stiffness.yaml means by a word.
+
+    Args:
+        word: File word of an elastic effect.
+
+    Returns:
+        The effect.
+    """
     return next(e for e in EFFECTS.values() if e.is_elastic and e.file_word == word)
 
 
 def list_angle_effects_by_word() -> Mapping[str, tuple[Effect, JointAngleLaw]]:
-    """What kinematics.yaml can hold, by the words it uses."""
+    """Return the effects that kinematics.yaml can state, by file word."""
     return {e.file_word: (e, e.angle_laws[0]) for e in EFFECTS.values() if e.angle_laws}
 
 
 def select_angle_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those that a joint is off by without any load, in the order in which a search tries them."""
+    """Select the effects with joint angle errors without load.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in the order in which a search tries them.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.angle_laws)
 
 
 def select_joint_torque_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those that twist a joint by its own torque, in the order in which a search tries them."""
+    """Select the effects that twist a joint by its own torque.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in the order in which a search tries them.
+    """
     listed = (EFFECTS if effects is None else effects).values()
     return tuple(e for e in listed if e.joint_laws and not e.is_joint_pair)
 
 
 def select_joint_pair_effects() -> tuple[Effect, ...]:
-    """Those that twist each of two joints by the torque of the other."""
+    """Return the effects that twist each of two joints by the torque of the other."""
     return tuple(e for e in EFFECTS.values() if e.joint_laws and e.is_joint_pair)
 
 
 def select_parallel_torque_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those that put a torque on a joint beside its gear."""
+    """Select the effects that apply a torque in parallel to the gear.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in registry order.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.parallel_torque_laws)
 
 
 def select_body_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those that give way under the wrench that a body bears, in the order in which a search tries them."""
+    """Select the effects of compliant bodies.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in the order in which a search tries them.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.body_laws)
 
 
 def select_record_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those that are wrong with forces or displacements of a record."""
+    """Select the errors of recorded forces or displacements.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in registry order.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.record_laws)
 
 
 def select_friction_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those that a motor works against in motion."""
+    """Select the effects of motor friction in motion.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in registry order.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.friction_laws)
 
 
 def select_motor_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those of what drives tell beyond what each joint asks of its own motor."""
+    """Select the effects of recorded drive torques beyond the joint's own motor model.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in registry order.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.motor_laws)
 
 
 def select_drift_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those that move arm or set-up with time or temperature."""
+    """Select the drifts of arm or set-up with time or temperature.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in registry order.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.drift_laws)
 
 
 def select_payload_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those of what the tool side carries."""
+    """Select the effects of the payload.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in registry order.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.payload_laws)
 
 
 def select_vibration_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those that swing on a joint's spring."""
+    """Select the vibrations of a joint on its own spring.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in registry order.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.vibration_laws)
 
 
 def select_channel_delay_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those of a channel that comes late in the record."""
+    """Select the delays of a recorded channel.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in registry order.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.delay_laws and e.port == "record")
 
 
 def select_command_delay_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
-    """Those of an arm that comes behind its command."""
+    """Select the delays of the arm behind its command.
+
+    Args:
+        effects: Registry to select from; None selects from the registered effects.
+
+    Returns:
+        Effects in registry order.
+    """
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.delay_laws and e.port != "record")

@@ -1,8 +1,8 @@
-"""Effects of a user's own, beside those of the registry: from a Python file, or from an installed package.
+"""User-defined effects in addition to those of the registry, from a Python file or an installed package.
 
-A file has ``EFFECTS``, a list of :class:`~machopt.effects.protocol.Effect`; a package names such a list as an entry
-point in the group ``machopt.effects``. Either is code: loading it runs it, with all the rights of whoever started
-machopt. A package offers its effects by being installed; a file is run only where the command line names it.
+A file defines ``EFFECTS``, a list of :class:`~machopt.effects.protocol.Effect`. A package names such a list as an
+entry point in the group ``machopt.effects``. Both are code that runs with the user's rights when it is loaded. A
+package is active when it is installed. A file is run only if the command line names it.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ BODIES = (*(format_link_location(i) for i in range(1, 7)), "base", "tool")
 USER_CODE_ERRORS = (
     Exception,
     SystemExit,
-)  # what code of a user's own may raise; sys.exit would end the command as if done
+)  # errors that user code may raise; an uncaught sys.exit would end the command silently
 
 
 @dataclass(frozen=True)
 class UserModule:
-    """A file of the user's, run."""
+    """Loaded Python file of the user."""
 
     file: Path
     module: ModuleType
@@ -56,10 +56,16 @@ class UserModule:
 
 
 def run_user_files(files: Sequence[Path]) -> tuple[UserModule, ...]:
-    """Run Python files.
+    """Run Python files as modules.
+
+    Args:
+        files: Paths of the files.
+
+    Returns:
+        The loaded modules.
 
     Raises:
-        InputError: a file that is missing or does not run.
+        InputError: A file is missing or does not run.
     """
     out = []
     for n, file in enumerate(files):
@@ -79,10 +85,16 @@ def run_user_files(files: Sequence[Path]) -> tuple[UserModule, ...]:
 
 
 def load_effect_files(files: Sequence[Path]) -> tuple[UserModule, ...]:
-    """Run Python files, each of which must have effects.
+    """Run Python files that must define effects.
+
+    Args:
+        files: Paths of the files.
+
+    Returns:
+        The loaded modules.
 
     Raises:
-        InputError: a file that is missing, does not run or has none.
+        InputError: A file is missing, does not run or defines no effects.
     """
     out = run_user_files(files)
     for own in out:
@@ -93,10 +105,13 @@ def load_effect_files(files: Sequence[Path]) -> tuple[UserModule, ...]:
 
 @contextmanager
 def activate_user_effects(own: Iterable[UserModule] = ()) -> Iterator[None]:
-    """Within it the registry has the effects of these files, and of installed packages, beside its own.
+    """Add user-defined effects to the registry inside a ``with`` block, including those of installed packages.
+
+    Args:
+        own: Loaded modules of the user.
 
     Raises:
-        InputError: something that is no effect of single joints, or a name that is taken.
+        InputError: An invalid effect, or a name that is already in use.
     """
     before = registry.EFFECTS
     offers = find_entry_points(GROUP)
@@ -119,10 +134,16 @@ def activate_user_effects(own: Iterable[UserModule] = ()) -> Iterator[None]:
 
 
 def find_entry_points(group: str) -> list[tuple[str, Any]]:
-    """What installed packages offer in an entry-point group, with where it comes from.
+    """Load what installed packages offer in an entry-point group.
+
+    Args:
+        group: Name of the entry-point group.
+
+    Returns:
+        For each entry point its source and the loaded object.
 
     Raises:
-        InputError: a package that does not load.
+        InputError: A package does not load.
     """
     out = []
     for e in entry_points(group=group):
@@ -173,7 +194,7 @@ def _check_effects(offered: object, source: str) -> list[Effect]:
 
 
 def _try_body_law(e: Effect, law: BodyLaw, source: str) -> None:
-    """The same of a law of a body."""
+    """Evaluate the law of a compliant body once and check its outputs."""
     body = CompliantBody(axes=np.eye(3), length=0.5, root=np.eye(4), normal=np.array([0.0, 0.0, 1.0]))
     name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"
     try:
@@ -193,7 +214,7 @@ def _try_body_law(e: Effect, law: BodyLaw, source: str) -> None:
 
 
 def _try_angle_law(e: Effect, law: JointAngleLaw, source: str) -> None:
-    """The same of a law without load, with the three derivatives that a path asks for."""
+    """Evaluate an angle law and its three derivatives once and check the outputs."""
     q = np.array([-0.5, 0.1, 0.7])
     name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"
     try:
@@ -218,7 +239,9 @@ def _try_angle_law(e: Effect, law: JointAngleLaw, source: str) -> None:
 
 
 def _try_joint_law(e: Effect, law: Any, source: str) -> None:
-    """Let a law answer once: what is NaN or of another form would be lost in a search, or blamed on something else."""
+    """Evaluate a joint law once and check its outputs: NaN or a wrong shape would cause misleading errors in a
+    search.
+    """
     load = np.array([-500.0, 1.0, 800.0])  # N·m
     drive = JointLoading(load, np.array([-0.5, 0.1, 0.7]), np.array([60.0, 1.0, 1.0]), np.array([1, 0, 0]))
     name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"

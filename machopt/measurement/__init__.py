@@ -1,1 +1,1 @@
-"""Measurements on a real robot: recordings, design, identification and diagnosis."""
+"""Measurements on a real robot: recordings, experiment design, identification and diagnosis."""

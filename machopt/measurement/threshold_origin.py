@@ -1,4 +1,4 @@
-"""Where the number of a threshold comes from."""
+"""Origin of a threshold's value."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ThresholdOrigin:
-    """Where a number comes from."""
+    """Origin of a value."""
 
     method: str  # "measured", "statistics" or "judgement"
-    script: str = ""  # that it was set by
-    cases: str = ""  # set of the script
+    script: str = ""  # script that determined it
+    cases: str = ""  # case set of the script
     date: str = ""
-    seeds: str = ""  # draws of the set, where that was written down
+    seeds: str = ""  # seeds of the case set, if recorded
 
     def describe(self) -> str:
-        """In words."""
+        """Describe the origin in words."""
         if not self.script:
             return self.method
         drawn = f" --seed {self.seeds}" if self.seeds else ""
@@ -30,9 +30,19 @@ POSES = ThresholdOrigin("measured", "benchmarks/stranger/run.py", "dev", "2026-1
 VERDICTS = ThresholdOrigin(
     "measured", "benchmarks/stranger/run.py", "dev", "2026-11-26", "240, 249, 401, 402, 403, 405"
 )
-STATISTICS = ThresholdOrigin("statistics")  # follows from what it means
+STATISTICS = ThresholdOrigin("statistics")  # follows from its statistical meaning
 JUDGEMENT = ThresholdOrigin("judgement")  # chosen by an engineer; no set of cases set it
 
 
 def define_threshold(default: float, why: str, origin: ThresholdOrigin) -> Any:
+    """Define a dataclass field for a threshold.
+
+    Args:
+        default: Value of the threshold.
+        why: Meaning of the value.
+        origin: Origin of the value.
+
+    Returns:
+        The dataclass field.
+    """
     return field(default=default, metadata={"why": why, "origin": origin})

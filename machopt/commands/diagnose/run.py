@@ -84,7 +84,9 @@ def compute_diagnosis(
     )
     if moving:
         asked, job = request.channel, request.toolpath is not None
-        found = diagnose_motion_recording(cell, recording, options, asked=asked, seed=request.seed, toolpath=job)
+        found = diagnose_motion_recording(
+            cell, recording, options, requested_channel=asked, seed=request.seed, toolpath=job
+        )
         made = build_extended_stiffness(cell, found.diagnosis)
     else:
         accept, seed = request.accept, request.seed

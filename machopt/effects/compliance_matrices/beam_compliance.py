@@ -43,14 +43,28 @@ def compute_single_axis_bending_compliance(axis: Array, along: Array, length: fl
 
 
 def compute_torsion_compliance(length: float) -> Array:
-    """(6, 6) compliance of torsion per unit of 1/(G·J): L on the rotation about the beam."""
+    """Return the compliance of torsion per unit of 1/(G·J).
+
+    Args:
+        length: Length of the beam, m.
+
+    Returns:
+        (6, 6) with the length as rotation about the beam per unit moment.
+    """
     C = np.zeros((6, 6))
     C[3, 3] = length
     return C
 
 
 def compute_axial_compliance(length: float) -> Array:
-    """(6, 6) compliance of stretching per unit of 1/(E·A): L on the translation along the beam."""
+    """Return the compliance of axial extension per unit of 1/(E·A).
+
+    Args:
+        length: Length of the beam, m.
+
+    Returns:
+        (6, 6) with the length as translation along the beam per unit force.
+    """
     C = np.zeros((6, 6))
     C[0, 0] = length
     return C
@@ -83,7 +97,14 @@ class BeamCylinder:
 
 
 def compute_cylinder_compliance(cylinder: BeamCylinder) -> Array:
-    """(6, 6) compliance of one cylinder at its end: bending, torsion, stretching."""
+    """Return the compliance of one cylinder at its loaded end: bending, torsion and extension.
+
+    Args:
+        cylinder: Dimensions and material of the cylinder.
+
+    Returns:
+        (6, 6) in m/N, 1/N and rad/(N·m), x along the cylinder.
+    """
     L = cylinder.length
     return np.asarray(
         compute_bending_compliance(L) / cylinder.EI
@@ -93,10 +114,16 @@ def compute_cylinder_compliance(cylinder: BeamCylinder) -> Array:
 
 
 def compute_stepped_beam_compliance(cylinders: Sequence[BeamCylinder]) -> Array:
-    """(6, 6) compliance at the tip of cylinders in series, the clamped one first.
+    """Return the compliance at the tip of cylinders in series.
 
-    Each cylinder also carries the moment of the force at the tip and tilts all that follows, which the sum of
-    L³/3EI (tian2025 eq. 3) leaves out: :func:`compute_tian2025_tip_compliance`.
+    Each cylinder also carries the moment of the tip force and rotates all cylinders after it. The sum of L³/3EI
+    (tian2025 eq. 3) neglects this; see :func:`compute_tian2025_tip_compliance`.
+
+    Args:
+        cylinders: Cylinders in order, the clamped one first.
+
+    Returns:
+        (6, 6) in m/N, 1/N and rad/(N·m), x along the beam.
     """
     C = np.zeros((6, 6))
     for cylinder in cylinders:
@@ -105,16 +132,30 @@ def compute_stepped_beam_compliance(cylinders: Sequence[BeamCylinder]) -> Array:
 
 
 def shift_compliance_along_beam(C: Array, distance: float) -> Array:
-    """(6, 6) compliance at a point rigidly ``distance`` m further along local x: G C Gᵀ."""
+    """Return a compliance at a point rigidly connected further along local x: G C Gᵀ.
+
+    Args:
+        C: (6, 6) compliance at the current point.
+        distance: Distance along +x, m.
+
+    Returns:
+        (6, 6) compliance at the shifted point.
+    """
     G = np.eye(6)
     G[:3, 3:] = -skew_matrix(np.array([distance, 0.0, 0.0]))
     return np.asarray(G @ C @ G.T)
 
 
 def compute_tian2025_tip_compliance(cylinders: Sequence[BeamCylinder]) -> float:
-    """Lateral compliance at the tip in m/N as tian2025 eqs. 2–3 have it: Σ L³/(3 E I), lever arms left out.
+    """Return the lateral tip compliance by tian2025 eqs. 2–3: Σ L³/(3 E I), without lever arms.
 
-    For comparison only: a long thin bur behind a stiff holder comes out right, a soft holder far from the tip far
-    too stiff.
+    For comparison only. The result is right for a long thin bur behind a stiff holder. It is far too stiff for a soft
+    holder far from the tip.
+
+    Args:
+        cylinders: Cylinders in order, the clamped one first.
+
+    Returns:
+        Lateral compliance, m/N.
     """
     return float(sum(c.length**3 / (3.0 * c.EI) for c in cylinders))

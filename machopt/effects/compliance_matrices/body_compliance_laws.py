@@ -1,8 +1,9 @@
-"""Laws of bodies that give way: a beam, and a symmetric matrix or some of its entries.
+"""Laws of compliant bodies: a uniform beam, and a symmetric compliance matrix or some of its entries.
 
-A beam is clamped at its root and loaded at the frame S at its end; x along it, and z the principal axis that its key
-``EI_Nm2`` bends about where the two planes differ. Which effects have these laws stands in :mod:`link`, :mod:`base` and
-:mod:`tool`; where S is, :mod:`machopt.stiffness.terms.body_spring` knows.
+A beam is clamped at its root and loaded at the frame S at its end. Its x axis points along the beam. If the two
+bending planes differ, z is the principal axis that the key ``EI_Nm2`` bends about. The effects that use these laws
+are :mod:`machopt.effects.structure.link_compliance`, :mod:`machopt.effects.structure.base_compliance` and
+:mod:`machopt.effects.structure.tool_compliance`; :mod:`machopt.stiffness.terms.body_spring` locates S.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import normalise_vectors
 
 SECTIONS = 4  # Gauss points: exact up to x⁷, and a uniform beam under its own weight has x⁴
-LEAST_LENGTH = 1e-3  # m; joints nearer than this make no beam
+LEAST_LENGTH = 1e-3  # m; a shorter distance between joints is not modelled as a beam
 LEAST_SINE = 1e-3  # of the angle between a beam and its principal axis
 PER_BEND = "1/(N·m²)"
 ACROSS_KEY = "EI_across_Nm2"
@@ -46,16 +47,16 @@ PARTS: Mapping[str, LawParameter] = MappingProxyType(
     }
 )
 NORMAL_KEY = "normal"  # key of the principal axis, base_link axes with all joints at zero
-MATRIX, RIGID = "compliance", "compliance_diagonal"  # no EI is large enough to say that nothing gives
+MATRIX, RIGID = "compliance", "compliance_diagonal"  # a rigid body is written as a zero diagonal: no finite EI is rigid
 ROWS = ("tx", "ty", "tz", "rx", "ry", "rz")
 ALL_ENTRIES = tuple((i, j) for i in range(6) for j in range(i, 6))
 DIAGONAL_ENTRIES = tuple((i, i) for i in range(6))
 UNITS = ("m/N", "1/N", "rad/(N·m)")  # of two translations, of one and a rotation, of two rotations
-SYMMETRY_TOLERANCE = 1e-6  # relative, that a symmetric matrix may be off by as printed
+SYMMETRY_TOLERANCE = 1e-6  # relative asymmetry allowed for rounding in files
 
 
 class BodyLawDefaults:
-    """What most laws of bodies answer."""
+    """Default implementations shared by most laws of compliant bodies."""
 
     word = ""
     has_memory = False
@@ -65,37 +66,88 @@ class BodyLawDefaults:
     bounded = True
 
     def axes(self, body: CompliantBody) -> Array:
+        """Return the law's own axes at S.
+
+        Args:
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            (3, 3) axes in base_link, all joints at zero.
+        """
         return body.axes if body.uses_own_axes else np.eye(3)
 
     def compute_own_weight_deflection(
         self, shape: Array, body: CompliantBody, own: Sequence[tuple[Array, float]]
     ) -> Array | None:
+        """Return None: the weights act at S.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            body: Geometry of the compliant body, all joints at zero.
+            own: For each distributed weight: the total force (K, 3) N in the law's axes, and its extent from the root,
+                m.
+        """
         return None
 
     def grid(self, body: CompliantBody) -> tuple[Shape, ...]:
+        """Return one empty shape: the law has no shape parameters to search.
+
+        Args:
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            The shapes that a search tries.
+        """
         return ((),)
 
     def to_file_parameters(self, values: Array, shape: Array, body: CompliantBody) -> dict[str, Any]:
-        return parameter_conversion.write_law_parameters(self, values, shape)  # type: ignore[arg-type]  # what inherits has coefficients
+        """Return the parameters as a file states them.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            body: Geometry of the compliant body, all joints at zero.
+        """
+        return parameter_conversion.write_law_parameters(self, values, shape)  # type: ignore[arg-type]  # subclasses have coefficients
 
     def project_to_admissible(self, values: Array, metric: Array) -> Array:
+        """Return the coefficients unchanged.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            metric: (P, P) weight matrix of the least-squares problem: dᵀ metric d is the increase of the residual sum
+                for a change d.
+        """
         return values
 
     def restrict_to_observed(self, dimensions: int, *, turning: bool) -> BodyLaw:
+        """Return the law unchanged: all its coefficients are observable.
+
+        Args:
+            dimensions: Number of measured coordinates: 3 (position) or 6 (pose).
+            turning: Whether the loads include moments that rotate the tool.
+        """
         return self  # type: ignore[return-value]  # and matrices
 
 
 @dataclass(frozen=True)
 class UniformBeamLaw(BodyLawDefaults):
-    """A beam by what bends, twists and stretches; an extension nobody asked about is 100 times stiffer than bending."""
+    """Uniform beam with bending, torsion and extension. An unstated extension is 100 times stiffer than bending."""
 
     keys: tuple[str, ...] = ("EI_Nm2", "GJ_Nm2")
-    planes: bool = False  # it bends otherwise in one plane than in the other
+    planes: bool = False  # the two bending planes have different stiffness
     includes_weight = True
 
     @staticmethod
     def from_keys(keys: Iterable[str]) -> UniformBeamLaw:
-        """The one that a file with these keys means; one to be fitted where no number is stated."""
+        """Return the beam law that a file with these keys means.
+
+        Args:
+            keys: Keys of the file's entry.
+
+        Returns:
+            The law with the stated coefficients; a law to be fitted if no number is stated.
+        """
         given = set(keys)
         planes = bool(given & {ACROSS_KEY, NORMAL_KEY})
         stated = tuple(k for k in PARTS if k in given)
@@ -118,14 +170,31 @@ class UniformBeamLaw(BodyLawDefaults):
         return tuple(PARTS[k] for k in self.keys)
 
     def axes(self, body: CompliantBody) -> Array:
+        """Return the law's own axes: x along the beam, z the stated principal axis.
+
+        Args:
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            (3, 3) axes in base_link, all joints at zero.
+        """
         if not self.planes or body.normal is None:
             return body.axes
         x = body.axes[:, 0]
         return np.stack([x, np.cross(body.normal, x), body.normal], axis=-1)
 
     def matrices(self, shape: Array, body: CompliantBody) -> Array:
+        """Return the compliance matrices of the beam per unit of each coefficient.
+
+        Args:
+            shape: Empty; a uniform beam has no shape parameters.
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            (P, 6, 6) compliance at S in the beam's axes.
+        """
         (x, y, z), length = np.eye(3), body.length
-        made = {
+        parts = {
             "EI_Nm2": compute_single_axis_bending_compliance(z, x, length)
             if self.planes
             else compute_bending_compliance(length),
@@ -133,11 +202,22 @@ class UniformBeamLaw(BodyLawDefaults):
             "GJ_Nm2": compute_torsion_compliance(length),
             "EA_N": compute_axial_compliance(length),
         }
-        return np.stack([made[k] for k in self.keys])
+        return np.stack([parts[k] for k in self.keys])
 
     def compute_own_weight_deflection(
         self, shape: Array, body: CompliantBody, own: Sequence[tuple[Array, float]]
     ) -> Array | None:
+        """Return the twist of S caused by weights distributed evenly along the beam.
+
+        Args:
+            shape: Empty; a uniform beam has no shape parameters.
+            body: Geometry of the compliant body, all joints at zero.
+            own: For each distributed weight: the total force (K, 3) N in the law's axes, and its extent from the root,
+                m.
+
+        Returns:
+            (K, 6, P) m, rad per unit of each coefficient, or None without distributed weights.
+        """
         if not own:
             return None
         count = len(own[0][0])
@@ -145,21 +225,37 @@ class UniformBeamLaw(BodyLawDefaults):
         about_z, about_y, twisted = np.moveaxis(
             compute_section_deflection((z, y, x), body.length, body.length * x, np.zeros((count, 6)), own), 2, 0
         )
-        made = {
+        parts = {
             "EI_Nm2": about_z if self.planes else about_z + about_y,
             ACROSS_KEY: about_y,
             "GJ_Nm2": twisted,
             "EA_N": np.zeros((count, 6)),
         }
-        return np.stack([made[k] for k in self.keys], axis=-1)
+        return np.stack([parts[k] for k in self.keys], axis=-1)
 
     def to_file_parameters(self, values: Array, shape: Array, body: CompliantBody) -> dict[str, Any]:
+        """Return the parameters as a file states them; a rigid beam becomes a zero compliance diagonal.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            body: Geometry of the compliant body, all joints at zero.
+        """
         if not np.any(values):
             return {RIGID: [0.0] * 6}
         axis = {NORMAL_KEY: [float(v) for v in body.normal]} if self.planes and body.normal is not None else {}
         return {**parameter_conversion.write_law_parameters(self, values, np.empty(0)), **axis}
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the bending and torsion compliances as reported quantities.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         if self.planes:
             names = ("1/EI in the arm's plane", "1/EI across it", "1/GJ")
             parts = {name: Quantity(float(v), PER_BEND) for name, v in zip(names, values, strict=True)}
@@ -167,6 +263,14 @@ class UniformBeamLaw(BodyLawDefaults):
         return {p.report_key: Quantity(abs(float(v)), p.unit) for p, v in zip(self.coefficients, values, strict=True)}
 
     def grid(self, body: CompliantBody) -> tuple[Shape, ...]:
+        """Return one empty shape, or none for a body too short to be a beam.
+
+        Args:
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            The shapes that a search tries.
+        """
         return ((),) if body.length >= LEAST_LENGTH else ()
 
 
@@ -175,7 +279,7 @@ TWO_PLANES = UniformBeamLaw(("EI_Nm2", ACROSS_KEY, "GJ_Nm2"), planes=True)
 
 @dataclass(frozen=True)
 class MatrixEntriesLaw(BodyLawDefaults):
-    """Some entries of a symmetric compliance matrix at S, the others zero."""
+    """Selected entries of a symmetric compliance matrix at S; all other entries are zero."""
 
     pairs: tuple[tuple[int, int], ...] = ALL_ENTRIES
     name: str = "gives way in every direction"
@@ -203,20 +307,54 @@ class MatrixEntriesLaw(BodyLawDefaults):
         )
 
     def matrices(self, shape: Array, body: CompliantBody) -> Array:
+        """Return one symmetric unit matrix per entry of ``pairs``.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            (P, 6, 6) compliance at S per unit of each coefficient.
+        """
         basis = np.zeros((len(self.pairs), 6, 6))
         for p, (i, j) in enumerate(self.pairs):
             basis[p, i, j] = basis[p, j, i] = 1.0
         return basis
 
     def to_file_parameters(self, values: Array, shape: Array, body: CompliantBody) -> dict[str, Any]:
+        """Return the compliance matrix, or its diagonal, as a file states it.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            ``compliance`` (6 × 6, positive semidefinite) or ``compliance_diagonal`` (6).
+        """
         C = np.einsum("p,pij->ij", values, self.matrices(shape, body))
         return {RIGID: np.diag(C).tolist()} if self.key == RIGID else {MATRIX: project_to_semidefinite(C).tolist()}
 
     def project_to_admissible(self, values: Array, metric: Array) -> Array:
+        """Return the nearest coefficients of a positive semidefinite matrix.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            metric: (P, P) weight matrix of the least-squares problem: dᵀ metric d is the increase of the residual sum
+                for a change d.
+        """
         return find_nearest_semidefinite(values, self.pairs, metric)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        """Tilt where the body tilts, else what the tip moves sideways."""
+        """Return the largest tilt compliance if the body tilts, and the largest translational compliance.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         of = {ROWS[i]: abs(float(v)) for (i, j), v in zip(self.pairs, values, strict=True) if i == j}
         moved, tilted = (
             max((of.get(k, 0.0) for k in rows), default=0.0) for rows in (("tx", "ty", "tz"), ("rx", "ry"))
@@ -226,23 +364,36 @@ class MatrixEntriesLaw(BodyLawDefaults):
 
 
 def project_to_semidefinite(C: Array) -> Array:
-    """The symmetric matrix (6, 6) without what gives way against the load: noise may leave such a direction.
+    """Return a symmetric matrix without its negative directions, which noise may leave.
 
-    A direction whose own entry is below zero goes altogether; scaled by it, what couples it to others would grow
-    without bound.
+    A direction with a negative diagonal entry is removed as a whole. Scaling by that entry would let its couplings to
+    other directions grow without bound.
+
+    Args:
+        C: (6, 6) symmetric compliance matrix.
+
+    Returns:
+        (6, 6) positive semidefinite matrix; C itself if it already is.
     """
-    gives = np.diag(C) > 0.0
-    size = np.sqrt(np.where(gives, np.diag(C), 1.0))
-    kept = np.where(np.outer(gives, gives), C, 0.0)
-    w, V = np.linalg.eigh(kept / np.outer(size, size))
-    return kept if w[0] >= 0.0 else np.asarray((V * np.maximum(w, 0.0)) @ V.T * np.outer(size, size))
+    is_compliant = np.diag(C) > 0.0
+    size = np.sqrt(np.where(is_compliant, np.diag(C), 1.0))
+    reduced = np.where(np.outer(is_compliant, is_compliant), C, 0.0)
+    w, V = np.linalg.eigh(reduced / np.outer(size, size))
+    return reduced if w[0] >= 0.0 else np.asarray((V * np.maximum(w, 0.0)) @ V.T * np.outer(size, size))
 
 
 def read_body_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw, Array, Array, CompliantBody]:
-    """A beam, a symmetric matrix with 21 coefficients, or its diagonal: what the keys of a file mean.
+    """Read a beam, a symmetric matrix with 21 coefficients, or its diagonal, depending on the keys of a file.
+
+    Args:
+        given: Reader of the parameters that the file states.
+        body: Geometry of the compliant body, all joints at zero.
+
+    Returns:
+        The law, its coefficients (P,) and shape (S,) in SI, and the body with the stated principal axis.
 
     Raises:
-        InputError: a form that the body has not, or numbers that no body has.
+        InputError: A form that the body does not have, or numbers that are physically impossible.
     """
     form, none = find_parameter_form(given, beam=body.length > 0.0), np.empty(0)
     if form == "beam":
@@ -263,7 +414,18 @@ def read_body_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw,
 
 
 def find_parameter_form(given: ParameterReader, *, beam: bool) -> str:
-    """beam, diagonal or full."""
+    """Return the form of the parameters in a file.
+
+    Args:
+        given: Reader of the parameters that the file states.
+        beam: Whether the body is long enough to be a beam.
+
+    Returns:
+        ``beam``, ``diagonal`` or ``full``.
+
+    Raises:
+        InputError: An unknown form.
+    """
     if given.has_key(MATRIX):
         return "full"
     if given.has_key(RIGID):
@@ -278,7 +440,7 @@ def find_parameter_form(given: ParameterReader, *, beam: bool) -> str:
 
 
 def _read_normal(given: ParameterReader, along: Array) -> Array:
-    """(3,) the principal axis that a beam states, made square to it."""
+    """Return the stated principal axis (3,) of a beam, made orthogonal to the beam axis."""
     stated = given.read_array(NORMAL_KEY, (3,))
     square = stated - (stated @ along) * along
     if not np.linalg.norm(square) > LEAST_SINE * np.linalg.norm(stated):
@@ -302,21 +464,22 @@ def compute_section_deflection(
     own: Sequence[tuple[Array, float]] = (),
     at: tuple[Array, Array] | None = None,
 ) -> Array:
-    """What a beam does under all that it carries, its own weight too, by the moment in each of its sections.
+    """Compute the TCP twist of a beam under a tip wrench and its own weight, by integration over its sections.
 
-    A section at x carries m(x), the moment of all loads beyond it; it turns by m·n/EI a length about each of its
-    principal axes n and by m·a/GJ about the beam's, and each turn moves the TCP about x.
+    A section at x carries m(x), the moment of all loads beyond it. It rotates by m·n/EI per unit length about each
+    principal axis n, and by m·a/GJ about the beam axis a. Each rotation moves the TCP about the section at x.
 
     Args:
-        axes: three of (N, 3): the principal axis of ``EI_Nm2``, that across, the beam's own from root to end.
-        length: m.
-        tip: (N, 3) m, the TCP as seen from the root.
-        wrench: (N, 6) N, N·m at the TCP, of all that hangs on the end.
-        own: of each weight that is spread evenly from the root: the whole of it (3,) N, and how far it reaches in m.
-        at: m from the root, of sections, and the length of a uniform beam that each stands for; None: it is uniform.
+        axes: Three arrays (N, 3): principal axis of ``EI_Nm2``, the axis across it, the beam axis from root to end.
+        length: Length of the beam, m.
+        tip: (N, 3) TCP relative to the root, m.
+        wrench: (N, 6) total wrench at the beam end, referred to the TCP, N and N·m.
+        own: For each evenly distributed weight: the total force (K, 3) N, and its extent from the root, m.
+        at: Positions of the sections from the root, m, and the length of uniform beam each one represents, m; None
+            for a uniform beam.
 
     Returns:
-        (N, 6, 3) twist of the TCP per unit of 1/EI, 1/EI across, 1/GJ.
+        (N, 6, 3) twist of the TCP per unit of 1/EI, 1/EI across and 1/GJ.
     """
     out = np.zeros((len(wrench), 6, 3))
     if at is None:
@@ -326,7 +489,7 @@ def compute_section_deflection(
         lever = tip - x * axes[2]
         moment = wrench[:, 3:] + np.cross(lever, wrench[:, :3])
         for weight, span in own:
-            if span > x:  # what is left of it beyond the section pulls in its middle
+            if span > x:  # the weight beyond the section acts at the middle of that part
                 moment = moment + 0.5 * (span - x) ** 2 / span * np.cross(axes[2], weight)
         for k, n in enumerate(axes):
             turn = w * np.einsum("nc,nc->n", n, moment)[:, None] * n

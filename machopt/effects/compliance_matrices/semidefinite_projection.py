@@ -1,4 +1,4 @@
-"""The nearest symmetric matrix that gives way against no load, nearest as the readings count it."""
+"""Nearest positive semidefinite compliance matrix, in the metric of the readings."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 
 ROUNDS, MOST = 60, 2000
-LEVER_SCALE = 1e3  # rad/(N·m) per 1/N: a lever of a millimetre
-MIN_EIGENVALUE = 1e-6  # relative eigenvalue of what is seen, from which on it bears what is coupled to it
+LEVER_SCALE = 1e3  # rad/(N·m) per 1/N: scales rotations with a lever arm of 1 mm
+MIN_EIGENVALUE = 1e-6  # relative eigenvalue above which a direction counts as observed
 CONVERGENCE_TOLERANCE = 1e-9  # relative
 
 
 def find_nearest_semidefinite(values: Array, pairs: Sequence[tuple[int, int]], metric: Array) -> Array:
-    """Coefficients of a positive semidefinite matrix that lose the least.
+    """Find the coefficients of a positive semidefinite matrix that increase the residual sum of squares least.
 
-    By cutting planes: every direction v that gives way against the load adds the plane vᵀC v ≥ 0, and the nearest
-    point above all planes so far is a least distance problem (Lawson & Hanson 1974, ch. 23).
+    Cutting-plane method: every direction v with vᵀC v < 0 adds the plane vᵀC v ≥ 0. The nearest point that satisfies
+    all planes so far is a least-distance problem (Lawson & Hanson 1974, ch. 23).
 
     Args:
-        values: (p,) entries of a symmetric matrix, SI; those that it does not name are zero.
-        pairs: where each stands.
-        metric: (p, p) how the sum of squares grows with a change of ``values``. An entry of the diagonal that no
-            reading shows is the least that what is coupled to it needs.
+        values: (p,) entries of a symmetric matrix, SI; entries not listed are zero.
+        pairs: Row and column of each entry.
+        metric: (p, p) increase of the residual sum for a change of ``values``. A diagonal entry that no reading
+            determines takes the least value that its couplings require.
 
     Returns:
-        (p,) the same ones where they are possible already.
+        (p,) coefficients; unchanged if they are already admissible.
     """
     from scipy.optimize import nnls  # takes a second to load, and few need it
 
@@ -36,7 +36,7 @@ def find_nearest_semidefinite(values: Array, pairs: Sequence[tuple[int, int]], m
     rows, columns = np.array(pairs).T
     twice = np.where(rows == columns, 1.0, 2.0)
     unit = 1.0 / np.sqrt(np.maximum(np.diag(metric), np.finfo(float).tiny))
-    size = np.ones(n)  # of each direction, so that metres and radians weigh alike
+    size = np.ones(n)  # scale of each direction, so that metres and radians are comparable
     unseen = _find_unobserved_directions(values, pairs, np.diag(metric), n)
     for v, u, (i, j) in zip(values, unit, pairs, strict=True):
         if i == j and not unseen[i]:
@@ -52,7 +52,7 @@ def find_nearest_semidefinite(values: Array, pairs: Sequence[tuple[int, int]], m
     x0 = np.where((rows == columns) & unseen[rows], 1.0, values / scale)
     eigen, axes = np.linalg.eigh(metric * np.outer(scale, scale))
     root = np.sqrt(np.maximum(eigen, CONVERGENCE_TOLERANCE * eigen[-1]))
-    back = axes / root  # of z = root axesᵀ (x − x0), whose length is what is lost
+    back = axes / root  # of z = root axesᵀ (x − x0); |z|² is the increase of the residual sum
 
     def matrix(x: Array) -> Array:
         C = np.zeros((n, n))
@@ -86,7 +86,9 @@ def find_nearest_semidefinite(values: Array, pairs: Sequence[tuple[int, int]], m
 def _find_unobserved_directions(
     values: Array, pairs: Sequence[tuple[int, int]], metric: Array, n: int
 ) -> NDArray[np.bool_]:
-    """(n,) directions whose own entry would not show were it far larger than what couples it to the others."""
+    """Return (n,) True for directions whose diagonal entry the readings would not show even if it dominated its
+    couplings.
+    """
     coupled = np.zeros(n)
     for v, (i, j) in zip(values, pairs, strict=True):
         if i != j:

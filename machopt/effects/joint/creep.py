@@ -1,7 +1,7 @@
-"""Creep: a part of the twist that comes late, and stays late when the load has gone.
+"""Creep: the part of the twist that follows the load with a delay (first-order lag) and recovers with the same delay.
 
-A plan takes the worst case, reached after a few time constants of steady load; a shorter cut bends the arm less, by
-exp(−t/T) of it.
+A plan uses the worst case, reached after a few time constants of steady load. A shorter cut deflects the arm less, by
+the factor 1 − exp(−t/T).
 """
 
 from __future__ import annotations
@@ -52,14 +52,17 @@ def _filter_first_order(x: Array, gap: Array, first: Ints, constant: float) -> A
 
 
 def filter_first_order(x: Array, gap: Array, first: Ints, constant: float) -> Array:
-    """First-order lag T ẏ + y = x, x held over the gap before each state.
+    """Apply a first-order lag T ẏ + y = x, with x constant over the interval before each state.
 
     Args:
-        x: (K,).
-        gap: (K,) s since the state before, or since y was zero; infinite: y has settled; NaN: not known, taken for T;
-            negative: as long, less a T that the state after takes.
-        first: (K,) 1 where a history begins, at y = 0.
-        constant: T, s.
+        x: (K,) input, for example torques in N·m.
+        gap: (K,) s since the state before, or since y was zero. Infinite: y has settled. NaN: unknown, T is used.
+            Negative: that long, minus T, which the next state takes.
+        first: (K,) 1 where a load history begins, at y = 0.
+        constant: Time constant T, s.
+
+    Returns:
+        (K,) output y at each state, in the unit of x.
     """
     return np.asarray(
         _filter_first_order(
@@ -95,6 +98,15 @@ class ViscoelasticCreep(JointLawDefaults):
         return "T ẋ + x = κ c τ, two of them, beside c τ"
 
     def columns(self, shape: Array, drive: JointLoading) -> Array:
+        """Return the delayed twist per unit of each coefficient.
+
+        Args:
+            shape: (P,) time constants T_n, s.
+            drive: Torque, angle and load history of the joint, one entry per state.
+
+        Returns:
+            (..., P) N·m, the filtered torque; the settled torque for states without history.
+        """
         if drive.segment_start is None or drive.time_gap is None:
             return np.repeat(drive.torque[..., None], len(shape), axis=-1)
         return np.stack(
@@ -102,12 +114,40 @@ class ViscoelasticCreep(JointLawDefaults):
         )
 
     def tangent(self, shape: Array, drive: JointLoading) -> Array:
+        """Return the slope for a lasting load: 1 for each coefficient.
+
+        Args:
+            shape: (P,) time constants T_n, s.
+            drive: Torque, angle and load history of the joint, one entry per state.
+
+        Returns:
+            (..., P) ones.
+        """
         return np.ones((*drive.torque.shape, len(shape)))
 
     def limit_to_compliance(self, values: Array, room: float) -> JointLaw:
+        """Return the law unchanged.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            room: Compliance that the joint has left to lose before its slope becomes zero, rad/(N·m).
+
+        Returns:
+            The law.
+        """
         return self
 
     def sizes(self, values: Array, shape: Array, scale: JointLoadRange) -> Mapping[str, Quantity]:
+        """Return the creep relative to the joint's compliance and the time constants.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (P,) time constants T_n, s.
+            scale: Range of torque, angle and time that the recording or plan covers at this joint.
+
+        Returns:
+            ``share`` in % and time constants in s; ``size`` in arcmin if the joint's compliance is not known.
+        """
         whole = float(np.sum(values))
         if scale.compliance is None:
             return {
@@ -122,6 +162,14 @@ class ViscoelasticCreep(JointLawDefaults):
         }
 
     def grid(self, scale: JointLoadRange) -> tuple[Shape, ...]:
+        """Return the time constants that a search tries.
+
+        Args:
+            scale: Range of torque, angle and time that the recording or plan covers at this joint.
+
+        Returns:
+            Shapes of one or two time constants in s.
+        """
         if self.count > 1:
             return () if scale.is_motion else STEP_PAIRS
         return (

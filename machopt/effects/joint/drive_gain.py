@@ -1,7 +1,7 @@
-"""The torque that a drive tells is its current times a constant, and the constant is another one.
+"""Gain error of a drive: the recorded torque is the motor current times a constant, and the constant is wrong.
 
-Friction and the motor's own inertia are refitted of each joint in any case and grow with it; what shows the gain is the
-weight and the inertia of the arm, which all joints share.
+Friction and motor inertia are fitted for each joint anyway and scale with the gain. Gravity and inertia of the arm,
+which all joints share, make the gain observable.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class DriveGainError:
-    """One joint's torque reads a share too much."""
+    """Relative gain error of one joint's recorded torque."""
 
     word = ""
     has_memory = False
@@ -30,9 +30,28 @@ class DriveGainError:
     shape: tuple[LawParameter, ...] = ()
 
     def columns(self, shape: Array, seen: MotorLoading) -> Array:
+        """Return the torque error per unit of the gain error.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Torque, speed and acceleration of the joint in K samples.
+
+        Returns:
+            (K, J, 1) N·m.
+        """
         return seen.required_torque[:, :, None]
 
     def sizes(self, values: Array, shape: Array, seen: MotorLoading) -> Mapping[str, Quantity]:
+        """Return the gain error.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Torque, speed and acceleration of the joint in K samples.
+
+        Returns:
+            ``gain`` (absolute) and ``too_much`` (signed), both in %.
+        """
         return {
             "gain": Quantity(100.0 * float(np.abs(values[0])), "%"),
             "too_much": Quantity(100.0 * float(values[0]), "%"),

@@ -1,7 +1,7 @@
-"""Friction of a joint beyond Coulomb and viscous, which are refitted in any case: rival laws on the motor's torque.
+"""Joint friction beyond Coulomb and viscous friction, which are always fitted: competing laws of the motor torque.
 
-z is the direction of motion after a short breakaway path. Source of most: Armstrong-Hélouvry, Dupont & Canudas de Wit,
-Automatica 30 (1994) 1083.
+z is the direction of motion after a short presliding displacement. Main source: Armstrong-Hélouvry, Dupont & Canudas
+de Wit, Automatica 30 (1994) 1083.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from machopt.numerics.compiled_functions import jit_compile
 PARTS = 4  # of a sampling interval
 MIN_BREAKAWAY_PATH = 1e-9  # rad
 SIZE_QUANTILE = 0.98  # quantile of what a law adds that counts as its size
-DRAG = (0.01, 0.03, 0.08, 0.2)  # rad; slip on paths this long is no breakaway of a gear but something dragged along
-STRIBECK = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the joint's largest speed
-MAX_PEAK_SPEED_SHARE = 0.15  # of it, below which friction that differs with the direction has its peak
+DRAG = (0.01, 0.03, 0.08, 0.2)  # rad; presliding displacements this long come from cables or seals, not from a gear
+STRIBECK = (0.03, 0.06, 0.12, 0.25, 0.5)  # Stribeck speeds tried, relative to the joint's largest speed
+MAX_PEAK_SPEED_SHARE = 0.15  # relative to the largest speed; direction-dependent friction peaks below it
 SOURCE = "; Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083"
-VISCOUS = "N·m·s/rad"  # of a slide N·s/m, as all units here
+VISCOUS = "N·m·s/rad"  # for a prismatic joint N·s/m
 
 
 @jit_compile
@@ -33,30 +33,31 @@ def _integrate_presliding(v: Array, dt: float, first: Ints, distance: float, par
         if first[n]:
             z = np.sign(v[n])
         elif distance <= MIN_BREAKAWAY_PATH:
-            # at once; parts of the interval would make it late by half a part. At rest it stays as it was
+            # immediate reversal: subdividing would delay it by half a part. At rest the state stays constant
             z = np.sign(v[n]) if v[n] != 0.0 else z
         else:
-            # a reversal lies between samples; one step a sample would put it half an interval off
+            # a reversal lies between samples; one step per sample would shift it by half an interval
             for k in range(parts):
                 now = v[n - 1] + (v[n] - v[n - 1]) * (k + 0.5) / parts
                 s = np.sign(now)
-                if z != s:  # most of the way it has long turned over
+                if z != s:  # mostly z has already saturated
                     z = s + (z - s) * np.exp(-abs(now) * dt / parts / distance)
         out[n] = z
     return out
 
 
 def compute_presliding_direction(v: Array, dt: float, first: Ints, distance: float) -> Array:
-    """Direction of motion with a breakaway path: dz = (sgn q̇ − z) |dq| / d.
+    """Compute the direction of motion with presliding displacement: dz = (sgn q̇ − z) |dq| / d (Dahl 1968).
 
     Args:
-        v: (M,) rad/s.
-        dt: s between samples.
+        v: (M,) joint speed, rad/s.
+        dt: Sampling interval, s.
         first: (M,) 1 where a segment begins.
-        distance: d, rad (m); below SHARP it is the sign itself.
+        distance: Presliding displacement d, rad (m for a prismatic joint). Below :data:`MIN_BREAKAWAY_PATH` z is
+            sgn q̇.
 
     Returns:
-        (M,) −1 … 1.
+        (M,) z, from −1 to 1.
 
     Source:
         Dahl, A solid friction model, TOR-158, Aerospace Corp. (1968).
@@ -67,7 +68,7 @@ def compute_presliding_direction(v: Array, dt: float, first: Ints, distance: flo
 
 
 class _FrictionDefaults(ABC):
-    """What most of these laws answer."""
+    """Default implementations shared by most friction laws."""
 
     word = ""
     has_memory = False
@@ -78,14 +79,40 @@ class _FrictionDefaults(ABC):
 
     @abstractmethod
     def columns(self, shape: Array, seen: FrictionState) -> Array:
-        """(K, P) N·m per unit of each coefficient."""
+        """Return the friction torque per unit of each coefficient.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            (K, P) N·m per unit of each coefficient.
+        """
 
     def sizes(self, values: Array, shape: Array, seen: FrictionState) -> dict[str, Quantity]:
+        """Return the size of the added torque: a high quantile of its deviation from the median.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         added = self.columns(shape, seen) @ values
         unit = "N" if seen.is_prismatic else "N·m"
         return {self.size: Quantity(float(np.quantile(np.abs(added - np.median(added)), SIZE_QUANTILE)), unit)}
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
+        """Return one empty shape: the law has no shape parameters to search.
+
+        Args:
+            pace: Speeds, load variation and warm-up times that the recording covers.
+
+        Returns:
+            The shapes that a search tries.
+        """
         return ((),)
 
 
@@ -95,6 +122,8 @@ def _convert_speed(at: float, seen: FrictionState) -> Quantity:
 
 @dataclass(frozen=True)
 class StribeckFriction(_FrictionDefaults):
+    """Stribeck effect: friction increases when the speed approaches zero."""
+
     name = "Stribeck"
     equation = "τ_f += z F_s exp(−|q̇|/v_s)" + SOURCE
     note = "at low speed"
@@ -103,31 +132,79 @@ class StribeckFriction(_FrictionDefaults):
     shape = (LawParameter(key="speed_rad_s", unit="rad/s", positive=True),)
 
     def columns(self, shape: Array, seen: FrictionState) -> Array:
+        """Return the friction torque per unit of the Stribeck coefficient.
+
+        Args:
+            shape: (1,) Stribeck speed v_s, rad/s.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            (K, 1) dimensionless.
+        """
         return np.asarray(seen.friction_direction * np.exp(-np.abs(seen.speed) / shape[0]))[:, None]
 
     def sizes(self, values: Array, shape: Array, seen: FrictionState) -> dict[str, Quantity]:
+        """Return the size of the Stribeck torque and the Stribeck speed.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (1,) Stribeck speed v_s, rad/s.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         return super().sizes(values, shape, seen) | {"stribeck_speed": _convert_speed(float(shape[0]), seen)}
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
+        """Return the Stribeck speeds that a search tries.
+
+        Args:
+            pace: Speeds, load variation and warm-up times that the recording covers.
+
+        Returns:
+            Shapes (speed,) in rad/s.
+        """
         return tuple((k * pace.max_speed,) for k in STRIBECK)
 
 
 @dataclass(frozen=True)
 class LoadDependentFriction(_FrictionDefaults):
+    """Friction proportional to the torque that the gear transmits."""
+
     name = "load-dependent"
     equation = "τ_f += μ z |τ|"
     note = "grows with the load"
     coefficients = (LawParameter(key="share", unit="1", lower_limit=0.0),)
 
     def columns(self, shape: Array, seen: FrictionState) -> Array:
+        """Return the friction torque per unit of the friction coefficient.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            (K, 1) N·m.
+        """
         return (seen.friction_direction * seen.load)[:, None]
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
+        """Return one empty shape; none if the load of the joint does not vary.
+
+        Args:
+            pace: Speeds, load variation and warm-up times that the recording covers.
+
+        Returns:
+            The shapes that a search tries.
+        """
         return ((),) if pace.has_varying_load else ()
 
 
 @dataclass(frozen=True)
 class DirectionDependentFriction(_FrictionDefaults):
+    """Friction that differs between the two directions of motion."""
+
     name = "other in the other direction"
     equation = "τ_f += d |q̇| + F exp(−|q̇|/v)"
     note = "differs with the direction"
@@ -136,15 +213,34 @@ class DirectionDependentFriction(_FrictionDefaults):
     shape = (LawParameter(key="speed_rad_s", unit="rad/s", positive=True),)
 
     def columns(self, shape: Array, seen: FrictionState) -> Array:
+        """Return the direction-independent torque terms |q̇| and exp(−|q̇|/v).
+
+        Args:
+            shape: (1,) decay speed v, rad/s.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            (K, 2) per unit of each coefficient.
+        """
         v = np.abs(seen.speed)
         return np.stack([v, np.exp(-v / shape[0])], axis=1)
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
+        """Return the single decay speed that a search tries.
+
+        Args:
+            pace: Speeds, load variation and warm-up times that the recording covers.
+
+        Returns:
+            Shapes (speed,) in rad/s.
+        """
         return ((MAX_PEAK_SPEED_SHARE * pace.max_speed,),)
 
 
 @dataclass(frozen=True)
 class CurvedViscousFriction(_FrictionDefaults):
+    """Viscous friction that is nonlinear in the speed, for example shear-thinning grease."""
+
     name = "viscous bends"
     equation = "τ_f += d₂ q̇|q̇| + d₁ z √|q̇|: shear thinning of grease"
     note = "over speed"
@@ -154,13 +250,22 @@ class CurvedViscousFriction(_FrictionDefaults):
     )
 
     def columns(self, shape: Array, seen: FrictionState) -> Array:
+        """Return the square and square-root terms of the speed.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            (K, 2) per unit of each coefficient.
+        """
         v = seen.speed
         return np.stack([v * np.abs(v), seen.friction_direction * np.sqrt(np.abs(v))], axis=1)
 
 
 @dataclass(frozen=True)
 class CombinedFriction(_FrictionDefaults):
-    """Stribeck's peak, load and direction at once, and where a joint warms its warmth too."""
+    """Stribeck, load-dependent and direction-dependent friction together, with warm-up if the joint warms."""
 
     warm: bool
     note = "over speed, load and warmth"
@@ -189,14 +294,41 @@ class CombinedFriction(_FrictionDefaults):
         return (*StribeckFriction.shape, *TemperatureDependentFriction.shape) if self.warm else StribeckFriction.shape
 
     def columns(self, shape: Array, seen: FrictionState) -> Array:
+        """Return the friction torque per unit of each coefficient.
+
+        Args:
+            shape: Stribeck speed, rad/s, and with warm-up the time constant, s.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            (K, P) N·m per unit of each coefficient.
+        """
         low, z = np.exp(-np.abs(seen.speed) / shape[0]), seen.friction_direction
         parts = [z * low, np.abs(z) * low, z * seen.load]
         return np.stack([*parts, seen.warmth(float(shape[1])) * seen.speed] if self.warm else parts, axis=1)
 
     def sizes(self, values: Array, shape: Array, seen: FrictionState) -> dict[str, Quantity]:
+        """Return the size of the added torque and the Stribeck speed.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: Stribeck speed, rad/s, and with warm-up the time constant, s.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         return super().sizes(values, shape, seen) | {"stribeck_speed": _convert_speed(float(shape[0]), seen)}
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
+        """Return the Stribeck speeds, with warm-up times if the joint warms.
+
+        Args:
+            pace: Speeds, load variation and warm-up times that the recording covers.
+
+        Returns:
+            Shapes (speed,) in rad/s or (speed, time constant) in rad/s and s.
+        """
         if self.warm:
             return tuple((k * pace.max_speed, t) for k in STRIBECK for t in pace.warming_times)
         return () if pace.warming_times else tuple((k * pace.max_speed,) for k in STRIBECK)
@@ -204,6 +336,8 @@ class CombinedFriction(_FrictionDefaults):
 
 @dataclass(frozen=True)
 class CableDragFriction(_FrictionDefaults):
+    """Friction of cables, hoses or seals that saturates only after a long displacement."""
+
     name = "dragged along"
     equation = "τ_f += F z, dz = (sgn q̇ − z) |dq|/d with a long path d: cables, hoses, seals"
     note = "after reversals"
@@ -212,19 +346,48 @@ class CableDragFriction(_FrictionDefaults):
     shape = (LawParameter(key="path_rad", unit="rad", positive=True),)
 
     def columns(self, shape: Array, seen: FrictionState) -> Array:
+        """Return the presliding direction with a long displacement.
+
+        Args:
+            shape: (1,) presliding displacement d, rad.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            (K, 1) −1 to 1.
+        """
         return compute_presliding_direction(seen.speed, seen.time_step, seen.segment_start, float(shape[0]))[:, None]
 
     def sizes(self, values: Array, shape: Array, seen: FrictionState) -> dict[str, Quantity]:
+        """Return the size of the drag torque and the presliding displacement.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (1,) presliding displacement d, rad.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         d = float(shape[0])
         path = Quantity(1e3 * d, "mm") if seen.is_prismatic else Quantity(float(np.degrees(d)), "deg")
         return super().sizes(values, shape, seen) | {"path": path}
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
+        """Return the presliding displacements that a search tries.
+
+        Args:
+            pace: Speeds, load variation and warm-up times that the recording covers.
+
+        Returns:
+            Shapes (displacement,) in rad.
+        """
         return tuple((d,) for d in DRAG)
 
 
 @dataclass(frozen=True)
 class TemperatureDependentFriction(_FrictionDefaults):
+    """Friction that changes while the joint warms up."""
+
     name = "warms up"
     equation = "τ_f += (F_w z + d_w q̇) w; w from 0 to 1 as the joint warms"
     note = "over time"
@@ -232,10 +395,27 @@ class TemperatureDependentFriction(_FrictionDefaults):
     shape = (LawParameter(key="time_constant_s", unit="s"),)  # zero: the recorded temperature
 
     def columns(self, shape: Array, seen: FrictionState) -> Array:
+        """Return Coulomb and viscous terms multiplied by the warm-up state.
+
+        Args:
+            shape: (1,) warm-up time constant, s; zero means the recorded temperature.
+            seen: Speed, direction, load and warm-up of the joint in K samples.
+
+        Returns:
+            (K, 2) per unit of each coefficient.
+        """
         w = seen.warmth(float(shape[0]))
         return np.stack([w * seen.friction_direction, w * seen.speed], axis=1)
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
+        """Return the warm-up time constants that the recording can show.
+
+        Args:
+            pace: Speeds, load variation and warm-up times that the recording covers.
+
+        Returns:
+            Shapes (time constant,) in s.
+        """
         return tuple((t,) for t in pace.warming_times)
 
 

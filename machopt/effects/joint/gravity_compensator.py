@@ -1,7 +1,8 @@
-"""The balancer of joint 2: a spring between two pivots s apart, s² = a² + L² + 2 a L cos(α + q₂), force F₀ + k s.
+"""Gravity compensator of joint 2: a spring between two pivots at distance s, s² = a² + L² + 2 a L cos(α + q₂), force
+F₀ + k s.
 
-Its torque −(F₀ + k s) ds/dq changes with the joint's angle; its slope is a stiffness beside the gear. Lengths come as
-the ratio a/L; F₀ L and k L² are torques (Klimchik et al. arXiv 1311.6810).
+Its torque −(F₀ + k s) ds/dq depends on the joint angle. The slope of the torque is a stiffness in parallel to the
+gear. Lengths enter as the ratio a/L; F₀ L and k L² are torques (Klimchik et al. arXiv 1311.6810).
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from machopt.effects.joint.harmonic_functions import compute_harmonics
 from machopt.effects.protocol import DEGREE, Effect, LawParameter, ParallelTorqueLaw, Quantity, Shape
 from machopt.numerics.array_types import Array
 
-RATIOS = (0.15, 0.35, 0.7)  # a/L that are tried
-FAR_PIVOT_RATIO = 1e-3  # a/L of a spring whose far pivot does not show
-ANGLES = tuple(np.radians(np.arange(0.0, 360.0, 30.0)).tolist())  # rad, α that are tried
+RATIOS = (0.15, 0.35, 0.7)  # ratios a/L that a search tries
+FAR_PIVOT_RATIO = 1e-3  # a/L of a spring whose second pivot is too far away to be identified
+ANGLES = tuple(np.radians(np.arange(0.0, 360.0, 30.0)).tolist())  # rad, angles α that a search tries
 
 
 @dataclass(frozen=True)
 class CompensatorLinkage:
-    """Coefficients F₀ L and k L², shape a/L and α."""
+    """Spring between two pivots: coefficients F₀ L and k L², shape a/L and α."""
 
     name = "spring between two pivots"
     equation = "τ = −(F₀ + k s) ds/dq, s² = a² + L² + 2aL cos(α + q₂) (Klimchik et al. arXiv 1311.6810)"
@@ -39,14 +40,40 @@ class CompensatorLinkage:
     )
 
     def torque(self, shape: Array, angle: Array) -> Array:
+        """Return the compensator torque per unit of each coefficient.
+
+        Args:
+            shape: (2,) ratio a/L, and angle α in rad.
+            angle: (...,) angle of joint 2, rad.
+
+        Returns:
+            (..., 2) N·m per N·m.
+        """
         s, ds, _ = _compute_pivot_distance(shape, angle)
         return np.stack([-ds, -s * ds], axis=-1)
 
     def slope(self, shape: Array, angle: Array) -> Array:
+        """Return the derivative of the torque with respect to the joint angle, per unit of each coefficient.
+
+        Args:
+            shape: (2,) ratio a/L, and angle α in rad.
+            angle: (...,) angle of joint 2, rad.
+
+        Returns:
+            (..., 2) N·m/rad per N·m.
+        """
         s, ds, dds = _compute_pivot_distance(shape, angle)
         return np.stack([-dds, -(ds**2 + s * dds)], axis=-1)
 
     def sizes(self, values: Array) -> Mapping[str, Quantity]:
+        """Return both coefficients as reported quantities.
+
+        Args:
+            values: (2,) F₀ L and k L², N·m.
+
+        Returns:
+            Quantities by name in N·m.
+        """
         force, rate = (float(v) for v in values)
         return {"force_times_length": Quantity(force, "N·m"), "rate_times_length_squared": Quantity(rate, "N·m")}
 
@@ -56,7 +83,7 @@ class CompensatorLinkage:
 
 @dataclass(frozen=True)
 class HarmonicTorque:
-    """A cos q + B sin q: a spring with no length of its own, or a weight."""
+    """A cos q + B sin q: a spring with zero natural length, or an unmodelled weight."""
 
     name = "first harmonics"
     equation = "τ = A cos q₂ + B sin q₂ (Klimchik et al. arXiv 1311.6810)"
@@ -67,12 +94,38 @@ class HarmonicTorque:
     shape: tuple[LawParameter, ...] = ()
 
     def torque(self, shape: Array, angle: Array) -> Array:
+        """Return cosine and sine of the joint angle.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            angle: (...,) angle of joint 2, rad.
+
+        Returns:
+            (..., 2) N·m per N·m.
+        """
         return compute_harmonics(angle, (1,))
 
     def slope(self, shape: Array, angle: Array) -> Array:
+        """Return the derivative of the torque with respect to the joint angle.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            angle: (...,) angle of joint 2, rad.
+
+        Returns:
+            (..., 2) N·m/rad per N·m.
+        """
         return compute_harmonics(angle, (1,), 1)
 
     def sizes(self, values: Array) -> Mapping[str, Quantity]:
+        """Return both coefficients as reported quantities.
+
+        Args:
+            values: (2,) A and B, N·m.
+
+        Returns:
+            Quantities by name in N·m.
+        """
         return {"cos": Quantity(float(values[0]), "N·m"), "sin": Quantity(float(values[1]), "N·m")}
 
     def grid(self) -> tuple[Shape, ...]:
@@ -83,10 +136,18 @@ LINKAGE, HARMONIC = CompensatorLinkage(), HarmonicTorque()
 
 
 def convert_to_file_law(law: ParallelTorqueLaw, values: Array, shape: Array) -> tuple[Array, Array]:
-    """Values and shape by the law that files state, the first of an effect; of any other law they stay as they are.
+    """Convert coefficients and shape to the law that files state, the first law of the effect.
 
-    A cos q + B sin q = C sin(α + q) is a spring whose far pivot is very far: −F₀ L s' = F₀ L (a/L) sin(α + q) to a
-    share a/L.
+    A cos q + B sin q = C sin(α + q) equals a spring whose second pivot is very far away: −F₀ L s' = F₀ L (a/L) sin(α
+    + q) with a relative error of a/L.
+
+    Args:
+        law: Law that the values belong to.
+        values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+        shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+    Returns:
+        Coefficients and shape of :class:`CompensatorLinkage`; unchanged if the law already is that one.
     """
     if law is not HARMONIC:
         return values, shape
@@ -95,7 +156,7 @@ def convert_to_file_law(law: ParallelTorqueLaw, values: Array, shape: Array) -> 
 
 
 def _compute_pivot_distance(shape: Array, angle: Array) -> tuple[Array, Array, Array]:
-    """Of the pivots in units of L, and its first two derivatives by the angle."""
+    """Return the distance of the pivots in units of L, and its first two derivatives with respect to the angle."""
     ratio, alpha = float(shape[0]), float(shape[1])
     q = alpha + angle
     s = np.sqrt(ratio**2 + 1.0 + 2.0 * ratio * np.cos(q))

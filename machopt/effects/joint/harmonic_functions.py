@@ -1,4 +1,4 @@
-"""Waves over a joint's angle, as springs that change with it and gears that run ahead and behind both have them."""
+"""Harmonics of a joint angle, used by angle-dependent stiffness and by transmission errors."""
 
 from __future__ import annotations
 
@@ -14,24 +14,40 @@ ARCSEC = np.pi / 648000.0  # rad
 
 
 def compute_harmonics(angle: Array, orders: Sequence[float] | Array, derivative: int = 0) -> Array:
-    """(..., 2n) cos and sin of each order per turn, at angles (...,) rad; or a derivative by the angle."""
-    later = derivative * 0.5 * np.pi  # d/dx of cos is cos a quarter turn later
+    """Return cosine and sine of each order at joint angles, or a derivative of them.
+
+    Args:
+        angle: (...,) joint angles, rad.
+        orders: n orders per turn of the joint.
+        derivative: Order of the derivative with respect to the angle; 0 is the function itself.
+
+    Returns:
+        (..., 2n) cosine and sine of each order in turn; derivatives in 1/rad^k.
+    """
+    phase_shift = derivative * 0.5 * np.pi  # d/dx of cos is cos a quarter turn later
     out = np.empty((*np.shape(angle), 2 * len(orders)))
     for k, n in enumerate(orders):
-        at = n * angle + later
-        out[..., 2 * k], out[..., 2 * k + 1] = n**derivative * np.cos(at), n**derivative * np.sin(at)
+        phase = n * angle + phase_shift
+        out[..., 2 * k], out[..., 2 * k + 1] = n**derivative * np.cos(phase), n**derivative * np.sin(phase)
     return out
 
 
 class HarmonicSeries:
-    """Waves of the same angles over and over: whole orders as products of z = exp(iq), z², z⁴ …, whatever else anew."""
+    """Harmonics of a fixed set of angles. Integer orders are products of cached powers z = exp(iq), z², z⁴ …."""
 
     def __init__(self, angle: Array) -> None:
         self.angle = angle
         self._squares: list[NDArray[np.complex128]] = []
 
     def compute(self, orders: Sequence[float]) -> Array:
-        """(M, 2n) as :func:`compute_harmonics`."""
+        """Return cosine and sine of each order, as :func:`compute_harmonics`.
+
+        Args:
+            orders: n orders per turn of the joint.
+
+        Returns:
+            (M, 2n) cosine and sine of each order in turn.
+        """
         if any(n < 1 or n != int(n) for n in orders):
             return compute_harmonics(self.angle, orders)
         out = np.empty((len(self.angle), 2 * len(orders)))
@@ -45,7 +61,7 @@ class HarmonicSeries:
         return functools.reduce(np.multiply, factors)
 
     def _square(self, k: int) -> NDArray[np.complex128]:
-        """z to the power 2ᵏ."""
+        """Return z to the power 2ᵏ."""
         if not self._squares:
             self._squares.append(np.exp(1j * self.angle))
         while len(self._squares) <= k:

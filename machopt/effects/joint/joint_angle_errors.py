@@ -1,6 +1,6 @@
-"""Where the arm stands without any load: zeros of the encoders, waves of the gears.
+"""Joint angle errors without load: encoder zero offsets and transmission errors of the gears.
 
-The true angle of joint j is q_j + Δ_j(q), q what the encoders say; compensated in the exported joints.
+The true angle of joint j is q_j + Δ_j(q), where q are the encoder angles. The exported joint values compensate it.
 """
 
 from __future__ import annotations
@@ -23,14 +23,20 @@ from machopt.effects.protocol import (
 )
 from machopt.numerics.array_types import Array
 
-LOW_ORDERS = 12  # per turn of the joint: what turns with the output (rings, pins, bearings) comes round a few times
-HIGH_ORDER = 200.0  # per turn: about the largest ratio of a robot's reducer, what turns with the motor
+LOW_ORDERS = 12  # per joint turn: parts that rotate with the output (rings, pins, bearings) cause low orders
+HIGH_ORDER = 200.0  # per joint turn: about the largest gear ratio of a robot; parts that rotate with the motor
 MAX_PHASE_ERROR = (
-    0.7  # rad, half the phase that neighbouring orders may part by at the ends of the range: 8 % of amplitude
+    0.7  # rad, half the phase difference of neighbouring orders at the ends of the range: 8 % of the amplitude
 )
 MOST_HIGH = 48  # orders above the low ones
 SUM_NAME = "waves"
-ORDINAL_WORDS = ("second", "third", "fourth", "fifth", "sixth")  # waves of a sum that are told; the file has all
+ORDINAL_WORDS = (
+    "second",
+    "third",
+    "fourth",
+    "fifth",
+    "sixth",
+)  # harmonics listed in a report; the file has all of them
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,7 @@ class ZeroOffset(JointAngleLawDefaults):
     name = "constant angle"
     equation = "Δ_j = δ, at the TCP J_j δ (Mooring, Roth & Driels 1991, Fundamentals of Manipulator Calibration)"
     note = "without load, smooth over the poses"
-    static_only = True  # a motion's channels refit offsets of encoders, or of what is tracked
+    static_only = True  # channels of a motion fit encoder or tracker offsets themselves
     coefficients = (
         LawParameter(
             key="offset_deg",
@@ -54,26 +60,63 @@ class ZeroOffset(JointAngleLawDefaults):
     )
 
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
+        """Return 1 for the offset, or 0 for its derivatives.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            angle: (...,) encoder angles, rad.
+            derivative: Order of the derivative with respect to the angle; 0 is the function itself.
+
+        Returns:
+            (..., 1) rad/rad.
+        """
         return np.full((*np.shape(angle), 1), 0.0 if derivative else 1.0)
 
     def compute_max_slope(self, values: Array, shape: Array) -> float:
+        """Return zero: the offset does not depend on the angle.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: Empty; the law has no shape parameters.
+
+        Returns:
+            Largest |dΔ/dq|, rad/rad.
+        """
         return 0.0
 
     def compute_max_error(self, values: Array, shape: Array) -> float:
+        """Return the magnitude of the offset.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: Empty; the law has no shape parameters.
+
+        Returns:
+            Largest |Δ|, rad.
+        """
         return abs(float(values[0]))
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the offset in degrees.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: Empty; the law has no shape parameters.
+
+        Returns:
+            ``offset`` in deg.
+        """
         return {"offset": Quantity(float(values[0] / DEGREE), "deg")}
 
 
 @dataclass(frozen=True)
 class TransmissionError(JointAngleLawDefaults):
-    """Δ_j = Σ a_n cos n q_j + b_n sin n q_j; values a and b of each order in turn."""
+    """Δ_j = Σ a_n cos n q_j + b_n sin n q_j; the values are a and b of each order in turn."""
 
-    harmonics: int = 1  # that a search tries together
+    harmonics: int = 1  # number of harmonics that a search tries together
 
     note = "without load, periodic over the joint's angle"
-    prior = 3e-4  # rad: a robot's gears run a minute of arc ahead and behind, strain wave gears more
+    prior = 3e-4  # rad: about one arcmin for robot gears, more for strain wave gears
     has_angle_range = True
     coefficients = tuple(
         LawParameter(
@@ -119,32 +162,89 @@ class TransmissionError(JointAngleLawDefaults):
         return 2.0 * (self.harmonics - 1)
 
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
+        """Return cosine and sine of each order at joint angles, or a derivative of them.
+
+        Args:
+            shape: (n,) orders per turn of the joint.
+            angle: (...,) encoder angles, rad.
+            derivative: Order of the derivative with respect to the angle; 0 is the function itself.
+
+        Returns:
+            (..., 2n) rad/rad^(derivative + 1).
+        """
         return compute_harmonics(angle, shape, derivative)
 
     def compute_max_slope(self, values: Array, shape: Array) -> float:
+        """Return an upper bound of the slope: Σ n √(a_n² + b_n²).
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (n,) orders per turn of the joint.
+
+        Returns:
+            Largest |dΔ/dq|, rad/rad.
+        """
         return float(shape @ np.hypot(values[0::2], values[1::2]))
 
     def compute_max_error(self, values: Array, shape: Array) -> float:
+        """Return an upper bound of the error: the sum of all amplitudes.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (n,) orders per turn of the joint.
+
+        Returns:
+            Largest |Δ|, rad.
+        """
         return float(np.sum(np.hypot(values[0::2], values[1::2])))
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return amplitudes and orders, the largest amplitude first.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (n,) orders per turn of the joint.
+
+        Returns:
+            Amplitudes in arcsec and orders in 1/rev.
+        """
         each = np.hypot(values[0::2], values[1::2]) / ARCSEC
         return describe_wave_amplitudes(each, tuple(shape.tolist()), "arcsec", doubled=self.harmonics > 1)
 
     def grid(self, swept: JointAngleRange) -> tuple[Shape, ...]:
+        """Return the orders that a search tries.
+
+        Args:
+            swept: Angle range of the joint that the readings cover.
+
+        Returns:
+            Shapes of ``harmonics`` orders, multiples of the first.
+        """
         orders = list_testable_orders(swept)
         together = tuple(tuple(k * n for k in range(1, self.harmonics + 1)) for n in orders)
         return tuple(shape for shape in together if shape[-1] <= orders[-1])
 
 
 def describe_wave_amplitudes(amplitudes: Array, orders: Shape, unit: str, *, doubled: bool) -> dict[str, Quantity]:
-    """What is told of waves, the largest first; ``doubled``: of one and its double, in this order.
+    """Return amplitudes and orders of harmonics as reported quantities, the largest first.
 
-    The first number must vanish with the coefficients only: it is the largest amplitude.
+    The first quantity must be zero only if all coefficients are zero. It is therefore the largest amplitude.
+
+    Args:
+        amplitudes: (n,) amplitudes in ``unit``.
+        orders: n orders per turn of the joint.
+        unit: Unit of the amplitudes, for example "arcsec".
+        doubled: Whether the harmonics are one order and its double, reported in this sequence.
+
+    Returns:
+        Quantities by name.
     """
-    at = range(len(amplitudes)) if doubled else np.argsort(-amplitudes, kind="stable").tolist()
-    out = {"amplitude": Quantity(float(amplitudes.max()), unit), "order": Quantity(float(orders[at[0]]), "1/rev")}
-    for word, n in zip(ORDINAL_WORDS, at[1:], strict=False):
+    order_of_report = range(len(amplitudes)) if doubled else np.argsort(-amplitudes, kind="stable").tolist()
+    out = {
+        "amplitude": Quantity(float(amplitudes.max()), unit),
+        "order": Quantity(float(orders[order_of_report[0]]), "1/rev"),
+    }
+    for word, n in zip(ORDINAL_WORDS, order_of_report[1:], strict=False):
         out[f"{word}_amplitude"] = Quantity(float(amplitudes[n]), unit)
         if not doubled:
             out[f"{word}_order"] = Quantity(float(orders[n]), "1/rev")
@@ -152,11 +252,17 @@ def describe_wave_amplitudes(amplitudes: Array, orders: Shape, unit: str, *, dou
 
 
 def list_testable_orders(swept: JointAngleRange) -> tuple[float, ...]:
-    """Orders per turn that angles of a joint can show and tell apart; none where they tell nothing from noise.
+    """List the orders per turn that the measured angles can resolve.
 
-    Whole orders up to LOW_ORDERS (parts that turn with the output). Above, a grid as fine as the range asks for, up
-    to as many as there are angles for: with fewer, some order among many fits any noise. A motion passes all angles
-    between: whole orders, up to the highest.
+    Integer orders up to LOW_ORDERS are for parts that rotate with the output. Above, the grid is as fine as the angle
+    range requires, limited by the number of distinct angles. With fewer angles some order among many fits any noise.
+    A motion passes all angles in between: integer orders up to the highest.
+
+    Args:
+        swept: Angle range of the joint that the readings cover.
+
+    Returns:
+        Orders in 1/rev; empty if the angles cannot distinguish an order from noise.
     """
     span = swept.max_angle - swept.min_angle
     if not swept.max_shapes:
@@ -164,10 +270,12 @@ def list_testable_orders(swept: JointAngleRange) -> tuple[float, ...]:
     if swept.is_motion:
         return tuple(float(n) for n in range(int(np.ceil(swept.lowest_order)), int(HIGH_ORDER) + 1))
     step = 2.0 * MAX_PHASE_ERROR / (0.5 * span)
-    first = max(swept.lowest_order, np.ceil(0.5 * np.pi / span))  # a quarter of a wave is an offset and a slope
+    first = max(
+        swept.lowest_order, np.ceil(0.5 * np.pi / span)
+    )  # a quarter of a wave is not distinguishable from offset and slope
     low = np.arange(first, LOW_ORDERS + 0.5)
     budget = swept.max_shapes - len(low)
-    if budget > MOST_HIGH:  # whole orders of a joint that turns far: a finer grid only takes longer
+    if budget > MOST_HIGH:  # integer orders suffice for a large range; a finer grid only takes longer
         budget, step = MOST_HIGH, max(step, 1.0)
     high = LOW_ORDERS + step * np.arange(1, max(budget, 0) + 1)
     return tuple(float(n) for n in np.concatenate([low, high[high <= HIGH_ORDER]]))
@@ -180,7 +288,7 @@ ZERO = Effect(
     port="angle",
     places=JOINTS,
     angle_laws=(ZeroOffset(),),
-    form_uncertainty=0.0,  # a constant is its own form
+    form_uncertainty=0.0,  # a constant has no uncertain functional form
     plausible_sizes={"deg": 10.0},
 )
 

@@ -1,7 +1,7 @@
-"""One joint that moves another: through the gears (Δ_j = κ q_i), or by its torque (Δ_i = c_ij τ_j, Δ_j = c_ij τ_i).
+"""Coupling of two joints: kinematic (through the gears, Δ_j = κ q_i) or elastic (Δ_i = c_ij τ_j, Δ_j = c_ij τ_i).
 
-Two effects, and two files: what is elastic stands in stiffness.yaml, what needs no load in kinematics.yaml. Files and
-findings call both ``joint_coupling``; which one is meant their parameters say.
+These are two effects in two files: the elastic one in stiffness.yaml, the kinematic one in kinematics.yaml. Files and
+findings call both ``joint_coupling``; the parameters tell which one is meant.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ SHAFT_RATIOS = (
     0.5,
     0.75,
     1.0,
-)  # turns of a motor, at its joint, per turn of the other joint
+)  # motor turns, referred to its joint, per turn of the other joint
 SIZE_QUANTILE = 0.98  # quantile of what a law adds that counts as its size
 SHARED_CASTING_PAIRS = ("joint:2-3", *WRIST, "joint:1-2", "joint:3-4")  # joints whose gears share a shaft or a casting
 
 
 @dataclass(frozen=True)
 class ElasticCoupling(JointLawDefaults):
-    """A torque on one joint turns another one, and the other way round by as much (Maxwell)."""
+    """A torque on one joint twists another joint, and vice versa with the same coefficient (Maxwell reciprocity)."""
 
     name = "elastic coupling"
     equation = "Δ_i = c_ij τ_j, Δ_j = c_ij τ_i"
@@ -54,18 +54,63 @@ class ElasticCoupling(JointLawDefaults):
     shape: tuple[LawParameter, ...] = ()
 
     def columns(self, shape: Array, drive: JointLoading) -> Array:
+        """Return the twist per unit of the coupling compliance: the torque of the other joint.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            drive: Torque, angle and load history of the joint, one entry per state.
+
+        Returns:
+            (..., 1) N·m.
+        """
         return drive.torque[..., None]
 
     def tangent(self, shape: Array, drive: JointLoading) -> Array:
+        """Return the slope of the twist: 1.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            drive: Torque, angle and load history of the joint, one entry per state.
+
+        Returns:
+            (..., 1) ones.
+        """
         return np.ones((*drive.torque.shape, 1))
 
     def limit_to_compliance(self, values: Array, room: float) -> JointLaw:
+        """Return the law unchanged.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            room: Compliance that the joint has left to lose before its slope becomes zero, rad/(N·m).
+
+        Returns:
+            The law.
+        """
         return self
 
     def sizes(self, values: Array, shape: Array, scale: JointLoadRange) -> Mapping[str, Quantity]:
+        """Return the coupling compliance.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: Empty; the law has no shape parameters.
+            scale: Range of torque, angle and time that the recording or plan covers at this joint.
+
+        Returns:
+            ``compliance`` in rad/(N·m).
+        """
         return {"compliance": Quantity(float(values[0]), COMPLIANCE)}
 
     def grid(self, scale: JointLoadRange) -> tuple[Shape, ...]:
+        """Return one empty shape: the law has no shape parameters to search.
+
+        Args:
+            scale: Range of torque, angle and time that the recording or plan covers at this joint.
+
+        Returns:
+            The shapes that a search tries.
+        """
         return ((),)
 
 
@@ -76,35 +121,74 @@ class KinematicCoupling(JointAngleLawDefaults):
     name = "gears drag the next joint"
     equation = "Δ_j = κ q_i (hollow wrist: the shaft of joint j runs through joint i)"
     note = "the second joint without load, in proportion to the first"
-    static_only = True  # proven in settled poses
-    prior = 3e-4  # wrists that no controller compensates drag 1e-4 to 1e-3; more is rather a turned axis
+    static_only = True  # identified from static poses only
+    prior = 3e-4  # uncompensated wrists have 1e-4 to 1e-3; larger values indicate a tilted axis
     coefficients = (
         LawParameter(key="ratio", unit="rad/rad", required=True, magnitude_limit=0.1, unit_in_words="rad/rad"),
     )
 
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
+        """Return the angle of the driving joint, or its derivative.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            angle: (...,) angle of the driving joint i, rad.
+            derivative: Order of the derivative with respect to the angle; 0 is the function itself.
+
+        Returns:
+            (..., 1) rad per rad/rad.
+        """
         of = angle if derivative == 0 else np.full(np.shape(angle), 1.0 if derivative == 1 else 0.0)
         return np.asarray(of, float)[..., None]
 
     def compute_max_slope(self, values: Array, shape: Array) -> float:
+        """Return the magnitude of the coupling ratio.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: Empty; the law has no shape parameters.
+
+        Returns:
+            Largest |dΔ/dq|, rad/rad.
+        """
         return abs(float(values[0]))
 
     def compute_max_error(self, values: Array, shape: Array) -> float:
+        """Return infinity: only the angle range of joint i bounds the error.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: Empty; the law has no shape parameters.
+
+        Returns:
+            Infinity.
+        """
         return np.inf
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the magnitude of the coupling ratio.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: Empty; the law has no shape parameters.
+
+        Returns:
+            ``ratio`` in rad/rad.
+        """
         return {"ratio": Quantity(abs(float(values[0])), "rad/rad")}
 
 
 @dataclass(frozen=True)
 class ThroughShaftCoupling:
-    """The shaft of joint j runs through joint i: its motor turns by φ = q_j + κ q_i and rubs and spins with that.
+    """The drive shaft of joint j runs through joint i. Its motor turns by φ = q_j + κ q_i, with the friction of that
+    motion.
 
-    What all motors do to the joints is Aᵀ of what they give, φ = A q. A controller tells the one or the other.
+    The joint torques of all motors are Aᵀ times the motor torques, with φ = A q. A controller reports either of the
+    two.
     """
 
-    is_motor_side: bool  # what each motor gives, times its gear; else what all of them do to each joint
-    forward: bool  # whether the motor turns further where joint i turns forward
+    is_motor_side: bool  # recorded: torque of each motor times its gear ratio; else the joint torque of all motors
+    forward: bool  # whether κ is positive: the motor turns further when joint i moves forward
     word = ""
     has_memory = False
     penalty = 0.0
@@ -136,6 +220,16 @@ class ThroughShaftCoupling:
         return (*own, LawParameter(key="share", unit="1", lower_limit=0.0)) if self.is_motor_side else own
 
     def columns(self, shape: Array, seen: MotorLoading) -> Array:
+        """Return the additional torques at joints i and j per unit of each coefficient.
+
+        Args:
+            shape: (1,) coupling ratio |κ|, rad/rad.
+            seen: Torque, speed and acceleration of both joints in K samples.
+
+        Returns:
+            (K, 2, P) N·m; coefficients are Coulomb friction, viscous friction, inertia and, on the motor side, the
+            torque transfer.
+        """
         ratio = float(shape[0]) * (1.0 if self.forward else -1.0)
         v, a = (x[:, 1] + ratio * x[:, 0] for x in (seen.speed, seen.acceleration))
         out = np.zeros((len(v), 2, 4 if self.is_motor_side else 3))
@@ -148,9 +242,21 @@ class ThroughShaftCoupling:
         return out
 
     def sizes(self, values: Array, shape: Array, seen: MotorLoading) -> Mapping[str, Quantity]:
-        rubs = self.columns(shape, seen)[:, 1, :3] @ values[:3]
+        """Return the size of the friction torque and the coupling ratio.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (1,) coupling ratio |κ|, rad/rad.
+            seen: Torque, speed and acceleration of both joints in K samples.
+
+        Returns:
+            ``torque`` in N·m and ``ratio`` in rad/rad.
+        """
+        friction_torque = self.columns(shape, seen)[:, 1, :3] @ values[:3]
         return {
-            "torque": Quantity(float(np.quantile(np.abs(rubs - np.median(rubs)), SIZE_QUANTILE)), "N·m"),
+            "torque": Quantity(
+                float(np.quantile(np.abs(friction_torque - np.median(friction_torque)), SIZE_QUANTILE)), "N·m"
+            ),
             "ratio": Quantity(float(shape[0]), "rad/rad"),
         }
 

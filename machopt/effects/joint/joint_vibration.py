@@ -1,4 +1,4 @@
-"""A joint that swings on its own spring: the link as a mass behind it, integrated along sampled signals; compiled."""
+"""Vibration of a joint on its own spring: the link as a mass on the joint spring, integrated along sampled signals."""
 
 from __future__ import annotations
 
@@ -11,12 +11,25 @@ from machopt.effects.protocol import COMPLIANCE, JOINTS, Effect, LawParameter, Q
 from machopt.numerics.array_types import Array, Ints
 from machopt.numerics.compiled_functions import jit_compile
 
-BANDS = tuple(float(f) for f in np.geomspace(0.8, 20.0, 17).round(2))  # Hz, where a search begins that refines
-COARSE = (3.0, 4.5, 6.5, 9.5, 14.0, 20.0)  # Hz, of torques, which show no more than that it swings
+BANDS = tuple(float(f) for f in np.geomspace(0.8, 20.0, 17).round(2))  # Hz, start values of a refined search
+COARSE = (
+    3.0,
+    4.5,
+    6.5,
+    9.5,
+    14.0,
+    20.0,
+)  # Hz, for torque channels, which show the vibration but not its exact frequency
 DAMPING = (0.01, 0.02, 0.03, 0.045, 0.07, 0.1)  # of critical
 FREQUENCY_STEPS = (0.035, 0.012, 0.004)  # relative steps of the search for a frequency
-DAMPED, TORQUE_DAMPING = 0.02, 0.04  # of critical: where a search begins; what torques are told
-MAX_FREQUENCY_SHARE, MAX_TORQUE_FREQUENCY_SHARE = 0.3, 0.4  # of the sampling rate: faster than that is not seen
+DAMPED, TORQUE_DAMPING = (
+    0.02,
+    0.04,
+)  # relative to critical damping: start value of the search; fixed value for torque channels
+MAX_FREQUENCY_SHARE, MAX_TORQUE_FREQUENCY_SHARE = (
+    0.3,
+    0.4,
+)  # relative to the sampling rate: higher frequencies are not resolved
 
 
 @jit_compile
@@ -31,7 +44,7 @@ def _integrate_mass_on_spring(load: Array, inertia: Array, step: Array, first: I
         w = np.sqrt(k / inertia[n])
         h, z = step[n], damping
         wd = w * np.sqrt(1.0 - z * z)
-        # exact over a step with the load held at its mean
+        # exact over a step with the load constant at its mean
         rest = 0.5 * (load[n] + load[n - 1]) / k
         a = x - rest
         b = (v + z * w * a) / wd
@@ -43,15 +56,18 @@ def _integrate_mass_on_spring(load: Array, inertia: Array, step: Array, first: I
 
 
 def simulate_mass_on_spring(load: Array, inertia: Array, step: Array, first: Ints, k: float, damping: float) -> Array:
-    """Twist (M,) rad of m(t) ẍ + 2 ζ √(k m) ẋ + k x = load, from rest under the first load.
+    """Integrate m(t) ẍ + 2 ζ √(k m) ẋ + k x = load from rest under the first load.
 
     Args:
-        load: (M,) N·m.
-        inertia: (M,) kg·m² behind the spring.
-        step: (M,) s since the sample before.
+        load: (M,) joint torque, N·m.
+        inertia: (M,) inertia behind the spring, kg·m².
+        step: (M,) time since the sample before, s.
         first: (M,) 1 where a segment begins.
-        k: N·m/rad.
-        damping: ζ.
+        k: Stiffness, N·m/rad.
+        damping: Damping ratio ζ.
+
+    Returns:
+        (M,) twist x, rad.
     """
     return np.asarray(
         _integrate_mass_on_spring(np.ascontiguousarray(load), np.ascontiguousarray(inertia), step, first, k, damping)
@@ -60,12 +76,12 @@ def simulate_mass_on_spring(load: Array, inertia: Array, step: Array, first: Int
 
 @dataclass(frozen=True)
 class JointVibration:
-    """φ = c k x, M(q) ẍ + 2ζ√(kM) ẋ + k x = τ with the k that makes the frequency of the shape; c the coefficient."""
+    """φ = c k x with M(q) ẍ + 2ζ√(kM) ẋ + k x = τ. The shape's frequency determines k; c is the fitted compliance."""
 
     name = "mass on a spring"
     equation = "M(q) φ̈ + 2ζ√(kM) φ̇ + k φ = τ"
     word = ""
-    has_memory = False  # it forgets within its own decay
+    has_memory = False  # its memory is limited to its decay time
     coefficients = (LawParameter(key="compliance_rad_per_Nm", unit=COMPLIANCE, lower_limit=0.0),)
     shape = (
         LawParameter(key="frequency_Hz", unit="Hz", positive=True),
@@ -73,26 +89,64 @@ class JointVibration:
     )
 
     def stiffness(self, shape: Array, seen: VibrationLoading) -> float:
+        """Return the stiffness that the shape's frequency implies for the mean inertia.
+
+        Args:
+            shape: (1,) frequency in Hz, or (2,) with the damping ratio.
+            seen: Torque and inertia of the joint in K samples.
+
+        Returns:
+            N·m/rad.
+        """
         return float(np.mean(seen.inertia)) * float(2.0 * np.pi * shape[0]) ** 2
 
     def deflection(self, shape: Array, seen: VibrationLoading) -> Array:
+        """Return the deflection of a spring of that stiffness along the samples.
+
+        Args:
+            shape: (1,) frequency in Hz, or (2,) with the damping ratio.
+            seen: Torque and inertia of the joint in K samples.
+
+        Returns:
+            (K,) rad.
+        """
         damping = float(shape[1]) if len(shape) > 1 else TORQUE_DAMPING
         return simulate_mass_on_spring(
             seen.load, seen.inertia, seen.time_step, seen.segment_start, self.stiffness(shape, seen), damping
         )
 
     def sizes(self, compliance: float, shape: Array, seen: VibrationLoading) -> Mapping[str, Quantity]:
+        """Return compliance, frequency and damping.
+
+        Args:
+            compliance: Fitted joint compliance, rad/(N·m).
+            shape: (1,) frequency in Hz, or (2,) with the damping ratio.
+            seen: Torque and inertia of the joint in K samples.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         out = {"compliance": Quantity(compliance, COMPLIANCE), "frequency": Quantity(float(shape[0]), "Hz")}
         return out | ({"damping": Quantity(100.0 * float(shape[1]), "%")} if len(shape) > 1 else {})
 
     def grid(self, rate: float, gain: Callable[[Shape], float] | None = None) -> tuple[Shape, ...]:
+        """Return the frequencies and damping ratios that a search tries.
+
+        Args:
+            rate: Sampling rate, Hz.
+            gain: Function that returns the power explained by a shape's column. The grid then ends with the refined
+                best shape. None returns a coarse grid.
+
+        Returns:
+            Shapes (frequency,) or (frequency, damping ratio).
+        """
         if gain is None:
             return tuple((f,) for f in COARSE if f < MAX_TORQUE_FREQUENCY_SHARE * rate)
         limit = MAX_FREQUENCY_SHARE * rate
         shapes = tuple((f, DAMPED) for f in BANDS if f < limit)
         if not shapes:
             return ()
-        # weakly damped, a resonance is narrower than any grid that many joints can afford
+        # a weakly damped resonance is narrower than a grid that is affordable for all joints
         f, z = max(shapes, key=gain)
         for width in FREQUENCY_STEPS:
             near = [min(f * (1.0 + width * k), limit) for k in (-3, -2, -1, 0, 1, 2, 3)]

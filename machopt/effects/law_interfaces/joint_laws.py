@@ -1,11 +1,12 @@
-"""Ports of joints: what a law is asked of one joint, and what it is told of it.
+"""Interfaces of joint laws: the input that a law receives about one joint, and the outputs that it returns.
 
-Twist by the joint's torque, angle without load, torque beside the gear, friction of the motor.
+Twist by the joint torque, angle error without load, torque in parallel to the gear. Laws of moving joints are in
+:mod:`machopt.effects.law_interfaces.motion_laws`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -17,33 +18,33 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class JointLoading:
-    """What acts at one joint in K states, in the order they happened.
+    """Loading of one joint in K states, in chronological order.
 
-    Different memories of a gear are different drives over the same law.
+    Different load histories of a gear are different inputs to the same law.
     """
 
     torque: Array  # (..., ) N·m that the law follows
     angle: Array | None = None  # (...,) rad of the joint
-    time_gap: Array | None = None  # (K,) s since the state before; of a first one since the gear rested; see creep.lag
-    segment_start: Ints | None = (
-        None  # (K,) 1: nothing before this state counts. None: each state stands by itself, for long
+    time_gap: Array | None = (
+        None  # (K,) s since the state before, or since the gear was unloaded; see creep.filter_first_order
     )
+    segment_start: Ints | None = None  # (K,) 1: a load history begins. None: states are independent and settled
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointLoadRange:
-    """How much a recording or a plan asks of one joint: what shares and sizes are of."""
+    """Load and angle range of one joint in a recording or a plan. Reported shares and sizes refer to it."""
 
     max_torque: float  # N·m, about the largest torque
     compliance: float | None = None  # rad/(N·m) of the joint's own spring; None: not known yet
     min_angle: float = 0.0  # rad, range of its angle
     max_angle: float = 0.0
-    longest_history: float = np.inf  # s, the longest history without a break
-    is_motion: bool = False  # a motion in many samples; else settled readings, some a cycle
+    longest_history: float = np.inf  # s, the longest uninterrupted load history
+    is_motion: bool = False  # a sampled motion; else static readings
 
 
 class JointLaw(DescribedLaw, Protocol):
-    """One law of an effect. Stateless; SI."""
+    """Law of a joint twist that depends on the joint torque. Stateless; SI."""
 
     @property
     def includes_weight(self) -> bool:
@@ -51,126 +52,263 @@ class JointLaw(DescribedLaw, Protocol):
         ...
 
     def columns(self, shape: Array, drive: JointLoading) -> Array:
-        """(..., P) what it makes per unit of each coefficient, at each state of the drive."""
+        """Return the joint twist per unit of each coefficient, at each state.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            drive: Torque, angle and load history of the joint, one entry per state.
+
+        Returns:
+            (..., P) rad per unit of each coefficient.
+        """
         ...
 
     def tangent(self, shape: Array, drive: JointLoading) -> Array:
-        """(..., P) its slope by the torque; of what remembers, the most that a lasting load can meet."""
+        """Return the slope of the twist with respect to the torque, per unit of each coefficient.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            drive: Torque, angle and load history of the joint, one entry per state.
+
+        Returns:
+            (..., P); for a law with memory the largest slope that a lasting load can meet.
+        """
         ...
 
     def compute_max_slope(self, values: Array, shape: Array, low: float, high: float) -> tuple[float, float]:
-        """How much compliance it may take from its joint at most, ≤ 0 rad/(N·m), and at which angle in rad (or NaN)."""
+        """Return the largest reduction of the joint compliance over an angle range.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            low: Lower end of the joint's angle range, rad.
+            high: Upper end of the joint's angle range, rad.
+
+        Returns:
+            Compliance change, ≤ 0 rad/(N·m), and the angle in rad at which it occurs (NaN if independent of it).
+        """
         ...
 
     def limit_to_compliance(self, values: Array, room: float) -> JointLaw:
-        """The law as it holds where the joint has ``room`` rad/(N·m) left for it to take."""
+        """Return the law limited so that the joint compliance stays positive.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            room: Compliance that the joint has left to lose before its slope becomes zero, rad/(N·m).
+
+        Returns:
+            The limited law; the law itself if it needs no limit.
+        """
         ...
 
     def sizes(self, values: Array, shape: Array, scale: JointLoadRange) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        """Return the coefficients as reported quantities.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            scale: Range of torque, angle and time that the recording or plan covers at this joint.
+
+        Returns:
+            Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
+        """
         ...
 
     def grid(self, scale: JointLoadRange) -> tuple[Shape, ...]:
-        """Shapes that a search tries; none where the law is not offered."""
+        """Return the shapes that a search tries.
+
+        Args:
+            scale: Range of torque, angle and time that the recording or plan covers at this joint.
+
+        Returns:
+            Shapes in SI; empty if the law is not applicable to this range.
+        """
         ...
 
     def explain_undetectable(self, loaded: Array, unloaded: Array, scale: JointLoadRange) -> str:
-        """Why torques (N,) against those without load (N,) cannot show it; empty where they can."""
+        """Explain why the torques cannot show the effect.
+
+        Args:
+            loaded: (N,) joint torques under load, N·m.
+            unloaded: (N,) joint torques of the same poses without load, N·m.
+            scale: Range of torque, angle and time that the recording or plan covers at this joint.
+
+        Returns:
+            The reason; empty if they can show it.
+        """
         ...
 
 
 class JointLawDefaults:
-    """What most laws answer: nothing is taken, nothing bounds them, every torque shows them."""
+    """Default implementations shared by most joint laws: no compliance reduction, no bound, always detectable."""
 
     word = ""
     includes_weight = False
     has_memory = False
 
     def compute_max_slope(self, values: Array, shape: Array, low: float, high: float) -> tuple[float, float]:
+        """Return zero: the law does not reduce the joint compliance.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            low: Lower end of the joint's angle range, rad.
+            high: Upper end of the joint's angle range, rad.
+
+        Returns:
+            0 and NaN.
+        """
         return 0.0, np.nan
 
     def explain_undetectable(self, loaded: Array, unloaded: Array, scale: JointLoadRange) -> str:
+        """Return an empty reason: every torque shows the effect.
+
+        Args:
+            loaded: (N,) joint torques under load, N·m.
+            unloaded: (N,) joint torques of the same poses without load, N·m.
+            scale: Range of torque, angle and time that the recording or plan covers at this joint.
+
+        Returns:
+            An empty string.
+        """
         return ""
 
 
 def is_time_dependent(law: JointLaw) -> bool:
-    """It goes by time: one of its numbers is a time constant."""
+    """Return whether one of the law's shape parameters is a time constant.
+
+    Args:
+        law: Law to check.
+
+    Returns:
+        True if a shape parameter has the unit s.
+    """
     return any(p.unit == "s" for p in law.shape)
 
 
 def compute_compliance_percent(value: float, compliance: float) -> Quantity:
-    """A compliance as a share of the joint's own."""
+    """Return a compliance relative to the joint's own compliance.
+
+    Args:
+        value: Compliance, rad/(N·m).
+        compliance: Compliance of the joint's spring, rad/(N·m).
+
+    Returns:
+        Quantity in %.
+    """
     return Quantity(100.0 * value / compliance, "%")
 
 
 @dataclass(frozen=True)
 class JointAngleRange:
-    """The angles of a joint that readings were taken at: what shapes of laws without load are of."""
+    """Angle range of one joint that the readings cover. Shapes of angle laws are derived from it."""
 
     min_angle: float  # rad by encoder
     max_angle: float
-    max_shapes: int  # shapes that as many distinct angles can tell from noise
-    lowest_order: float = 1.0  # per turn of the joint: slower waves are another effect's (those of a balancer)
-    is_motion: bool = False  # a motion in many samples; else settled poses
+    max_shapes: int  # number of shapes that the distinct angles can distinguish from noise
+    lowest_order: float = 1.0  # per joint turn: lower orders belong to other effects (gravity compensator)
+    is_motion: bool = False  # a sampled motion; else static poses
 
 
 class JointAngleLaw(DescribedLaw, Protocol):
-    """An angle Δ(q) that a joint is off by without any load, by its own angle or another joint's. Stateless; SI."""
+    """Law of a joint angle error Δ(q) without load, by the joint's own angle or another joint's. Stateless; SI."""
 
     @property
     def note(self) -> str:
-        """Where it shows."""
+        """Where the effect is visible."""
         ...
 
     @property
     def penalty(self) -> float:
-        """Gain beyond that of its coefficients that it must bring of settled poses: few, for what fits much."""
+        """Additional gain that the law must reach in static poses beyond that of its coefficients, because it is
+        flexible.
+        """
         ...
 
     @property
     def prior(self) -> float | None:
-        """1 sigma of each coefficient about zero in settled poses, of what makers hold; None: nothing is known."""
+        """Prior standard deviation (1σ) of each coefficient about zero in static poses; None if unknown."""
         ...
 
     @property
     def sum_name(self) -> str:
-        """What several of its shapes at one place are called, one law again: "waves"; empty: they are none."""
+        """Name of a sum of several shapes at one place, for example "waves"; empty if shapes do not form a sum."""
         ...
 
     @property
     def has_angle_range(self) -> bool:
-        """It holds at the angles it was measured over, and fades out beyond; else everywhere."""
+        """Whether the law is valid only over the measured angles and fades out beyond them."""
         ...
 
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
-        """(..., P) rad per unit of each coefficient at angles (...,) rad, or a derivative by the angle."""
+        """Return the angle error per unit of each coefficient, or a derivative of it.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            angle: (...,) encoder angles, rad.
+            derivative: Order of the derivative with respect to the angle; 0 is the function itself.
+
+        Returns:
+            (..., P) rad per unit of each coefficient; derivatives per rad^n.
+        """
         ...
 
     def compute_max_slope(self, values: Array, shape: Array) -> float:
-        """The most that Δ changes, rad per rad of the angle."""
+        """Return the largest slope |dΔ/dq|.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            rad/rad.
+        """
         ...
 
     def compute_max_error(self, values: Array, shape: Array) -> float:
-        """The most that Δ is to either side, rad; infinite where angles bound it alone."""
+        """Return the largest error |Δ|.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            rad; infinite if only the angle range bounds it.
+        """
         ...
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        """Return the coefficients as reported quantities.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
+        """
         ...
 
     def grid(self, swept: JointAngleRange) -> tuple[Shape, ...]:
-        """Shapes that a search tries; none where these angles cannot show it."""
+        """Return the shapes that a search tries.
+
+        Args:
+            swept: Angle range of the joint that the readings cover.
+
+        Returns:
+            Shapes in SI; empty if these angles cannot show the effect.
+        """
         ...
 
 
 class JointAngleLawDefaults:
-    """What most laws without load answer: at once, everywhere, and nothing is known of their size."""
+    """Default implementations shared by most angle laws: no memory, valid everywhere, no prior."""
 
     word = ""
     has_memory = False
     prior: float | None = None
     has_angle_range = False
-    static_only = False  # no motion is searched for it
+    static_only = False  # not searched for in motions
     shape: tuple[LawParameter, ...] = ()
 
     @property
@@ -182,154 +320,62 @@ class JointAngleLawDefaults:
         return ""
 
     def grid(self, swept: JointAngleRange) -> tuple[Shape, ...]:
+        """Return one empty shape; none for motions if the law is static only.
+
+        Args:
+            swept: Angle range of the joint that the readings cover.
+
+        Returns:
+            The shapes that a search tries.
+        """
         return () if self.static_only and swept.is_motion else ((),)
 
 
 class ParallelTorqueLaw(DescribedLaw, Protocol):
-    """A torque that a spring puts on a joint beside its gear, by the joint's own angle. Stateless; SI."""
+    """Law of a torque in parallel to the gear (a spring between two links), by the joint's own angle. Stateless; SI."""
 
     @property
     def penalty(self) -> float:
-        """Gain beyond that of its coefficients that it must bring at rest: flexible enough to fit much."""
-        ...
-
-    def torque(self, shape: Array, angle: Array) -> Array:
-        """(..., P) N·m per unit of each coefficient at angles (...,) rad."""
-        ...
-
-    def slope(self, shape: Array, angle: Array) -> Array:
-        """(..., P) its derivative by the angle; what it takes from the stiffness of the gear."""
-        ...
-
-    def sizes(self, values: Array) -> Mapping[str, Quantity]:
-        """The coefficients in numbers of the trade."""
-        ...
-
-    def grid(self) -> tuple[Shape, ...]:
-        """Shapes that a search tries."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrictionState:
-    """How a joint moves in K samples, as its friction feels it; of a slide m for rad and N for N·m."""
-
-    speed: Array  # (K,) rad/s
-    friction_direction: Array  # (K,) −1 … 1, which way friction points
-    load: Array  # (K,) N·m, size of the torque that it carries
-    segment_start: Ints  # (K,) 1 where a segment begins
-    time_step: float  # s between samples
-    warmth: Callable[[float], Array]  # (K,) 0 … 1 for a time constant in s; of zero by the recorded temperature
-    is_prismatic: bool = False
-
-
-@dataclass(frozen=True)
-class JointSpeedRange:
-    """How a joint moves in a recording: what shapes of friction are of."""
-
-    max_speed: float  # rad/s, about its largest speed
-    has_varying_load: bool  # what it carries changes
-    warming_times: tuple[float, ...] = ()  # s, time constants that the recording can show
-
-
-class FrictionLaw(DescribedLaw, Protocol):
-    """A torque of the motor beyond Coulomb and viscous friction, linear in its coefficients. Stateless; SI."""
-
-    @property
-    def note(self) -> str:
-        """Where it shows."""
-        ...
-
-    @property
-    def plots_over_angle(self) -> bool:
-        """Its picture is over the joint's angle; else over its speed."""
-        ...
-
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
-        """(K, P) N·m per unit of each coefficient."""
-        ...
-
-    def sizes(self, values: Array, shape: Array, seen: FrictionState) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
-        ...
-
-    def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
-        """Shapes that a search tries; none where the recording cannot show it."""
-        ...
-
-
-@dataclass(frozen=True)
-class VibrationLoading:
-    """How a joint's spring is loaded in K samples, and what swings on it."""
-
-    load: Array  # (K,) N·m that twists the joint forward
-    inertia: Array  # (K,) kg·m² behind the spring
-    time_step: Array  # (K,) s since the sample before
-    segment_start: Ints  # (K,) 1 where a segment begins, at rest under its load
-
-
-class VibrationLaw(DescribedLaw, Protocol):
-    """A joint's spring with what swings on it, linear in a compliance. Stateless; SI."""
-
-    def stiffness(self, shape: Array, seen: VibrationLoading) -> float:
-        """N·m/rad that a shape means here."""
-        ...
-
-    def deflection(self, shape: Array, seen: VibrationLoading) -> Array:
-        """(K,) rad, how far a spring of that stiffness gives; times stiffness and compliance it is the twist."""
-        ...
-
-    def sizes(self, compliance: float, shape: Array, seen: VibrationLoading) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to the compliance."""
-        ...
-
-    def grid(self, rate: float, gain: Callable[[Shape], float] | None = None) -> tuple[Shape, ...]:
-        """Shapes that a search tries in samples at a rate in Hz.
-
-        Args:
-            gain: power that a shape's column takes, for a grid that ends with the best; None: it shall stay coarse.
+        """Additional gain that the law must reach in static poses beyond that of its coefficients, because it is
+        flexible.
         """
         ...
 
+    def torque(self, shape: Array, angle: Array) -> Array:
+        """Return the torque per unit of each coefficient.
 
-@dataclass(frozen=True, kw_only=True)
-class MotorLoading:
-    """What the gears of a place's joints (J of them, in order) do in K samples, as their motors feel it."""
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            angle: (...,) encoder angles, rad.
 
-    required_torque: Array  # (K, J) N·m that rigid bodies ask of each
-    speed: Array  # (K, J) rad/s
-    acceleration: Array  # (K, J) rad/s²
-    compute_friction_direction: Callable[
-        [Array], Array
-    ]  # speed (K,) of the last joint's motor → (K,) −1 … 1, which way its friction points
-
-
-class MotorLaw(DescribedLaw, Protocol):
-    """What drives tell beyond what each joint asks of its own motor, linear in its coefficients. Stateless; SI."""
-
-    @property
-    def note(self) -> str:
-        """Where it shows."""
+        Returns:
+            (..., P) N·m per unit of each coefficient.
+        """
         ...
 
-    @property
-    def penalty(self) -> float:
-        """Gain beyond that of its coefficients that it must bring."""
+    def slope(self, shape: Array, angle: Array) -> Array:
+        """Return the derivative of the torque with respect to the angle; it reduces the stiffness of the joint.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            angle: (...,) encoder angles, rad.
+
+        Returns:
+            (..., P) N·m/rad per unit of each coefficient.
+        """
         ...
 
-    @property
-    def absorbed_by_gain(self) -> bool:
-        """What a gain of each joint takes up that is refitted in any case, where currents stand for torques."""
-        ...
+    def sizes(self, values: Array) -> Mapping[str, Quantity]:
+        """Return the coefficients as reported quantities.
 
-    def columns(self, shape: Array, seen: MotorLoading) -> Array:
-        """(K, J, P) N·m per unit of each coefficient."""
-        ...
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
 
-    def sizes(self, values: Array, shape: Array, seen: MotorLoading) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        Returns:
+            Quantities by name.
+        """
         ...
 
     def grid(self) -> tuple[Shape, ...]:
-        """Shapes that a search tries."""
+        """Return the shapes that a search tries."""
         ...

@@ -1,4 +1,4 @@
-"""What all laws share: a parameter's definition, a number of a finding, what a file states of a law."""
+"""Definitions shared by all laws: a parameter, a reported quantity, and the parameters that a file states for a law."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ ARCMIN = np.pi / 10800.0  # rad
 DEGREE = np.pi / 180.0  # rad
 COMPLIANCE = "rad/(N·m)"
 DEFAULT_FORM_UNCERTAINTY = (
-    0.08  # relative 1 sigma of a size for a law's own form: no gear, beam or loop is quite like its equation
+    0.08  # relative 1 sigma of a size caused by the form of its law: real gears deviate from equations
 )
-EXACT_FORM_UNCERTAINTY = 0.02  # the same where a law is exact: what it acts through is known to about that
+EXACT_FORM_UNCERTAINTY = 0.02  # the same for an exact law: limited by the knowledge of the arm that it acts through
 JOINTS = tuple(format_joint_location(i) for i in range(1, 7))
-MEMORIES = ("cycle", "visit", "arrival", "session", "approach")  # of a gear, in the order that searches number them
+MEMORIES = (
+    "cycle",
+    "visit",
+    "arrival",
+    "session",
+    "approach",
+)  # kinds of load history of a gear, in the order of the search indices
 
 Port = Literal["twist", "torque", "angle", "frame", "body", "record"]
 """Which local thing a law makes: twist of a joint by its torque, torque beside a gear, angle without load, where a
@@ -38,12 +44,14 @@ class LawParameter:
     lower_limit: float = -np.inf  # in the unit of the key
     positive: bool = False  # above zero
     inverse: bool = False  # the key holds one over the number, which is left out where the number is zero
-    required: bool = False  # no fit searches for it: a file that means this law states it
+    required: bool = False  # not fitted: a file that uses this law must state it
     is_list: bool = False  # a list in files
-    is_scalar_for_one_branch: bool = False  # of one branch alone, the number without a list
-    name: str = ""  # of a coefficient where it is reported in SI and the key's unit is another
-    magnitude_limit: float = np.inf  # to either side, in the unit of the key: beyond it the number is in another unit
-    unit_in_words: str = ""  # the unit of the key in words, where refusals say it
+    is_scalar_for_one_branch: bool = False  # a single branch is written as a number instead of a list
+    name: str = ""  # report name of a coefficient if its SI unit differs from the key's unit
+    magnitude_limit: float = (
+        np.inf
+    )  # largest absolute value in the unit of the key; a larger value indicates a wrong unit
+    unit_in_words: str = ""  # the unit of the key in words, for error messages
 
     @property
     def report_key(self) -> str:
@@ -52,18 +60,18 @@ class LawParameter:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of a finding in the unit of the trade."""
+    """One number of a finding in the unit used in reports."""
 
     value: float
     unit: str  # "arcmin", "N·m/arcmin", "%", "ms" …
 
 
 class LawParameterSet(Protocol):
-    """What a file states of a law: P coefficients in which it is linear, S numbers that give its shape."""
+    """Parameters that a file states for a law: P coefficients (the law is linear in them) and S shape parameters."""
 
     @property
     def word(self) -> str:
-        """In files, where the effect has several laws; empty: a file states none."""
+        """Name of the law in files, if the effect has several laws; else empty."""
         ...
 
     @property
@@ -74,19 +82,19 @@ class LawParameterSet(Protocol):
 
     @property
     def has_memory(self) -> bool:
-        """How a torque came there, or since when it has been there, makes a difference."""
+        """Whether the effect depends on the load history or on the time under load."""
         ...
 
 
 class DescribedLaw(LawParameterSet, Protocol):
-    """What a report says of a law beside that."""
+    """Law with the texts that a report shows."""
 
     @property
     def name(self) -> str:
-        """ "play", "bends and twists", "constant angle"."""
+        """Short name, for example "play", "bends and twists", "constant angle"."""
         ...
 
     @property
     def equation(self) -> str:
-        """With its source."""
+        """Equation with its source."""
         ...

@@ -1,4 +1,4 @@
-"""The parameters of one term as a file states them, read key by key."""
+"""Reader for the parameters of one entry of a file, key by key."""
 
 from __future__ import annotations
 
@@ -12,29 +12,73 @@ from machopt.numerics.array_types import Array
 
 
 class ParameterReader:
-    """The parameters of one term, read key by key; what is not asked for is an error."""
+    """Parameters of one entry, read key by key. Keys that were never read are reported as errors."""
 
     def __init__(self, data: Mapping[str, Any], where: str, file: Any = None) -> None:
         self._data, self._where, self._file = dict(data), where, file
         self._read_keys: list[str] = []
 
     def build_error(self, key: str, message: str) -> InputError:
+        """Build an error that names the file and the key.
+
+        Args:
+            key: Key inside this entry.
+            message: What is wrong and what would be accepted.
+
+        Returns:
+            The error; the caller raises it.
+        """
         return InputError(message, file=self._file, where=f"{self._where}{f'.{key}' if key else ''}")
 
     def read_nested(self, key: str, data: Mapping[str, Any]) -> ParameterReader:
-        """The reader of a mapping inside this one."""
+        """Return a reader for a mapping inside this entry.
+
+        Args:
+            key: Key inside this entry.
+            data: The nested mapping.
+
+        Returns:
+            The reader; errors name the full path of a key.
+        """
         return ParameterReader(data, f"{self._where}.{key}", self._file)
 
     def read_word(self, key: str) -> str:
-        """A word, empty where the key is missing."""
+        """Return a value as text.
+
+        Args:
+            key: Key inside this entry.
+
+        Returns:
+            The text; empty if the key is missing.
+        """
         return str(self._data[key]) if self.has_key(key) else ""
 
     def has_key(self, key: str) -> bool:
+        """Return whether the entry has a key, and mark the key as read.
+
+        Args:
+            key: Key inside this entry.
+
+        Returns:
+            True if the key is present.
+        """
         self._read_keys.append(key)
         return key in self._data
 
     def read_number(self, key: str, default: float | None = None, *, positive: bool = True) -> float:
-        """A finite number, above zero unless ``positive`` is off."""
+        """Read a finite number.
+
+        Args:
+            key: Key inside this entry.
+            default: Value if the key is missing; None makes the key mandatory.
+            positive: Whether only numbers above zero are accepted.
+
+        Returns:
+            The number in the unit of the key.
+
+        Raises:
+            InputError: The key is missing, or the value is not an accepted number.
+        """
         if not self.has_key(key):
             if default is None:
                 raise self.build_error(key, f"is missing; {key} is needed here")
@@ -48,16 +92,28 @@ class ParameterReader:
 
     @property
     def is_empty(self) -> bool:
-        """Nothing is stated: a term to be found."""
+        """Whether the entry states nothing, so that its parameters are to be fitted."""
         return not self._data
 
     @property
     def keys(self) -> frozenset[str]:
-        """What is stated, but for the words that every law may have."""
+        """Stated keys without those that every law may have."""
         return frozenset(self._data) - {"law", "memory"}
 
     def read_choice(self, key: str, valid: Sequence[str], default: str) -> str:
-        """One of a few words."""
+        """Read one of several words.
+
+        Args:
+            key: Key inside this entry.
+            valid: Accepted words.
+            default: Value if the key is missing.
+
+        Returns:
+            The word.
+
+        Raises:
+            InputError: The value is not one of the accepted words.
+        """
         if not self.has_key(key):
             return default
         value = self._data[key]
@@ -66,11 +122,29 @@ class ParameterReader:
         return str(value)
 
     def read_single_key(self, key: str) -> bool:
-        """Stated, and no list."""
+        """Return whether a key is stated with a single value instead of a list.
+
+        Args:
+            key: Key inside this entry.
+
+        Returns:
+            True for a single value.
+        """
         return self.has_key(key) and not isinstance(self._data[key], list)
 
     def read_row(self, key: str, *, least: float = -np.inf) -> Array:
-        """One or more finite numbers in a list, none below ``least``; empty where the key is missing."""
+        """Read a list of one or more finite numbers.
+
+        Args:
+            key: Key inside this entry.
+            least: Smallest accepted number.
+
+        Returns:
+            (n,) numbers in the unit of the key; empty if the key is missing.
+
+        Raises:
+            InputError: The value is not a list of accepted numbers.
+        """
         if not self.has_key(key):
             return np.empty(0)
         value = self._data[key]
@@ -84,7 +158,19 @@ class ParameterReader:
         return np.array(value, dtype=float)
 
     def read_array(self, key: str, shape: tuple[int, ...], default: Array | None = None) -> Array:
-        """Finite numbers of a given shape."""
+        """Read finite numbers of a given shape.
+
+        Args:
+            key: Key inside this entry.
+            shape: Expected shape.
+            default: Value if the key is missing; None makes the key mandatory.
+
+        Returns:
+            Array of the given shape.
+
+        Raises:
+            InputError: The key is missing, or the value has another shape.
+        """
         if not self.has_key(key):
             if default is None:
                 raise self.build_error(key, f"is missing; expected {_format_shape(shape)} numbers")
@@ -98,7 +184,17 @@ class ParameterReader:
         return value
 
     def read_mappings(self, key: str) -> list[dict[str, Any]]:
-        """A list of mappings."""
+        """Read a list of mappings.
+
+        Args:
+            key: Key inside this entry.
+
+        Returns:
+            The mappings.
+
+        Raises:
+            InputError: The value is not a list of mappings.
+        """
         value = self._data.get(key)
         self._read_keys.append(key)
         if not isinstance(value, list) or not value or not all(isinstance(v, dict) for v in value):
@@ -106,7 +202,7 @@ class ParameterReader:
         return value
 
     def refuse_unread_keys(self) -> None:
-        """Refuse keys that nothing asked for."""
+        """Raise an error if the entry has keys that were never read."""
         for key in self._data:
             if key not in self._read_keys:
                 valid = sorted(set(self._read_keys))

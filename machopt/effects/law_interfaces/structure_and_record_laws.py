@@ -1,4 +1,6 @@
-"""Ports of what is no joint: bodies that give way, heat, the load at the flange, clocks, what a record has wrong."""
+"""Interfaces of laws that do not belong to a joint: compliant bodies, heat, payload, time delays, errors of a
+recording.
+"""
 
 from __future__ import annotations
 
@@ -15,107 +17,190 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True, kw_only=True)
 class CompliantBody:
-    """A body where it gives way, all joints at zero: between its root and the frame S at its loaded end."""
+    """Compliant body with all joints at zero, between its root and the frame S at its loaded end."""
 
-    axes: Array  # (3, 3) axes of S in base_link: x along the body, or out of the tool
-    length: float = 0.0  # m; 0: the joints leave none
-    root: Array | None = None  # (4, 4) the flange as seen from S; None: a body that begins anywhere
-    normal: Array | None = None  # (3,) base_link axes: across the body, what the arm moves about in its plane
-    uses_own_axes: bool = False  # what is no beam is stated in axes of S; else in base_link's
+    axes: Array  # (3, 3) axes of S in base_link: x along the body, or outward along the tool
+    length: float = 0.0  # m; 0: the joints coincide, the body has no length
+    root: Array | None = None  # (4, 4) flange relative to S; None: the root is not defined
+    normal: Array | None = None  # (3,) base_link axes: across the body, normal to the arm's plane of motion
+    uses_own_axes: bool = False  # matrices are stated in axes of S; else in base_link axes
 
 
 class BodyLaw(DescribedLaw, Protocol):
-    """How a body gives way under what it bears, linear in that: a twist of S by the wrench there. Stateless; SI."""
+    """Law of a compliant body, linear in the wrench it carries: a twist of S under the wrench at S. Stateless; SI."""
 
     @property
     def note(self) -> str:
-        """Where it shows; empty: where joints' torques explain nothing."""
+        """Where the effect is visible; empty: visible where joint torques do not explain the readings."""
         ...
 
     @property
     def includes_weight(self) -> bool:
-        """Tried where weight bends too, which shows little of a body."""
+        """Whether a search also tries it on data in which only gravity loads the arm."""
         ...
 
     @property
     def bounded(self) -> bool:
-        """A search keeps the coefficients above their least; else noise may leave a direction that pushes back."""
+        """Whether a fit keeps the coefficients above their lower limits. Otherwise noise may leave a negative
+        direction.
+        """
         ...
 
     def axes(self, body: CompliantBody) -> Array:
-        """(3, 3) in base_link, the law's own axes at S with all joints at zero."""
+        """Return the law's own axes at S, all joints at zero.
+
+        Args:
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            (3, 3) axes in base_link.
+        """
         ...
 
     def matrices(self, shape: Array, body: CompliantBody) -> Array:
-        """(P, 6, 6) compliance at S per unit of each coefficient, in the law's axes."""
+        """Return the compliance matrices per unit of each coefficient.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            (P, 6, 6) compliance at S in the law's axes.
+        """
         ...
 
     def compute_own_weight_deflection(
         self, shape: Array, body: CompliantBody, own: Sequence[tuple[Array, float]]
     ) -> Array | None:
-        """(K, 6, P) twist of S under weights that are spread evenly along the body; None: they count at S.
+        """Return the twist of S caused by weights distributed evenly along the body.
 
         Args:
-            own: of each weight the whole of it (K, 3) N in the law's axes, and how far from the root it reaches, m.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            body: Geometry of the compliant body, all joints at zero.
+            own: For each distributed weight: the total force (K, 3) N in the law's axes, and its extent from the
+                root, m.
+
+        Returns:
+            (K, 6, P) m, rad per unit of each coefficient; None if the weights are to act at S.
         """
         ...
 
     def project_to_admissible(self, values: Array, metric: Array) -> Array:
-        """Coefficients of a body that pushes back nowhere.
+        """Return the nearest coefficients of a positive semidefinite compliance.
 
         Args:
-            values: (p,) where noise has its way.
-            metric: (p, p) how the sum of squares that readings leave grows with a change of them.
+            values: (P,) fitted coefficients, possibly inadmissible because of noise.
+            metric: (P, P) weight matrix of the least-squares problem: dᵀ metric d is the increase of the residual
+                sum for a change d.
+
+        Returns:
+            (P,) admissible coefficients.
         """
         ...
 
     def to_file_parameters(self, values: Array, shape: Array, body: CompliantBody) -> dict[str, Any]:
-        """The parameters of a file."""
+        """Return the parameters as a file states them.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            Keys and values in the units of the keys.
+        """
         ...
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        """Return the coefficients as reported quantities.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
+        """
         ...
 
     def grid(self, body: CompliantBody) -> tuple[Shape, ...]:
-        """Shapes that a search tries; none of a body that makes no such thing."""
+        """Return the shapes that a search tries.
+
+        Args:
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            Shapes in SI; empty if the law is not applicable to this body.
+        """
         ...
 
     def restrict_to_observed(self, dimensions: int, *, turning: bool) -> BodyLaw:
-        """As readings of 3 or 6 coordinates show it, whose loads turn the tool by moments or only pull."""
+        """Return the law reduced to the coefficients that the readings can determine.
+
+        Args:
+            dimensions: Number of measured coordinates: 3 (position) or 6 (pose).
+            turning: Whether the loads include moments that rotate the tool.
+
+        Returns:
+            The reduced law.
+        """
         ...
 
 
 Reader = Callable[[ParameterReader, CompliantBody], tuple[BodyLaw, Array, Array, CompliantBody]]
-"""Law, coefficients and shape that a file means, and the body as the file has it."""
+"""Function that reads law, coefficients (P,) and shape (S,) from a file, and the body with stated properties."""
 
 
 @dataclass(frozen=True)
 class RecordedLoad:
-    """What K readings at rest record, as far as sensors may have it wrong. base_link axes."""
+    """Recorded loads and predicted displacements of K static readings, as input to laws of recording errors.
+    base_link axes.
+    """
 
-    wrench: Array  # (K, 6) N, N·m at the TCP
-    displacement: Array  # (K, D) m, rad of the TCP, as predicted so far
-    axes: Array  # (K, 3, 3) of the sensor, its axes in columns
-    tool: Array  # (K, 3, 3) of the tool
-    position: Array | None = None  # (K, 3) m of the TCP in measured poses; None: a load test
+    wrench: Array  # (K, 6) recorded N, N·m at the TCP
+    displacement: Array  # (K, D) m, rad of the TCP, predicted by the current model
+    axes: Array  # (K, 3, 3) sensor axes in columns
+    tool: Array  # (K, 3, 3) tool axes in columns
+    position: Array | None = None  # (K, 3) m, TCP of measured poses; None for a load test
 
 
 class RecordLaw(DescribedLaw, Protocol):
-    """What acts beyond what is recorded, linear in its coefficients. Stateless; SI."""
+    """Law of an error of the recording, linear in its coefficients: what acted beyond the recorded values. Stateless;
+    SI.
+    """
 
     @property
     def affected_quantity(self) -> str:
-        """What it changes: "wrench", which acts through the arm, "displacement", "position" of measured poses, or the
-        "point" of the tool at which load and displacement are recorded."""
+        """Affected quantity.
+
+        ``wrench`` acts through the compliance of the arm. ``displacement`` and ``position`` change the measured
+        values. ``point`` moves the tool point at which load and displacement are recorded.
+        """
         ...
 
     def columns(self, shape: Array, seen: RecordedLoad) -> Array:
-        """(K, 6, P) N, N·m, of others (K, D, P) m, rad, of a point m in the first three, per unit of a coefficient."""
+        """Return the change of the affected quantity per unit of each coefficient.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Recorded loads and predicted displacements of K readings.
+
+        Returns:
+            Wrench: (K, 6, P) N, N·m. Displacement or position: (K, D, P) m, rad. Point: (K, 6, P) m in the first
+            three rows.
+        """
         ...
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to small coefficients."""
+        """Return the coefficients as reported quantities.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            Quantities by name. The first one is the size of the effect and is proportional to small coefficients.
+        """
         ...
 
     def grid(self) -> tuple[Shape, ...]:
@@ -125,16 +210,14 @@ class RecordLaw(DescribedLaw, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class ThermalState:
-    """What heat may follow in N readings, and which way it moves the TCP."""
+    """Time, temperature and motion patterns of N readings, as input to laws of thermal drift."""
 
-    time_since_start: Array | None  # (N,) s since the session began; None: nobody knows
-    unloaded_time_since_start: (
-        Array | None
-    )  # (N,) s, the same of the state that each reading counts from; None: it counts as it is
-    temperature_rise: Array | None  # (N,) K beyond the first reading; None: not recorded
+    time_since_start: Array | None  # (N,) s since the session began; None: unknown
+    unloaded_time_since_start: Array | None  # (N,) s, time of its unloaded reference state; None: readings are absolute
+    temperature_rise: Array | None  # (N,) K relative to the first reading; None: not recorded
     casting_columns: Array  # (N, D, 3) m per unit strain of carousel, upper arm, forearm
     stand_columns: Array  # (N, D, 6) m, rad per m and rad of a shift and a turn of the stand
-    is_relative: bool  # readings count from a state without load
+    is_relative: bool  # readings are relative to an unloaded reference state
 
     @property
     def longest_session(self) -> float:
@@ -143,100 +226,176 @@ class ThermalState:
 
 
 class DriftLaw(DescribedLaw, Protocol):
-    """What moves with time or temperature, linear in its coefficients. Stateless; SI."""
+    """Law of a drift with time or temperature, linear in its coefficients. Stateless; SI."""
 
     @property
     def penalty(self) -> float:
-        """Gain beyond that of its coefficients that it must bring: flexible enough to fit much."""
+        """Additional gain that the law must reach beyond that of its coefficients, because it is flexible."""
         ...
 
     def columns(self, shape: Array, seen: ThermalState) -> Array:
-        """(N, D, P) m, rad of the TCP per unit of each coefficient."""
+        """Return the TCP drift per unit of each coefficient.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N, D, P) m, rad per unit of each coefficient.
+        """
         ...
 
     def sizes(self, values: Array, shape: Array, seen: ThermalState) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        """Return the coefficients as reported quantities.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
+        """
         ...
 
     def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
-        """Shapes that a search tries; none where the readings cannot show it."""
+        """Return the shapes that a search tries.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            Shapes in SI; empty if the readings cannot show the effect.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class ToolSideLoad:
-    """What the tool side carries by the cell, and what more of it does to N readings. Axes of the flange."""
+    """Payload as stated by the cell, and the sensitivity of N readings to additional payload. Flange axes."""
 
     mass: float  # kg
     centre: Array  # (3,) m
-    reference_point: Array  # (3,) m, where the kilogram of the first column hangs
-    columns: Array  # (N, D, 4) per kg there, and per kg·m of first moment along each axis
+    reference_point: Array  # (3,) m, position of the unit mass of the first column
+    columns: Array  # (N, D, 4) reading per kg at the reference point, and per kg·m of first moment along each axis
 
 
 class PayloadLaw(LawParameterSet, Protocol):
-    """A load at the flange beyond the cell's, linear in its coefficients. Stateless; SI."""
+    """Law of a payload error relative to the cell, linear in its coefficients. Stateless; SI."""
 
     @property
     def name(self) -> str: ...
 
     @property
     def equation(self) -> str:
-        """What acts, in words that follow on the channel's own equation."""
+        """Description of the load, appended to the equation of the channel."""
         ...
 
     def columns(self, seen: ToolSideLoad) -> Array:
-        """(N, D, P) of the readings per unit of each coefficient."""
+        """Return the change of the readings per unit of each coefficient.
+
+        Args:
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            (N, D, P) in units of the readings.
+        """
         ...
 
     def sizes(self, values: Array, seen: ToolSideLoad) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        """Return the coefficients as reported quantities.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
+        """
         ...
 
     def grid(self, seen: ToolSideLoad) -> tuple[Shape, ...]:
-        """Shapes that a search tries; none where the cell states nothing that could be so."""
+        """Return the shapes that a search tries.
+
+        Args:
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            Shapes in SI; empty if the law is not applicable to the stated payload.
+        """
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class DelayedChannel:
-    """N samples of a channel as they would be had something come late."""
+    """N samples of a channel that may be recorded with a delay."""
 
-    compute_change: Callable[[float], Array]  # s → (N, D) f(t − d) − f(t), f what the channel should have shown
-    best_delay: float  # s that fits best
-    tangent_step: float  # s over which a tangent is taken
-    sign: float = 1.0  # −1 where a channel that is late makes the difference look early
-    following_columns: Array | None = (
-        None  # (N, D, 1) what the encoders say of following a command; None: no such thing
-    )
-    delays: tuple[float, ...] = ()  # s by which each encoder follows its command; 0 where it stays with it
+    compute_change: Callable[[float], Array]  # delay d in s → (N, D) f(t − d) − f(t), where f is the undelayed signal
+    best_delay: float  # s, delay of the best fit
+    tangent_step: float  # s, step of the finite difference for the tangent
+    sign: float = 1.0  # −1 if a late channel makes the difference appear early
+    following_columns: Array | None = None  # (N, D, 1) following error by the encoders; None: not available
+    delays: tuple[float, ...] = ()  # s, delay of each encoder behind its command; 0: no delay
 
     @property
     def mean(self) -> float:
-        """s, of the encoders that stay behind."""
+        """Mean delay of the encoders that lag behind their command, s."""
         behind = [d for d in self.delays if d]
         return float(np.mean(behind)) if behind else 0.0
 
 
 class DelayLaw(DescribedLaw, Protocol):
-    """Something that comes late, linear in its coefficient about the delay of its shape. Stateless; SI."""
+    """Law of a time delay, linear in its coefficient about the delay of its shape. Stateless; SI."""
 
     @property
     def exact(self) -> bool:
-        """Its column leaves nothing of the effect, however large that is."""
+        """Whether the column describes a delay of any size without remainder."""
         ...
 
     def columns(self, shape: Array, seen: DelayedChannel) -> Array:
-        """(N, D, P) of the channel per unit of each coefficient."""
+        """Return the change of the channel per unit of each coefficient.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            (N, D, P) in units of the channel.
+        """
         ...
 
     def sizes(self, values: Array, shape: Array, seen: DelayedChannel) -> Mapping[str, Quantity]:
-        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        """Return the coefficients as reported quantities.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
+        """
         ...
 
     def to_file_parameters(self, values: Array, seen: DelayedChannel) -> dict[str, float | list[float]]:
-        """What the diagnosis says of it in units of the trade."""
+        """Return the parameters as the diagnosis file states them.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            Keys and values in the units of the keys.
+        """
         ...
 
     def grid(self, seen: DelayedChannel) -> tuple[Shape, ...]:
-        """Shapes that a search tries; none where the samples cannot show it."""
+        """Return the shapes that a search tries.
+
+        Args:
+            seen: Samples of the delayed channel.
+
+        Returns:
+            Shapes in SI; empty if the samples cannot show the effect.
+        """
         ...

@@ -1,10 +1,10 @@
-"""What is wrong with a recording and not with the arm: units, columns, single rows.
+"""Faults of a recording that do not concern the arm: units, columns, single rows.
 
-Words, places and the units that clerks write instead of the right ones; what puts a record right uses them
+Names, places and typical wrong units. The corrections use them
 (:mod:`machopt.measurement.diagnosis.data_quality.correction_candidates`,
 :mod:`machopt.measurement.diagnosis.data_quality.static_record_correction`,
-:mod:`machopt.measurement.identification.data_quality.unit_checks`).
-Sensors: :mod:`sensor`; clocks: :mod:`delay`.
+:mod:`machopt.measurement.identification.data_quality.unit_checks`). Sensor errors:
+:mod:`machopt.effects.recording.sensor_errors`. Delays: :mod:`machopt.effects.recording.time_delay`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MOMENTS = {
     "kN·m": 1e3,
     "kgf·m": 9.80665,
     "lbf·ft": 1.3558179483,
-}  # newton metres in one; newton millimetres show as levers
+}  # newton metres in one; newton millimetres are detected as lever arms
 FORCES = {"kilograms": 9.80665, "pounds": 4.44822, "kilonewtons": 1e3}  # newtons in one
 
 UNITS = Effect(

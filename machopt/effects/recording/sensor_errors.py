@@ -1,8 +1,8 @@
-"""What a record of loads and displacements has wrong while the arm is right: zero, gain and axes of the force, axes
-of the displacement, where and in which direction the load really pulled.
+"""Errors of recorded loads and displacements: zero offset, gain and axes of the force sensor, axes of the
+displacement, point and direction of the load.
 
-A law says what acts beyond what is recorded, per unit of each coefficient: of a wrench, which moves the arm through the
-compliance found so far, or of the displacement itself.
+A law returns what acted in addition to the recorded values, per unit of each coefficient. It is either a wrench,
+which moves the arm through the compliance identified so far, or a change of the displacement itself.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def _build_axis_parameters(name: str, unit: str, factor: float = 1.0) -> tuple[L
 
 
 class _SensorErrorDefaults:
-    """What most of these laws answer."""
+    """Default implementations shared by most of these laws."""
 
     word = ""
     has_memory = False
@@ -38,22 +38,40 @@ class _SensorErrorDefaults:
 
 @dataclass(frozen=True)
 class ForceZeroOffset(_SensorErrorDefaults):
-    """The force has another zero."""
+    """Zero offset of the force sensor."""
 
     name = "zero of the force"
     equation = "w_recorded = w + b, b constant in the sensor"
     coefficients = _build_axis_parameters("offset", "N")
 
     def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        """Return the wrench per unit of offset along each sensor axis.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            seen: Recorded loads and predicted displacements of K readings.
+
+        Returns:
+            (K, 6, 3) N per N, in base_link axes.
+        """
         return np.concatenate([-seen.axes, np.zeros_like(seen.axes)], axis=1)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the magnitude and the components of the offset.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            Quantities in N; the first one is the size of the effect.
+        """
         return {"offset": Quantity(float(np.linalg.norm(values)), "N"), **_describe_vector("offset", values, "N")}
 
 
 @dataclass(frozen=True)
 class ForceAxisGain(_SensorErrorDefaults):
-    """One axis of the force reads a share too much; the coefficient is the share of what is recorded."""
+    """Gain error of one force axis. The coefficient is the excess relative to the recorded value."""
 
     name = "gain of one axis"
     equation = "f_k recorded = (1 + g) f_k"
@@ -61,11 +79,29 @@ class ForceAxisGain(_SensorErrorDefaults):
     shape = (LawParameter(key="axis", unit="1"),)  # 0, 1, 2
 
     def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        """Return the wrench per unit of the relative excess.
+
+        Args:
+            shape: (1,) sensor axis: 0, 1 or 2.
+            seen: Recorded loads and predicted displacements of K readings.
+
+        Returns:
+            (K, 6, 1) N, in base_link axes.
+        """
         e = seen.axes[:, :, int(shape[0])]
         part = -e * np.einsum("nc,nc->n", e, seen.wrench[:, :3])[:, None]
         return np.concatenate([part, np.zeros_like(part)], axis=1)[:, :, None]
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the gain error and the axis.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (1,) sensor axis: 0, 1 or 2.
+
+        Returns:
+            ``gain`` in % and ``axis`` (1 to 3).
+        """
         x = float(values[0])
         gain = abs(x / (1.0 - x)) if x < 0.9 else 9.0  # |g| of f_recorded = (1 + g) f
         return {"gain": Quantity(100.0 * gain, "%"), "axis": Quantity(float(shape[0]) + 1.0, "")}
@@ -76,7 +112,7 @@ class ForceAxisGain(_SensorErrorDefaults):
 
 @dataclass(frozen=True)
 class ForceAxisNonlinearity(_SensorErrorDefaults):
-    """The line of one axis of the force is none: what it reads too much grows with the load."""
+    """Nonlinear characteristic of one force axis: the gain error grows with the load."""
 
     name = "gain that grows with the load"
     equation = "f_k recorded = f_k (1 + g f_k), or f_k (1 + g |f_k|) where both sides bend alike"
@@ -84,12 +120,31 @@ class ForceAxisNonlinearity(_SensorErrorDefaults):
     shape = (LawParameter(key="axis", unit="1"), LawParameter(key="alike", unit="1"))  # 0, 1, 2; 0 or 1
 
     def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        """Return the wrench per unit of the coefficient.
+
+        Args:
+            shape: (2,) sensor axis (0, 1 or 2), and 1 if the error has the same sign for tension and compression,
+                else 0.
+            seen: Recorded loads and predicted displacements of K readings.
+
+        Returns:
+            (K, 6, 1) N², in base_link axes.
+        """
         e = seen.axes[:, :, int(shape[0])]
         f = np.einsum("nc,nc->n", e, seen.wrench[:, :3])
         part = -e * (f * (np.abs(f) if shape[1] else f))[:, None]
         return np.concatenate([part, np.zeros_like(part)], axis=1)[:, :, None]
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the growth of the gain error with the load, and the axis.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (2,) sensor axis (0, 1 or 2), and the symmetry flag.
+
+        Returns:
+            ``gain_growth`` in %/kN and ``axis`` (1 to 3).
+        """
         gain = 1e5 * abs(float(values[0]))  # % a kN, to first order
         return {"gain_growth": Quantity(gain, "%/kN"), "axis": Quantity(float(shape[0]) + 1.0, "")}
 
@@ -99,7 +154,7 @@ class ForceAxisNonlinearity(_SensorErrorDefaults):
 
 @dataclass(frozen=True)
 class SensorAxisRotation(_SensorErrorDefaults):
-    """The axes of the force or of the displacement are turned against those that the record states."""
+    """Rotation of the axes of the force sensor, or of the displacement, relative to the recorded frame."""
 
     affected_quantity: str = "wrench"
     name = "axes turned"
@@ -112,6 +167,15 @@ class SensorAxisRotation(_SensorErrorDefaults):
         return "w_recorded = (I + [φ]×) w: C w breaks Maxwell reciprocity"
 
     def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        """Return the change of wrench or displacement per radian about each sensor axis.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            seen: Recorded loads and predicted displacements of K readings.
+
+        Returns:
+            (K, 6, 3) N, N·m or (K, D, 3) m, rad per rad, in base_link axes.
+        """
         of, sign = (seen.wrench, -1.0) if self.affected_quantity == "wrench" else (seen.displacement, 1.0)
         halves = range(0, of.shape[1], 3)
         turned = [
@@ -120,6 +184,15 @@ class SensorAxisRotation(_SensorErrorDefaults):
         return sign * np.stack(turned, axis=2)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the rotation angle and its components.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            Quantities in deg; the first one is the size of the effect.
+        """
         return {
             "angle": Quantity(float(np.degrees(np.linalg.norm(values))), "deg"),
             **_describe_vector("about", np.degrees(values), "deg"),
@@ -128,24 +201,42 @@ class SensorAxisRotation(_SensorErrorDefaults):
 
 @dataclass(frozen=True)
 class LoadPointOffset(_SensorErrorDefaults):
-    """The load acted beside the TCP."""
+    """Offset of the point of load application from the TCP."""
 
     name = "hook beside the TCP"
     equation = "m = m_recorded + r × f, r constant in the tool"
     coefficients = _build_axis_parameters("offset", "m", 1e-3)
 
     def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        """Return the moment per metre of offset along each tool axis.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            seen: Recorded loads and predicted displacements of K readings.
+
+        Returns:
+            (K, 6, 3) N·m/m, in base_link axes.
+        """
         f = seen.wrench[:, :3]
         moment = np.stack([np.cross(seen.tool[:, :, k], f) for k in range(3)], axis=2)
         return np.concatenate([np.zeros_like(moment), moment], axis=1)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the magnitude and the components of the offset.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            Quantities in mm; the first one is the size of the effect.
+        """
         return _describe_offset(values)
 
 
 @dataclass(frozen=True)
 class TcpOffset(_SensorErrorDefaults):
-    """Load and target sit at another point of the tool than the cell's TCP: its length is another one."""
+    """Offset of both load point and measured target from the cell's TCP: the tool has another length."""
 
     name = "TCP elsewhere in the tool"
     equation = "m = m_recorded + r × f and δ_recorded = δ + θ × r, r constant in the tool"
@@ -153,21 +244,48 @@ class TcpOffset(_SensorErrorDefaults):
     coefficients = _build_axis_parameters("offset", "m", 1e-3)
 
     def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        """Return the displacement of the tool point per metre along each tool axis.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            seen: Recorded loads and predicted displacements of K readings.
+
+        Returns:
+            (K, 6, 3) m/m in the first three rows, in base_link axes.
+        """
         return np.concatenate([seen.tool, np.zeros_like(seen.tool)], axis=1)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the magnitude and the components of the offset.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            Quantities in mm; the first one is the size of the effect.
+        """
         return _describe_offset(values)
 
 
 @dataclass(frozen=True)
 class LoadDirectionError(_SensorErrorDefaults):
-    """The load pulled in another direction than recorded, by as much."""
+    """Constant deviation of the load direction from the recorded direction; the magnitude is unchanged."""
 
     name = "pull askew"
     equation = "f along e + u instead of e, u constant in base_link"
     coefficients = _build_axis_parameters("askew", "rad", DEGREE)
 
     def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        """Return the force across the recorded direction per radian of deviation.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            seen: Recorded loads and predicted displacements of K readings.
+
+        Returns:
+            (K, 6, 3) N/rad, in base_link axes.
+        """
         f = seen.wrench[:, :3]
         size = np.linalg.norm(f, axis=1, keepdims=True)
         e = np.divide(f, size, out=np.zeros_like(f), where=size > 0)
@@ -175,12 +293,21 @@ class LoadDirectionError(_SensorErrorDefaults):
         return np.concatenate([across, np.zeros_like(across)], axis=1)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the angle of the deviation.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            ``angle`` in deg.
+        """
         return {"angle": Quantity(float(np.degrees(np.linalg.norm(values))), "deg")}
 
 
 @dataclass(frozen=True)
 class TrackerFrameError(_SensorErrorDefaults):
-    """The tracker stands elsewhere in base_link than the record says, by a shift and a small turn."""
+    """Error of the recorded tracker frame in base_link: a translation and a small rotation."""
 
     name = "the tracker's frame stands elsewhere"
     equation = "p = T p_recorded, T a shift and a small turn about the middle of the points"
@@ -188,10 +315,28 @@ class TrackerFrameError(_SensorErrorDefaults):
     coefficients = (*_build_axis_parameters("shift", "m", 1e-3), *_build_axis_parameters("about", "rad", DEGREE))
 
     def columns(self, shape: Array, seen: RecordedLoad) -> Array:
-        assert seen.position is not None  # of poses
+        """Return the change of the measured positions per unit translation and rotation of the frame.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            seen: Recorded loads and predicted displacements of K readings.
+
+        Returns:
+            (K, D, 6) m, rad per m and rad, about the centroid of the points.
+        """
+        assert seen.position is not None  # the law is used for measured poses only
         return compute_frame_motion_matrix(seen.position, seen.position.mean(axis=0))[:, : seen.displacement.shape[1]]
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the rotation and the translation of the frame.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            ``angle`` in deg and ``shift`` in mm.
+        """
         return {
             "angle": Quantity(float(np.degrees(np.linalg.norm(values[3:]))), "deg"),
             "shift": Quantity(1e3 * float(np.linalg.norm(values[:3])), "mm"),
@@ -199,7 +344,7 @@ class TrackerFrameError(_SensorErrorDefaults):
 
 
 def _describe_offset(values: Array) -> dict[str, Quantity]:
-    """Of metres."""
+    """Return magnitude and components of an offset in m as quantities in mm."""
     return {
         "offset": Quantity(1e3 * float(np.linalg.norm(values)), "mm"),
         **_describe_vector("offset", 1e3 * values, "mm"),

@@ -1,7 +1,7 @@
-"""What comes late: a channel of the record on a clock of its own, an arm behind its command.
+"""Time delays: a recorded channel with its own clock, or an arm that follows its command late.
 
-A delay is not linear. Its column is a secant, (f(t − d̂) − f(t))/d̂ at the delay d̂ that fits best, exact where the
-coefficient comes out as d̂; for delays near zero the tangent.
+A delay is not linear. Its column is the secant (f(t − d̂) − f(t))/d̂ at the best-fitting delay d̂. It is exact if the
+coefficient equals d̂. For delays near zero the tangent is used.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import numpy as np
 from machopt.effects.protocol import DelayedChannel, Effect, LawParameter, Quantity, Shape
 from machopt.numerics.array_types import Array
 
-MIN_SECANT_DELAY = 2e-5  # s; a secant over less is the tangent
-LEAST_LAG = 1e-4  # s; a best delay below it is offered as the tangent alone
-MIN_ENCODER_DELAY = 1e-5  # s; encoders that stay nearer to their command show nothing
+MIN_SECANT_DELAY = 2e-5  # s; for smaller delays the tangent replaces the secant
+LEAST_LAG = 1e-4  # s; for a smaller best delay only the tangent is tried
+MIN_ENCODER_DELAY = 1e-5  # s; smaller mean encoder delays are not observable
 DELAY_PARAMETER = LawParameter(key="late_ms", unit="s", factor=1e-3)
 
 
 @dataclass(frozen=True)
 class ChannelDelay:
-    """f_recorded(t) = f(t − d)."""
+    """Delay of a recorded channel: f_recorded(t) = f(t − d)."""
 
     name = "clock of its own"
     equation = "f_recorded(t) = f(t − d)"
@@ -33,6 +33,15 @@ class ChannelDelay:
     shape = (LawParameter(key="secant_ms", unit="s", factor=1e-3),)
 
     def columns(self, shape: Array, seen: DelayedChannel) -> Array:
+        """Return the change of the channel per second of delay.
+
+        Args:
+            shape: (1,) delay of the secant, s.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            (N, D, 1) channel units per s.
+        """
         d = float(shape[0])
         if abs(d) > MIN_SECANT_DELAY:
             secant = seen.compute_change(d) / d
@@ -42,19 +51,46 @@ class ChannelDelay:
         return seen.sign * secant[:, :, None]
 
     def sizes(self, values: Array, shape: Array, seen: DelayedChannel) -> Mapping[str, Quantity]:
+        """Return the delay.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            ``late`` in ms.
+        """
         return {"late": Quantity(1e3 * float(values[0]), "ms")}
 
     def to_file_parameters(self, values: Array, seen: DelayedChannel) -> dict[str, float | list[float]]:
+        """Return the parameters as the diagnosis file states them.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            ``late_ms``.
+        """
         return {"late_ms": 1e3 * float(values[0])}
 
     def grid(self, seen: DelayedChannel) -> tuple[Shape, ...]:
-        # one column, so that two names of one difference of clocks are one and the same
+        # a single column, so that both descriptions of one clock difference are identical
+        """Return the single secant delay that a search tries.
+
+        Args:
+            seen: Samples of the delayed channel.
+
+        Returns:
+            Shapes (delay,) in s.
+        """
         return ((seen.best_delay if abs(seen.best_delay) > MIN_SECANT_DELAY else 0.0,),)
 
 
 @dataclass(frozen=True)
 class EncoderFollowingError:
-    """The arm stays behind its command by as much as its encoders say; the coefficient is the share of it."""
+    """Delay of the arm behind its command as measured by the encoders; the coefficient is the share of it."""
 
     name = "as the encoders show it"
     equation = "TCP = f(q) and not f(q_command): the encoders stay behind by Σ J_j q̇_j T_j"
@@ -65,45 +101,117 @@ class EncoderFollowingError:
     shape: tuple[LawParameter, ...] = ()
 
     def columns(self, shape: Array, seen: DelayedChannel) -> Array:
-        assert seen.following_columns is not None  # grid looks
+        """Return the TCP error caused by the following error of the encoders.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            (N, D, 1) channel units.
+        """
+        assert seen.following_columns is not None  # ensured by grid
         return seen.following_columns
 
     def sizes(self, values: Array, shape: Array, seen: DelayedChannel) -> Mapping[str, Quantity]:
+        """Return the mean delay, the share and the delay of each joint.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            Delays in ms, ``share`` in %.
+        """
         share = float(values[0])
         return {"delay": Quantity(1e3 * share * seen.mean, "ms"), "share": Quantity(100.0 * share, "%")} | {
             f"delay_{j + 1}": Quantity(1e3 * float(share * v), "ms") for j, v in enumerate(seen.delays)
         }
 
     def to_file_parameters(self, values: Array, seen: DelayedChannel) -> dict[str, float | list[float]]:
+        """Return the parameters as the diagnosis file states them.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            ``delay_ms`` of each joint.
+        """
         return {"delay_ms": [1e3 * float(values[0] * v) for v in seen.delays]}
 
     def grid(self, seen: DelayedChannel) -> tuple[Shape, ...]:
+        """Return one empty shape; none if the encoders show no following error.
+
+        Args:
+            seen: Samples of the delayed channel.
+
+        Returns:
+            The shapes that a search tries.
+        """
         return ((),) if seen.following_columns is not None and abs(seen.mean) > MIN_ENCODER_DELAY else ()
 
 
 @dataclass(frozen=True)
 class CommandDelay:
-    """q(t) = q_command(t − T), all joints by the same time, never before the command."""
+    """Common delay of all joints behind the command: q(t) = q_command(t − T), T ≥ 0."""
 
     name = "one delay of all joints"
     equation = "q(t) = q_command(t − T)"
     word = ""
     has_memory = False
-    exact = False  # no joint follows quite as another does
+    exact = False  # joints do not follow with exactly equal delays
     coefficients = (LawParameter(key="delay_ms", unit="s", factor=1e-3, lower_limit=0.0),)
     shape = (LawParameter(key="secant_ms", unit="s", factor=1e-3),)
 
     def columns(self, shape: Array, seen: DelayedChannel) -> Array:
+        """Return the change of the channel per second of delay.
+
+        Args:
+            shape: (1,) delay of the secant, s.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            (N, D, 1) channel units per s.
+        """
         d = float(shape[0]) if abs(shape[0]) > MIN_SECANT_DELAY else seen.tangent_step
         return np.asarray((seen.compute_change(d) / d)[:, :, None])
 
     def sizes(self, values: Array, shape: Array, seen: DelayedChannel) -> Mapping[str, Quantity]:
+        """Return the delay.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            ``delay`` in ms.
+        """
         return {"delay": Quantity(1e3 * float(values[0]), "ms")}
 
     def to_file_parameters(self, values: Array, seen: DelayedChannel) -> dict[str, float | list[float]]:
+        """Return the parameters as the diagnosis file states them.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            seen: Samples of the delayed channel.
+
+        Returns:
+            ``delay_ms``.
+        """
         return {"delay_ms": 1e3 * float(values[0])}
 
     def grid(self, seen: DelayedChannel) -> tuple[Shape, ...]:
+        """Return the secant delays that a search tries.
+
+        Args:
+            seen: Samples of the delayed channel.
+
+        Returns:
+            Shapes (delay,) in s.
+        """
         return ((0.0,),) if seen.best_delay < LEAST_LAG else ((0.0,), (seen.best_delay,))
 
 

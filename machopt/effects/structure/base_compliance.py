@@ -1,12 +1,12 @@
-"""The base: pedestal, bolts and floor as a spring at base_link's origin, or where the file says."""
+"""Base compliance: pedestal, anchor bolts and floor as a spring at base_link's origin, or where the file states it."""
 
 from __future__ import annotations
 
 from machopt.effects.compliance_matrices.body_compliance_laws import DIAGONAL_ENTRIES, MatrixEntriesLaw, read_body_law
 from machopt.effects.protocol import Effect
 
-TILT_ENTRIES = ((3, 3), (3, 4), (4, 4))  # of a base that tilts about some axis more than across it
-# of a plate on upright bolts: it sinks and tilts, and one uneven bolt couples them
+TILT_ENTRIES = ((3, 3), (3, 4), (4, 4))  # a base whose tilt compliance depends on the tilt axis
+# a plate on vertical bolts: settlement and tilt, coupled if the bolts differ
 SETTLEMENT_ENTRIES = ((2, 2), (2, 3), (2, 4), (3, 3), (3, 4), (4, 4))
 
 EFFECT = Effect(

@@ -1,4 +1,4 @@
-"""What a load does to an arm beside bending its springs: K_C, which every equilibrium counts and no law adds."""
+"""Geometric stiffness K_C: the change of lever arms under load. Every equilibrium includes it; no law adds it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Links that bend and twist as beams between their joints."""
+"""Link compliance: links that bend and twist as beams between their joints."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Another load at the flange than the cell states: its mass, its centre of mass, or both.
+"""Payload that differs from the cell's: in mass, in centre of mass, or in both.
 
-Weight and inertia of what the tool side carries are linear in its mass and its first moments. A channel says what a
-kilogram at one place and a kilogram metre along each axis of the flange do to its readings.
+Weight and inertia of the payload are linear in its mass and its first moments. A channel supplies the sensitivity of
+its readings to one kilogram at a reference point and to one kilogram metre along each flange axis.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MASS = LawParameter(key="mass_kg", unit="kg")
 
 @dataclass(frozen=True)
 class _PayloadDefaults:
-    """What these laws share."""
+    """Default implementations shared by these laws."""
 
     word = ""
     has_memory = False
@@ -32,31 +32,65 @@ class _PayloadDefaults:
 
 @dataclass(frozen=True)
 class MassDeviation(_PayloadDefaults):
-    """Δm at the stated centre."""
+    """Mass error Δm at the stated centre of mass."""
 
     name = "another mass at the stated centre"
     equation = "the weight of Δm at the tool side"
     coefficients = (MASS,)
 
     def columns(self, seen: ToolSideLoad) -> Array:
+        """Return the change of the readings per kilogram.
+
+        Args:
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            (N, D, 1).
+        """
         return np.asarray(seen.columns @ np.r_[1.0, seen.centre - seen.reference_point][:, None])
 
     def sizes(self, values: Array, seen: ToolSideLoad) -> Mapping[str, Quantity]:
+        """Return the mass error and the resulting first moments.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         return {"mass": Quantity(float(values[0]), "kg"), **_describe_moments(float(values[0]) * seen.centre)}
 
 
 @dataclass(frozen=True)
 class MassAndMomentError(_PayloadDefaults):
-    """Δm and Δ(m c), whatever the cell states."""
+    """Errors Δm and Δ(m c) of mass and first moments."""
 
     name = "another mass at another place"
     equation = "the weight of Δm at the tool side, with Δ(m c)"
     coefficients = (MASS, *MOMENTS)
 
     def columns(self, seen: ToolSideLoad) -> Array:
+        """Return the change of the readings per kilogram and per kilogram metre.
+
+        Args:
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            (N, D, 4).
+        """
         return seen.columns
 
     def sizes(self, values: Array, seen: ToolSideLoad) -> Mapping[str, Quantity]:
+        """Return the mass error and the errors of the first moments.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         return {
             "mass": Quantity(float(values[0]), "kg"),
             **_describe_moments(values[0] * seen.reference_point + values[1:]),
@@ -65,21 +99,46 @@ class MassAndMomentError(_PayloadDefaults):
 
 @dataclass(frozen=True)
 class CenterOfMassError(_PayloadDefaults):
-    """Δ(m c) alone: the stated mass."""
+    """Error Δ(m c) of the first moments with the stated mass."""
 
     name = "the stated mass at another place"
     equation = "the weight of Δ(m c), Δm = 0, at the tool side"
     coefficients = MOMENTS
 
     def columns(self, seen: ToolSideLoad) -> Array:
+        """Return the change of the readings per kilogram metre.
+
+        Args:
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            (N, D, 3).
+        """
         return seen.columns[:, :, 1:]
 
     def sizes(self, values: Array, seen: ToolSideLoad) -> Mapping[str, Quantity]:
+        """Return the shift of the centre of mass and the errors of the first moments.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            Quantities by name; the first one is the size of the effect.
+        """
         shift = 1e3 * float(np.linalg.norm(values)) / seen.mass
         return {"shift": Quantity(shift, "mm"), **_describe_moments(values)}
 
     def grid(self, seen: ToolSideLoad) -> tuple[Shape, ...]:
-        return ((),) if seen.mass > 0.0 else ()  # nothing cannot hang elsewhere
+        """Return one empty shape; none without a stated mass.
+
+        Args:
+            seen: Stated payload and sensitivity of N readings.
+
+        Returns:
+            The shapes that a search tries.
+        """
+        return ((),) if seen.mass > 0.0 else ()  # a zero mass has no centre of mass
 
 
 def _describe_moments(h: Array) -> dict[str, Quantity]:

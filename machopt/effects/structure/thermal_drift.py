@@ -1,7 +1,7 @@
-"""What heat does to arm and set-up: castings grow, the stand creeps, with the temperature or with the time.
+"""Thermal drift of arm and set-up: castings expand, the stand moves, with temperature or with time.
 
-A law is what heat follows times which way it moves the TCP. A reading that counts from a state without load shows
-what has moved since.
+A law is the product of a course (over time or temperature) and a motion pattern of the TCP. A reading relative to an
+unloaded reference state shows the change since that state.
 """
 
 from __future__ import annotations
@@ -15,32 +15,58 @@ import numpy as np
 from machopt.effects.protocol import DriftLaw, Effect, LawParameter, Quantity, Shape, ThermalState
 from machopt.numerics.array_types import Array
 
-WARM = (600.0, 1800.0, 3600.0, 7200.0, 14400.0)  # s, time constants of arms: gear boxes in minutes, castings in hours
-LEAST_WARM, MOST_WARM = 0.05, 3.0  # of the longest session: faster looks like a jump, slower like a straight line
-LEAST_SPAN = 300.0  # s, of a session in which heat shows
+WARM = (
+    600.0,
+    1800.0,
+    3600.0,
+    7200.0,
+    14400.0,
+)  # s, time constants that a search tries: gearboxes minutes, castings hours
+LEAST_WARM, MOST_WARM = (
+    0.05,
+    3.0,
+)  # relative to the longest session: faster courses look like a step, slower ones like a straight line
+LEAST_SPAN = 300.0  # s, shortest session in which thermal drift is observable
 STEEL = 11.5e-6  # 1/K, thermal expansion of steel and cast iron
 
 
 @dataclass(frozen=True)
 class TemperatureCourse:
-    """s = T − T₀ of the temperature that was recorded."""
+    """Course s = T − T₀ of the recorded temperature."""
 
     words = "with the temperature"
     equation = "s = T − T at the start"
     shape: tuple[LawParameter, ...] = ()
-    warms = True  # castings grow
+    warms = True  # castings expand
 
     def course(self, shape: Array, seen: ThermalState) -> Array:
-        assert seen.temperature_rise is not None  # grid looks
+        """Return the recorded temperature rise.
+
+        Args:
+            shape: Empty; the course has no shape parameters.
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N,) K.
+        """
+        assert seen.temperature_rise is not None  # ensured by grid
         return seen.temperature_rise
 
     def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+        """Return one empty shape; none if no temperature was recorded.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            The shapes that a search tries.
+        """
         return ((),) if seen.temperature_rise is not None else ()
 
 
 @dataclass(frozen=True)
 class WarmUpCourse:
-    """s = 1 − exp(−t/T): motors have begun to warm gear boxes and castings."""
+    """Course s = 1 − exp(−t/T): motors warm up gearboxes and castings."""
 
     words = "after the start of a session"
     equation = "s = 1 − exp(−t/T), t since the session began"
@@ -48,9 +74,26 @@ class WarmUpCourse:
     warms = True
 
     def course(self, shape: Array, seen: ThermalState) -> Array:
+        """Return the warm-up state of each reading relative to its reference state.
+
+        Args:
+            shape: (1,) time constant T, s.
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N,) dimensionless.
+        """
         return _subtract_unloaded_state(seen, lambda t: -np.expm1(-t / shape[0]))
 
     def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+        """Return the time constants that a search tries, matched to the longest session.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            Shapes (time constant,) in s.
+        """
         longest = seen.longest_session
         if longest <= LEAST_SPAN:
             return ()
@@ -59,26 +102,43 @@ class WarmUpCourse:
 
 @dataclass(frozen=True)
 class LinearTimeCourse:
-    """s = t: the hall's day, or what cools."""
+    """Course s = t: daily temperature change of the hall, or cooling."""
 
     words = "evenly over a session"
     equation = "s = t since the session began"
     shape: tuple[LawParameter, ...] = ()
-    warms = False  # it may as well shrink
+    warms = False  # expansion or contraction
 
     def course(self, shape: Array, seen: ThermalState) -> Array:
+        """Return the time of each reading relative to its reference state, in units of the longest session.
+
+        Args:
+            shape: Empty; the course has no shape parameters.
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N,) dimensionless.
+        """
         return _subtract_unloaded_state(seen, lambda t: t / seen.longest_session)
 
     def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+        """Return one empty shape; none for short sessions.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            The shapes that a search tries.
+        """
         return ((),) if seen.longest_session > LEAST_SPAN else ()
 
 
 class HeatCourse(Protocol):
-    """What heat follows."""
+    """Course of a thermal drift over time or temperature."""
 
     @property
     def words(self) -> str:
-        """After which way it moves: "with the temperature"."""
+        """Wording in reports, for example "with the temperature"."""
         ...
 
     @property
@@ -89,47 +149,87 @@ class HeatCourse(Protocol):
 
     @property
     def warms(self) -> bool:
-        """Castings only grow; else they may as well shrink."""
+        """Whether castings can only expand along this course."""
         ...
 
     def course(self, shape: Array, seen: ThermalState) -> Array:
-        """(N,) since the state that a reading counts from."""
+        """Return the course at each reading relative to its reference state.
+
+        Args:
+            shape: (S,) shape parameters of the course, SI.
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N,) in the unit of the course.
+        """
         ...
 
-    def grid(self, seen: ThermalState) -> tuple[Shape, ...]: ...
+    def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+        """Return the shapes that a search tries.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            Shapes in SI; empty if the readings cannot show the course.
+        """
+        ...
 
 
 class ThermalMotion(Protocol):
-    """Which way heat moves the TCP."""
+    """Motion pattern of the TCP under thermal drift."""
 
     @property
     def words(self) -> str:
-        """ "the stand shifts"."""
+        """Wording in reports, for example "the stand shifts"."""
         ...
 
     @property
     def penalty(self) -> float: ...
 
     def coefficients(self, least: float) -> tuple[LawParameter, ...]:
-        """Of strains none below ``least``."""
+        """Return the coefficients of the pattern.
+
+        Args:
+            least: Lower limit of strain coefficients.
+        """
         ...
 
     def patterns(self, seen: ThermalState) -> Array:
-        """(N, D, P) m, rad of the TCP per unit of each coefficient, where the course is 1."""
+        """Return the TCP motion per unit of each coefficient for a course value of 1.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N, D, P) m, rad per unit of each coefficient.
+        """
         ...
 
     def is_testable(self, seen: ThermalState) -> bool:
-        """Whether such readings can tell it from others."""
+        """Return whether the readings can distinguish the pattern from others.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+        """
         ...
 
     def estimate_temperature_rise(self, values: Array, course: Array) -> Mapping[str, Quantity]:
-        """How much warmer castings would be, of what tells that."""
+        """Estimate the temperature rise that the coefficients imply.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            course: (N,) course at each reading.
+
+        Returns:
+            ``rise`` in K; empty if the pattern implies none.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class CastingExpansion:
-    """Castings are longer by a strain, alike or each by itself."""
+    """Thermal expansion of the castings by a strain, common or separate for each casting."""
 
     per_casting: bool = False
     penalty = 0.0
@@ -139,26 +239,50 @@ class CastingExpansion:
         return "links grow each by itself" if self.per_casting else "the arm grows"
 
     def coefficients(self, least: float) -> tuple[LawParameter, ...]:
+        """Return one strain for the arm, or one for each casting.
+
+        Args:
+            least: Lower limit of strain coefficients.
+        """
         parts = ("carousel", "upper_arm", "forearm") if self.per_casting else ("arm",)
         return tuple(LawParameter(key=f"strain_{p}", unit="1", lower_limit=least) for p in parts)
 
     def patterns(self, seen: ThermalState) -> Array:
+        """Return the TCP motion per unit strain.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N, D, P) m, rad per unit strain.
+        """
         return seen.casting_columns if self.per_casting else seen.casting_columns.sum(axis=2, keepdims=True)
 
     def is_testable(self, seen: ThermalState) -> bool:
-        """Castings take their time: between a load and the state without it, a minute before, none grows."""
+        """Return whether the readings span enough time for the castings to expand.
+
+        A reading relative to a reference state a minute earlier cannot show it.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+        """
         if not seen.is_relative or seen.time_since_start is None or seen.unloaded_time_since_start is None:
             return True
         return float((seen.time_since_start - seen.unloaded_time_since_start).max(initial=0.0)) > LEAST_SPAN
 
     def estimate_temperature_rise(self, values: Array, course: Array) -> Mapping[str, Quantity]:
-        """If they are of iron or steel."""
+        """Estimate the temperature rise for castings of iron or steel.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            course: (N,) course at each reading.
+        """
         return {"rise": Quantity(float(np.abs(course).max() * np.abs(values).max()) / STEEL, "K")}
 
 
 @dataclass(frozen=True)
 class StandDrift:
-    """The stand moves, and tilts."""
+    """Translation of the stand, optionally with tilt."""
 
     includes_tilt: bool = True
 
@@ -171,23 +295,47 @@ class StandDrift:
         return 6.0 if self.includes_tilt else 0.0
 
     def coefficients(self, least: float) -> tuple[LawParameter, ...]:
+        """Return the translation and, with tilt, the rotation of the stand.
+
+        Args:
+            least: Lower limit of strain coefficients.
+        """
         turns = tuple(LawParameter(key=f"turn_{a}", unit="rad") for a in "xyz") if self.includes_tilt else ()
         return (*(LawParameter(key=f"shift_{a}", unit="m") for a in "xyz"), *turns)
 
     def patterns(self, seen: ThermalState) -> Array:
+        """Return the TCP motion per unit translation and rotation of the stand.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N, D, P) m, rad per m and rad.
+        """
         return seen.stand_columns if self.includes_tilt else seen.stand_columns[:, :, :3]
 
     def is_testable(self, seen: ThermalState) -> bool:
-        # measured poses have a frame that is fitted: what shifts alone is hardly told from a stand that also tilts
+        # measured poses have a fitted frame: a pure translation is hardly distinguishable from one with tilt
+        """Return whether the readings can distinguish the pattern from others.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+        """
         return self.includes_tilt or seen.is_relative
 
     def estimate_temperature_rise(self, values: Array, course: Array) -> Mapping[str, Quantity]:
+        """Return nothing: a moving stand implies no temperature rise.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            course: (N,) course at each reading.
+        """
         return {}
 
 
 @dataclass(frozen=True)
 class ExpansionAndStandDrift:
-    """Hall and arm warm together: the stand moves while the castings grow."""
+    """Expansion of the castings together with a drift of the stand: hall and arm warm up together."""
 
     expansion: CastingExpansion = CastingExpansion()
     stand_drift: StandDrift = StandDrift()
@@ -201,21 +349,45 @@ class ExpansionAndStandDrift:
         return self.stand_drift.penalty
 
     def coefficients(self, least: float) -> tuple[LawParameter, ...]:
+        """Return the coefficients of both patterns.
+
+        Args:
+            least: Lower limit of strain coefficients.
+        """
         return (*self.expansion.coefficients(least), *self.stand_drift.coefficients(least))
 
     def patterns(self, seen: ThermalState) -> Array:
+        """Return the TCP motion per unit of each coefficient.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N, D, P) m, rad per unit of each coefficient.
+        """
         return np.concatenate([self.expansion.patterns(seen), self.stand_drift.patterns(seen)], axis=2)
 
     def is_testable(self, seen: ThermalState) -> bool:
-        return not seen.is_relative  # a load test has one place of the TCP for many readings
+        """Return whether the readings are absolute.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+        """
+        return not seen.is_relative  # a load test has many readings at the same TCP position
 
     def estimate_temperature_rise(self, values: Array, course: Array) -> Mapping[str, Quantity]:
+        """Estimate the temperature rise from the strain of the castings.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            course: (N,) course at each reading.
+        """
         return self.expansion.estimate_temperature_rise(values[:1], course)
 
 
 @dataclass(frozen=True)
 class ThermalDrift:
-    """One way of moving by one course of heat."""
+    """Thermal drift: one motion pattern with one course."""
 
     motion: ThermalMotion
     course: HeatCourse
@@ -243,22 +415,49 @@ class ThermalDrift:
         return self.motion.coefficients(0.0 if self.course.warms else -np.inf)
 
     def columns(self, shape: Array, seen: ThermalState) -> Array:
+        """Return the TCP drift per unit of each coefficient.
+
+        Args:
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            (N, D, P) m, rad per unit of each coefficient.
+        """
         return np.asarray(self.motion.patterns(seen) * self.course.course(shape, seen)[:, None, None])
 
     def sizes(self, values: Array, shape: Array, seen: ThermalState) -> Mapping[str, Quantity]:
+        """Return the largest drift, the implied temperature rise and the time constant.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            ``drift`` in mm first, then the others.
+        """
         moved = np.linalg.norm((self.columns(shape, seen) @ values)[:, :3], axis=1)
         size = {"drift": Quantity(1e3 * float(moved.max()), "mm")}
-        warmed = self.motion.estimate_temperature_rise(values, self.course.course(shape, seen))
+        temperature_rise = self.motion.estimate_temperature_rise(values, self.course.course(shape, seen))
         slow = {"time_constant": Quantity(float(shape[0]), "s")} if len(shape) else {}
-        return {**size, **warmed, **slow}
+        return {**size, **temperature_rise, **slow}
 
     def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+        """Return the shapes of the course if the motion pattern is testable.
+
+        Args:
+            seen: Times, temperatures and motion patterns of N readings.
+
+        Returns:
+            Shapes in SI.
+        """
         return self.course.grid(seen) if self.motion.is_testable(seen) else ()
 
 
 def _subtract_unloaded_state(seen: ThermalState, law: Callable[[Array], Array]) -> Array:
-    """(N,) since the state that a reading counts from."""
-    assert seen.time_since_start is not None  # grids look
+    """Return the course (N,) of each reading minus that of its unloaded reference state."""
+    assert seen.time_since_start is not None  # ensured by grid
     return np.asarray(
         law(seen.time_since_start)
         - (0.0 if seen.unloaded_time_since_start is None else law(seen.unloaded_time_since_start))

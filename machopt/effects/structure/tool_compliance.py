@@ -1,6 +1,7 @@
-"""The tool: a beam from the flange to the TCP, a spring at the TCP, a body of revolution, or cylinders on a sensor.
+"""Tool compliance: a beam from flange to TCP, a spring at the TCP, a body of revolution, or cylinders on a force
+sensor.
 
-Matrices stand in axes that turn with the tool, x out of it.
+Matrices are stated in axes that rotate with the tool, x outward.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from machopt.effects.protocol import BodyLaw, CompliantBody, Effect, LawParamete
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import normalise_vectors, skew_matrix
 
-MIN_ALIGNMENT = 0.999  # cosine between tool axis and line from the flange, from which on they are one
+MIN_ALIGNMENT = 0.999  # cosine between tool axis and flange–TCP line above which both are treated as equal
 NOTE = "constant in the tool frame"
 SENSOR = ("sensor_N_per_mm", "sensor_Nm_per_rad")
 SHIFT_PARAMETER = LawParameter(key="shift", unit=UNITS[0], lower_limit=0.0)  # of a body of revolution
@@ -39,7 +40,7 @@ TWIST_PARAMETER = LawParameter(key="twist", unit=UNITS[2], lower_limit=0.0)
 
 @dataclass(frozen=True)
 class ToolBeam(UniformBeamLaw):
-    """A beam from the flange to the TCP."""
+    """Beam from the flange to the TCP."""
 
     keys: tuple[str, ...] = ("EI_Nm2",)
 
@@ -48,40 +49,84 @@ class ToolBeam(UniformBeamLaw):
         return "cantilever from the flange to the TCP"
 
     def restrict_to_observed(self, dimensions: int, *, turning: bool) -> BodyLaw:
-        """A force at its end does not twist it."""
+        """Drop torsion if the readings cannot determine it: a force at the end does not twist the beam.
+
+        Args:
+            dimensions: Number of measured coordinates: 3 (position) or 6 (pose).
+            turning: Whether the loads include moments that rotate the tool.
+
+        Returns:
+            The reduced law.
+        """
         return self if dimensions == 6 and turning else replace(self, keys=("EI_Nm2",))
 
 
 @dataclass(frozen=True)
 class ToolTipSpring(MatrixEntriesLaw):
-    """A spring at the tip along the axes of the tool; readings of places alone show its shifts alone."""
+    """Spring at the tool tip along the tool axes. Position readings determine its translations only."""
 
     pairs: tuple[tuple[int, int], ...] = DIAGONAL_ENTRIES
     name: str = "spring at the tool"
     equation: str = "R C Rᵀ w, C diagonal in tool axes"
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the largest translational compliance.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            ``lateral_compliance`` in µm/N.
+        """
         return {"lateral_compliance": Quantity(1e6 * float(np.max(np.abs(values[:3]))), "µm/N")}
 
     def restrict_to_observed(self, dimensions: int, *, turning: bool) -> BodyLaw:
+        """Drop the rotations if the readings cannot determine them.
+
+        Args:
+            dimensions: Number of measured coordinates: 3 (position) or 6 (pose).
+            turning: Whether the loads include moments that rotate the tool.
+
+        Returns:
+            The reduced law.
+        """
         return self if dimensions == 6 and turning else replace(self, pairs=DIAGONAL_ENTRIES[:3])
 
 
 @dataclass(frozen=True)
 class ToolTipMatrix(MatrixEntriesLaw):
-    """Any symmetric compliance at the tip; of what the loads and readings can show."""
+    """Symmetric compliance matrix at the tool tip, reduced to the entries that loads and readings can determine."""
 
     equation: str = "R C Rᵀ w at the TCP, C symmetric"
     note: str = NOTE
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the largest lateral and tilt compliances.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            ``lateral_compliance`` in µm/N first, ``tilt_compliance`` in rad/(N·m).
+        """
         sideways = [abs(float(v)) for pair, v in zip(self.pairs, values, strict=True) if pair in DIAGONAL_ENTRIES[1:3]]
         tilts = [abs(float(v)) for pair, v in zip(self.pairs, values, strict=True) if pair in DIAGONAL_ENTRIES[4:]]
         tilt = {"tilt_compliance": Quantity(max(tilts), UNITS[2])} if tilts else {}
         return {"lateral_compliance": Quantity(1e6 * max(sideways), "µm/N"), **tilt}
 
     def restrict_to_observed(self, dimensions: int, *, turning: bool) -> BodyLaw:
-        # where moments or turning are missing no reading holds the tilts, and any of them makes any coupling possible
+        # without moments or measured rotations the tilts are undetermined, and so are their couplings
+        """Drop the rotational entries if the readings cannot determine them.
+
+        Args:
+            dimensions: Number of measured coordinates: 3 (position) or 6 (pose).
+            turning: Whether the loads include moments that rotate the tool.
+
+        Returns:
+            The reduced law.
+        """
         if dimensions == 6 and turning:
             return self
         return replace(self, pairs=tuple(p for p in self.pairs if max(p) < 3))
@@ -89,9 +134,9 @@ class ToolTipMatrix(MatrixEntriesLaw):
 
 @dataclass(frozen=True)
 class RotationallySymmetricTool(BodyLawDefaults):
-    """A body of revolution seen from the TCP: lateral shift, tilt, what couples them, and the twist about its axis."""
+    """Body of revolution at the TCP: lateral compliance, tilt, their coupling, and torsion about its axis."""
 
-    line: bool  # about the line from the flange to the TCP; else about the tool's axis
+    line: bool  # symmetric about the line from flange to TCP; else about the tool axis
     note = NOTE
     equation = "R C Rᵀ w at the TCP, C of a body of revolution"
     coefficients: tuple[LawParameter, ...] = (SHIFT_PARAMETER, TILT_PARAMETER, COUPLING_PARAMETER)
@@ -102,33 +147,89 @@ class RotationallySymmetricTool(BodyLawDefaults):
         return f"{said}, twists" if TWIST_PARAMETER in self.coefficients else said
 
     def restrict_to_observed(self, dimensions: int, *, turning: bool) -> BodyLaw:
-        """Places under forces show its shift alone; a twist is turned by a moment."""
+        """Drop the coefficients that the readings cannot determine.
+
+        Positions under forces determine the lateral compliance only. Torsion requires a moment.
+
+        Args:
+            dimensions: Number of measured coordinates: 3 (position) or 6 (pose).
+            turning: Whether the loads include moments that rotate the tool.
+
+        Returns:
+            The reduced law.
+        """
         shown = 4 if dimensions == 6 and turning else 3 if dimensions == 6 or turning else 1
         return replace(self, coefficients=self.coefficients[:shown])
 
     def matrices(self, shape: Array, body: CompliantBody) -> Array:
-        made = np.zeros((4, 6, 6))
-        made[0, 1, 1] = made[0, 2, 2] = made[1, 4, 4] = made[1, 5, 5] = 1.0
-        made[2, 1, 5] = made[2, 5, 1] = 1.0
-        made[2, 2, 4] = made[2, 4, 2] = -1.0
-        made[3, 3, 3] = 1.0
-        made = made[: len(self.coefficients)]
+        """Return the compliance matrices per unit of each coefficient.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            (P, 6, 6) compliance at the TCP in tool axes.
+        """
+        basis = np.zeros((4, 6, 6))
+        basis[0, 1, 1] = basis[0, 2, 2] = basis[1, 4, 4] = basis[1, 5, 5] = 1.0
+        basis[2, 1, 5] = basis[2, 5, 1] = 1.0
+        basis[2, 2, 4] = basis[2, 4, 2] = -1.0
+        basis[3, 3, 3] = 1.0
+        basis = basis[: len(self.coefficients)]
         if not self.line:
-            return made
+            return basis
         turn = np.kron(np.eye(2), _build_axes_along(_compute_tool_line(body)))
-        return np.asarray(turn @ made @ turn.T)
+        return np.asarray(turn @ basis @ turn.T)
 
     def to_file_parameters(self, values: Array, shape: Array, body: CompliantBody) -> dict[str, Any]:
+        """Return the compliance matrix as a file states it.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            ``compliance`` (6 × 6).
+        """
         return {MATRIX: np.einsum("p,pij->ij", values, self.matrices(shape, body)).tolist()}
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the lateral and tilt compliances.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            ``lateral_compliance`` in µm/N first, ``tilt_compliance`` in rad/(N·m).
+        """
         tilt = {"tilt_compliance": Quantity(abs(float(values[1])), UNITS[2])} if len(values) > 1 else {}
         return {"lateral_compliance": Quantity(1e6 * abs(float(values[0])), "µm/N"), **tilt}
 
     def project_to_admissible(self, values: Array, metric: Array) -> Array:
+        """Return the nearest coefficients of a positive semidefinite compliance.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            metric: (P, P) weight matrix of the least-squares problem: dᵀ metric d is the increase of the residual
+                sum for a change d.
+
+        Returns:
+            (P,) admissible coefficients.
+        """
         return find_nearest_semidefinite(values, ((0, 0), (1, 1), (0, 1), (2, 2))[: len(values)], metric)
 
     def grid(self, body: CompliantBody) -> tuple[Shape, ...]:
+        """Return one empty shape; none if the flange–TCP line coincides with the tool axis.
+
+        Args:
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            The shapes that a search tries.
+        """
         if not self.line:
             return ((),)
         line, length = _compute_tool_line(body), float(np.linalg.norm(_compute_tool_line(body)))
@@ -137,21 +238,51 @@ class RotationallySymmetricTool(BodyLawDefaults):
 
 @dataclass(frozen=True)
 class SteppedToolAndSensor(BodyLawDefaults):
-    """Stepped cylinders and a force sensor at the flange, whose compliance at the TCP is known but for a scale."""
+    """Stepped cylinders and a force sensor at the flange. Their compliance at the TCP is known except for a scale
+    factor.
+    """
 
     fixed: Array = field(compare=False)  # (6, 6) at the TCP, axes of the tool
-    file_parameters: Mapping[str, Any] = field(compare=False)  # as the file states them
+    file_parameters: Mapping[str, Any] = field(compare=False)  # parameters of the file's entry
     name = "cylinders from flange to tip"
     equation = "tian2025 eqs. 2–3, with lever arms"
     coefficients = (LawParameter(key="scale", unit="1", lower_limit=0.0),)
 
     def matrices(self, shape: Array, body: CompliantBody) -> Array:
+        """Return the known compliance matrix.
+
+        Args:
+            shape: Empty; the law has no shape parameters.
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            (1, 6, 6) compliance at the TCP in tool axes.
+        """
         return self.fixed[None]
 
     def to_file_parameters(self, values: Array, shape: Array, body: CompliantBody) -> dict[str, Any]:
+        """Return the file's parameters with the fitted scale factor.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+            body: Geometry of the compliant body, all joints at zero.
+
+        Returns:
+            Keys and values in the units of the keys.
+        """
         return {**self.file_parameters, "scale": float(values[0])}
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Return the scale factor.
+
+        Args:
+            values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
+            shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
+
+        Returns:
+            ``scale``.
+        """
         return {"scale": Quantity(float(values[0]), "1")}
 
 
@@ -162,7 +293,7 @@ def _compute_tool_line(body: CompliantBody) -> Array:
 
 
 def _build_axes_along(line: Array) -> Array:
-    """(3, 3) axes whose x is along the line; which way y points makes no difference to a body of revolution."""
+    """Return axes (3, 3) with x along the line. The direction of y is arbitrary for a body of revolution."""
     x = normalise_vectors(line)
     y = normalise_vectors(np.cross(np.eye(3)[int(np.abs(x).argmin())], x))
     return np.stack([x, y, np.cross(x, y)], axis=-1)
@@ -176,7 +307,7 @@ def _read_tool_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw
 
 
 def _read_stepped_tool(given: ParameterReader, body: CompliantBody) -> tuple[Array, dict[str, Any]]:
-    """Stepped cylinders (tian2025 eqs. 2–3, with lever arms) and a force sensor at the flange, seen from the TCP."""
+    """Return the compliance at the TCP of stepped cylinders (tian2025 eqs. 2–3, with lever arms) and a force sensor."""
     stated: dict[str, Any] = {"cylinders": given.read_mappings("cylinders")}
     steps = []
     for n, entry in enumerate(stated["cylinders"]):

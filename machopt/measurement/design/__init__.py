@@ -1,10 +1,10 @@
-"""Which poses and loads to measure: ``machopt plan-poses``.
+"""Experiment design: which poses and loads to measure (``machopt plan-poses``).
 
 ::
 
-    cell ─► candidates ─► loadcases ─► search ─► accuracy, certificate ─► schedule ─► poses.csv
-            limits, KCI,  hung, pulled, D-optimal  promised errors,        order of
-            clearance     on an arm     exchange   heuristics beside       work
+    cell ─► pose_candidates ─► load_cases ─► d_optimal_search ─► expected_accuracy, ─► measurement_schedule ─► poses.csv
+            limits, KCI,       weights,      exchange            efficiency_bound      order of work
+            clearance          pulls, arms   algorithm           published heuristics
 
-Also what tells two rival models apart (:mod:`machopt.measurement.design.two_model_discrimination`).
+:mod:`machopt.measurement.design.two_model_discrimination` selects readings that discriminate between two models.
 """

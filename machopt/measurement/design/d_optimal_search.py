@@ -1,17 +1,19 @@
-"""Which readings to take: exact designs that make the most of a number of poses and of loads at each pose.
+"""D-optimal selection of readings: exact designs for a given number of poses and of loads at each pose.
 
-A reading n of D numbers has the response A_n (D, P) to P unknowns, own noise Σ_n and a pose error with covariance V
-that all readings at its pose share. A pose with the readings S gives the information
-A_Sᵀ (blockdiag Σ + 1 1ᵀ ⊗ V)⁻¹ A_S;
+A reading n of D numbers has the response A_n (D, P) to P unknowns, its own noise Σ_n, and a pose error with
+covariance V that all readings at its pose share. A pose with the readings S gives the information
+
+    A_Sᵀ (blockdiag Σ + 1 1ᵀ ⊗ V)⁻¹ A_S;
+
 poses add. A design maximises Σ_k w_k log det M_k over one or several models of the same readings:
 
-- one model, w = 1: D-optimal, the smallest ellipsoid of uncertainty;
-- several believed stiffnesses, w = 1/K: Bayesian D-optimal;
-- a law [A, y] with w = 1 against a law A with w = −1: T-optimal, the largest deviation y that A cannot imitate
+- one model, w = 1: D-optimal, the smallest confidence ellipsoid;
+- several prior stiffnesses, w = 1/K: Bayesian D-optimal;
+- a law [A, y] with w = 1 and a law A with w = −1: T-optimal, the largest deviation y that A cannot imitate
   (:mod:`machopt.measurement.design.two_model_discrimination`).
 
-Poses are added greedily, each with the loads that add most to one another, then exchanged one by one for a better pose
-with its loads, and single loads for better loads (Fedorov's exchange), until nothing improves.
+Poses are added greedily, each with its most informative loads. Then single poses with their loads, and single loads,
+are exchanged for better ones (Fedorov's exchange) until nothing improves.
 """
 
 from __future__ import annotations
@@ -23,32 +25,39 @@ import numpy as np
 
 from machopt.numerics.array_types import Array, Bools, Ints
 
-RIDGE = 1e-4  # information before any reading: 1 sigma of 100 (of a relative unknown: 10,000 %)
-SHORTLIST = 48  # poses whose loads are worked out together, the best by single readings
-FOCUS = 400  # poses an exchange looks at before it looks at all
-GAIN = 1e-8  # least improvement of log det that counts; below it is rounding
-PASSES = 40  # an exchange settles in 3–8
+RIDGE = 1e-4  # prior information: 1 sigma of 100 (10,000 % of a relative unknown)
+SHORTLIST = 48  # best poses by single readings, for which combinations of loads are evaluated
+FOCUS = 400  # poses that an exchange tries first
+GAIN = 1e-8  # least improvement of log det above rounding
+PASSES = 40  # most passes; an exchange typically converges in 3–8
 
 
 @dataclass(frozen=True)
 class ModelBelief:
-    """One belief about the same N readings."""
+    """One prior model of the N readings."""
 
     response: Array  # (N, D, P)
-    covariance: Array  # (N, D, D) own noise of each reading
+    covariance: Array  # (N, D, D) noise of each reading
     weight: float = 1.0
 
 
 @dataclass(frozen=True)
 class DesignProblem:
-    """Readings to choose from."""
+    """Candidate readings and the models that they inform."""
 
     models: tuple[ModelBelief, ...]
     pose: Ints  # (N,) ascending
     shared: Array  # (D, D) covariance of the pose error
 
     def select_poses(self, poses: Ints) -> tuple[DesignProblem, Ints]:
-        """The problem of these poses alone, and the indices its readings have here."""
+        """Restrict the problem to some poses.
+
+        Args:
+            poses: Pose labels.
+
+        Returns:
+            The restricted problem, and the indices of its readings in this one.
+        """
         rows = np.flatnonzero(np.isin(self.pose, poses))
         models = tuple(replace(m, response=m.response[rows], covariance=m.covariance[rows]) for m in self.models)
         return DesignProblem(models, self.pose[rows], self.shared), rows
@@ -56,9 +65,9 @@ class DesignProblem:
 
 @dataclass(frozen=True)
 class ReadingDesign:
-    """Chosen readings, pose by pose in the order they were found."""
+    """Selected readings by pose, in the order of selection."""
 
-    blocks: tuple[tuple[int, ...], ...]  # indices of readings; one tuple a pose
+    blocks: tuple[tuple[int, ...], ...]  # indices of readings; one tuple per pose
     value: float  # Σ w log det
     history: tuple[float, ...] = field(default=(), compare=False)  # value after every accepted exchange
 
@@ -67,24 +76,35 @@ class ReadingDesign:
         return np.array([n for block in self.blocks for n in block], np.int64)
 
     def map_rows(self, rows: Ints) -> ReadingDesign:
-        """The same design, its indices looked up in ``rows``."""
+        """Translate the indices of the readings.
+
+        Args:
+            rows: New index of each reading.
+
+        Returns:
+            The translated design.
+        """
         return replace(self, blocks=tuple(tuple(int(rows[n]) for n in block) for block in self.blocks))
 
 
 def find_d_optimal_design(
     problem: DesignProblem, poses: int, loads: int, *, rng: np.random.Generator, starts: int = 2, passes: int = PASSES
 ) -> ReadingDesign:
-    """The best design found of ``poses`` different poses with ``loads`` different loads each.
+    """Find the best design of a number of different poses with different loads.
 
     Args:
-        problem: N readings.
-        poses: fewer are used where there are not so many.
-        loads: at each pose; fewer where the pose admits fewer.
-        rng: for the starts after the greedy one.
-        starts: of the exchange.
-        passes: most rounds of exchange.
+        problem: Design problem: candidate readings and models.
+        poses: Number of poses; fewer are used if not enough are available.
+        loads: Loads at each pose; fewer if the pose admits fewer.
+        rng: Random generator of the starts after the greedy one.
+        starts: Number of starts of the exchange.
+        passes: Most passes of the exchange.
 
-    Source: Fedorov, Theory of Optimal Experiments (1972), ch. 3; Atkinson, Donev & Tobias (2007), ch. 12.
+    Returns:
+        The design.
+
+    Source:
+        Fedorov, Theory of Optimal Experiments (1972), ch. 3; Atkinson, Donev & Tobias (2007), ch. 12.
     """
     search = _DesignSearch(problem)
     best: ReadingDesign | None = None
@@ -102,7 +122,16 @@ def find_d_optimal_design(
 
 
 def compute_information_matrix(problem: DesignProblem, blocks: Sequence[Sequence[int]], model: int = 0) -> Array:
-    """M (P, P) of a model, without any prior."""
+    """Compute the information matrix of a design for one model, without prior.
+
+    Args:
+        problem: Design problem: candidate readings and models.
+        blocks: Selected readings, grouped by pose.
+        model: Index of the model.
+
+    Returns:
+        (P, P).
+    """
     m = problem.models[model]
     M = np.zeros((m.response.shape[2],) * 2)
     for block in blocks:
@@ -111,13 +140,31 @@ def compute_information_matrix(problem: DesignProblem, blocks: Sequence[Sequence
 
 
 def compute_design_criterion(problem: DesignProblem, blocks: Sequence[Sequence[int]]) -> float:
-    """Σ_k w_k log det(M_k + ridge)."""
+    """Compute the design criterion Σ_k w_k log det(M_k + ridge).
+
+    Args:
+        problem: Design problem: candidate readings and models.
+        blocks: Selected readings, grouped by pose.
+
+    Returns:
+        Value; larger is better.
+    """
     Ms = [compute_information_matrix(problem, blocks, k) for k in range(len(problem.models))]
     return _compute_weighted_log_det(problem, [M + RIDGE * np.eye(len(M)) for M in Ms])
 
 
 def select_promising_poses(problem: DesignProblem, design: ReadingDesign, loads: int, count: int) -> Ints:
-    """The poses that would add most to a design, and its own; ascending."""
+    """Select the poses that would improve a design most, including its own.
+
+    Args:
+        problem: Design problem: candidate readings and models.
+        design: Selected readings.
+        loads: Number of different loads at each pose.
+        count: Number of poses to select.
+
+    Returns:
+        Pose labels, ascending.
+    """
     search = _DesignSearch(problem)
     parts = [search.compute_block_information(b) for b in design.blocks]
     own = [search.row_of[b[0]] for b in design.blocks]
@@ -126,14 +173,21 @@ def select_promising_poses(problem: DesignProblem, design: ReadingDesign, loads:
 
 
 def index_readings_by_pose(pose: Ints) -> Ints:
-    """(poses, L) indices of each pose's readings, −1 where it has fewer."""
+    """Index the readings of each pose.
+
+    Args:
+        pose: (N,) pose labels, ascending.
+
+    Returns:
+        (poses, L) reading indices, −1 as padding.
+    """
     _, start, count = np.unique(pose, return_index=True, return_counts=True)
     column = np.arange(count.max())
     return np.asarray(np.where(column < count[:, None], start[:, None] + column, -1), np.int64)
 
 
 class _DesignSearch:
-    """A problem made ready: readings by pose, whitened responses."""
+    """Prepared problem: readings by pose, whitened responses."""
 
     def __init__(self, problem: DesignProblem) -> None:
         self.problem = problem
@@ -146,11 +200,30 @@ class _DesignSearch:
         ]
 
     def random_block(self, row: int, loads: int, rng: np.random.Generator) -> tuple[int, ...]:
+        """Draw random loads of a pose.
+
+        Args:
+            row: Row of the pose.
+            loads: Number of different loads at each pose.
+            rng: Random generator.
+
+        Returns:
+            Reading indices.
+        """
         readings = self.slots[row][self.slots[row] >= 0]
         return tuple(int(n) for n in rng.permutation(readings)[:loads])
 
     def greedy(self, blocks: list[tuple[int, ...]], poses: int, loads: int) -> list[tuple[int, ...]]:
-        """Add the pose that adds most until there are enough."""
+        """Add the best pose until there are enough.
+
+        Args:
+            blocks: Selected readings, grouped by pose.
+            poses: Number of poses.
+            loads: Number of different loads at each pose.
+
+        Returns:
+            Selected readings.
+        """
         blocks = list(blocks)
         parts = [self.compute_block_information(b) for b in blocks]
         while len(blocks) < poses:
@@ -159,7 +232,16 @@ class _DesignSearch:
         return blocks
 
     def exchange(self, blocks: list[tuple[int, ...]], loads: int, passes: int) -> ReadingDesign:
-        """Improve a design until no single pose and no single load can be exchanged with gain."""
+        """Improve a design until no exchange of a pose or a load increases the criterion.
+
+        Args:
+            blocks: Selected readings, grouped by pose.
+            loads: Number of different loads at each pose.
+            passes: Most passes.
+
+        Returns:
+            The design.
+        """
         blocks = list(blocks)
         parts = [self.compute_block_information(b) for b in blocks]
         value = self._value(parts)
@@ -182,18 +264,27 @@ class _DesignSearch:
             if value <= before + GAIN:
                 if whole:
                     break
-                whole = True  # nothing near helps: look everywhere once more
+                whole = True  # no improvement among the first poses: try all once
             else:
                 whole = bool(focus.all())
         return ReadingDesign(tuple(blocks), value, tuple(history))
 
     def find_promising_poses(self, parts: list[list[Array]], loads: int, count: int) -> Ints:
-        """Rows of the poses that would add most to a design as it is."""
+        """Find the poses that would improve the current design most.
+
+        Args:
+            parts: Information of each pose of the design, by model.
+            loads: Number of different loads at each pose.
+            count: Number of poses.
+
+        Returns:
+            Rows of the poses.
+        """
         sums = self._sums_of_best(self._compute_first_gains(self._sum(parts)), loads)
         return np.asarray(np.argsort(-sums, kind="stable")[:count], np.int64)
 
     def _better_loads(self, block: tuple[int, ...], rest: list[list[Array]], loads: int) -> tuple[int, ...]:
-        """The pose of the block with one load exchanged or added, the best such."""
+        """Return the block with the best exchange or addition of one load."""
         row = self.slots[self.row_of[block[0]]]
         readings = [int(n) for n in row[row >= 0]]
         others = [n for n in readings if n not in block]
@@ -208,7 +299,7 @@ class _DesignSearch:
     def _find_best_block(
         self, Ms: list[Array], loads: int, taken: Bools, among: Bools | None = None
     ) -> tuple[int, ...]:
-        """The free pose, with its loads, that adds most to Σ w log det."""
+        """Return the free pose with loads that increases Σ w log det most."""
         gains = self._compute_first_gains(Ms, among)
         sums = self._sums_of_best(gains, loads)
         sums[taken] = -np.inf
@@ -219,7 +310,7 @@ class _DesignSearch:
         return self._grow(short, Ms, loads)
 
     def _compute_first_gains(self, Ms: list[Array], among: Bools | None = None) -> Array:
-        """(N,) what each reading adds as the first of its pose, −inf for poses not asked about."""
+        """Return the gain (N,) of each reading as the first one of its pose, −inf for excluded poses."""
         asked = None if among is None else np.flatnonzero(among[self.row_of])
         total = np.zeros(len(self.row_of) if asked is None else len(asked))
         for m, U, M in zip(self.problem.models, self.whitened, Ms, strict=True):
@@ -232,7 +323,7 @@ class _DesignSearch:
         return out
 
     def _sums_of_best(self, gains: Array, loads: int) -> Array:
-        """(rows,) sum of the best ``loads`` gains of each pose."""
+        """Return the sum (rows,) of the best ``loads`` gains of each pose."""
         padded = _pad_values(gains, self.slots)
         if loads == 1:
             return np.asarray(padded.max(axis=1))
@@ -243,10 +334,10 @@ class _DesignSearch:
         return np.asarray(np.where(lonely.all(axis=1), -np.inf, sums))
 
     def _grow(self, rows: Ints, Ms: list[Array], loads: int) -> tuple[int, ...]:
-        """Of some poses, each with loads added one after the other, the one that adds most.
+        """Return the best pose of some, with loads added one by one.
 
-        After a reading at a pose its error b is known better, and the next reading counts by what is new in it: its
-        response less what the error's estimate takes, with the error's remaining covariance (a Kalman update of b).
+        After a reading, the pose error b is better known. The next reading counts by its innovation: its response
+        minus the part explained by the estimate of b, with the remaining covariance of b (Kalman update).
         """
         slots = self.slots[rows]
         K, D = len(rows), len(self.problem.shared)
@@ -284,11 +375,18 @@ class _DesignSearch:
         return out
 
     def compute_block_information(self, block: tuple[int, ...]) -> list[Array]:
-        """Of one pose, for each model."""
+        """Compute the information of one pose for each model.
+
+        Args:
+            block: Readings of the pose.
+
+        Returns:
+            (P, P) per model.
+        """
         return [compute_information_matrix(self.problem, [block], k) for k in range(len(self.problem.models))]
 
     def _sum(self, parts: list[list[Array]]) -> list[Array]:
-        """Information of several poses and the ridge, for each model."""
+        """Return the information of several poses plus the ridge, for each model."""
         sizes = [m.response.shape[2] for m in self.problem.models]
         return [np.sum([p[k] for p in parts], axis=0) + RIDGE * np.eye(n) for k, n in enumerate(sizes)]
 
@@ -298,24 +396,29 @@ class _DesignSearch:
 
 @dataclass(kw_only=True)
 class _LoadAddition:
-    """One model's readings at K poses while loads are added."""
+    """Readings of one model at K poses while loads are added."""
 
     A: Array  # (K, L, D, P)
     S: Array  # (K, L, D, D)
     C: Array  # (K, P, P) covariance of the unknowns
-    W: Array  # (K, D, D) covariance of the pose error, given the readings taken
-    H: Array  # (K, D, P) how its estimate responds to the unknowns
+    W: Array  # (K, D, D) covariance of the pose error, given the selected readings
+    H: Array  # (K, D, P) response of its estimate to the unknowns
     weight: float
 
     def gains(self) -> Array:
-        """(K, L) w · (log det(N + R C Rᵀ) − log det N), R what is new in a reading, N its noise now."""
+        """Return w · (log det(N + R C Rᵀ) − log det N) (K, L), R the innovation of a reading, N its current noise."""
         N = self.S + self.W[:, None]
         R = self.A - self.H[:, None]
         spread = R @ self.C[:, None] @ np.swapaxes(R, -1, -2)
         return np.asarray(self.weight * (np.linalg.slogdet(N + spread)[1] - np.linalg.slogdet(N)[1]))
 
     def add_readings(self, best: Ints, more: Bools) -> None:
-        """Take one reading at each pose where there is one more."""
+        """Add one reading at each pose that has a further one.
+
+        Args:
+            best: (K,) index of the load to add.
+            more: (K,) True for poses with a further reading.
+        """
         at = np.arange(len(best))
         N = self.S[at, best] + self.W
         R = self.A[at, best] - self.H
@@ -329,7 +432,7 @@ class _LoadAddition:
 
 
 def _compute_block_information(model: ModelBelief, shared: Array, block: Ints) -> Array:
-    """Information of the readings of one pose."""
+    """Return the information of the readings of one pose."""
     A, S = model.response[block], model.covariance[block]
     n, D = A.shape[:2]
     noise = np.tile(shared, (n, n))
@@ -345,7 +448,7 @@ def _compute_weighted_log_det(problem: DesignProblem, Ms: Sequence[Array]) -> fl
 
 
 def _compute_inverse_root(M: Array) -> Array:
-    """R with R Rᵀ = M⁻¹; never indefinite, however ill-conditioned M is."""
+    """Return R with R Rᵀ = M⁻¹, positive semidefinite even for an ill-conditioned M."""
     return np.asarray(np.linalg.inv(np.linalg.cholesky(M)).T)
 
 
@@ -359,7 +462,7 @@ def _pad_values(values: Array, slots: Ints) -> Array:
 
 
 def _compute_log_det_one_plus(G: Array) -> Array:
-    """log det(1 + G Gᵀ) (N,) of G (N, D, P): an LDLᵀ factorisation over all N at once, D small."""
+    """Return log det(1 + G Gᵀ) (N,) for G (N, D, P) by an LDLᵀ factorisation over all N at once."""
     D = G.shape[1]
     S = [[np.einsum("np,np->n", G[:, i], G[:, j]) for j in range(i + 1)] for i in range(D)]
     total = np.zeros(len(G))

@@ -1,4 +1,4 @@
-"""How good a design can be at all: a bound that needs no search."""
+"""Lower bound of a design's efficiency relative to the unknown optimum, without a search."""
 
 from __future__ import annotations
 
@@ -12,27 +12,29 @@ from machopt.measurement.design.d_optimal_search import (
 )
 from machopt.numerics.array_types import Array, Ints
 
-NULL = 1e-10  # of the largest eigenvalue of the information: less is rounding
-MIN_RESPONSE = 1e-6  # of the largest response: less is none
-MAX_EXACT_POSES = 400  # poses whose pairs of loads are worked out; the others keep the loose bound
+NULL = 1e-10  # relative eigenvalue of the information that counts as rounding
+MIN_RESPONSE = 1e-6  # relative response that counts as zero
+MAX_EXACT_POSES = 400  # poses with an exact bound for pairs of loads; the others keep a looser bound
 
 
 def compute_efficiency_bound(problem: DesignProblem, design: ReadingDesign, loads: int) -> float:
-    """A D-efficiency that the design has at least, against every design of as many poses and loads: P/(n d).
+    """Compute a lower bound of the D-efficiency against every design of as many poses and loads: P/(n d).
 
     d = max over poses of tr(M⁻¹ I_pose) bounds tr(M⁻¹ M*)/n of any other M*, and det^(1/P) is at most a Pth of the
-    trace. With one or two loads at a pose d is exact; with more, or at poses far from the best, the error that the
-    readings of a pose share is left out of it, which makes the bound loose, not wrong.
-
-    Where no reading at all shows some combination of the unknowns the statement is about the others; 0 where other
-    readings would show it.
+    trace. With one or two loads per pose d is exact. With more, or at poses far from the best, the shared pose error
+    is neglected, which makes the bound looser but not wrong. If no reading determines some combination of the
+    unknowns, the bound refers to the others. It is 0 if other readings would determine it.
 
     Args:
-        problem: its first model is looked at.
-        design: of this problem.
-        loads: most at each pose.
+        problem: Design problem; its first model is used.
+        design: Design of this problem.
+        loads: Most loads at each pose.
 
-    Source: Atwood's inequality; Pukelsheim, Optimal Design of Experiments (2006), section 5.15.
+    Returns:
+        Lower bound, 0 to 1.
+
+    Source:
+        Atwood's inequality; Pukelsheim, Optimal Design of Experiments (2006), section 5.15.
     """
     m = problem.models[0]
     values, vectors = np.linalg.eigh(compute_information_matrix(problem, design.blocks))
@@ -58,10 +60,10 @@ def compute_efficiency_bound(problem: DesignProblem, design: ReadingDesign, load
 
 
 def _find_best_pair(A: Array, covariance: Array, shared: Array, readings: Ints) -> float:
-    """Largest trace of the information of two readings of one pose (of one, where there is but one).
+    """Return the largest trace of the information of two readings of one pose (of one if there is only one).
 
-    With weights W_i = Σ_i⁻¹ and B_i = W_i A_i the information of i and j is A_iᵀ B_i + A_jᵀ B_j − (B_i + B_j)ᵀ
-    (V⁻¹ + W_i + W_j)⁻¹ (B_i + B_j); (V⁻¹ + W)⁻¹ = V (1 + W V)⁻¹ holds for a singular V too.
+    With weights W_i = Σ_i⁻¹ and B_i = W_i A_i the information of i and j is A_iᵀ B_i + A_jᵀ B_j − (B_i + B_j)ᵀ (V⁻¹ +
+    W_i + W_j)⁻¹ (B_i + B_j). (V⁻¹ + W)⁻¹ = V (1 + W V)⁻¹ also holds for a singular V.
     """
     if len(readings) == 1:
         noise = covariance[readings[0]] + shared

@@ -1,4 +1,4 @@
-"""What an information matrix promises: standard uncertainties, what cannot be told apart, how many poses it takes."""
+"""Expected accuracy of a design: standard uncertainties, confounded unknowns, required number of poses."""
 
 from __future__ import annotations
 
@@ -9,55 +9,82 @@ import numpy as np
 
 from machopt.numerics.array_types import Array, Bools
 
-LEAST = 1e-6  # information on an unknown by itself: 1 sigma of 1000 times its scale is no knowledge
-NULL = 1e-10  # of the largest eigenvalue, unknowns scaled alike: less is rounding
-SHARE = 1e-3  # of a unit vector in the unseen space from which an unknown counts as unseen
+LEAST = 1e-6  # least information on an unknown: 1 sigma of 1000 times its scale counts as unobserved
+NULL = 1e-10  # relative eigenvalue of the scaled information that counts as rounding
+SHARE = 1e-3  # component in the null space from which on an unknown counts as unobserved
 
 
 @dataclass(frozen=True)
 class ExpectedAccuracy:
-    """Expected accuracy of P unknowns, in the unit their responses were scaled to (relative: a share of each)."""
+    """Expected accuracy of P unknowns, in the unit of their scaled responses (relative to each value)."""
 
-    covariance: Array  # (P, P); meaningless in the rows of unknowns that are not seen
-    sigma: Array  # (P,) 1 sigma; inf where the design does not see the unknown
-    condition: float  # of the whitened design: √(largest/least eigenvalue) of what is seen
-    unidentified_groups: tuple[
-        tuple[int, ...], ...
-    ]  # unknowns that only appear together, or not at all (alone in its group)
+    covariance: Array  # (P, P); undefined in the rows of unobserved unknowns
+    sigma: Array  # (P,) 1 sigma; inf for unobserved unknowns
+    condition: float  # condition number of the whitened design, without unobserved directions
+    unidentified_groups: tuple[tuple[int, ...], ...]  # confounded unknowns; an unobserved unknown forms its own group
 
     @property
     def is_identified(self) -> Bools:
-        """(P,) which unknowns have a finite sigma."""
+        """Unknowns (P,) with a finite sigma."""
         return np.asarray(np.isfinite(self.sigma))
 
     def rms(self, among: Bools) -> float:
-        """Root mean square of sigma over some unknowns; NaN of none."""
+        """Return the root mean square of sigma over some unknowns.
+
+        Args:
+            among: (P,) True for these unknowns.
+
+        Returns:
+            rms; NaN for none.
+        """
         return float(np.sqrt(np.mean(self.sigma[among] ** 2))) if among.any() else float("nan")
 
     def worst(self, among: Bools) -> float:
-        """Largest sigma of some unknowns; NaN of none."""
+        """Return the largest sigma of some unknowns.
+
+        Args:
+            among: (P,) True for these unknowns.
+
+        Returns:
+            Largest sigma; NaN for none.
+        """
         return float(self.sigma[among].max()) if among.any() else float("nan")
 
 
 def compute_expected_accuracy(M: Array) -> ExpectedAccuracy:
-    """Read an information matrix M (P, P); rank deficits are told apart from noise."""
-    felt = np.diag(M) > LEAST
-    size = np.where(felt, np.sqrt(np.maximum(np.diag(M), LEAST)), 1.0)
-    values, vectors = np.linalg.eigh(np.where(np.outer(felt, felt), M / np.outer(size, size), 0.0))
+    """Compute the expected accuracy from an information matrix; rank deficiency is distinguished from noise.
+
+    Args:
+        M: (P, P) information matrix.
+
+    Returns:
+        The accuracy.
+    """
+    is_observed = np.diag(M) > LEAST
+    size = np.where(is_observed, np.sqrt(np.maximum(np.diag(M), LEAST)), 1.0)
+    values, vectors = np.linalg.eigh(np.where(np.outer(is_observed, is_observed), M / np.outer(size, size), 0.0))
     null = values <= NULL * max(values.max(), np.finfo(float).tiny)
-    lost, kept = vectors[:, null], vectors[:, ~null]
-    unseen = np.linalg.norm(lost, axis=1) > SHARE
-    covariance = (kept / values[~null]) @ kept.T / np.outer(size, size)
-    sigma = np.where(unseen, np.inf, np.sqrt(np.diag(covariance)))
-    spread = np.linalg.eigvalsh(covariance[np.ix_(~unseen, ~unseen)])
+    null_vectors, range_vectors = vectors[:, null], vectors[:, ~null]
+    is_unobserved = np.linalg.norm(null_vectors, axis=1) > SHARE
+    covariance = (range_vectors / values[~null]) @ range_vectors.T / np.outer(size, size)
+    sigma = np.where(is_unobserved, np.inf, np.sqrt(np.diag(covariance)))
+    spread = np.linalg.eigvalsh(covariance[np.ix_(~is_unobserved, ~is_unobserved)])
     condition = float(np.sqrt(spread[-1] / spread[0])) if len(spread) and spread[0] > 0.0 else np.inf
-    return ExpectedAccuracy(covariance, sigma, condition, _group_confounded_unknowns(lost, unseen))
+    return ExpectedAccuracy(covariance, sigma, condition, _group_confounded_unknowns(null_vectors, is_unobserved))
 
 
 def compute_design_efficiency(found: ExpectedAccuracy, reference: ExpectedAccuracy) -> tuple[float, float, float]:
-    """D-, A- and E-efficiency of one design against another, over the unknowns that the reference sees; 1: equal.
+    """Compute the D-, A- and E-efficiency relative to another design, over the unknowns that the reference
+    identifies.
 
-    D: (det C*/det C)^(1/P); A: tr C*/tr C; E: λ_max(C*)/λ_max(C), C the covariance. 0 where one of them is not seen.
+    D: (det C*/det C)^(1/P); A: tr C*/tr C; E: λ_max(C*)/λ_max(C), with C the covariance.
+
+    Args:
+        found: Accuracy of the design.
+        reference: Accuracy of the reference design.
+
+    Returns:
+        D, A, E; 1 means equal, 0 if an unknown is not identified.
     """
     among = reference.is_identified
     if not among.any() or not found.is_identified[among].all():
@@ -69,13 +96,16 @@ def compute_design_efficiency(found: ExpectedAccuracy, reference: ExpectedAccura
 
 
 def find_smallest_number(reaches: Callable[[int], float], target: float, first: int, most: int) -> int | None:
-    """The smallest n ≤ ``most`` with ``reaches(n)`` ≤ ``target``; None where not even ``most`` does.
+    """Find the smallest n ≤ ``most`` with ``reaches(n)`` ≤ ``target``.
 
     Args:
-        reaches: accuracy of the best design of n poses; falls with n nearly as 1/√n.
-        target: in the same unit.
-        first: n to begin with.
-        most: largest n asked.
+        reaches: Accuracy of the best design of n poses; decreases approximately as 1/√n.
+        target: Required accuracy, in the same unit.
+        first: First n to try.
+        most: Largest n.
+
+    Returns:
+        n, or None if ``most`` does not suffice.
     """
     known: dict[int, float] = {}
 
@@ -84,7 +114,7 @@ def find_smallest_number(reaches: Callable[[int], float], target: float, first: 
             known[n] = reaches(n)
         return known[n]
 
-    low, high, n = 0, most + 1, min(max(first, 1), most)  # low misses the target, high reaches it
+    low, high, n = 0, most + 1, min(max(first, 1), most)  # low does not reach the target, high does
     while high - low > 1:
         v = value(n)
         if v <= target:
@@ -97,10 +127,10 @@ def find_smallest_number(reaches: Callable[[int], float], target: float, first: 
 
 
 def _group_confounded_unknowns(lost: Array, unseen: Bools) -> tuple[tuple[int, ...], ...]:
-    """Unknowns joined by the directions that are not seen."""
+    """Group unknowns that are connected by unobserved directions."""
     if not lost.shape[1]:
         return ()
-    P = lost @ lost.T  # projector onto what is not seen
+    P = lost @ lost.T  # projector onto the unobserved space
     linked = np.abs(P) > SHARE**2
     left = set(np.flatnonzero(unseen).tolist())
     out = []

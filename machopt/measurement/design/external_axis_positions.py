@@ -1,4 +1,4 @@
-"""Rails and positioners while the arm is measured: they stand still, at home or where the user says."""
+"""Positions of external axes (rails, positioners) during the measurement: fixed, at home or as stated by the user."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
 
 
-def set_external_axis_positions(cell: Cell, asked: Sequence[str]) -> Cell:
-    """The cell whose home of the external joints is where they are to stand.
+def set_external_axis_positions(cell: Cell, position_texts: Sequence[str]) -> Cell:
+    """Set the positions of external joints during the measurement.
 
     Args:
-        cell: the robot cell.
-        asked: ``name=value`` (or ``e1=value``), mm of joints that slide and degrees of others.
+        cell: Robot cell.
+        position_texts: Texts ``name=value`` (or ``e1=value``), in mm for prismatic joints and degrees for others.
+
+    Returns:
+        The cell with these positions as home of the external joints.
 
     Raises:
-        InputError: no such joint, no number, or out of the joint's range.
+        InputError: An unknown joint, no number, or a position out of range.
     """
     names, home = list(cell.external_joints), np.array(cell.external_home)
-    for word in asked:
+    for word in position_texts:
         name, equals, text = word.partition("=")
         short = [f"e{k + 1}" for k in range(len(names))]
         name = names[short.index(name)] if name in short and name not in names else name
@@ -49,9 +52,16 @@ def set_external_axis_positions(cell: Cell, asked: Sequence[str]) -> Cell:
 
 
 def update_base_frame(cell: Cell, robot: Robot) -> Cell:
-    """The cell with ``T_world_base`` as it is where the external joints stand: for what is asked of places in world.
+    """Update ``T_world_base`` to the positions of the external joints, for positions given in world.
 
-    Not for a collision model, which moves the base itself.
+    Not for use with a collision model, which moves the base itself.
+
+    Args:
+        cell: Robot cell.
+        robot: Kinematic model of the arm.
+
+    Returns:
+        The cell with the updated base pose.
     """
     if not cell.external_joints:
         return cell
@@ -60,7 +70,14 @@ def update_base_frame(cell: Cell, robot: Robot) -> Cell:
 
 
 def describe_external_axis_positions(cell: Cell) -> str:
-    """Where the external joints stand, in a sentence; empty without any."""
+    """Describe the positions of the external joints.
+
+    Args:
+        cell: Robot cell.
+
+    Returns:
+        One sentence; empty without external joints.
+    """
     values = [
         f"{name} at {value * 1e3:g} mm" if slides else f"{name} at {np.degrees(value):g}°"
         for name, value, slides in zip(cell.external_joints, cell.external_home, cell.external_prismatic, strict=True)

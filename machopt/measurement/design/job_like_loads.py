@@ -1,10 +1,10 @@
-"""Loads like the job's: readings at two sizes of each load, and loads that turn every joint both ways round.
+"""Loads similar to the job: readings at two sizes of each load, and loads that reverse the torque of every joint.
 
-Full loads alone call play or a knee a softer spring. A reading of a load test counts from the unloaded arm, whose
-weight rests on one side of each gear's play already: only a load that turns the joint's whole torque round goes
-through it, and only two sizes of it tell the step from a slope. For springs a load and its opposite say the same, so
-loads are exchanged at their poses, at most LOST of the design's efficiency given for it, until play shows at every
-joint that the poses and loads at hand allow it at.
+With full loads alone, backlash or a stiffness knee looks like a softer spring. A load-test reading is relative to the
+unloaded arm, whose weight already rests on one flank of each gear. Only a load that reverses the total torque of a
+joint crosses the backlash, and only two load sizes separate the step from a slope. For linear springs a load and its
+opposite are equivalent. Therefore loads are exchanged at their poses until backlash would be detected at every joint
+for which the poses and loads allow it. At most :data:`MAX_EFFICIENCY_LOSS` of the design's efficiency is given up.
 """
 
 from __future__ import annotations
@@ -30,57 +30,67 @@ from machopt.measurement.design.reading_noise import ReadingNoise
 from machopt.numerics.array_types import Array, Bools
 from machopt.stiffness.discrepancy_columns import TYPICAL_PLAY_RAD
 
-SMALLEST, LARGEST = 0.2, 0.5  # of a full load, the smaller one of the two it is read at
-MAX_EFFICIENCY_LOSS = 0.05  # of the D-efficiency
-REVERSAL_WEIGHT = 0.1  # of the logarithm of what shows of play: a joint whose loads all turn it one way
-ROUNDS = 6  # of exchange
-MIN_REVERSAL_SHARE = 0.02  # of a joint's largest torque by loads: less to a side is not turned round
+SMALLEST, LARGEST = 0.2, 0.5  # range of the smaller load step, relative to the full load
+MAX_EFFICIENCY_LOSS = 0.05  # largest relative loss of D-efficiency
+REVERSAL_WEIGHT = 0.1  # weight of unbalanced load directions relative to the backlash term
+ROUNDS = 6  # exchange rounds
+MIN_REVERSAL_SHARE = 0.02  # least torque in either direction that counts as a reversal, relative to the largest
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessLoads:
-    """What a job asks of the arm."""
+    """Loads of the job on the arm."""
 
     force: tuple[float, float]  # N, least and largest of the process
-    torque: Array | None = None  # (2, 6) N·m, least and largest of weight and process along the path; None: not known
-    words: str = ""  # where it comes from
+    torque: Array | None = (
+        None  # (2, 6) N·m, least and largest torque of weight and process along the path; None: unknown
+    )
+    words: str = ""  # source of the loads
 
 
 @dataclass(frozen=True)
 class JointLoadComparison:
-    """One joint: torque of weight and load in the job and in the load tests, and whether play would show."""
+    """Torque range of one joint in the job and in the load tests, and whether backlash would be detected."""
 
     joint: int  # from 1
     job: tuple[float, float] | None  # N·m
     tests: tuple[float, float]  # N·m, at the readings
-    backlash_noncentrality: float  # noncentrality of a usual play, USUAL_PLAY to either side, beside the springs
+    backlash_noncentrality: float  # noncentrality of typical backlash with the springs refitted
 
     @property
     def is_reversed_in_job(self) -> bool | None:
-        """Whether the job turns it round; None: not known."""
+        """Whether the job reverses the torque of the joint; None if unknown."""
         return None if self.job is None else bool(self.job[0] < 0.0 < self.job[1])
 
     @property
     def detects_backlash(self) -> bool:
-        """Whether these tests would show a usual play in nine of ten cases, at the 1 % level."""
+        """Whether the tests would detect typical backlash with 90 % power at the 1 % level."""
         return self.backlash_noncentrality >= compute_required_noncentrality()
 
 
 def compute_load_steps(job: ProcessLoads, cases: LoadCases) -> tuple[float, ...]:
-    """Shares of each load that are read: the job's least force where that is within SMALLEST … LARGEST of it."""
+    """Compute the load steps: the job's least force if it lies within SMALLEST … LARGEST of the full load.
+
+    Args:
+        job: Process loads of the job for which the stiffness is needed.
+        cases: Admissible load cases.
+
+    Returns:
+        Shares of the full load.
+    """
     full = float(cases.magnitude.max())
     return (float(np.round(np.clip(job.force[0] / full, SMALLEST, LARGEST), 2)), 1.0)
 
 
 @dataclass(frozen=True)
 class TorqueReversalCases:
-    """Every case of a load test as play and springs see it, whitened; joints' springs in units of the prior."""
+    """Information of every load case on backlash and springs, whitened; spring compliances in units of the prior."""
 
-    load: Array  # (N, 6) N·m of the load alone
+    load: Array  # (N, 6) N·m, joint torques of the load alone
     weight: Array  # (N, 6) N·m
-    spring_information: Array  # (N, 6, 6) of the six springs alone, over all steps
-    cross: Array  # (N, 6, 6) springs × play of each joint
-    backlash_information: Array  # (N, 6) play of each joint
+    spring_information: Array  # (N, 6, 6) information on the six springs, over all steps
+    cross: Array  # (N, 6, 6) cross information of springs and backlash of each joint
+    backlash_information: Array  # (N, 6) information on the backlash of each joint
 
     @classmethod
     def from_cases(
@@ -93,8 +103,19 @@ class TorqueReversalCases:
         noise: ReadingNoise,
         steps: Sequence[float],
     ) -> TorqueReversalCases:
-        """Args:
-        scale: (6,) or more, of the unknowns, the six joints' compliances first.
+        """Compute the information of all load cases.
+
+        Args:
+            cases: Admissible load cases.
+            pool: Candidate poses.
+            robot: Kinematic model of the arm.
+            masses: Link and tool masses; None if unknown.
+            scale: (6,) or more scales of the unknowns, the six joint compliances first.
+            noise: Noise of a reading.
+            steps: Shares of the full load at which a load cycle is read.
+
+        Returns:
+            The cases.
         """
         J = pool.state.J[cases.pose][:, :3]
         load = np.einsum("nci,nc->ni", pool.state.J[cases.pose], cases.wrench)
@@ -118,7 +139,14 @@ class TorqueReversalCases:
         )
 
     def compute_backlash_noncentrality(self, rows: Sequence[int]) -> Array:
-        """(6,) noncentrality of a usual play at each joint, the six springs refitted."""
+        """Compute the noncentrality of typical backlash at each joint, with the six springs refitted.
+
+        Args:
+            rows: Indices of load cases.
+
+        Returns:
+            (6,).
+        """
         at = np.asarray(rows, np.int64)
         M, c = self.spring_information[at].sum(axis=0), self.cross[at].sum(axis=0)
         back = np.linalg.pinv(M, rcond=1e-9, hermitian=True)
@@ -126,7 +154,14 @@ class TorqueReversalCases:
         return np.asarray(TYPICAL_PLAY_RAD**2 * np.maximum(left, 0.0))
 
     def value(self, rows: Sequence[int]) -> float:
-        """What an exchange makes larger."""
+        """Compute the objective of the exchange: detectable backlash minus a penalty on unbalanced load directions.
+
+        Args:
+            rows: Indices of load cases.
+
+        Returns:
+            Value; larger is better.
+        """
         at = np.asarray(rows, np.int64)
         shown = np.log1p(self.compute_backlash_noncentrality(rows) / compute_required_noncentrality()).sum()
         whole = np.abs(self.load[at]).sum(axis=0)
@@ -137,7 +172,17 @@ class TorqueReversalCases:
 def exchange_loads_for_reversal(
     design: ReadingDesign, cases: LoadCases, t: TorqueReversalCases, problem: DesignProblem
 ) -> ReadingDesign:
-    """The design with loads exchanged at their poses."""
+    """Exchange loads at their poses so that backlash becomes detectable.
+
+    Args:
+        design: Selected readings.
+        cases: Admissible load cases.
+        t: Information of the load cases on backlash.
+        problem: Design problem: candidate readings and models.
+
+    Returns:
+        The design with exchanged loads.
+    """
     blocks = [tuple(b) for b in design.blocks]
     at_pose = {int(p): np.flatnonzero(cases.pose == p).tolist() for p in np.unique(cases.pose[design.readings])}
     known: dict[tuple[int, ...], Array] = {}
@@ -172,7 +217,17 @@ def exchange_loads_for_reversal(
 def compare_joint_loads(
     job: ProcessLoads, design: ReadingDesign, t: TorqueReversalCases, steps: Sequence[float]
 ) -> tuple[JointLoadComparison, ...]:
-    """What the load tests and the job ask of each joint."""
+    """Compare the joint torques of load tests and job.
+
+    Args:
+        job: Process loads of the job for which the stiffness is needed.
+        design: Selected readings.
+        t: Information of the load cases on backlash.
+        steps: Shares of the full load at which a load cycle is read.
+
+    Returns:
+        One entry per joint.
+    """
     rows = design.readings
     reached = np.concatenate([t.weight[rows], *(t.weight[rows] + s * t.load[rows] for s in steps)])
     play = t.compute_backlash_noncentrality(rows.tolist())
@@ -188,10 +243,15 @@ def compare_joint_loads(
 
 
 def describe_joint_loads(job: ProcessLoads, joints: Sequence[JointLoadComparison], largest: float) -> tuple[str, ...]:
-    """What the user should know.
+    """Describe differences between load tests and job.
 
     Args:
-        largest: N, of the loads planned.
+        job: Process loads of the job for which the stiffness is needed.
+        joints: Comparison of each joint.
+        largest: Largest planned load, N.
+
+    Returns:
+        Notes.
     """
     out = []
     if job.force[1] > largest * (1.0 + 1e-9):
@@ -213,6 +273,6 @@ def describe_joint_loads(job: ProcessLoads, joints: Sequence[JointLoadComparison
 
 
 def _find_backlash_flank(torque: Array, dead: Array) -> Array:
-    """−1, 0 or 1: which flank of its play a joint rests on."""
+    """Return −1, 0 or 1: the flank of its backlash on which a joint rests."""
     turned: Bools = np.asarray(np.abs(torque) > dead)
     return np.asarray(np.where(turned, np.sign(torque), 0.0))

@@ -1,4 +1,6 @@
-"""Pose × load: which load each pose can take, what it shows, and how the unknown compliances appear in it."""
+"""Load cases (pose × load): admissible load at each pose, expected deflection, and response of the unknown
+compliances.
+"""
 
 from __future__ import annotations
 
@@ -27,30 +29,30 @@ REASONS = (
 
 @dataclass(frozen=True, kw_only=True)
 class LoadCriteria:
-    """What a load must satisfy at a pose."""
+    """Limits of a load at a pose."""
 
     min_deflection: float = 0.0  # m
     max_deflection: float = np.inf  # m
     max_load: float = np.inf  # N
-    max_torque: Array | None = None  # (6,) N·m, of the load alone
-    nu_p: float = np.inf  # share of the translation that K_C changes (dumas2011 eq. 14)
-    nu_r: float = np.inf  # rad of rotation that K_C changes (eq. 15)
+    max_torque: Array | None = None  # (6,) N·m, joint torques by the load alone
+    nu_p: float = np.inf  # relative change of the translation by K_C (dumas2011 eq. 14)
+    nu_r: float = np.inf  # rad, change of the rotation by K_C (eq. 15)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadCases:
-    """N admissible readings, sorted by pose; of each way of loading a pose, the largest admissible magnitude."""
+    """N admissible readings, sorted by pose; for each pose and load method the largest admissible magnitude."""
 
     pose: Ints  # (N,) index into the pool
-    way: Ints  # (N,) index into the ways of loading
+    way: Ints  # (N,) index of the load method
     magnitude: Array  # (N,) N
     wrench: Array  # (N, 6) N, N·m at the TCP in base_link axes
-    point: Array  # (N, 3) m, where the load acts, in base_link
-    twist: Array  # (N, 6) m, rad expected at the TCP
+    point: Array  # (N, 3) m, load point in base_link
+    twist: Array  # (N, 6) m, rad, expected displacement of the TCP
     response: Array  # (N, D, P) per unit of each unknown: six joint compliances, then the terms' coefficients
     nu_p: Array  # (N,)
     nu_r: Array  # (N,) rad
-    rejected: dict[str, int]  # reason: pose × way
+    rejected: dict[str, int]  # reason: number of rejected pose × method pairs
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -64,15 +66,18 @@ def build_load_cases(
     criteria: LoadCriteria,
     noise: ReadingNoise,
 ) -> LoadCases:
-    """Every admissible pose × load.
+    """Build every admissible pose × load.
 
     Args:
         pool: P poses.
-        ways: G ways of loading.
-        prior: what is believed of the arm before the tests; it sets the expected deflections.
-        terms: physics to be identified beside the joints.
-        criteria: limits of each load.
-        noise: says how many rows a reading has.
+        ways: G methods of load application.
+        prior: Prior model of the arm; it determines the expected deflections.
+        terms: Linear terms to identify together with the joints.
+        criteria: Limits of each load.
+        noise: Noise of a reading; determines the number of rows per reading.
+
+    Returns:
+        The load cases.
     """
     elastic = prior.evaluate(pool.q)
     dJ = compute_jacobian_derivative(pool.state.J)
@@ -100,7 +105,7 @@ def build_load_cases(
 
 @dataclass(frozen=True, kw_only=True)
 class _MethodCases:
-    """One way of loading at all poses."""
+    """One load method at all poses."""
 
     is_admissible: Bools  # (P,)
     rejected: Ints  # (len(REASONS),)
@@ -129,7 +134,7 @@ def _build_method_cases(
     linear = replace(elastic, geometric=False).compute_twist(unit)  # per newton
     tau = np.einsum("pci,pc->pi", J, unit)
     most_torque = np.full(6, np.inf) if criteria.max_torque is None else criteria.max_torque
-    caps = {  # N, what each limit allows
+    caps = {  # N, largest load within each limit
         "load above the limit": np.full(len(pool), criteria.max_load),
         "deflection above the limit": _divide_limit(criteria.max_deflection, np.linalg.norm(linear[:, :3], axis=1)),
         "joint torque above the limit": _divide_limit(most_torque, np.abs(tau)).min(axis=1),
@@ -143,14 +148,14 @@ def _build_method_cases(
     nu_p, nu_r = np.zeros(len(pool)), np.zeros(len(pool))
     K_unit = np.einsum("pkci,pc->pik", dJ, unit)  # dumas2011 eq. 9, per newton
     open_ = np.flatnonzero(reason < 0)
-    while len(open_):  # down the magnitudes until K_C may be neglected
+    while len(open_):  # reduce the magnitude until K_C is negligible
         size = sizes[level[open_]][:, None]
         found = compute_geometric_influence(
             J[open_], elastic.k[open_], K_unit[open_] * size[..., None], unit[open_] * size
         )
         nu_p[open_], nu_r[open_] = found.nu_p, found.nu_r
         negligible = np.logical_and(found.nu_p <= criteria.nu_p, found.nu_r <= criteria.nu_r)
-        bad = open_[~negligible]  # NaN, where the springs do not hold the load, is not negligible
+        bad = open_[~negligible]  # NaN (unstable under the load) is not negligible
         level[bad] -= 1
         reason[bad[level[bad] < 0]] = REASONS.index("K_C matters too much")
         open_ = bad[level[bad] >= 0]
@@ -179,6 +184,6 @@ def _build_method_cases(
 
 
 def _divide_limit(limit: float | Array, value: Array) -> Array:
-    """limit/value, infinite where the value is zero."""
+    """Return limit/value, infinite for zero values."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.where(value > 0.0, limit / np.where(value > 0.0, value, 1.0), np.inf))

@@ -1,7 +1,7 @@
-"""Loads a shop can put on a robot: hanging weights, horizontal pulls, ropes or turnbuckles to anchors, on lever arms.
+"""Methods of load application: hanging weights, horizontal pulls, ropes or turnbuckles to anchors, on lever arms.
 
-A load is a force f at a point of the tool. Seen from the TCP it is the wrench (f, r × f), r from the TCP to that point:
-a bar bolted to the tool turns a plain weight into a moment.
+A load is a force f at a point of the tool. At the TCP it is the wrench (f, r × f), with r from the TCP to that point.
+A bar bolted to the tool turns a plain weight into a moment.
 """
 
 from __future__ import annotations
@@ -18,23 +18,30 @@ from machopt.numerics.rigid_transforms import normalise_vectors
 Kind = Literal["weight", "pull", "rope"]
 
 GRAVITY = 9.80665  # m/s², standard gravity
-SHORTEST_ROPE = 0.2  # m between the load's point and its anchor: hook, sensor and turnbuckle need room
-AXES = ("+x", "−x", "+y", "−y")  # where an arm points, in TCP axes
+SHORTEST_ROPE = 0.2  # m, least distance of load point and anchor, for hook, sensor and turnbuckle
+AXES = ("+x", "−x", "+y", "−y")  # directions of a lever arm, in TCP axes
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadMethod:
-    """One way to load the robot, without its magnitude."""
+    """Method of load application without magnitude."""
 
     kind: Kind
     direction: Array | None  # (3,) unit, of the force on the robot in base_link; None for ropes
     anchor: Array | None  # (3,) m in base_link, for ropes
     arm: Array  # (3,) m, from the TCP to the load's point, in TCP axes
     magnitudes: tuple[float, ...]  # N, ascending
-    words: str  # where it pulls and at which point, for the table
+    words: str  # direction and load point in words
 
     def describe(self, magnitude: float) -> str:
-        """``50 kg hanging at the TCP``, ``500 N rope to anchor 1, arm +x 200 mm``, ``no load``."""
+        """Describe a load: ``50 kg hanging at the TCP``, ``500 N rope to anchor 1, arm +x 200 mm``, ``no load``.
+
+        Args:
+            magnitude: Force, N.
+
+        Returns:
+            Text.
+        """
         if magnitude == 0.0:
             return "no load"
         size = f"{magnitude / GRAVITY:.4g} kg" if self.kind == "weight" else f"{magnitude:.4g} N"
@@ -49,15 +56,18 @@ def build_load_method_combinations(
     arms: Sequence[float],
     R_base_world: Array,
 ) -> tuple[LoadMethod, ...]:
-    """Every combination of direction and arm.
+    """Build every combination of direction and lever arm.
 
     Args:
-        weights: kg, hung on the robot.
-        pulls: N, of ropes where there are ``anchors``, else of horizontal pulls.
-        azimuths: horizontal directions, the first along world x; used where there are no anchors.
-        anchors: (A, 3) m in base_link.
-        arms: m, distances of the load's point from the TCP across the tool; 0 is the TCP itself.
+        weights: Masses of hanging weights, kg.
+        pulls: Forces of ropes if there are ``anchors``, otherwise of horizontal pulls, N.
+        azimuths: Number of horizontal directions, the first along world x; used without anchors.
+        anchors: (A, 3) anchor positions in base_link, m.
+        arms: Distances of the load point from the TCP across the tool, m; 0 is the TCP.
         R_base_world: (3, 3) world axes in base_link; weights pull along −z of world.
+
+    Returns:
+        The methods.
     """
     points = [(np.zeros(3), "at the TCP")] if 0.0 in arms else []
     for arm in sorted({float(a) for a in arms if a > 0.0}):
@@ -108,15 +118,15 @@ def build_load_method_combinations(
 
 
 def compute_unit_wrench(way: LoadMethod, T_base_tcp: Array) -> tuple[Array, Array]:
-    """Wrench per newton of a way of loading, and where it acts.
+    """Compute the wrench per newton of a load method, and the load point.
 
     Args:
-        way: the load.
-        T_base_tcp: (..., 4, 4).
+        way: Load method.
+        T_base_tcp: (..., 4, 4) TCP poses.
 
     Returns:
-        (..., 6) N/N and m about the TCP in base_link axes, NaN where the rope would be shorter than 0.2 m;
-        (..., 3) m, the load's point in base_link.
+        (..., 6) N/N and m about the TCP in base_link axes, NaN for a rope shorter than 0.2 m; (..., 3) load
+        point in base_link, m.
     """
     lever = np.einsum("...ij,j->...i", T_base_tcp[..., :3, :3], way.arm)
     point = T_base_tcp[..., :3, 3] + lever

@@ -1,12 +1,11 @@
-"""Readings that tell several laws apart at once: the pair that is told apart worst is told apart as well as can be.
+"""Maximin design for discrimination between several laws: maximise the separation of the worst pair.
 
-A contest takes one law as true and lets a rival explain what it sees with everything the rival may refit. What is left,
-λ = min_a |s − A a|²_W, is the noncentrality of the test between the two (Atkinson & Fedorov 1975, Biometrika 62, 57,
-eq. 2.2; for two laws Hunter & Reiner 1965, Technometrics 7, 307). Both ways round and over all pairs, a design makes
-the least λ as large as it can. Readings are added greedily, then exchanged one by one (Fedorov's exchange).
-
-While readings are chosen, the error that readings of one pose share counts in each of them by itself; the
-noncentrality of a finished design (:func:`compute_contest_noncentrality`) takes it as shared.
+A contest takes one law as true and refits a rival with all its unknowns. The remainder λ = min_a |s − A a|²_W is the
+noncentrality of the test between both (Atkinson & Fedorov 1975, Biometrika 62, 57, eq. 2.2; for two laws Hunter &
+Reiner 1965, Technometrics 7, 307). Over both directions and all pairs, a design maximises the least λ. Readings are
+added greedily and then exchanged one by one (Fedorov's exchange). During the selection the error shared by a pose
+counts as independent; the noncentrality of a finished design (:func:`compute_contest_noncentrality`) treats it as
+shared.
 """
 
 from __future__ import annotations
@@ -21,29 +20,37 @@ from scipy.stats import ncx2, norm
 from machopt.measurement.design.two_model_discrimination import compute_noncentrality
 from machopt.numerics.array_types import Array, Ints
 
-SMOOTH, SHARP = 4.0, 40.0  # of the power mean that stands for the minimum: no contest is forgotten; the least alone
-MIN_NONCENTRALITY = 1e-3  # noncentrality that counts as none
-FIRST, LAST = 1.0, 1e-6  # information on each unknown before any reading: while too few are chosen, and in the end
-FOCUS = 400  # readings an exchange looks at, the best by themselves
+SMOOTH, SHARP = 4.0, 40.0  # exponents of the power mean that approximates the minimum: smooth first, then sharp
+MIN_NONCENTRALITY = 1e-3  # noncentrality that counts as zero
+FIRST, LAST = 1.0, 1e-6  # prior information on each unknown: while few readings are selected, and at the end
+FOCUS = 400  # readings that an exchange tries, the best individually
 PASSES = 6
 LEVEL, POWER = 0.01, 0.9
 
 
 @dataclass(frozen=True)
 class ModelContest:
-    """One law as the truth against one that is refitted; R numbers a reading."""
+    """One law as the truth against one that is refitted; R numbers per reading."""
 
     truth: int  # label of the law
     rival: int
-    columns: Array  # (N, R, P) what the rival refits: base and its own coefficients
-    signal: Array  # (N, R) what the truth adds to the base
+    columns: Array  # (N, R, P) refitted columns: base and the rival's coefficients
+    signal: Array  # (N, R) signal of the true law
 
 
 def compute_required_noncentrality(level: float = LEVEL, chance: float = POWER) -> float:
-    """Noncentrality of a χ² test of one degree of freedom that rejects with probability ``chance``; 14.9 by default."""
+    """Compute the noncentrality at which a χ² test with one degree of freedom has a given power; 14.9 by default.
+
+    Args:
+        level: Significance level.
+        chance: Power of the test.
+
+    Returns:
+        Noncentrality.
+    """
     critical = float(norm.isf(level / 2.0) ** 2)
     guess = float((norm.isf(level / 2.0) + norm.ppf(chance)) ** 2)
-    assert abs(float(ncx2.sf(critical, 1, guess)) - chance) < 1e-3  # the far tail of the other sign adds nothing
+    assert abs(float(ncx2.sf(critical, 1, guess)) - chance) < 1e-3  # the opposite tail is negligible
     return guess
 
 
@@ -57,18 +64,20 @@ def select_maximin_readings(
     rng: np.random.Generator,
     starts: int = 1,
 ) -> tuple[tuple[int, ...], ...]:
-    """Choose ``poses`` poses with up to ``loads`` readings each.
+    """Select poses with up to ``loads`` readings each.
 
     Args:
-        contests: of the same N readings; those that nothing can split must be left out.
-        covariance: (N, R, R) own error of each reading.
-        shared: (R, R) of the error that readings of a pose share.
-        pose: (N,) labels.
-        rng: of the starts after the first.
-        starts: of the greedy search.
+        contests: Contests of the same N readings; inseparable ones must be left out.
+        covariance: (N, R, R) noise covariance of each reading.
+        shared: (R, R) covariance of the error shared by the readings of a pose.
+        pose: (N,) pose labels.
+        poses: Number of poses.
+        loads: Most readings per pose.
+        rng: Random generator of the starts after the first.
+        starts: Number of starts of the greedy search.
 
     Returns:
-        indices of readings, one tuple a pose.
+        Indices of readings, one tuple per pose.
     """
     search = _MaximinSearch(contests, covariance + shared, pose, poses, loads)
     best: list[int] = []
@@ -83,7 +92,17 @@ def select_maximin_readings(
 
 
 def draw_random_readings(pose: Ints, poses: int, loads: int, rng: np.random.Generator) -> tuple[tuple[int, ...], ...]:
-    """As many readings at random poses under random loads."""
+    """Draw readings at random poses under random loads, as a reference design.
+
+    Args:
+        pose: (N,) pose labels.
+        poses: Number of poses.
+        loads: Most readings per pose.
+        rng: Random generator.
+
+    Returns:
+        Indices of readings, one tuple per pose.
+    """
     out = []
     for p in rng.permutation(np.unique(pose))[:poses]:
         out.append(tuple(int(n) for n in rng.permutation(np.flatnonzero(pose == p))[:loads]))
@@ -93,7 +112,18 @@ def draw_random_readings(pose: Ints, poses: int, loads: int, rng: np.random.Gene
 def compute_contest_noncentrality(
     contest: ModelContest, covariance: Array, shared: Array, pose: Ints, blocks: Sequence[Sequence[int]]
 ) -> float:
-    """Noncentrality of a design in one contest, the error of a pose shared by its readings."""
+    """Compute the noncentrality of a design in one contest, with the pose error shared by its readings.
+
+    Args:
+        contest: One law as the truth against one that is refitted.
+        covariance: (N, R, R) noise covariance of each reading.
+        shared: (R, R) covariance of the error shared by the readings of a pose.
+        pose: (N,) pose labels.
+        blocks: Selected readings, grouped by pose.
+
+    Returns:
+        Noncentrality.
+    """
     rows = np.array(sorted(n for b in blocks for n in b), np.int64)
     at = {int(n): k for k, n in enumerate(rows)}
     inner = [[at[n] for n in b] for b in blocks]
@@ -103,7 +133,16 @@ def compute_contest_noncentrality(
 
 
 def compute_noncentrality_by_pose(contest: ModelContest, covariance: Array, blocks: Sequence[Sequence[int]]) -> Array:
-    """(B,) what each pose of a design adds to λ, its readings taken as independent."""
+    """Compute the contribution of each pose to λ, with independent readings.
+
+    Args:
+        contest: One law as the truth against one that is refitted.
+        covariance: (N, R, R) noise covariance of each reading.
+        blocks: Selected readings, grouped by pose.
+
+    Returns:
+        (B,) contributions.
+    """
     sizes = [len(b) for b in blocks]
     rows = np.array([n for b in blocks for n in b], np.int64)
     rest, _ = _compute_rival_residual(
@@ -113,13 +152,21 @@ def compute_noncentrality_by_pose(contest: ModelContest, covariance: Array, bloc
 
 
 def compute_total_noncentrality(contest: ModelContest, covariance: Array) -> tuple[float, float]:
-    """λ of all N readings together, and the square of the signal itself, both in units of the noise."""
+    """Compute λ of all N readings together, and the squared signal, both in units of the noise.
+
+    Args:
+        contest: One law as the truth against one that is refitted.
+        covariance: (N, R, R) noise covariance of each reading.
+
+    Returns:
+        Noncentrality, squared signal.
+    """
     rest, y = _compute_rival_residual(contest, covariance)
     return float(np.sum(rest**2)), float(np.sum(y**2))
 
 
 def _compute_rival_residual(contest: ModelContest, covariance: Array) -> tuple[Array, Array]:
-    """(N, R) whitened: what the refitted rival leaves of the signal, and the signal."""
+    """Return the whitened residual (N, R) of the refitted rival, and the whitened signal."""
     W = np.linalg.inv(np.linalg.cholesky(covariance))
     A = W @ contest.columns
     y = np.einsum("nij,nj->ni", W, contest.signal)
@@ -132,14 +179,23 @@ def _compute_rival_residual(contest: ModelContest, covariance: Array) -> tuple[A
 
 @dataclass(frozen=True)
 class _ContestSums:
-    """AᵀA, Aᵀs, sᵀs of each reading in one contest, whitened; unknowns scaled."""
+    """Whitened AᵀA, Aᵀs, sᵀs of each reading in one contest; unknowns scaled."""
 
     AA: Array  # (N, P, P)
     As: Array  # (N, P)
     ss: Array  # (N,)
 
     def compute_after_addition(self, chosen: Sequence[int], ridge: float, among: Ints) -> Array:
-        """λ once each of the readings ``among`` has been added to those chosen."""
+        """Compute λ after the addition of each of several readings.
+
+        Args:
+            chosen: Selected readings.
+            ridge: Prior information on each unknown.
+            among: Candidate readings.
+
+        Returns:
+            (n,) noncentralities.
+        """
         rows = list(chosen)
         A = self.AA[rows].sum(axis=0) + ridge * np.eye(self.AA.shape[1]) + self.AA[among]
         b = self.As[rows].sum(axis=0) + self.As[among]
@@ -148,6 +204,14 @@ class _ContestSums:
         return np.asarray(np.maximum(s - np.einsum("np,np->n", b, x), 0.0))
 
     def compute_noncentrality(self, chosen: Sequence[int]) -> float:
+        """Compute λ of selected readings.
+
+        Args:
+            chosen: Selected readings.
+
+        Returns:
+            Noncentrality.
+        """
         rows = list(chosen)
         A = self.AA[rows].sum(axis=0) + LAST * np.eye(self.AA.shape[1])
         b = self.As[rows].sum(axis=0)
@@ -171,12 +235,30 @@ class _MaximinSearch:
             self.sums.append(_ContestSums(AA, np.einsum("nrp,nr->np", A, s), np.einsum("nr,nr->n", s, s)))
 
     def value(self, chosen: Sequence[int], sharpness: float) -> float:
+        """Compute the power mean of the noncentralities of all contests.
+
+        Args:
+            chosen: Selected readings.
+            sharpness: Exponent of the power mean.
+
+        Returns:
+            Value; larger is better.
+        """
         return float(
             _compute_power_mean(np.array([[s.compute_noncentrality(chosen)] for s in self.sums]), sharpness)[0]
         )
 
     def greedy(self, chosen: list[int], among: NDArray[np.bool_] | None = None, sharpness: float = SMOOTH) -> list[int]:
-        """Add the best reading, of all or of some, until there are enough."""
+        """Add the best reading until there are enough.
+
+        Args:
+            chosen: Selected readings.
+            among: (N,) True for candidates; None: all.
+            sharpness: Exponent of the power mean.
+
+        Returns:
+            Selected readings.
+        """
         chosen = list(chosen)
         while len(chosen) < self.poses * self.loads:
             free = self._free(chosen)
@@ -188,7 +270,15 @@ class _MaximinSearch:
         return chosen
 
     def exchange(self, chosen: list[int], sharpness: float) -> list[int]:
-        """Each reading for a better one, each pose with its readings for a better one, among the most promising."""
+        """Exchange single readings, and poses with their readings, for better ones among the most promising.
+
+        Args:
+            chosen: Selected readings.
+            sharpness: Exponent of the power mean.
+
+        Returns:
+            Selected readings.
+        """
         chosen = list(chosen)
         everything = np.arange(len(self.pose))
         order = np.argsort(-self._values(chosen, everything, LAST, sharpness), kind="stable")
@@ -225,7 +315,9 @@ class _MaximinSearch:
         )
 
     def _free(self, chosen: Sequence[int]) -> Ints:
-        """Readings that may still be added: not taken, their pose not full, no pose too many."""
+        """Return readings that may still be added: unselected, with a free place at their pose, within the number of
+        poses.
+        """
         open_, count = np.unique(self.pose[list(chosen)], return_counts=True)
         free = np.ones(len(self.pose), bool)
         free[list(chosen)] = False
@@ -236,7 +328,7 @@ class _MaximinSearch:
 
 
 def _compute_power_mean(noncentralities: Array, sharpness: float) -> Array:
-    """(n,) power mean over the contests (C, n), close to the least."""
+    """Return the power mean (n,) over the contests (C, n), an approximation of the minimum."""
     x = noncentralities + MIN_NONCENTRALITY
     least = x.min(axis=0)
     return np.asarray(least * np.mean((x / least) ** -sharpness, axis=0) ** (-1.0 / sharpness))

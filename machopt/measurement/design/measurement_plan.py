@@ -1,9 +1,10 @@
-"""From candidate poses to a measurement plan: admissible loads, D-optimal design, comparison, order of work.
+"""Measurement plan from candidate poses: admissible loads, D-optimal design, comparison with heuristics, order of
+work.
 
 ::
 
-    sample_poses ─► load_cases ─► Problem ─► choose ─► Design ─► accuracy
-                                     └─► the papers' heuristics ─► Comparison, same loads, same number of readings
+    sample_poses ─► load cases ─► design problem ─► D-optimal search ─► expected accuracy
+                        └─► published heuristics ─► comparison with the same loads and number of readings
 """
 
 from __future__ import annotations
@@ -53,74 +54,82 @@ from machopt.numerics.array_types import Array, Bools
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.terms import LinearTerm
 
-DRAWS = 40  # random designs of each heuristic
-CURVE_DRAWS = 16  # the same at every number of poses of the curve
-BELIEFS = 5  # stiffnesses a Bayesian design is averaged over, the prior among them
-CURVE_POSES = 300  # poses that the designs of other sizes are chosen from
-MOST_POSES = 120  # asked for a target accuracy
-CURVE_PASSES = 2  # rounds of exchange for the designs of other sizes
+DRAWS = 40  # random designs per heuristic
+CURVE_DRAWS = 16  # random designs per heuristic and number of poses of the curve
+BELIEFS = 5  # stiffnesses that a Bayesian design averages over, including the prior
+CURVE_POSES = 300  # candidate poses for designs of other sizes
+MOST_POSES = 120  # most poses for a target accuracy
+CURVE_PASSES = 2  # exchange passes for designs of other sizes
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasurementPlanSize:
-    """What is to be planned."""
+    """Size of a plan."""
 
     poses: int
     loads: int  # different loads at each pose
     candidates: int  # poses to choose from
-    target: float | None = None  # relative 1 sigma of the worst unknown
-    belief: float = 1.0  # the prior stiffness may be wrong by this factor either way
+    target: float | None = None  # required relative 1 sigma of the worst unknown
+    belief: float = 1.0  # factor by which the prior stiffness may be wrong in either direction
     starts: int = 2
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class IdentifiedUnknowns:
-    """P unknowns: six joint compliances, then the coefficients of the terms."""
+    """The P unknowns: six joint compliances, then the coefficients of the terms."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    scale: Array  # (P,) SI; the prior value where there is one
-    relative: Bools  # (P,) True: scale is the prior value, so a sigma is a share of it
+    scale: Array  # (P,) SI; the prior value if there is one
+    relative: Bools  # (P,) True: scale is the prior value, so sigmas are relative
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeuristicComparison:
-    """A heuristic beside the design: the same loads, the same number of readings, median over random draws."""
+    """Comparison of a heuristic with the design: same loads, same number of readings, median over random draws."""
 
     name: str
-    poses: int  # it draws from
-    rms: tuple[float, float, float]  # 10, 50, 90 % of the draws; relative
+    poses: int  # number of poses it selects from
+    rms: tuple[float, float, float]  # 10, 50, 90 % quantiles of the draws; relative
     sigma: Array  # (P,) median
-    efficiency: tuple[float, float, float]  # D, A, E against the design, median
-    readings: float  # times as many of full loads for the design's rms accuracy
+    efficiency: tuple[float, float, float]  # D, A, E relative to the design, median
+    readings: float  # factor of readings needed for the design's rms accuracy
     curve: tuple[float, ...]  # rms at the numbers of poses of the plan's curve
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasurementPlan:
-    """A measurement plan."""
+    """Measurement plan with its expected accuracy."""
 
     unknowns: IdentifiedUnknowns
     cases: LoadCases
     design: ReadingDesign
-    accuracy: ExpectedAccuracy  # by full loads alone, where cycles have smaller steps too
-    accuracy_by_belief: Bools  # (P,) relative unknowns that the design sees: rms and worst are over these
-    believed_values: tuple[ExpectedAccuracy, ...]  # under each other believed stiffness, in shares of that stiffness
-    bound: float  # least D-efficiency against any design of as many poses and loads
+    accuracy: ExpectedAccuracy  # with full loads only
+    accuracy_by_belief: Bools  # (P,) identified relative unknowns: rms and worst refer to these
+    believed_values: tuple[ExpectedAccuracy, ...]  # accuracy under each other prior stiffness, relative to it
+    bound: float  # lower bound of the D-efficiency against any design of the same size
     comparisons: tuple[HeuristicComparison, ...]
     curve_poses: tuple[int, ...]
-    curve: tuple[float, ...]  # rms of the design of so many poses
-    needed_poses: int | None  # poses for the target; None: no target, or not with MOST_POSES
+    curve: tuple[float, ...]  # rms of the best design for each number of poses
+    needed_poses: int | None  # poses for the target; None: no target, or more than MOST_POSES
     visits: tuple[ScheduledLoadTest, ...]
-    steps: tuple[float, ...] = (1.0,)  # shares of its load that a cycle is read at
-    joints: tuple[JointLoadComparison, ...] = ()  # of a plan for a job
+    steps: tuple[float, ...] = (1.0,)  # shares of the full load at which a cycle is read
+    joints: tuple[JointLoadComparison, ...] = ()  # for a plan with a job
 
 
 def build_unknowns(prior: ArmElasticity, terms: Sequence[LinearTerm], cases: LoadCases) -> IdentifiedUnknowns:
-    """Names and scales of what is to be identified.
+    """Build names and scales of the unknowns.
 
-    A coefficient without a prior value is scaled to bend the arm as much as a joint does in the root mean square.
+    A coefficient without a prior value is scaled so that it deflects the arm as much as a joint does (rms).
+
+    Args:
+        prior: Prior model of the arm.
+        terms: Linear terms to identify together with the joints.
+        cases: Admissible load cases.
+
+    Returns:
+        The unknowns.
     """
     known = {(t.effect, t.location): t for t in prior.terms}
     names = [f"joint {j}" for j in range(1, 7)]
@@ -145,10 +154,20 @@ def build_unknowns(prior: ArmElasticity, terms: Sequence[LinearTerm], cases: Loa
 def build_design_problem(
     cases: LoadCases, unknowns: IdentifiedUnknowns, noise: ReadingNoise, belief: float, rng: np.random.Generator
 ) -> tuple[DesignProblem, Array]:
-    """The cases as a problem of design, and the believed values as shares of the prior (K, P), the prior first.
+    """Build the design problem of the load cases.
 
     Scaling an unknown adds a constant to log det, so for constant noise the D-optimal design does not depend on the
-    prior at all. A load known to a share makes the noise grow with the deflection; only there beliefs differ.
+    prior. A relative load error makes the noise grow with the deflection; only then prior stiffnesses matter.
+
+    Args:
+        cases: Admissible load cases.
+        unknowns: Names and scales of the unknowns.
+        noise: Noise of a reading.
+        belief: Factor by which the prior stiffness may be wrong.
+        rng: Random generator.
+
+    Returns:
+        The problem, and the assumed values relative to the prior (K, P), the prior first.
     """
     A = cases.response * unknowns.scale
     expected = cases.twist[:, : noise.dimensions]
@@ -177,14 +196,26 @@ def build_measurement_plan(
     progress: Callable[[str], None] = lambda _: None,
     job: ProcessLoads | None = None,
 ) -> MeasurementPlan:
-    """Choose, judge, compare and order.
+    """Select, evaluate, compare and order the readings.
 
     Args:
-        pool, cases: what may be measured; at least one case.
-        screen, limits, prior, terms, ways, criteria, noise: as they were made with.
-        home: (6,) rad; velocity: (6,) rad/s.
-        size: how many of what.
-        job: what the arm is measured for; loads are then read at two sizes, and turn joints both ways round.
+        pool: Candidate poses.
+        cases: Admissible load cases, at least one.
+        screen: Screening of poses.
+        limits: Lower and upper joint limits, each (6,) rad.
+        home: (6,) home position, rad.
+        velocity: (6,) joint speed limits, rad/s.
+        prior: Prior model of the arm.
+        terms: Linear terms to identify together with the joints.
+        ways: Methods of load application.
+        criteria: Limits of each load.
+        noise: Noise of a reading.
+        size: Size of the plan.
+        progress: Called with progress messages.
+        job: Process loads; the loads are then read at two sizes and reverse joint torques.
+
+    Returns:
+        The plan.
     """
     rng = np.random.default_rng(size.seed)
     unknowns = build_unknowns(prior, terms, cases)
@@ -255,7 +286,7 @@ def build_measurement_plan(
 
 @dataclass
 class _AccuracyByPoseCount:
-    """Accuracy of the best design of any number of poses, each worked out once."""
+    """Accuracy of the best design for any number of poses, cached."""
 
     problem: DesignProblem
     loads: int
@@ -270,7 +301,7 @@ class _AccuracyByPoseCount:
 
 
 def _list_curve_pose_counts(poses: int, numbers_a_pose: int, unknowns: int) -> tuple[int, ...]:
-    """Numbers of poses of the curve: a quarter to twice the plan's, none too few to find the unknowns."""
+    """Return numbers of poses of the curve: a quarter to twice the plan's, enough to determine the unknowns."""
     least = -(-unknowns // numbers_a_pose)
     wanted = {max(least + 1, round(poses * f)) for f in (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)}
     return tuple(sorted(wanted | {poses}))
@@ -287,7 +318,7 @@ def _compare_with_heuristic(
     numbers: tuple[int, ...],
     rng: np.random.Generator,
 ) -> HeuristicComparison | None:
-    """A heuristic's usual luck; None where it has fewer poses than the plan."""
+    """Return the typical accuracy of a heuristic; None if it has fewer poses than the plan."""
     n = len(design.blocks)
     available = int(np.isin(chooser.poses, cases.pose).sum())
     if available < n or not judged.any():

@@ -1,4 +1,4 @@
-"""A measurement plan as plan.json."""
+"""The document plan.json of a measurement plan."""
 
 from __future__ import annotations
 
@@ -45,11 +45,24 @@ def build_measurement_plan_document(
     discriminate: DiscriminationSection | None = None,
     job: ProcessLoads | None = None,
 ) -> PosesDocument:
-    """plan.json; relative uncertainties are shares of the prior value.
+    """Build the document plan.json; relative uncertainties refer to the prior value.
 
     Args:
-        discriminate: of a plan that tells explanations apart.
-        job: what the arm is measured for.
+        request: Validated user request.
+        cell: Robot cell.
+        pool: Candidate poses.
+        cases: Admissible load cases.
+        plan: The plan; None without admissible load cases.
+        noise: Noise of a reading.
+        warnings: Warnings of the plan.
+        hashes: Hashes of the input files.
+        length: Characteristic length of the conditioning index, m.
+        ways: Methods of load application.
+        discriminate: Section of a plan that discriminates between explanations.
+        job: Process loads, or None.
+
+    Returns:
+        The document.
     """
     head = PosesDocument(
         machopt_poses=1,

@@ -1,4 +1,4 @@
-"""In which order to measure: short ways between poses, and an order that drift does not mistake for stiffness."""
+"""Order of the measurement: short travel between poses, and an order in which drift does not imitate stiffness."""
 
 from __future__ import annotations
 
@@ -23,15 +23,18 @@ class ScheduledLoadTest:
 def build_schedule(
     blocks: Sequence[Sequence[int]], rounds: int, rng: np.random.Generator
 ) -> tuple[ScheduledLoadTest, ...]:
-    """Every reading once a round, rounds in opposite directions, loads shuffled.
+    """Schedule every reading once per round, with rounds in alternating directions and shuffled loads.
 
-    Each second round runs backwards, which cancels a
-    linear drift between the two readings of a pose; every other pair of rounds starts elsewhere on the way.
+    Every second round runs backwards, which cancels a linear drift between the two readings of a pose. Every other
+    pair of rounds starts at another pose.
 
     Args:
-        blocks: readings by pose, poses along a short way (:func:`order_poses_by_travel`).
-        rounds: passes over all poses.
-        rng: shuffles loads and starting points.
+        blocks: Readings by pose, poses in an order with short travel (:func:`order_poses_by_travel`).
+        rounds: Number of rounds over all poses.
+        rng: Random generator for loads and start poses.
+
+    Returns:
+        The load tests in order.
     """
     way = np.arange(len(blocks))
     done = [0] * len(blocks)
@@ -47,12 +50,15 @@ def build_schedule(
 
 
 def order_poses_by_travel(q: Array, home: Array, velocity: Array) -> Ints:
-    """An order of poses with little travel: nearest neighbours, then 2-opt until it settles.
+    """Order poses for short travel: nearest neighbours, then 2-opt until convergence.
 
     Args:
-        q: (B, 6) rad.
-        home: (6,) rad, where work begins.
-        velocity: (6,) rad/s, joint limits; the way is measured in time.
+        q: (B, 6) joint angles, rad.
+        home: (6,) start position, rad.
+        velocity: (6,) joint speed limits, rad/s; travel is measured in time.
+
+    Returns:
+        Pose indices in order.
     """
     at = np.concatenate([home[None], q])
     seconds = np.max(np.abs(at[:, None] - at[None]) / velocity, axis=-1)
@@ -69,7 +75,7 @@ def order_poses_by_travel(q: Array, home: Array, velocity: Array) -> Ints:
                 gain = seconds[order[i - 1], order[i]] - seconds[order[i - 1], order[j]]
                 if j + 1 < len(order):
                     gain += seconds[order[j], order[j + 1]] - seconds[order[i], order[j + 1]]
-                if gain > 1e-9:  # s; less is rounding and could turn in circles
+                if gain > 1e-9:  # s; smaller gains are rounding and could cause cycling
                     order[i : j + 1] = order[i : j + 1][::-1]
                     improved = True
     return np.array(order[1:], np.int64) - 1

@@ -1,4 +1,4 @@
-"""What the user should know before measuring."""
+"""Warnings about a measurement plan."""
 
 from __future__ import annotations
 
@@ -22,7 +22,19 @@ def build_plan_warnings(
     noise: ReadingNoise,
     ways: Sequence[LoadMethod],
 ) -> tuple[str, ...]:
-    """What the user should know before measuring."""
+    """Build the warnings about a measurement plan.
+
+    Args:
+        request: Validated user request.
+        pool: Candidate poses.
+        cases: Admissible load cases.
+        plan: The plan; None without admissible load cases.
+        noise: Noise of a reading.
+        ways: Methods of load application.
+
+    Returns:
+        Warnings.
+    """
     out = []
     if plan is None:
         return (explain_empty_plan(request, pool, cases, noise, ways),)
@@ -74,15 +86,28 @@ _HELP = {
 def explain_empty_plan(
     request: PosesRequest, pool: PosePool, cases: LoadCases, noise: ReadingNoise, ways: Sequence[LoadMethod]
 ) -> str:
-    """One sentence: what stands in the way of any load test, and what would help."""
+    """Explain why there is no admissible load test, and what would help.
+
+    Args:
+        request: Validated user request.
+        pool: Candidate poses.
+        cases: Admissible load cases.
+        noise: Noise of a reading.
+        ways: Methods of load application.
+
+    Returns:
+        One sentence.
+    """
     if not len(pool):
-        # each pose counts where it fails first, so the last reason is what all that came so far fail for
-        left = list(pool.rejected)[-1]
-        most = max(pool.rejected, key=lambda reason: pool.rejected[reason])
-        told = [f"all {pool.rejected[left]:,} that come so far fail for {left!r}, see {_HELP[left]}"]
-        if most != left:
-            told.insert(0, f"{pool.rejected[most]:,} fail for {most!r}, see {_HELP[most]}")
-        return f"none of {pool.drawn_count:,} poses passes; {'; '.join(told)}"
+        # each pose counts at its first failure: all poses that reach the last criterion fail it
+        last_reason = list(pool.rejected)[-1]
+        main_reason = max(pool.rejected, key=lambda reason: pool.rejected[reason])
+        sentences = [
+            f"all {pool.rejected[last_reason]:,} that come so far fail for {last_reason!r}, see {_HELP[last_reason]}"
+        ]
+        if main_reason != last_reason:
+            sentences.insert(0, f"{pool.rejected[main_reason]:,} fail for {main_reason!r}, see {_HELP[main_reason]}")
+        return f"none of {pool.drawn_count:,} poses passes; {'; '.join(sentences)}"
     reason, count = max(cases.rejected.items(), key=lambda item: item[1])
     least = 1e3 * request.min_signal * noise.reading * request.prior_factor
     least_load = min(way.magnitudes[0] for way in ways)

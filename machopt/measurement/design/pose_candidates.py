@@ -1,4 +1,4 @@
-"""Candidate poses: quasi-random joint positions that can be reached, seen and loaded without touching anything."""
+"""Candidate poses: quasi-random joint positions that are reachable, visible and free of collisions."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from machopt.numerics.array_types import Array, Bools, Ints
 from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.stiffness.kinetostatic_indices import compute_conditioning_index
 
-BLOCK = 1024  # poses drawn at a time, a power of two as Sobol's sequence wants it
-MOST_TRIED = 100  # times the wanted number, at least; an arm that finds fewer stands in its own way
+BLOCK = 1024  # poses drawn at a time, a power of two as required by Sobol's sequence
+MOST_TRIED = 100  # limit on drawn poses, relative to the required number
 FULL_TURN = 2.0 * np.pi
-AT_FLANGE = 1e-3  # m; a TCP nearer to the flange has no direction towards it
+AT_FLANGE = 1e-3  # m; for a TCP closer to the flange the direction to the flange is undefined
 
 
 @dataclass(frozen=True, kw_only=True)
 class PoseCriteria:
-    """What a pose must satisfy, whatever the load."""
+    """Criteria of a pose, independent of the load."""
 
-    kci: float = 0.0  # least 1/κ_F
-    limit_margin: float = 0.0  # rad kept free before each joint limit
+    kci: float = 0.0  # least kinematic conditioning index 1/κ_F
+    limit_margin: float = 0.0  # rad, margin to each joint limit
     floor: float = -np.inf  # m, least height of the TCP in world
     ceiling: float = np.inf  # m, greatest
     box: Array | None = None  # (2, 3) m, lowest and highest TCP in world
@@ -37,24 +37,24 @@ class PoseCriteria:
 
 @dataclass(frozen=True)
 class PosePool:
-    """P poses that passed, in the order they were drawn."""
+    """P accepted poses in the order of drawing."""
 
     state: ArmState  # with bodies
     kci: Array  # (P,)
     drawn_count: int
-    rejected: dict[str, int]  # reason: poses; each counts where it failed first
+    rejected: dict[str, int]  # reason: number of poses, counted at their first failure
 
     def __len__(self) -> int:
         return len(self.kci)
 
     @property
     def q(self) -> Array:
-        """(P, 6) rad."""
+        """Joint angles (P, 6) rad."""
         return self.state.q
 
     @property
     def T_base_tcp(self) -> Array:
-        """(P, 4, 4)."""
+        """TCP poses (P, 4, 4)."""
         return self.state.T_base_tool
 
 
@@ -71,17 +71,24 @@ REASONS = (
 
 @dataclass(frozen=True, kw_only=True)
 class PoseScreen:
-    """Robot and cell as far as the choice of poses needs them."""
+    """Robot and cell data for the screening of poses."""
 
     robot: Robot
     T_flange_tcp: Array  # (4, 4)
     T_world_base: Array  # (4, 4)
     length: float  # m, characteristic length of KCI
     criteria: PoseCriteria
-    collision: CollisionModel | None = None  # None: collisions are not looked for
+    collision: CollisionModel | None = None  # None: collisions are not checked
 
     def first_failures(self, q: Array) -> tuple[Ints, Array]:
-        """Index into REASONS of the first criterion each pose (S, 6) fails, −1 where it passes, and KCI (S,)."""
+        """Find the first criterion that each pose fails.
+
+        Args:
+            q: (S, 6) joint angles, rad.
+
+        Returns:
+            Index into REASONS (S,), −1 for accepted poses, and the conditioning index (S,).
+        """
         c = self.criteria
         T, J = self.robot.compute_fk_jacobian(q, self.T_flange_tcp)
         dexterity = compute_conditioning_index(J, self.length)
@@ -109,7 +116,9 @@ class PoseScreen:
         return out, dexterity
 
     def _to_arm(self) -> Array:
-        """(3,) from the TCP to the flange in TCP axes; back along the tool where they are one."""
+        """Return the direction (3,) from the TCP to the flange in TCP axes; opposite to the tool axis if they
+        coincide.
+        """
         back = -self.T_flange_tcp[:3, :3].T @ self.T_flange_tcp[:3, 3]
         return back if np.linalg.norm(back) > AT_FLANGE else np.array([0.0, 0.0, -1.0])
 
@@ -122,21 +131,24 @@ def sample_poses(
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PosePool:
-    """Draw joint positions until ``wanted`` of them pass.
+    """Draw joint positions until enough are accepted.
 
-    Scrambled Sobol points over the joint ranges; a joint that turns more than once is drawn within half a turn of
-    its home position, since whole turns change nothing but the cables.
+    Scrambled Sobol points over the joint ranges. A joint with more than one turn is drawn within half a turn of its
+    home position.
 
     Args:
-        screen: the criteria.
-        limits: lower and upper (6,) rad.
-        home: (6,) rad.
-        wanted: poses.
-        seed: of the sequence's scrambling.
-        progress: told how many have passed.
+        screen: Screening of poses.
+        limits: Lower and upper joint limits, each (6,) rad.
+        home: (6,) home position, rad.
+        wanted: Required number of poses.
+        seed: Seed of the scrambling.
+        progress: Called with the number of accepted poses.
+
+    Returns:
+        The accepted poses.
 
     Raises:
-        InputError: a joint range is no wider than twice the margin.
+        InputError: A joint range is not wider than twice the margin.
     """
     lower, upper = _compute_sampling_range(limits, home, screen.criteria.limit_margin)
     sequence = qmc.Sobol(6, seed=seed)
@@ -158,7 +170,15 @@ def sample_poses(
 
 
 def screen_given_poses(screen: PoseScreen, q: Array) -> PosePool:
-    """The given poses (S, 6) that pass, screened like drawn ones."""
+    """Screen given poses like drawn ones.
+
+    Args:
+        screen: Screening of poses.
+        q: (S, 6) joint angles, rad.
+
+    Returns:
+        The accepted poses.
+    """
     failure, index = screen.first_failures(q)
     counts = np.bincount(failure[failure >= 0], minlength=len(REASONS))
     rejected = {reason: int(n) for reason, n in zip(REASONS, counts, strict=True) if n}

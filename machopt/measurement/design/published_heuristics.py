@@ -1,11 +1,13 @@
-"""How the papers choose their measurement poses, on the same robot, with the same loads, for comparison.
+"""Published heuristics for measurement poses, on the same robot with the same loads, for comparison.
 
-- random: any pose that can be reached and loaded.
-- dumas2011 (section 3): the zones of joints 2 and 3 where dexterity is good (joint 1 at zero, the wrist at 45°), there
-  the half of the poses on which K_C has least influence, loads that bend the arm visibly.
+- random: any pose that is reachable and can be loaded.
+- dumas2011 (section 3): zones of joints 2 and 3 with good dexterity (joint 1 at zero, the wrist at 45°), the
+half of their
+  poses with the least influence of K_C, loads with a clearly measurable deflection.
 - zhang2025 (section 3): any pose with KCI > 0.45.
-- jiao2022 (sections 2.2, 5.1): the eight corners and the centre of a cube, the tool's axes along its edges, and turned
-  by ±10° about the tool's y.
+- jiao2022 (sections 2.2, 5.1): the eight corners and the centre of a cube, with tool axes along its edges and
+tilted by
+  ±10° about the tool's y axis.
 """
 
 from __future__ import annotations
@@ -25,19 +27,19 @@ from machopt.stiffness.kinetostatic_indices import compute_conditioning_index
 
 ZHANG = 0.45  # KCI above which zhang2025 measures
 MAP = 41  # angles of joints 2 and 3 on the dexterity map
-BEST = 1 / 3  # share of the map that counts as good dexterity (the light areas of dumas2011 fig. 3)
-CUBES = (0.6, 0.3)  # m, edges of jiao2022's cubes, the larger where it can be reached
+BEST = 1 / 3  # share of the map with good dexterity (light areas of dumas2011 fig. 3)
+CUBES = (0.6, 0.3)  # m, edges of jiao2022's cubes, the larger one if reachable
 TILT = np.radians(10.0)
 CENTRES = 24  # poses of the pool tried as the centre of the cube
 
 
 @dataclass(frozen=True)
 class HeuristicPosePool:
-    """Poses from which a heuristic draws, and its taste in loads."""
+    """Poses that a heuristic selects from, and its preference of loads."""
 
     name: str
     poses: Ints  # indices into its pool
-    prefers_large_loads: bool = False  # only loads that bend the arm at least as much as the pose's median load
+    prefers_large_loads: bool = False  # only loads with at least the median deflection of the pose
 
 
 def draw_heuristic_design(
@@ -48,12 +50,18 @@ def draw_heuristic_design(
     loads: int,
     rng: np.random.Generator,
 ) -> tuple[tuple[int, ...], ...]:
-    """A design as the heuristic makes one: random among what it admits.
+    """Draw a random design among the poses and loads that a heuristic admits.
 
     Args:
-        chooser: of the pool that ``problem`` and ``cases`` were made of.
-        poses: how many; all there are where there are fewer.
-        loads: at each pose.
+        chooser: Heuristic with the same pool as ``problem`` and ``cases``.
+        problem: Design problem: candidate readings and models.
+        cases: Admissible load cases.
+        poses: Number of poses; all if there are fewer.
+        loads: Number of different loads at each pose.
+        rng: Random generator.
+
+    Returns:
+        Indices of readings, one tuple per pose.
     """
     start = np.searchsorted(cases.pose, chooser.poses)
     stop = np.searchsorted(cases.pose, chooser.poses, side="right")
@@ -69,19 +77,44 @@ def draw_heuristic_design(
 
 
 def build_random_heuristic(pool: PosePool) -> HeuristicPosePool:
-    """Every pose that passed."""
+    """Build the heuristic of random poses.
+
+    Args:
+        pool: Candidate poses.
+
+    Returns:
+        All accepted poses.
+    """
     return HeuristicPosePool("random", np.arange(len(pool)))
 
 
 def build_zhang2025_heuristic(pool: PosePool) -> HeuristicPosePool:
-    """Poses with KCI above 0.45."""
+    """Build the heuristic of zhang2025: poses with KCI above 0.45.
+
+    Args:
+        pool: Candidate poses.
+
+    Returns:
+        The poses.
+    """
     return HeuristicPosePool("zhang2025", np.flatnonzero(pool.kci > ZHANG))
 
 
 def build_dumas2011_heuristic(
     pool: PosePool, cases: LoadCases, screen: PoseScreen, limits: tuple[Array, Array]
 ) -> HeuristicPosePool:
-    """Poses in the zones of good dexterity of joints 2 and 3, the half of them with least ν_p."""
+    """Build the heuristic of dumas2011: zones of good dexterity of joints 2 and 3, the half of their poses with least
+    ν_p.
+
+    Args:
+        pool: Candidate poses.
+        cases: Admissible load cases.
+        screen: Screening of poses.
+        limits: Lower and upper joint limits, each (6,) rad.
+
+    Returns:
+        The poses.
+    """
     axes = [np.linspace(limits[0][j], limits[1][j], MAP) for j in (1, 2)]
     q = np.zeros((MAP, MAP, 6))
     q[..., 1], q[..., 2] = np.meshgrid(*axes, indexing="ij")
@@ -103,9 +136,18 @@ def build_dumas2011_heuristic(
 def build_jiao2022_poses(
     screen: PoseScreen, pool: PosePool, limits: tuple[Array, Array], rng: np.random.Generator
 ) -> PosePool:
-    """The 27 poses of the cube that fits the workspace best, those of them that pass the screen.
+    """Build the 27 poses of the cube of jiao2022 at the position with most reachable poses.
 
-    The paper's cube stands where the job is; here it stands where most of its poses can be reached.
+    In the paper the cube is located at the job.
+
+    Args:
+        screen: Screening of poses.
+        pool: Candidate poses.
+        limits: Lower and upper joint limits, each (6,) rad.
+        rng: Random generator.
+
+    Returns:
+        The accepted ones of the 27 poses.
     """
     best: PosePool | None = None
     for edge in CUBES:
@@ -122,7 +164,7 @@ def build_jiao2022_poses(
 
 
 def _build_cube_poses(T_centre: Array, edge: float) -> Array:
-    """(27, 4, 4): nine positions, three attitudes."""
+    """Return nine positions with three orientations (27, 4, 4)."""
     nearest = _find_nearest_axis_rotation(T_centre[:3, :3])
     attitudes = nearest @ compute_axis_rotation(np.array([0.0, 1.0, 0.0]), np.array([0.0, TILT, -TILT]))
     corners = [np.array(c) * edge / 2 for c in itertools.product((-1, 1), repeat=3)]
@@ -130,8 +172,8 @@ def _build_cube_poses(T_centre: Array, edge: float) -> Array:
 
 
 def _find_nearest_axis_rotation(R: Array) -> Array:
-    """Of the 24 rotations along the axes, the nearest to R."""
-    best, out = -np.inf, np.eye(3)  # the score is the cosine of the angle between them, but for constants
+    """Return the closest to R of the 24 axis-aligned rotations."""
+    best, out = -np.inf, np.eye(3)  # the score is the cosine of the angle between both, up to constants
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((-1.0, 1.0), repeat=3):
             S = np.eye(3)[:, order] * np.array(signs)
@@ -143,7 +185,7 @@ def _find_nearest_axis_rotation(R: Array) -> Array:
 def _find_reachable_configurations(
     screen: PoseScreen, T_base_tcp: Array, limits: tuple[Array, Array], near: Array
 ) -> Array:
-    """(M, 6) one configuration a pose, the nearest to ``near`` within the limits; poses out of reach are left out."""
+    """Return one configuration (M, 6) per reachable pose, the closest to ``near`` within the limits."""
     branches = build_solver(screen.robot).solve(T_base_tcp @ invert_transform(screen.T_flange_tcp)).q
     q = branches[:, :, None, :] + list_whole_turns(limits[0], limits[1])
     q = q.reshape(len(q), -1, 6)

@@ -1,9 +1,9 @@
-"""How uncertain a reading will be, before any is taken, and what readings at one pose have in common.
+"""Noise model of a reading before the measurement, including the errors shared by the readings of a pose.
 
-A reading is d = δ + b(pose) + e. b, the same for every load at one pose, is what unloading does not remove: encoder and
-registration errors, slow drift. e holds the instrument (the loaded state and the mean of the unloaded states before
-and after it: 1.5 times the variance of one), the load cycle, and the load's own error, a share of it and therefore
-of the displacement. Further cycles of the same load average the first two of e, not b and not the load.
+A reading is d = δ + b(pose) + e. b is common to all loads at a pose and is not removed by unloading: encoder and
+registration errors, slow drift. e contains the instrument (the loaded state and the mean of the unloaded states
+before and after it: 1.5 times the variance of one), the load cycle, and the relative error of the load and thus of
+the displacement. Further cycles of the same load average the first two parts of e, but neither b nor the load error.
 """
 
 from __future__ import annotations
@@ -21,36 +21,43 @@ UNLOADED_TWICE = 1.5  # variance of (loaded − mean of two unloaded readings), 
 class ReadingNoise:
     """Standard uncertainties of a displacement reading."""
 
-    displacement: float  # m, one coordinate read once by the instrument
-    cycle: float = 0.0  # m, one coordinate, new in each load cycle
-    pose: float = 0.0  # m, one coordinate, shared by all readings at a pose
-    force: float = 0.0  # share of the load
-    targets: float | None = None  # m from the TCP to the targets that give rotations; None: translations only
+    displacement: float  # m per coordinate, single reading of the instrument
+    cycle: float = 0.0  # m per coordinate, independent between load cycles
+    pose: float = 0.0  # m per coordinate, shared by all readings at a pose
+    force: float = 0.0  # relative, of the load
+    targets: float | None = None  # m, distance of the targets from the TCP for rotations; None: translations only
     cycles: int = 1  # load cycles averaged into a reading
 
     @property
     def dimensions(self) -> int:
-        """3 translations, or 6 with rotations."""
+        """Number of coordinates: 3 translations, or 6 with rotations."""
         return 3 if self.targets is None else 6
 
     @property
     def reading(self) -> float:
-        """m, 1 sigma of one coordinate of one cycle's reading, without the load's own error."""
+        """Standard uncertainty (m) of one coordinate of one cycle's reading, without load error."""
         return float(np.sqrt(UNLOADED_TWICE * self.displacement**2 + self.cycle**2 + self.pose**2))
 
     def covariance(self, displacement: Array) -> Array:
-        """(N, D, D) m², m·rad, rad² of e for expected displacements (N, D)."""
+        """Return the covariance of e.
+
+        Args:
+            displacement: (N, D) expected displacements, m and rad.
+
+        Returns:
+            (N, D, D) m², m·rad, rad².
+        """
         own = (UNLOADED_TWICE * self.displacement**2 + self.cycle**2) / self.cycles
         out = self.force**2 * displacement[:, :, None] * displacement[:, None, :]
         out[:, np.arange(self.dimensions), np.arange(self.dimensions)] += own * self._per_row() ** 2
         return np.asarray(out)
 
     def shared(self) -> Array:
-        """(D, D) of b."""
+        """Return the covariance (D, D) of b."""
         return np.diag(self.pose**2 * self._per_row() ** 2)
 
     def _per_row(self) -> Array:
-        """1 for translations; 1/distance for rotations, which are seen as displacements of the targets."""
+        """Return 1 for translations and 1/distance for rotations (measured as displacements of the targets)."""
         return np.ones(3) if self.targets is None else np.repeat([1.0, 1.0 / self.targets], 3)
 
 

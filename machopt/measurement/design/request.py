@@ -1,4 +1,4 @@
-"""What the user of ``machopt plan-poses`` asked for, in the user's units, and the same in SI."""
+"""Request of ``machopt plan-poses`` in the user's units, and its conversion to SI."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from machopt.stiffness.terms import LinearTerm, build_fitted_term
 
 Sensor = Literal["tracker", "tracker3", "dial"]
 SENSORS: dict[Sensor, float] = {"tracker": 0.012, "tracker3": 0.012, "dial": 0.005}
-"""mm, 1 sigma of one coordinate: a laser tracker with one target or three, three dial gauges."""
+"""Standard uncertainty per coordinate in mm: laser tracker with one or three targets, three dial gauges."""
 MOST_CASES = 1_500_000  # pose × load pairs that fit in memory with their responses (about 2 GB)
-MOST_POSES, MOST_LOADS, MOST_CYCLES, MOST_STARTS = 100, 12, 50, 50  # beyond these a plan takes hours, to no end
+MOST_POSES, MOST_LOADS, MOST_CYCLES, MOST_STARTS = 100, 12, 50, 50  # limits against excessive computing time
 
 
 @dataclass(frozen=True, kw_only=True)
 class PosesRequest:
-    """One run; lengths in mm, angles in degrees, as typed."""
+    """Options of one run; lengths in mm, angles in degrees, as entered."""
 
     cell: Path
     out: Path
@@ -41,7 +41,7 @@ class PosesRequest:
     cycles: int = 2
     target_percent: float | None = 5.0
     weights_kg: tuple[float, ...] | None = None
-    pull_N: tuple[float, ...] | None = None  # the option's name, unit included
+    pull_N: tuple[float, ...] | None = None  # N, as the option's name
     pull_directions: int = 8
     anchors_mm: tuple[tuple[float, ...], ...] = ()
     arms_mm: tuple[float, ...] = (0.0, 200.0)
@@ -71,25 +71,28 @@ class PosesRequest:
     terms: tuple[str, ...] = ()
     prior_Nm_per_rad: tuple[float, ...] | None = None
     prior_factor: float = 1.0
-    toolpath: Path | None = None  # of the job that is planned with what is measured
+    toolpath: Path | None = None  # toolpath of the job
     force_N: tuple[float, ...] | None = None  # least and largest of the job's process force
     overrides: tuple[str, ...] = ()  # planning options key=value, of the job
-    discriminate: Path | None = None  # folder of a diagnosis whose rivals are to be told apart
+    discriminate: Path | None = None  # folder of a diagnosis whose rivals are to be separated
     candidates: int = 2000
     starts: int = 2
     seed: int = 0
     tables: str = "csv"  # parquet: every table as Parquet, too
     overwrite: bool = False  # replace an earlier output though files in it were edited or added
-    external: tuple[str, ...] = ()  # name=value of external joints that do not stand at home, mm or degrees
+    external: tuple[str, ...] = ()  # name=value of external joints that are not at home, mm or degrees
     allow_external: bool = False
-    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --fit may name
+    effects: tuple[Path, ...] = ()  # Python files with user-defined effects, which --fit may name
 
 
 def check_poses_request(request: PosesRequest) -> None:
-    """Refuse what cannot be planned.
+    """Check a request.
+
+    Args:
+        request: Validated user request.
 
     Raises:
-        InputError: names the option, what was found and what would have worked.
+        InputError: Names the option, the value found and what would be accepted.
     """
     _check_counts(request)
     _check_sizes(request)
@@ -103,7 +106,7 @@ def check_poses_request(request: PosesRequest) -> None:
 
 
 def _check_counts(r: PosesRequest) -> None:
-    """How many of what: none that plans nothing, none that takes hours."""
+    """Check counts: at least one of everything, and no excessive computing time."""
     for option, value, least in (
         ("--poses", r.poses, 1),
         ("--loads", r.loads, 1),
@@ -130,7 +133,7 @@ def _check_counts(r: PosesRequest) -> None:
 
 
 def _check_sizes(r: PosesRequest) -> None:
-    """Single numbers that something is held against."""
+    """Check single numbers."""
     for option, number, strict in (
         ("--displacement-mm", r.displacement_mm, True),
         ("--targets-mm", r.targets_mm, True),
@@ -162,7 +165,7 @@ def _check_sizes(r: PosesRequest) -> None:
 
 
 def _check_loads(r: PosesRequest) -> None:
-    """What may hang, pull, and how far from the TCP."""
+    """Check weights, pulls and lever arms."""
     for option, row in (("--weights-kg", r.weights_kg), ("--pull-N", r.pull_N)):
         for v in row or ():
             if not (isfinite(v) and v > 0):
@@ -175,7 +178,7 @@ def _check_loads(r: PosesRequest) -> None:
 
 
 def _check_job(r: PosesRequest) -> None:
-    """What the arm is measured for."""
+    """Check the options of the job."""
     if r.force_N is not None and not (
         1 <= len(r.force_N) <= 2 and all(isfinite(v) and v >= 0 for v in r.force_N) and max(r.force_N) > 0
     ):
@@ -191,7 +194,7 @@ def _check_job(r: PosesRequest) -> None:
 
 
 def _check_arrays(r: PosesRequest) -> None:
-    """Places, boxes and joints: as many numbers as these have, and such as can be."""
+    """Check positions, boxes and joint values: number of entries and plausible values."""
     for option, row, n in (
         ("--box-mm", r.box_mm, 6),
         ("--tracker", r.tracker_mm, 3),
@@ -212,7 +215,14 @@ def _check_arrays(r: PosesRequest) -> None:
 
 
 def convert_to_reading_noise(request: PosesRequest) -> ReadingNoise:
-    """What is believed of the measurement, in SI."""
+    """Convert the measurement uncertainties of a request to SI.
+
+    Args:
+        request: Validated user request.
+
+    Returns:
+        The noise of a reading.
+    """
     r = request
     sigma = SENSORS[r.sensor] if r.displacement_mm is None else r.displacement_mm
     targets = r.targets_mm / 1e3 if r.sensor == "tracker3" else None
@@ -227,7 +237,14 @@ def convert_to_reading_noise(request: PosesRequest) -> ReadingNoise:
 
 
 def convert_to_pose_criteria(request: PosesRequest) -> PoseCriteria:
-    """What a pose must satisfy, in SI."""
+    """Convert the pose criteria of a request to SI.
+
+    Args:
+        request: Validated user request.
+
+    Returns:
+        The criteria.
+    """
     r = request
     box = None if r.box_mm is None else np.array(r.box_mm).reshape(2, 3) / 1e3
     tracker = None if r.tracker_mm is None else np.array(r.tracker_mm) / 1e3
@@ -244,7 +261,15 @@ def convert_to_pose_criteria(request: PosesRequest) -> PoseCriteria:
 
 
 def convert_to_load_criteria(request: PosesRequest, noise: ReadingNoise) -> LoadCriteria:
-    """What a load must satisfy, in SI; with a prior that may be wrong, for the softest and the stiffest arm."""
+    """Convert the load criteria of a request to SI; with an uncertain prior for the softest and the stiffest arm.
+
+    Args:
+        request: Validated user request.
+        noise: Noise of a reading.
+
+    Returns:
+        The criteria.
+    """
     r = request
     return LoadCriteria(
         min_deflection=r.min_signal * noise.reading * r.prior_factor,
@@ -257,7 +282,14 @@ def convert_to_load_criteria(request: PosesRequest, noise: ReadingNoise) -> Load
 
 
 def convert_to_plan_size(request: PosesRequest) -> MeasurementPlanSize:
-    """How much is to be planned."""
+    """Convert the size of the plan.
+
+    Args:
+        request: Validated user request.
+
+    Returns:
+        The size.
+    """
     r = request
     target = None if r.target_percent is None else r.target_percent / 100
     return MeasurementPlanSize(
@@ -272,10 +304,17 @@ def convert_to_plan_size(request: PosesRequest) -> MeasurementPlanSize:
 
 
 def build_load_methods(request: PosesRequest, cell: Cell) -> tuple[tuple[LoadMethod, ...], tuple[str, ...]]:
-    """The ways of loading, and what the user should know about them.
+    """Build the load methods of a request.
+
+    Args:
+        request: Validated user request.
+        cell: Robot cell.
+
+    Returns:
+        The methods, and warnings.
 
     Raises:
-        InputError: no loads were given and the tool's mass does not suggest any.
+        InputError: No loads are given and the tool's mass suggests none.
     """
     r = request
     weights, pulls, warnings = r.weights_kg, r.pull_N, []
@@ -307,10 +346,17 @@ def build_load_methods(request: PosesRequest, cell: Cell) -> tuple[tuple[LoadMet
 
 
 def build_prior_stiffness(request: PosesRequest, cell: Cell) -> ArmStiffness:
-    """The stiffness believed before the tests.
+    """Build the prior stiffness.
+
+    Args:
+        request: Validated user request.
+        cell: Robot cell.
+
+    Returns:
+        The stiffness of the request, otherwise of the cell.
 
     Raises:
-        InputError: neither the cell nor the user gives one.
+        InputError: Neither the cell nor the request has one.
     """
     if request.prior_Nm_per_rad is not None:
         joints = np.array(request.prior_Nm_per_rad)
@@ -328,10 +374,18 @@ def build_prior_stiffness(request: PosesRequest, cell: Cell) -> ArmStiffness:
 
 
 def build_linear_terms(request: PosesRequest, robot: Robot, T_flange_tcp: Array) -> tuple[LinearTerm, ...]:
-    """The physics to be identified beside the joints.
+    """Build the terms to identify together with the joints.
+
+    Args:
+        request: Validated user request.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        The terms.
 
     Raises:
-        InputError: an effect or a place that does not exist, or one that has nothing to fit.
+        InputError: An unknown effect or place, or an effect without coefficients.
     """
     out: list[LinearTerm] = []
     for text in request.terms:
@@ -352,10 +406,15 @@ def build_linear_terms(request: PosesRequest, robot: Robot, T_flange_tcp: Array)
 
 
 def check_number_of_readings(request: PosesRequest, dimensions: int, unknowns: int) -> None:
-    """Refuse fewer numbers than unknowns.
+    """Check that there are at least as many measured numbers as unknowns.
+
+    Args:
+        request: Validated user request.
+        dimensions: Coordinates per reading.
+        unknowns: Number of unknowns.
 
     Raises:
-        InputError: how many poses would do.
+        InputError: States the required number of poses.
     """
     numbers = request.poses * request.loads * dimensions
     if numbers < unknowns:
@@ -368,21 +427,42 @@ def check_number_of_readings(request: PosesRequest, dimensions: int, unknowns: i
 
 
 def list_unchecked_conditions(request: PosesRequest) -> tuple[str, ...]:
-    """What the poses are not checked for, in the words of the verdict."""
+    """List conditions that the poses are not checked for, in the words of the verdict.
+
+    Args:
+        request: Validated user request.
+
+    Returns:
+        The conditions.
+    """
     if request.no_collision:
         return ("collisions NOT checked",)
     return ("collisions with workpiece NOT checked (left out)",) if request.without_workpiece else ()
 
 
 def remove_workpiece(cell: Cell) -> Cell:
-    """The cell cleared for the measurement; what carries the workpiece stays."""
+    """Remove the workpiece for the measurement; the body that carries it stays.
+
+    Args:
+        cell: Robot cell.
+
+    Returns:
+        The cell without workpiece geometry.
+    """
     if cell.workpiece.link != "world":
         return replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     return replace(cell, workpiece=Workpiece("world", np.eye(4)))
 
 
 def list_request_options(request: PosesRequest) -> list[tuple[str, str]]:
-    """Options as they would be typed, for the page and plan.json."""
+    """List the options as they would be entered, for report and plan.json.
+
+    Args:
+        request: Validated user request.
+
+    Returns:
+        Pairs of name and value.
+    """
     skip = ("cell", "out", "allow_external")
     return [(name, _format_value(value)) for name, value in vars(request).items() if name not in skip]
 

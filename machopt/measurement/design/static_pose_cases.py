@@ -1,4 +1,4 @@
-"""Poses to measure where the arm stands still, unloaded or with a weight hung on it, as cases of a plan."""
+"""Load cases for measured poses of an arm at rest, unloaded or with a hanging weight."""
 
 from __future__ import annotations
 
@@ -20,7 +20,15 @@ NO_LOAD = "nothing hangs on the arm"
 
 
 def select_weight_loads(offered: bool, ways: Sequence[LoadMethod]) -> tuple[LoadMethod, ...]:
-    """No load, then the weights among the ways, hung at the TCP, where weights were offered."""
+    """Select the load methods for measured poses: no load, and weights at the TCP if the user offers weights.
+
+    Args:
+        offered: Whether the user offers weights.
+        ways: Methods of load application.
+
+    Returns:
+        The methods, no load first.
+    """
     none = LoadMethod(
         kind="weight",
         direction=np.array([0.0, 0.0, -1.0]),
@@ -41,15 +49,18 @@ def build_static_pose_cases(
     noise: ReadingNoise,
     masses: RobotMasses,
 ) -> LoadCases:
-    """Every pose without load, and with each weight that its limits allow.
+    """Build every pose without load and with each admissible weight.
 
     Args:
-        pool: P poses.
-        ways: of :func:`select_weight_loads`.
-        prior: stiffness as diagnosed.
-        criteria: limits of loads.
-        noise: of a reading.
-        masses: of links and tool, which bend the arm in any case.
+        pool: Candidate poses.
+        ways: Methods of :func:`select_weight_loads`.
+        prior: Stiffness as diagnosed.
+        criteria: Limits of each load.
+        noise: Noise of a reading.
+        masses: Link and tool masses, which deflect the arm in any case.
+
+    Returns:
+        The load cases.
     """
     P, zero = len(pool), np.zeros(len(pool))
     six = np.zeros((P, 6))
@@ -72,7 +83,7 @@ def build_static_pose_cases(
     pose = np.concatenate([p.pose for p in parts])
     order = np.argsort(pose, kind="stable")
 
-    def both(name: str) -> Any:  # an array of the field's own type
+    def both(name: str) -> Any:  # array of the field's type
         return np.asarray(np.concatenate([getattr(p, name) for p in parts])[order])
 
     tau = compute_gravity_torque(prior.robot, masses, pool.state)[0]

@@ -1,8 +1,8 @@
-"""Readings that tell two laws apart: the law that is not true should fit them as badly as possible.
+"""T-optimal design for discrimination between two laws: the wrong law should fit the readings as badly as possible.
 
-With truth y = B b and rival A the best the rival can do leaves λ = min_a |y − A a|²_W, the noncentrality of the test
-that compares the two. Since λ = det M_[A y] / det M_A, a T-optimal design is found like a D-optimal one, with the
-deviation as one more unknown (Atkinson & Fedorov 1975; the equality is the determinant of a bordered matrix).
+With truth y = B b and rival A, the best fit of the rival leaves λ = min_a |y − A a|²_W, the noncentrality of the test
+between both. Since λ = det M_[A y] / det M_A, a T-optimal design is found like a D-optimal one with the deviation as
+an additional unknown (Atkinson & Fedorov 1975; the equality is the determinant of a bordered matrix).
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from machopt.numerics.array_types import Array, Ints
 
 @dataclass(frozen=True)
 class DiscriminationDesign:
-    """A design to tell two laws apart."""
+    """Design that discriminates between two laws."""
 
     design: ReadingDesign
-    b_against_a: float  # noncentrality where b is true and a is fitted
-    a_against_b: float  # the other way round; NaN where no values of a were given
+    b_against_a: float  # noncentrality if b is true and a is fitted
+    a_against_b: float  # noncentrality if a is true and b is fitted; NaN without values of a
 
 
 def design_discrimination(
@@ -45,23 +45,26 @@ def design_discrimination(
     values_a: Array | None = None,
     starts: int = 2,
 ) -> DiscriminationDesign:
-    """The readings on which law b looks least like law a.
+    """Select the readings at which law b differs most from law a.
 
     Args:
-        responses_a: (N, D, Pa) of the rival's unknowns, all of them refitted.
-        responses_b: (N, D, Pb) of the law taken as true.
-        values_b: (Pb,) its values.
-        covariance: (N, D, D) own noise of the readings.
-        pose: (N,) ascending labels.
-        shared: (D, D) covariance of the error the readings of a pose share.
-        poses: to choose.
-        loads: at each pose.
-        values_a: (Pa,) makes the design symmetric: each law as the truth in turn, with equal weight.
+        responses_a: (N, D, Pa) response of the rival's unknowns, all refitted.
+        responses_b: (N, D, Pb) response of the law taken as true.
+        values_b: (Pb,) values of the true law.
+        covariance: (N, D, D) noise of the readings.
+        pose: (N,) pose labels, ascending.
+        shared: (D, D) covariance of the error shared by the readings of a pose.
+        poses: Number of poses.
+        loads: Number of different loads at each pose.
+        rng: Random generator.
+        values_a: (Pa,) values of a; they make the design symmetric, with each law as the truth in turn.
+        starts: Number of starts of the exchange.
 
     Returns:
-        The design and its noncentralities; near zero where the laws cannot be told apart by any of these readings.
+        The design with its noncentralities; near zero if no reading separates the laws.
 
-    Source: Atkinson & Fedorov, Biometrika 62 (1975) 57, eq. 2.2, for laws linear in their unknowns.
+    Source:
+        Atkinson & Fedorov, Biometrika 62 (1975) 57, eq. 2.2, for laws linear in their unknowns.
     """
     ways = [(responses_a, responses_b @ values_b)]
     if values_a is not None:
@@ -82,13 +85,18 @@ def design_discrimination(
 def compute_noncentrality(
     responses: Array, truth: Array, covariance: Array, pose: Ints, shared: Array, blocks: Sequence[Sequence[int]]
 ) -> float:
-    """min_a |truth − responses a|² in units of the noise over the chosen readings.
+    """Compute min_a |truth − responses a|² in units of the noise over selected readings.
 
     Args:
-        responses: (N, D, P).
-        truth: (N, D) what is really there.
-        covariance: (N, D, D), and ``shared`` (D, D): as in :func:`design_discrimination`.
-        blocks: chosen readings, one tuple a pose.
+        responses: (N, D, P) response of the rival's unknowns.
+        truth: (N, D) signal of the true law.
+        covariance: (N, D, D) noise of the readings, as in :func:`design_discrimination`.
+        pose: (N,) pose labels.
+        shared: (D, D) covariance of the error shared by the readings of a pose.
+        blocks: Selected readings, grouped by pose.
+
+    Returns:
+        Noncentrality.
     """
     both = ModelBelief(
         np.concatenate([_normalise_columns(responses, covariance), truth[..., None]], axis=-1), covariance
@@ -99,7 +107,7 @@ def compute_noncentrality(
 
 
 def _normalise_columns(responses: Array, covariance: Array) -> Array:
-    """Columns scaled so that the reading that shows each best shows it with unit information."""
+    """Scale columns so that the most informative reading has unit information."""
     size = np.einsum("ndp,ndp->np", responses, np.linalg.solve(covariance, responses))
     most = np.sqrt(size.max(axis=0))
     return np.asarray(responses / np.where(most > 0.0, most, 1.0))

@@ -1,4 +1,4 @@
-"""A measurement plan as the table of work and as the empty recording that the readings go into."""
+"""Work table of a measurement plan, and the empty recording for its readings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from machopt.measurement.design.reading_noise import HOLD, ReadingNoise
 from machopt.measurement.design.request import PosesRequest
 from machopt.numerics.array_types import Array
 
-BETWEEN = 60.0  # s between load cycles in the template
+BETWEEN = 60.0  # s, time between load cycles in the template
 
 
 def build_poses_table(
@@ -28,7 +28,19 @@ def build_poses_table(
     home: Array,
     noise: ReadingNoise,
 ) -> PosesTable:
-    """One row a load cycle, in the order of work."""
+    """Build the work table with one row per load cycle, in the order of work.
+
+    Args:
+        plan: The measurement plan.
+        pool: Candidate poses.
+        ways: Methods of load application.
+        collision: Collision model; None: not checked.
+        home: (6,) home position, rad.
+        noise: Noise of a reading.
+
+    Returns:
+        The table.
+    """
     cases = plan.cases
     reading = np.array([v.reading for v in plan.visits])
     poses = cases.pose[reading]
@@ -61,7 +73,15 @@ def build_poses_table(
 
 
 def expand_load_steps(table: PosesTable, steps: Sequence[float]) -> PosesTable:
-    """Each load cycle as its readings: up to the full load and back."""
+    """Expand each load cycle to its readings: up to the full load and back.
+
+    Args:
+        table: Work table with one row per cycle.
+        steps: Shares of the full load at which a load cycle is read.
+
+    Returns:
+        The table with one row per reading.
+    """
     K = len(steps)
     if K == 1:
         return table
@@ -93,10 +113,17 @@ def _format_load_share(factor: float, words: str) -> str:
 def build_recording_template(
     table: PosesTable, plan: MeasurementPlan, noise: ReadingNoise, request: PosesRequest, steps: Sequence[float] = ()
 ) -> Recording:
-    """The recording the measurements go into; its displacements are still zero.
+    """Build the recording for the measurements; its displacements are zero.
 
     Args:
-        steps: shares of the full load that the rows of a load cycle pass through; empty: each row is a cycle.
+        table: Work table.
+        plan: The measurement plan.
+        noise: Noise of a reading.
+        request: Validated user request.
+        steps: Shares of the full load for the rows of a load cycle; empty: each row is a cycle.
+
+    Returns:
+        The recording.
     """
     own = float(np.sqrt(noise.reading**2 - noise.pose**2))
     force = np.linalg.norm(table.wrench[:, :3], axis=1)
@@ -129,7 +156,7 @@ def build_recording_template(
 
 
 def _build_step_columns(table: PosesTable, steps: Sequence[float]) -> dict[str, Any]:
-    """Branch and time of each reading of stepped cycles."""
+    """Return branch and time of each reading of stepped cycles."""
     K = len(steps)
     if K < 2:
         return {}

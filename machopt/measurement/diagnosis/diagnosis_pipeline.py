@@ -1,4 +1,6 @@
-"""A whole diagnosis: record mended, problem set up, engine run; what was wrong with the record is told beside."""
+"""Complete diagnosis of a recording: correct the recording, set up the problem, select effects, add the record
+findings.
+"""
 
 from __future__ import annotations
 
@@ -48,12 +50,12 @@ from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
 NO_LINEARISATION = LinearisationPoint()
-MIN_POSES = 3  # points that fix a frame: fewer poses are nothing to look at
+MIN_POSES = 3  # least number of poses: three points determine a frame
 
 
 @dataclass(frozen=True)
 class DiagnosedRecording:
-    """A diagnosis with what the files are written from."""
+    """Diagnosis with the data that the output files are written from."""
 
     diagnosis: DiagnosisResult
     problem: DiagnosisProblem
@@ -61,7 +63,7 @@ class DiagnosedRecording:
 
     @property
     def weight_alone(self) -> bool:
-        """Measured poses without any load but the arm's own weight."""
+        """Whether these are measured poses without any load except gravity."""
         return self.recording.kind == "absolute" and self.problem.scale is None
 
 
@@ -75,19 +77,22 @@ def diagnose_static_recording(
     seed: int,
     barred: frozenset[EffectLocation] = frozenset(),
 ) -> DiagnosedRecording:
-    """Load tests and poses.
+    """Diagnose load tests or measured poses.
 
     Args:
-        cell: the robot cell.
-        recording: of kind deflection or absolute.
-        options: of the engine.
-        laws: of the user's own.
-        accept: findings about the record that are not to be mended.
-        seed: of every random choice.
-        barred: explanations of measured poses that are not to be looked for.
+        cell: Robot cell.
+        recording: Recording of kind deflection or absolute.
+        options: Options of the model selection.
+        laws: User-defined laws with their source.
+        accept: Recording faults that are not to be corrected.
+        seed: Seed of all random choices.
+        barred: Effects and places of measured poses that are not to be tried.
+
+    Returns:
+        The diagnosis with its problem and the corrected recording.
 
     Raises:
-        InputError: a recording that cannot be right, or is too small for any answer.
+        InputError: The recording is inconsistent or too small.
     """
     check_no_mimic_joints(cell, "diagnose")
     motion_channels.check_joint_names(recording, cell)
@@ -176,41 +181,41 @@ def diagnose_static_recording(
         d, problem = existing_terms.diagnose_with_known_terms(terms, load_tests)
     else:
         d, problem = existing_terms.diagnose_with_known_terms(terms, poses, existing_terms.is_known_in_poses)
-    aside = outlier_rows.find_outlier_rows(recording, d, copies, problem, others)
+    outlier_finding = outlier_rows.find_outlier_rows(recording, d, copies, problem, others)
     said += cell_stiffness_comparison.describe_deviating_springs(d, prior)
     said += tcp_offset.describe_tcp_correction(T, beside)
     said += () if cell.stiffness is None else describe_ignored_springs(cell.stiffness.external)
     if recording.kind == "absolute" and cell.stiffness is not None and cell.stiffness.position is not None:
         said += cell.stiffness.position.beyond(recording.q)
-    mended, overnight = moved_tracker_or_target.merge_with_thermal_drift(right.findings, d.findings)
+    corrected, overnight = moved_tracker_or_target.merge_with_thermal_drift(right.findings, d.findings)
     whole = _add_record_findings(
-        d, [*mended, *beside], aside, (*right.reflector_notes, *overnight, *notes), tuple(said)
+        d, [*corrected, *beside], outlier_finding, (*right.reflector_notes, *overnight, *notes), tuple(said)
     )
     return DiagnosedRecording(data_sufficiency.downgrade_if_insufficient(whole, problem), problem, recording)
 
 
 @dataclass(frozen=True)
 class _CorrectedRecording:
-    """A record as it was meant, and what that took."""
+    """Corrected recording with the findings of the corrections."""
 
     recording: Recording
     findings: list[Finding]
-    reflector_notes: tuple[str, ...]  # where reflectors stood
+    reflector_notes: tuple[str, ...]  # notes on reflectors and tracker frames
     warnings: tuple[str, ...]
 
 
 def _correct_recording(
     recording: Recording, cell: Cell, robot: Robot, masses: RobotMasses | None, accept: tuple[str, ...]
 ) -> _CorrectedRecording:
-    """Columns and units first, then what single nests and sessions have for themselves, then labels and gains."""
+    """Correct columns and units first, then reflectors and sessions, then labels and gains."""
     T, prior = cell.tool.T_flange_tcp, None if cell.stiffness is None else cell.stiffness.joints
     recording, found = pose_units.correct_pose_units(recording, robot, T, accept)
-    recording, stood = reflectors_and_tracker_frames.transform_to_base(recording, robot, T)
+    recording, reflector_notes = reflectors_and_tracker_frames.transform_to_base(recording, robot, T)
     guessed = cell.stiffness is not None and cell.stiffness.estimated
-    recording, mended, warnings = static_record_correction.correct_static_record(
+    recording, findings, warnings = static_record_correction.correct_static_record(
         recording, robot, T, prior, accept, estimated=guessed
     )
-    found = [*found, *mended]
+    found = [*found, *findings]
     if recording.kind == "absolute" and "columns" not in accept:
         recording, sitting = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
         found += sitting
@@ -220,11 +225,11 @@ def _correct_recording(
         found += [*put_down, *assigned]
     recording, relabelled = wrong_weight_label.correct_wrong_weight_labels(recording, robot, T, accept)
     recording, louder = session_force_gain.correct_session_force_gains(recording, robot, T, accept)
-    return _CorrectedRecording(recording, [*found, *relabelled, *louder], tuple(stood), tuple(warnings))
+    return _CorrectedRecording(recording, [*found, *relabelled, *louder], tuple(reflector_notes), tuple(warnings))
 
 
 def _list_known_terms(cell: Cell, robot: Robot, masses: RobotMasses | None) -> tuple[StiffnessTerm, ...]:
-    """The terms of the cell's stiffness that count as known; refuses what no plan could use either."""
+    """Return the terms of the cell's stiffness that count as known; reject terms that a plan could not use."""
     if cell.stiffness is None:
         return ()
     ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness, cell.arm_limits, masses)
@@ -246,18 +251,18 @@ def _diagnose_load_tests(
     stated: bool,
     down: Array,
 ) -> tuple[DiagnosisResult, DiagnosisProblem]:
-    """Of load tests; K_C is a finding unless it is ``stated`` by the cell.
+    """Diagnose load tests. K_C becomes a finding unless the cell has it (``stated``).
 
     Args:
-        limits: (6,) and (6,) rad.
-        down: (3,) m/s² in base_link, gravity.
+        limits: Lower and upper joint limits, each (6,) rad.
+        down: (3,) gravity in base_link, m/s².
     """
     tests = loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
         build_load_test_experiment(recording, robot, T), recording, robot, T, masses
     )
     memo: dict[str, GearLoadHistory] = {}
     terms = None
-    if known is not None and known.terms:  # what they add to the springs
+    if known is not None and known.terms:  # terms in addition to the joint springs
         r = load_test_channel.build_load_test_readings(recording, tests, robot, T, masses, 1.0 / known.joints, memo)
         lived, settled = joint_torque.compute_memory_term_displacement(r, known.terms)
         whole = ArmElasticity(robot, T, replace(known, terms=settled), limits, masses).evaluate(recording.q)
@@ -291,9 +296,9 @@ def _diagnose_load_tests(
 
 
 def _refuse_too_few(problem: DiagnosisProblem, recording: Recording) -> None:
-    """Raise where what is refitted in any case could make up every reading."""
-    unknowns = sum(u.prior is None or u.location == "tool" for u in problem.unknowns)  # places of reflectors too
-    distinct = min(len(problem), 2 * len(np.unique(problem.group)))  # more repeats of one posture tell no more
+    """Raise an error if the base unknowns alone could fit every reading."""
+    unknowns = sum(u.prior is None or u.location == "tool" for u in problem.unknowns)  # reflector positions included
+    distinct = min(len(problem), 2 * len(np.unique(problem.group)))  # further replicates of one pose add no information
     if distinct * problem.dimensions > unknowns and problem.y.size >= 2 * unknowns:
         return
     poses = len(np.unique(problem.group))
@@ -323,22 +328,25 @@ def diagnose_motion_recording(
     recording: Recording,
     options: selection_pipeline.DiagnosisOptions,
     *,
-    asked: str,
+    requested_channel: str,
     seed: int,
     toolpath: bool,
 ) -> DiagnosedRecording:
-    """Time series.
+    """Diagnose a motion.
 
     Args:
-        cell: the robot cell.
-        recording: of kind motion.
-        options: of the engine.
-        asked: the channel, or "auto".
-        seed: of every random choice.
-        toolpath: what it changes for one is asked for too.
+        cell: Robot cell.
+        recording: Recording of kind motion.
+        options: Options of the model selection.
+        requested_channel: Requested channel, or "auto".
+        seed: Seed of all random choices.
+        toolpath: Whether the effect on a toolpath is requested too.
+
+    Returns:
+        The diagnosis with its problem and the corrected recording.
 
     Raises:
-        InputError: joints, signals or a channel that lead nowhere.
+        InputError: Joints, signals or the channel do not allow a diagnosis.
     """
     motion_channels.check_joint_names(recording, cell)
     if toolpath and (len(cell.arm_joints) != 6 or cell.arm_prismatic):
@@ -358,7 +366,7 @@ def diagnose_motion_recording(
             ),
             file=recording.source,
         )
-    channel = possible[0] if asked == "auto" else asked
+    channel = possible[0] if requested_channel == "auto" else requested_channel
     if channel not in possible:
         raise InputError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
     options.progress(f"signals and equations, channel {channel}")
@@ -389,7 +397,7 @@ def diagnose_motion_recording(
     )
     options.progress("the next motion")
     d = replace(d, next_experiment=next_motion.suggest_next_motion(cell, channel, d))
-    # what leaves the record as it is, like a lag behind the command, changes no error of this channel
+    # a finding without correction, such as a lag behind the command, changes no error of this channel
     beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
     return DiagnosedRecording(
         _add_record_findings(d, beside, None, notes, (*recording.warnings, *describe_fixed_external_joints(cell))),
@@ -399,16 +407,20 @@ def diagnose_motion_recording(
 
 
 def _add_record_findings(
-    d: DiagnosisResult, mended: list[Finding], aside: Finding | None, notes: tuple[str, ...], warnings: tuple[str, ...]
+    d: DiagnosisResult,
+    corrections: list[Finding],
+    outlier_finding: Finding | None,
+    notes: tuple[str, ...],
+    warnings: tuple[str, ...],
 ) -> DiagnosisResult:
-    """The diagnosis with what was wrong with the record: mended things first, gross rows last."""
-    findings = (*mended, *d.findings, *(() if aside is None else (aside,)))
+    """Return the diagnosis with the record findings: corrections first, outlier rows last."""
+    findings = (*corrections, *d.findings, *(() if outlier_finding is None else (outlier_finding,)))
     before, explained, verdict = d.heldout_before, d.explained, d.verdict
-    if mended:  # the record was part of the mismatch: counted from what it left as it was
-        before = max([before, *(f.before for f in mended if np.isfinite(f.before))])
+    if corrections:  # the recording fault was part of the mismatch: count from the uncorrected error
+        before = max([before, *(f.before for f in corrections if np.isfinite(f.before))])
         beyond, left = before**2 - d.noise_floor**2, max(d.heldout_after**2 - d.noise_floor**2, 0.0)
         explained = float(np.clip(1.0 - left / beyond, 0.0, 1.0)) if beyond > 0 else d.explained
-    if mended and d.verdict == "unexplained":  # what the record hid is put right, and more is there
+    if corrections and d.verdict == "unexplained":  # the recording fault is corrected, and a mismatch remains
         verdict = "partly_explained"
     out = replace(
         d,
@@ -423,7 +435,14 @@ def _add_record_findings(
 
 
 def read_stated_masses(cell: Cell) -> RobotMasses | None:
-    """Of links and tool, as far as they are stated; None where none is."""
+    """Read the masses of links and tool as far as they are stated.
+
+    Args:
+        cell: Robot cell.
+
+    Returns:
+        The masses; None if none is stated.
+    """
     try:
         masses = load_masses(cell)
     except InputError:
@@ -432,6 +451,13 @@ def read_stated_masses(cell: Cell) -> RobotMasses | None:
 
 
 def read_load_test_masses(cell: Cell) -> RobotMasses | None:
-    """As load tests know them; None where the URDF has none of the arm's long links, and weight is unknown."""
+    """Read the masses for load tests.
+
+    Args:
+        cell: Robot cell.
+
+    Returns:
+        The masses; None if the URDF has none for the long links, so that gravity is unknown.
+    """
     masses = read_stated_masses(cell)
     return masses if has_link_mass(masses) else None

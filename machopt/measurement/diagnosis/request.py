@@ -1,4 +1,4 @@
-"""What the user of ``machopt diagnose`` asked for."""
+"""Request of ``machopt diagnose``."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path
 
 from machopt.errors import InputError
 
-DEFAULT_MAX_FINDINGS = 3  # effects named one by one; many of poses are found together
-DEFAULT_MAX_STATIC_FINDINGS = 6  # a load and both its signs in many directions carry more
+DEFAULT_MAX_FINDINGS = 3  # most effects of forward selection in a motion
+DEFAULT_MAX_STATIC_FINDINGS = 6  # static recordings with loads in many directions support more
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseRequest:
-    """One run."""
+    """Options of one run."""
 
     cell: Path
     recordings: tuple[Path, ...]
@@ -31,13 +31,27 @@ class DiagnoseRequest:
     overrides: tuple[str, ...] = ()  # planning options for the toolpath, key=value
 
     def get_max_findings(self, kind: str) -> int:
-        """Effects that are named one by one in a recording of a kind."""
+        """Return the largest number of effects of forward selection.
+
+        Args:
+            kind: Kind of the recording.
+
+        Returns:
+            Number of effects.
+        """
         if self.max_findings is not None:
             return self.max_findings
         return DEFAULT_MAX_FINDINGS if kind == "motion" else DEFAULT_MAX_STATIC_FINDINGS
 
     def list_options(self, kind: str) -> dict[str, str | int | list[str]]:
-        """The options that decide the answer for a recording of a kind, as result and page tell them."""
+        """Return the options that determine the result, as stated in result and report.
+
+        Args:
+            kind: Kind of the recording.
+
+        Returns:
+            Options by name.
+        """
         said: dict[str, str | int | list[str]] = {
             "channel": self.channel,
             "max_findings": self.get_max_findings(kind),
@@ -49,10 +63,14 @@ class DiagnoseRequest:
 
 
 def check_diagnose_request(request: DiagnoseRequest, kind: str) -> None:
-    """Refuse what cannot be diagnosed of a recording of this kind, before minutes of work.
+    """Check a request against the kind of the recording before the long computation.
+
+    Args:
+        request: The request.
+        kind: Kind of the recording.
 
     Raises:
-        InputError: names the option, what was found and what would have worked.
+        InputError: Names the option, the value found and what would be accepted.
     """
     if request.toolpath is not None and not isfile(request.toolpath):
         raise InputError(

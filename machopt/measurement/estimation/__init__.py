@@ -1,8 +1,11 @@
-"""What load tests are as equations, how sure each reading is, what fits them: for ``identify`` and ``diagnose`` alike.
+"""Estimation from load tests, shared by ``identify`` and ``diagnose``: equations, noise of the readings, fits.
 
 ::
 
-    Recording ─► experiment ─► noise ─► clusters ─► components          robust    start and weights against slips
-                 base axes,    each     shared by   from replicates     bounded   least squares with lower bounds
-                 responses     reading  cycles                          tiled     dense algebra in one thread
+    Recording ─► load_test_equations ─► reading_covariance ─► error_clusters ─► variance_components
+                 base axes,             single readings       shared by         from replicates
+                 responses                                    cycles, visits
+
+    robust_weights: start values and weights against outliers; bounded_least_squares: lower bounds;
+    tiled_linear_algebra: dense algebra in one thread
 """

@@ -1,4 +1,4 @@
-"""The smallest value of a quadratic with lower bounds, and how far one coefficient can go before it rises too much."""
+"""Minimum of a quadratic with lower bounds, and the profile of a single coefficient."""
 
 from __future__ import annotations
 
@@ -7,22 +7,25 @@ from scipy.optimize import nnls
 
 from machopt.numerics.array_types import Array
 
-RANK = 1e-11  # eigenvalue per largest one; below it a direction has no data
-ZERO_DIAGONAL = 1e-40  # diagonal element per the largest one that counts as zero
+RANK = 1e-11  # relative eigenvalue below which a direction has no data
+ZERO_DIAGONAL = 1e-40  # relative diagonal element that counts as zero
 BISECTIONS = 50
 
 
 def minimise_bounded_quadratic(H: Array, h: Array, lower: Array) -> Array:
-    """x ≥ lower with the least ½ xᵀ H x − hᵀ x.
+    """Minimise ½ xᵀ H x − hᵀ x subject to x ≥ lower.
 
-    Coefficients without a bound are eliminated; the rest is a non-negative least-squares problem (Lawson & Hanson).
+    Coefficients without a bound are eliminated. The rest is a non-negative least-squares problem (Lawson & Hanson).
 
     Args:
-        H: (P, P) symmetric, positive semidefinite; a direction without data stays at its bound or 0.
-        h: (P,).
-        lower: (P,), −inf where the sign is free.
+        H: (P, P) symmetric positive semidefinite matrix. A direction without data stays at its bound or 0.
+        h: (P,) linear term.
+        lower: (P,) lower bounds, −inf for unbounded coefficients.
+
+    Returns:
+        (P,) minimiser.
     """
-    if not len(h):  # the others of a coefficient that stands alone
+    if not len(h):  # no further coefficients
         return np.zeros(0)
     diagonal = np.diag(H)
     unit = 1.0 / np.sqrt(np.where(diagonal > ZERO_DIAGONAL * diagonal.max(), diagonal, 1.0))
@@ -54,16 +57,18 @@ def _minimise_bounded_part(H: Array, h: Array, lower: Array) -> Array:
 
 
 def compute_profile_bound(H: Array, h: Array, lower: Array, j: int, rise: float, sign: int) -> float:
-    """How far coefficient j can move before the quadratic xᵀ H x − 2 hᵀ x rises by ``rise``, the others following.
+    """Compute how far a coefficient can move before the profiled quadratic xᵀ H x − 2 hᵀ x rises by ``rise``.
 
     Args:
-        H, h, lower: as :func:`minimise_bounded_quadratic`.
-        j: the coefficient.
+        H: (P, P) symmetric positive semidefinite matrix.
+        h: (P,) linear term.
+        lower: (P,) lower bounds.
+        j: Index of the coefficient.
         rise: (t · sigma)² in units of the quadratic.
         sign: +1 upwards, −1 downwards.
 
     Returns:
-        the value of coefficient j there; ±inf where nothing stops it, ``lower`` where the bound does.
+        Value of the coefficient; ±inf if nothing limits it, ``lower`` if the bound does.
     """
     best = minimise_bounded_quadratic(H, h, lower)
     least = _compute_quadratic(H, h, best)

@@ -1,9 +1,9 @@
-"""Errors that readings share: random shifts per load cycle and per visit to a pose, and the weights that follow.
+"""Errors shared by readings: random shifts per load cycle and per visit to a pose, and the resulting weights.
 
-Three coordinates of reading n (its translation, or its rotation: a *channel*) have the error s · (own + shift of its
-cycle + shift of its visit) with covariances V_n (3, 3), ρ_cycle I and ρ_visit I; a shift is the same vector for all
-readings of its group. The inverse needs one 3 × 3 matrix a group (Woodbury), so 10,000 readings cost as many small
-products and no matrix of that size is ever built.
+Three coordinates of reading n (its translation or its rotation: a *channel*) have the error s · (single error + shift
+of its cycle + shift of its visit) with covariances V_n (3, 3), ρ_cycle I and ρ_visit I. A shift is the same vector
+for all readings of its group. The inverse needs one 3 × 3 matrix per group (Woodbury). The cost grows linearly with
+the number of readings.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from machopt.numerics.array_types import Array, Ints
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorClusters:
-    """Which readings share an error: cycle inside visit inside pose, all numbered from 0."""
+    """Readings with shared errors: cycles nested in visits nested in poses, all numbered from 0."""
 
-    cycle: Ints  # (N,); the visit where cycles cannot be told from readings or from visits
-    visit_of_cycle: Ints  # (K,) a visit is one pose in one session
+    cycle: Ints  # (N,) cycle; the visit if cycles are not distinguishable
+    visit_of_cycle: Ints  # (K,) visit of each cycle; a visit is one pose in one session
     pose_of_visit: Ints  # (U,)
     order: Ints  # (N,) readings sorted by pose
     starts: Ints  # (G + 1,) where each pose begins in ``order``
-    has_cycle: bool  # replicates tell a cycle's error from a reading's, and from the visit's
-    has_visit: bool  # replicates tell the visit's error from a reading's
+    has_cycle: bool  # replicates separate the errors of cycle, reading and visit
+    has_visit: bool  # replicates separate the errors of visit and reading
 
     @property
     def poses(self) -> int:
@@ -37,34 +37,48 @@ class ErrorClusters:
 
     @property
     def pose(self) -> Ints:
-        """(N,) of each reading."""
+        """Pose index (N,) of each reading."""
         return np.asarray(self.pose_of_visit[self.visit_of_cycle[self.cycle]])
 
     @cached_property
     def cycle_matrix(self) -> csr_matrix:
-        """(K, N) sums readings."""
+        """Matrix (K, N) that sums readings by cycle."""
         return _build_indicator_matrix(self.cycle, len(self.visit_of_cycle))
 
     @cached_property
     def visit_matrix(self) -> csr_matrix:
-        """(U, K) sums cycles."""
+        """Matrix (U, K) that sums cycles by visit."""
         return _build_indicator_matrix(self.visit_of_cycle, len(self.pose_of_visit))
 
     @cached_property
     def pose_matrix(self) -> tuple[csr_matrix, csr_matrix]:
-        """(G, K) sums cycles, (G, U) sums visits."""
+        """Matrices (G, K) and (G, U) that sum cycles and visits by pose."""
         return (
             _build_indicator_matrix(self.pose_of_visit[self.visit_of_cycle], self.poses),
             _build_indicator_matrix(self.pose_of_visit, self.poses),
         )
 
     def readings(self, pose: int) -> Ints:
-        """Readings of one pose."""
+        """Return the readings of one pose.
+
+        Args:
+            pose: Pose index.
+
+        Returns:
+            Reading indices.
+        """
         return self.order[self.starts[pose] : self.starts[pose + 1]]
 
 
 def build_error_clusters(experiment: LoadTestExperiment) -> ErrorClusters:
-    """Group the readings of a recording by its labels."""
+    """Group the readings of a recording by its labels.
+
+    Args:
+        experiment: Load tests.
+
+    Returns:
+        The clusters.
+    """
     _, pose = np.unique(experiment.pose, return_inverse=True)
     _, first, visit = np.unique(
         np.stack([pose.reshape(-1), experiment.session], axis=1), axis=0, return_index=True, return_inverse=True
@@ -76,10 +90,10 @@ def build_error_clusters(experiment: LoadTestExperiment) -> ErrorClusters:
     )
     cycle, visit_of_cycle = cycle.reshape(-1), visit[first]
     n, k, u = len(pose), len(visit_of_cycle), len(pose_of_visit)
-    told = n - k >= thresholds.ESTIMATED.least_replicates  # readings that repeat a cycle
-    has_visit = (k if told else n) - u >= thresholds.ESTIMATED.least_replicates
-    has_cycle = told and has_visit
-    if told and not has_visit:  # one cycle a visit: the two are one level
+    has_replicates = n - k >= thresholds.ESTIMATED.least_replicates  # readings that repeat a cycle
+    has_visit = (k if has_replicates else n) - u >= thresholds.ESTIMATED.least_replicates
+    has_cycle = has_replicates and has_visit
+    if has_replicates and not has_visit:  # one cycle per visit: both are one level
         has_visit = True
     if not has_cycle:
         cycle, visit_of_cycle = visit, np.arange(u)
@@ -98,7 +112,7 @@ def build_error_clusters(experiment: LoadTestExperiment) -> ErrorClusters:
 
 @dataclass(frozen=True)
 class VarianceComponents:
-    """Variance components of one channel, as multiples of the readings' own covariance V_n."""
+    """Variance components of one channel, as multiples of the covariance V_n of a single reading."""
 
     scale: float = 1.0  # s²
     cycle: float = 0.0  # ρ_cycle, in m² or rad² per unit of s²
@@ -107,7 +121,7 @@ class VarianceComponents:
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterSums:
-    """What a channel's equations come to per cycle and pose for s² = 1; enough for every choice of components."""
+    """Equations of a channel summed by cycle and pose for s² = 1, sufficient for any variance components."""
 
     S: Array  # (K, 3, 3) Σ Q_n, Q_n the inverse of V_n
     B: Array  # (K, 3, P) Σ Q_n A_n
@@ -115,7 +129,7 @@ class ClusterSums:
     AQA: Array  # (G, P, P)
     AQy: Array  # (G, P)
     quadratic: float  # Σ yᵀ Q y
-    count: float  # readings' coordinates that count
+    count: float  # effective number of coordinates
 
 
 @dataclass(frozen=True)
@@ -131,18 +145,29 @@ class NormalEquations:
         return self.H.sum(axis=0), self.h.sum(axis=0)
 
     def add(self, other: NormalEquations) -> NormalEquations:
-        """Both channels' equations together."""
+        """Add the equations of another channel.
+
+        Args:
+            other: Equations to add.
+
+        Returns:
+            The sum.
+        """
         return NormalEquations(self.H + other.H, self.h + other.h, self.yy + other.yy, self.logdet + other.logdet)
 
 
 def sum_channel_equations(clusters: ErrorClusters, Q: Array, A: Array, y: Array, count: float) -> ClusterSums:
-    """Collect a channel's equations.
+    """Sum the equations of a channel by cluster.
 
     Args:
-        Q: (N, 3, 3) inverse of the readings' own covariance.
-        A: (N, 3, P).
-        y: (N, 3).
-        count: coordinates that are not put aside as outliers.
+        clusters: Clusters of readings with shared errors.
+        Q: (N, 3, 3) inverse covariance of a single reading.
+        A: (N, 3, P) columns.
+        y: (N, 3) displacements.
+        count: Effective number of coordinates (outliers excluded).
+
+    Returns:
+        The sums.
     """
     P = A.shape[2]
     QA, Qy = Q @ A, np.einsum("nij,nj->ni", Q, y)
@@ -167,7 +192,16 @@ def sum_channel_equations(clusters: ErrorClusters, Q: Array, A: Array, y: Array,
 def build_normal_equations(
     clusters: ErrorClusters, sums: ClusterSums, components: VarianceComponents
 ) -> NormalEquations:
-    """Normal equations under the given components."""
+    """Build the normal equations for given variance components.
+
+    Args:
+        clusters: Clusters of readings with shared errors.
+        sums: Sums of the channel.
+        components: Variance components.
+
+    Returns:
+        Normal equations by pose.
+    """
     H, h, yy = sums.AQA.copy(), sums.AQy.copy(), sums.quadratic
     logdet = sums.count * np.log(components.scale)
     S, B, r = sums.S, sums.B, sums.r
@@ -188,7 +222,17 @@ def build_normal_equations(
 
 
 def predict_cluster_shifts(clusters: ErrorClusters, Q: Array, e: Array, components: VarianceComponents) -> Array:
-    """Expected shift (N, 3, …) of each reading's cycle and visit, given residuals e (N, 3, …) (BLUP)."""
+    """Predict the shifts of each reading's cycle and visit from residuals (best linear unbiased prediction).
+
+    Args:
+        clusters: Clusters of readings with shared errors.
+        Q: (N, 3, 3) inverse covariance of a single reading.
+        e: (N, 3, …) residuals.
+        components: Variance components.
+
+    Returns:
+        (N, 3, …) expected shifts.
+    """
     flat = e.reshape(*e.shape[:2], -1)
     cycle, visit = clusters.cycle_matrix, clusters.visit_matrix
     S, r = _sum_by_group(cycle, Q), _sum_by_group(cycle, Q @ flat)
@@ -203,7 +247,7 @@ def predict_cluster_shifts(clusters: ErrorClusters, Q: Array, e: Array, componen
 
 
 def _invert_with_shift(S: Array, ratio: float) -> tuple[Array, float]:
-    """(S + I/ρ)⁻¹ for each group, and the log-determinants of I + ρ S together."""
+    """Return (S + I/ρ)⁻¹ for each group, and the sum of the log-determinants of I + ρ S."""
     M = np.eye(3) + ratio * S
     return np.asarray(ratio * np.linalg.inv(M), float), float(np.log(np.linalg.det(M)).sum())
 

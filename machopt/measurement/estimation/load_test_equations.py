@@ -1,8 +1,8 @@
-"""A recording of load tests as equations: everything in base_link axes, at the TCP, in SI.
+"""Load tests as equations, in base_link axes, at the TCP, in SI.
 
-Reading n under the wrench w_n obeys δ_n = Σ_j c_j J_j(q_n) (J_j(q_n)ᵀ w_n) + Σ_p x_p B_p(q_n) w_n + error: it is
-linear in the joint compliances c (dumas2011 eqs. 19–24, whose A is ``response`` without terms) and in the terms'
-coefficients x.
+Reading n under the wrench w_n obeys δ_n = Σ_j c_j J_j(q_n) (J_j(q_n)ᵀ w_n) + Σ_p x_p B_p(q_n) w_n + error. It is
+linear in the joint compliances c (dumas2011 eqs. 19–24, whose A is ``response`` without terms) and in the
+coefficients x of the terms.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class LoadTestExperiment:
     wrench: Array  # (N, 6) N, N·m on the robot at the TCP
     measured: Array  # (N, D) m, rad
     pose: Ints  # (N,)
-    cycle: Ints  # (N,) unique over poses and sessions: one label, one load cycle
+    cycle: Ints  # (N,) label of the load cycle, unique over poses and sessions
     session: Ints  # (N,)
     line: Ints  # (N,) line of the data file
     uncertainty: StandardUncertainty = field(default_factory=StandardUncertainty)
@@ -39,8 +39,8 @@ class LoadTestExperiment:
     stated_frames: tuple[FrameName, FrameName] = (
         "base",
         "base",
-    )  # axes that the recording states for wrench and displacement
-    wrench_point: Array | None = None  # (3,) m in the TCP's axes, from the TCP to where moments are stated; None: there
+    )  # stated axes of wrench and displacement
+    wrench_point: Array | None = None  # (3,) m, TCP axes, from the TCP to the reference point of moments; None: the TCP
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -51,18 +51,32 @@ class LoadTestExperiment:
 
     @property
     def lever_length(self) -> Array:
-        """(N, 3) m in base_link axes, from the TCP to the point that the recording's moments are about."""
+        """Vector (N, 3) m in base_link axes from the TCP to the reference point of the recorded moments."""
         if self.wrench_point is None:
             return np.zeros((len(self), 3))
         return np.asarray(self.T_base_tcp[:, :3, :3] @ self.wrench_point)
 
     def format_reading_location(self, reading: int) -> str:
-        """Where a reading (0-based) stands, for messages: ``line 12``, or ``run_b.csv line 12`` of several files."""
+        """Format the location of a reading: ``line 12``, or ``run_b.csv line 12`` for several files.
+
+        Args:
+            reading: Reading index, 0-based.
+
+        Returns:
+            Text.
+        """
         name = "" if self.file is None or len(self.files) < 2 else f"{self.files[self.file[reading]]} "
         return f"{name}line {self.line[reading]}"
 
     def select_readings(self, rows: NDArray[np.bool_] | Ints) -> LoadTestExperiment:
-        """The readings of ``rows`` alone."""
+        """Return the selected readings.
+
+        Args:
+            rows: (N,) mask or indices of readings.
+
+        Returns:
+            The experiment with these readings.
+        """
         s = self.state
         state = ArmState(
             s.q[rows],
@@ -85,7 +99,15 @@ class LoadTestExperiment:
         )
 
     def response(self, terms: Sequence[LinearTerm] = ()) -> Array:
-        """(N, D, 6 + P) displacement per unit of each joint compliance, then of each term's coefficients."""
+        """Return the response matrix: displacement per unit of each joint compliance, then of each term's
+        coefficients.
+
+        Args:
+            terms: Linear terms fitted together with the joints.
+
+        Returns:
+            (N, D, 6 + P) m, rad per unit of each coefficient.
+        """
         J = self.state.J
         tau = np.einsum("nci,nc->ni", J, self.wrench)
         parts = [J * tau[:, None, :], *(t.compute_response(self.state, self.wrench) for t in terms)]
@@ -93,15 +115,18 @@ class LoadTestExperiment:
 
 
 def build_load_test_experiment(recording: Recording, robot: Robot, T_flange_tcp: Array) -> LoadTestExperiment:
-    """Turn a deflection recording into equations.
+    """Build the equations of a recording of load tests.
 
     Args:
-        recording: kind "deflection".
-        robot: the arm whose joints ``recording.q`` are.
-        T_flange_tcp: (4, 4).
+        recording: Recording of kind deflection.
+        robot: Kinematic model for the joint angles ``recording.q``.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        The experiment.
 
     Raises:
-        InputError: another kind of recording, or one without loads or displacements.
+        InputError: Another kind of recording, or no loads or displacements.
     """
     if recording.kind != "deflection" or recording.wrench is None or recording.displacement is None:
         raise InputError(
@@ -114,7 +139,7 @@ def build_load_test_experiment(recording: Recording, robot: Robot, T_flange_tcp:
     wrench, point = recording.wrench, None
     if recording.wrench_frame == "tool":
         wrench = _rotate_to_base(R, wrench)
-    if recording.wrench_point is not None:  # about that point of the flange → about the TCP
+    if recording.wrench_point is not None:  # transfer the moments from that point to the TCP
         flange = robot.compute_fk(recording.q)
         at = flange[:, :3, 3] + np.einsum("nij,j->ni", flange[:, :3, :3], recording.wrench_point)
         wrench = wrench.copy()

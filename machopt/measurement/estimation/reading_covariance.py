@@ -1,8 +1,8 @@
-"""How uncertain each reading is by itself: the stated uncertainties carried to the displacement.
+"""Covariance of a single reading: stated uncertainties propagated to the displacement.
 
-A displacement is measured with its own error, but its equation also holds the recorded load and joint positions, whose
-errors act on the displacement through the arm: V_n = σ_d² I + C(q_n) Σ_w C(q_n)ᵀ + σ_q² D_n D_nᵀ with the compliance
-C = ∂δ/∂w and D = ∂δ/∂q (effective variance). C is what is being identified, so this is repeated with the fit.
+A displacement has its own error. Its equation also contains the recorded load and joint angles, whose errors act
+through the arm: V_n = σ_d² I + C(q_n) Σ_w C(q_n)ᵀ + σ_q² D_n D_nᵀ with the compliance C = ∂δ/∂w and D = ∂δ/∂q
+(effective variance). C is what is being identified, so this is repeated with the fit.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ def compute_reading_covariance(
     stated: StandardUncertainty,
     typical: Array,
 ) -> Array:
-    """Covariance V_n of each reading's own error, a translation and a rotation apart.
+    """Compute the covariance V_n of a single reading, separately for translation and rotation.
 
     Args:
-        experiment: N readings of D coordinates.
-        compliance: (6,) rad/(N·m), the joints' as far as they are known.
-        terms: with their values as far as they are known.
-        stated: 1 sigma of each channel; None where not stated.
-        typical: (D/3,) m, rad: error of a coordinate to be taken where a displacement's or rotation's is not stated.
+        experiment: N readings with D coordinates.
+        compliance: (6,) current joint compliance, rad/(N·m).
+        terms: Terms with their current values.
+        stated: Standard uncertainty of each channel; None if not stated.
+        typical: (D/3,) error of a coordinate if the uncertainty of displacement or rotation is not stated, m
+            and rad.
 
     Returns:
         (D/3, N, 3, 3) m² and rad².
@@ -92,7 +93,7 @@ def compute_joint_sensitivity(J: Array, wrench: Array, compliance: Array) -> Arr
 
 
 def _clip_compliance(compliance: Array) -> Array:
-    """Within what joints can have: one that the readings do not see must not blow up the noise."""
+    """Limit compliances to a plausible range, so that an unobserved joint does not inflate the noise."""
     return np.asarray(np.clip(compliance, 0.0, 1.0 / LEAST_STIFFNESS))
 
 

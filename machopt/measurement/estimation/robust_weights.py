@@ -1,4 +1,4 @@
-"""Against slipped decimals: a start that gross outliers cannot move, and weights that put them aside."""
+"""Robust estimation against gross errors: outlier-resistant start values, and outlier weights."""
 
 from __future__ import annotations
 
@@ -12,9 +12,17 @@ NORMAL = 0.6745  # median of |x| for a standard normal x
 
 
 def compute_robust_weights(residual: Array, sigma: Array) -> Array:
-    """Weight in [0, 1] of each coordinate: 1 for normal errors (99.7 %), falling to 0 (a redescending M-estimator).
+    """Compute the weight of each coordinate: 1 for normal errors (99.7 %), decreasing to 0 (redescending
+    M-estimator).
 
-    Below three sigma nothing changes, so that intervals need no correction for lost efficiency.
+    Below three sigma the weight is exactly 1, so that intervals need no correction for lost efficiency.
+
+    Args:
+        residual: Residuals of any shape.
+        sigma: Standard deviations, broadcastable to the residuals.
+
+    Returns:
+        Weights in [0, 1].
     """
     full, none = thresholds.ESTIMATED.full, thresholds.ESTIMATED.none
     u = np.clip((np.abs(residual) / sigma - full) / (none - full), 0.0, 1.0)
@@ -22,29 +30,33 @@ def compute_robust_weights(residual: Array, sigma: Array) -> Array:
 
 
 def estimate_robust_scale(residual: Array, fitted: int = 0) -> float:
-    """Standard deviation of the bulk: median of |x| / 0.6745.
+    """Estimate the standard deviation of the bulk: median of |x| / 0.6745.
 
     Args:
-        residual: any shape.
-        fitted: so many of the smallest do not count: least absolute deviations put the fit through as many points as
-            there are unknowns.
+        residual: Residuals of any shape.
+        fitted: Number of smallest residuals to ignore, because least absolute deviations fit as many points
+            exactly as there are unknowns.
+
+    Returns:
+        Standard deviation.
     """
     size = np.sort(np.abs(residual), axis=None)
     return float(np.median(size[min(fitted, len(size) - 1) :]) / NORMAL)
 
 
 def fit_least_absolute_deviations(A: Array, y: Array, load: Array) -> Array:
-    """Coefficients by least absolute deviations, each reading divided by its load.
+    """Fit coefficients by least absolute deviations, each reading divided by its load.
 
-    Least absolute deviations alone withstand a wrong displacement, but a force recorded ten times too large would
-    pull the fit by its leverage; divided by the load, no reading has more than its share.
+    Least absolute deviations resist a wrong displacement. A force recorded ten times too large would still dominate
+    by its leverage; division by the load limits the influence of each reading.
 
     Args:
-        A: (N, D, P), y: (N, D); channels of unlike units.
-        load: (N,) size of each reading's load, any unit.
+        A: (N, D, P) columns.
+        y: (N, D) displacements; channels may have different units.
+        load: (N,) magnitude of each load, any unit.
 
     Returns:
-        (P,); where the readings say nothing, small numbers.
+        (P,) coefficients; small numbers for unobserved ones.
     """
     D, P = A.shape[1:]
     typical = np.median(load[load > 0]) if (load > 0).any() else 1.0

@@ -1,4 +1,4 @@
-"""The thresholds of estimation: what counts as a level of noise, and from where on a residual counts less."""
+"""Thresholds of estimation: observability of variance components, and outlier weights."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from machopt.measurement.threshold_origin import define_threshold as _set
 
 @dataclass(frozen=True, kw_only=True)
 class EstimationThresholds:
-    """Noise and weights."""
+    """Thresholds of noise estimation and weights."""
 
     full: float = _set(3.0, "standard deviations, up to which a residual counts fully", JUDGEMENT)
     none: float = _set(6.0, "the same, from which on it does not count at all", JUDGEMENT)

@@ -1,7 +1,7 @@
-"""Variance components from replicates: how much of the error a reading, a load cycle and a visit to a pose has.
+"""Variance components from replicates: error of a single reading, of a load cycle and of a visit to a pose.
 
-Restricted maximum likelihood (Patterson & Thompson 1971) of random shifts; the scale s² is profiled out, so two numbers
-are sought at most, on sums per cycle instead of readings.
+Restricted maximum likelihood (Patterson & Thompson 1971) of random shifts. The scale s² is profiled out, so that at
+most two numbers are optimised, on sums per cycle.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from machopt.measurement.estimation.error_clusters import (
 )
 from machopt.numerics.array_types import Array
 
-LEAST, MOST = 1e-4, 1e4  # variance of a shift per variance of a reading; at the least end it counts as none
-ZERO_WEIGHT = 1e-20  # weight of a coefficient per the largest one; below it the readings say nothing of it
+LEAST, MOST = 1e-4, 1e4  # bounds of a shift's variance relative to a reading's; the lower bound counts as zero
+ZERO_WEIGHT = 1e-20  # relative weight below which a coefficient is unobserved
 STARTS = (1e-1, 10.0)
-CONVERGENCE_TOLERANCE = 1e-7  # relative change of the likelihood (thousands) at which the search ends
+CONVERGENCE_TOLERANCE = 1e-7  # relative change of the likelihood at which the search ends
 
 
 @dataclass(frozen=True)
 class NoiseScatter:
-    """1 sigma of one coordinate of a channel, m or rad; None where replicates cannot tell it."""
+    """Standard deviations of one coordinate of a channel, m or rad; None if replicates do not determine it."""
 
     reading: float
     cycle: float | None
@@ -42,17 +42,18 @@ class NoiseScatter:
 def estimate_variance_components(
     clusters: ErrorClusters, sums: ClusterSums, unit: float, *, stated: bool, before: VarianceComponents | None = None
 ) -> VarianceComponents:
-    """Estimate a channel's components.
+    """Estimate the variance components of a channel.
 
     Args:
-        clusters: who shares what.
-        sums: of the channel's equations with s² = 1, at outlier weights.
-        unit: m² or rad², typical variance of a reading's coordinate at s² = 1; makes the ratios dimensionless.
-        stated: the readings' uncertainty is stated, so that s² is held near 1 where the residuals are few.
-        before: found earlier on almost the same sums, a good start.
+        clusters: Clusters of readings with shared errors.
+        sums: Sums of the channel's equations for s² = 1, with outlier weights.
+        unit: Typical variance of a reading's coordinate at s² = 1, m² or rad²; makes the ratios dimensionless.
+        stated: Whether the uncertainty of the readings is stated; then s² is kept near 1 if there are few
+            residuals.
+        before: Components estimated from similar sums, as start values.
 
     Returns:
-        scale and ratios; where nothing is left over to judge by, a scale of 1.
+        Scale and ratios; a scale of 1 without degrees of freedom.
     """
     rank = _compute_residual_sum(sums.AQA.sum(axis=0), sums.AQy.sum(axis=0), sums.quadratic)[2]
     free = sums.count - rank
@@ -92,13 +93,15 @@ def estimate_variance_components(
 
 
 def _compute_column_scale(H: Array) -> Array:
-    """Root of each diagonal element; 1 where the readings say nothing of a coefficient."""
+    """Return the square root of each diagonal element; 1 for unobserved coefficients."""
     d = np.diag(H)
     return np.asarray(np.sqrt(np.where(d > ZERO_WEIGHT * d.max(), d, 1.0)))
 
 
 def _compute_residual_sum(H: Array, h: Array, yy: float) -> tuple[float, float, int]:
-    """Residual sum of squares at the best coefficients, log det H and rank; directions without data left out."""
+    """Return the residual sum of squares at the optimum, log det H and the rank; directions without data are left
+    out.
+    """
     d = _compute_column_scale(H)
     values, vectors = np.linalg.eigh(H / np.outer(d, d))
     seen = values > 1e-9 * values[-1]

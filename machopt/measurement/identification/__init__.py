@@ -1,11 +1,12 @@
-"""Joint (and further) stiffness from load–deflection readings: ``machopt identify``.
+"""Identification of joint stiffness (and further terms) from load tests: ``machopt identify``.
 
 ::
 
-    Recording ─► experiment ─► fit ─► uncertainty ─► Identification ─► stiffness.yaml, identification.json, page
-                 base axes,    weighted,  covariance,      ▲
-                 responses     robust,    identifiability, │
-                 per reading   bounded    held-out error   grid: one set a cell, shrunk to the constant one
+    Recording ─► experiment ─► fit ─► uncertainty ─► IdentificationResult ─► stiffness.yaml, identification.json, report
+                 base axes,    weighted,  covariance,           ▲
+                 response      robust,    identifiability,      │
+                 per reading   bounded    cross-validation     grid: one set of values per cell, shrunk to constant ones
 
-Unknowns are compliances c (rad/(N·m)): a displacement is linear in them (dumas2011 eqs. 16–26), a stiffness is not.
+Unknowns are compliances c (rad/(N·m)): displacements are linear in them (dumas2011 eqs. 16–26), but not in
+stiffnesses.
 """

@@ -1,4 +1,4 @@
-"""identification.json from what was identified."""
+"""The document identification.json of an identification."""
 
 from __future__ import annotations
 
@@ -32,14 +32,17 @@ CI90 = 0.9
 def build_identification_document(
     request: IdentifyRequest, cell: Cell, recording: Recording, found: IdentificationResult, inputs: dict[str, str]
 ) -> IdentificationDocument:
-    """``identification.json``.
+    """Build the document identification.json.
 
     Args:
-        request: what was asked.
-        cell: the cell.
-        recording: what was measured.
-        found: what was identified.
-        inputs: SHA-256 of the files read, by name.
+        request: Validated user request.
+        cell: Robot cell.
+        recording: The recording.
+        found: Result of the identification.
+        inputs: SHA-256 of the input files, by name.
+
+    Returns:
+        The document.
     """
     errors, unseen = found.errors, found.heldout
     joints90, terms90 = _compute_90_percent_intervals(found)
@@ -142,7 +145,7 @@ _COMPONENTS: tuple[Literal["dx", "dy", "dz", "rx", "ry", "rz"], ...] = ("dx", "d
 
 
 def _build_optional_sections(found: IdentificationResult) -> dict[str, object]:
-    """Keys that are there only where they were worked out."""
+    """Return the keys that exist only if they were computed."""
     out: dict[str, object] = {}
     if found.grid is not None:
         g = found.grid
@@ -177,7 +180,7 @@ def _build_noise_entry(found: IdentificationResult) -> NoisePartsSection:
 def _compute_90_percent_intervals(
     found: IdentificationResult,
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """90 % intervals of joints and of terms' coefficients, whatever level was asked for."""
+    """Return 90 % intervals of joints and of terms' coefficients, independent of the requested level."""
     if found.uncertainty.level == CI90:
         return [j.interval for j in found.joints], [t.interval for t in found.terms]
     sure = compute_coefficient_uncertainty(found.fit, CI90)
@@ -193,11 +196,11 @@ def _convert_to_finite(value: float) -> float | None:
 
 
 def _describe_common_factor(found: IdentificationResult, cell: Cell) -> list[str]:
-    """What stiffnesses that all differ by one factor from the cell's say of the record's units."""
+    """Describe a common ratio of all stiffnesses to the cell's, which indicates a wrong unit."""
     if cell.stiffness is None:
         return []
     known = [j for j in found.joints if j.identified]
-    said = describe_common_stiffness_factor(
+    text = describe_common_stiffness_factor(
         np.array([j.k for j in known]), cell.stiffness.joints[[j.joint - 1 for j in known]]
     )
-    return [said] if said else []
+    return [text] if text else []

@@ -1,10 +1,10 @@
-"""The arrows of an identification; every step's result is kept.
+"""Pipeline of an identification.
 
 ::
 
-    experiment ─► check ─► fit ─► uncertainty ─► settle ─► held-out poses, influence, studies ─► Identification
-                            ▲         (with K_C: about the loaded equilibrium, until it stands)
-                            └─► grid, where asked for or where it predicts unseen poses better
+    experiment ─► check ─► fit ─► uncertainty ─► settle ─► cross-validation, influence, studies ─► IdentificationResult
+                            ▲      (with K_C: about the loaded equilibrium, until convergence)
+                            └─► grid, if requested or if it improves the cross-validated error
 """
 
 from __future__ import annotations
@@ -54,23 +54,27 @@ def identify_stiffness(
     """Identify the stiffness of an arm from load tests.
 
     Args:
-        experiment: the readings.
-        robot, T_flange_tcp: the arm.
-        prior: the cell's stiffness: what stands for joints that the readings cannot see; its terms count as known
-            unless they are to be fitted anew. None where the cell has none.
-        options: what is identified and how.
-        rng: of the studies and of the folds beyond 60 poses.
-        masses: for the weight at the loaded equilibrium; None: without weight.
+        experiment: Load tests in base axes.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        prior: Stiffness of the cell. It supplies the values of unidentified joints; its terms count as known
+            unless they are refitted. None if the cell has none.
+        options: Options of the identification.
+        rng: Random generator of the studies and of the folds beyond 60 poses.
+        masses: Masses for the weight at the loaded equilibrium; None: without weight.
+
+    Returns:
+        The result.
 
     Raises:
-        InputError: a record that cannot be right, or that has too few readings; an unknown or unfit term.
+        InputError: An inconsistent recording, too few readings, or an unsuitable term.
     """
     model = _select_model_terms(robot, T_flange_tcp, prior, options)
     nominal = None if prior is None else prior.joints
     findings = check_experiment(
         experiment, robot, T_flange_tcp, nominal, len(list_fit_coefficients(model.fitted_terms))
     )
-    said = refuse_record_faults(experiment, findings, options.accept)
+    messages = refuse_record_faults(experiment, findings, options.accept)
     solved = _fit_constant_model(experiment, robot, T_flange_tcp, model, nominal, options, masses)
     left_out = compute_holdout_residuals(solved.fit, solved.settled, rng)
     subsets, errors_study = _run_studies(solved, robot, T_flange_tcp, options, rng)
@@ -87,7 +91,7 @@ def identify_stiffness(
             grid=grid,
             why_model=why,
             findings=tuple(findings),
-            messages=tuple(said),
+            messages=tuple(messages),
             subsets=subsets,
             monte_carlo=errors_study,
             equilibrium_influence=solved.equilibrium_influence,
@@ -98,7 +102,7 @@ def identify_stiffness(
 
 @dataclass(frozen=True)
 class _ModelTerms:
-    """Which physics is fitted, which is taken as known."""
+    """Terms that are fitted and terms that are known."""
 
     fitted_terms: tuple[LinearTerm, ...]
     known_terms: tuple[LinearTerm, ...]
@@ -107,7 +111,7 @@ class _ModelTerms:
 
 @dataclass(frozen=True)
 class _ConstantSolution:
-    """The constant model with how sure it is."""
+    """Constant model with its uncertainty."""
 
     fit: StiffnessFit
     uncertainty: CoefficientUncertainty
@@ -121,8 +125,8 @@ def _select_model_terms(
 ) -> _ModelTerms:
     fitted, geometric = compile_terms(options.terms, robot, T_flange_tcp)
     again = {(t.effect, t.location) for t in fitted}
-    kept = [] if prior is None else [t for t in prior.terms if (t.effect, t.location) not in again]
-    known, geometric_before = compile_terms(kept, robot, T_flange_tcp)
+    known_terms = [] if prior is None else [t for t in prior.terms if (t.effect, t.location) not in again]
+    known, geometric_before = compile_terms(known_terms, robot, T_flange_tcp)
     return _ModelTerms(fitted, known, options.geometric or geometric or geometric_before)
 
 
@@ -154,7 +158,7 @@ def _fit_constant_model(
     if not model.geometric:
         return _refine_with_load(plain, equilibrium, fitted) if options.load_effect else plain
     about = equilibrium.linearise(np.maximum(plain.settled.x[:6], 0.0))
-    weights = fitted(about).fit  # found once about the equilibrium; then only the equilibrium moves
+    weights = fitted(about).fit  # determined once; then only the equilibrium is updated
     settled = refine_at_equilibrium(equilibrium, plain.settled.x[:6], lambda e: fitted(e, weights).settled.x[:6])
     last = fitted(settled.linear, weights)
     return _ConstantSolution(last.fit, last.uncertainty, last.settled, settled.influence)
@@ -165,15 +169,16 @@ def _refine_with_load(
     equilibrium: LoadedEquilibriumModel,
     fitted: Callable[[LoadTestExperiment], _ConstantSolution],
 ) -> _ConstantSolution:
-    """The fit about the loaded equilibrium where that moves a joint beyond the noise, else the plain one.
+    """Return the fit about the loaded equilibrium if that changes a joint beyond the noise, else the linear fit.
 
-    Loads that always hang down turn the lever arms always the same way: a bias that more readings do not remove, and
-    that intervals of the linear law know nothing of. One round is enough for what is a correction of a few percent.
+    Loads that always hang down change the lever arms in the same direction. This is a bias that more readings do not
+    remove and that the intervals of the linear law do not contain. One round suffices for a correction of a few
+    percent.
     """
     c = np.maximum(plain.settled.x[:6], 0.0)
     try:
         about = equilibrium.linearise(c)
-    except InputError:  # no spring holds such a load: the record is wrong otherwise, and other checks say how
+    except InputError:  # unstable under this load: the recording has another fault, which other checks report
         return plain
     again = fitted(about)
     known = np.array(
@@ -207,7 +212,7 @@ def _run_studies(
 
 
 def _fit_grid_if_useful(solved: _ConstantSolution, options: IdentifyOptions) -> tuple[GridFit | None, str]:
-    """The grid where it is asked for, or where it is worth it."""
+    """Return the grid if it is requested or useful."""
     if options.model == "constant":
         return None, ""
     if options.model == "auto" and solved.fit.clusters.poses < thresholds.IDENTIFIED.poses_for_grid:

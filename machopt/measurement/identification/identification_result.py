@@ -1,4 +1,4 @@
-"""What an identification found, with every intermediate a report or a test may want to see."""
+"""Result of an identification, with the intermediate results that reports and tests use."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ class JointResult:
     """One joint of the constant model."""
 
     joint: int  # 1 … 6
-    k: float  # N·m/rad; the cell's or a bound where not identified
-    interval: tuple[float, float]  # N·m/rad; the upper end inf where zero compliance cannot be excluded
-    sigma: float  # rad/(N·m), standard error of the compliance; inf where the readings say nothing
+    k: float  # N·m/rad; the cell's value or a bound if not identified
+    interval: tuple[float, float]  # N·m/rad; upper end inf if zero compliance cannot be excluded
+    sigma: float  # rad/(N·m), standard error of the compliance; inf without data
     freedom: float  # degrees of freedom of sigma
     identified: bool
-    reason: str  # why not
-    torque: float  # N·m, the largest that a reading puts on it
-    expected: float  # share, standard error that the design promises per compliance
-    inflation: float  # variance beside that with this unknown alone
+    reason: str  # why it is not identified; else empty
+    torque: float  # N·m, largest torque in any reading
+    expected: float  # relative standard error expected from the design
+    inflation: float  # variance inflation factor caused by the other unknowns
 
 
 @dataclass(frozen=True, kw_only=True)
 class TermResult:
-    """One coefficient of a term that was fitted."""
+    """One coefficient of a fitted term."""
 
     effect: str
     location: str
@@ -56,12 +56,12 @@ class TermResult:
 
 @dataclass(frozen=True)
 class ResidualTable:
-    """Every reading against the model; base_link axes, at the TCP."""
+    """Measured and predicted values of every reading; base_link axes, at the TCP."""
 
     measured: Array  # (N, D) m, rad
     predicted: Array  # (N, D)
     uncertainty: Array  # (N, D) 1 sigma of the prediction, from the coefficients' covariance
-    heldout: Array  # (N, D) residual with the reading's pose left out; NaN with one pose
+    heldout: Array  # (N, D) cross-validated residual; NaN for a single pose
     weight: Array  # (N, D) in [0, 1]; below 0.5 an outlier
 
     @property
@@ -80,15 +80,15 @@ class IdentificationResult:
     stiffness: ArmStiffness  # to be written as stiffness.yaml
     joints: tuple[JointResult, ...]  # constant model
     terms: tuple[TermResult, ...]
-    combinations: tuple[str, ...]  # what is known of joints that are not identified by themselves
-    errors: HoldoutErrorSummary  # of the model chosen, on the readings it was fitted to
-    heldout: HoldoutErrorSummary | None  # on poses it did not see; None with one pose
-    condition_number: float  # of the weighted design in columns of unit size
+    combinations: tuple[str, ...]  # identifiable combinations of joints
+    errors: HoldoutErrorSummary  # of the selected model, on the fitted readings
+    heldout: HoldoutErrorSummary | None  # cross-validated; None for a single pose
+    condition_number: float  # of the weighted design matrix with columns of unit size
     condition_plain: float  # of B as it stands in dumas2011 eq. 22
     scatter: tuple[NoiseScatter, ...]  # translation, rotation
     findings: tuple[RecordFault, ...]
     warnings: tuple[str, ...]
-    notes: tuple[str, ...]  # how noise and values came about; nothing to worry about
+    notes: tuple[str, ...]  # origin of noise and values; information only
     table: ResidualTable
     influence: ReadingInfluence
     outliers: tuple[ReadingOutlier, ...]
@@ -98,4 +98,6 @@ class IdentificationResult:
     uncertainty: CoefficientUncertainty
     settled: SettledCoefficients
     grid: GridFit | None = None
-    equilibrium_influence: Array | None = None  # (N,) share of the translation that K_C, weight and finite turning make
+    equilibrium_influence: Array | None = (
+        None  # (N,) relative change of the translation by K_C, weight and finite rotations
+    )

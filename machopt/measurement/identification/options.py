@@ -1,4 +1,4 @@
-"""What steers one identification, in SI."""
+"""Options of an identification, in SI."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ Model = Literal["constant", "grid", "auto"]
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyOptions:
-    """Everything that steers one identification."""
+    """Options of an identification."""
 
-    model: Model = "constant"  # auto: the grid where it predicts unseen poses clearly better
-    terms: tuple[StiffnessTerm, ...] = ()  # physics to be fitted beside the joints: effect, location, geometry
+    model: Model = "constant"  # auto: the grid if its cross-validated error is clearly smaller
+    terms: tuple[StiffnessTerm, ...] = ()  # terms to fit together with the joints: effect, location, geometry
     geometric: bool = False  # at the loaded equilibrium: K_C, and weight where masses are known
-    load_effect: bool = False  # K_C of the load alone, where it would move a joint beyond the noise
-    weighted: bool = True  # False: every coordinate counts alike (dumas2011 eq. 26 with robust and bounded off)
-    robust: bool = True  # put gross outliers aside
+    load_effect: bool = False  # K_C of the load alone, if it changes a joint beyond the noise
+    weighted: bool = True  # False: equal weights (dumas2011 eq. 26 with robust and bounded off)
+    robust: bool = True  # reject gross outliers
     bounded: bool = True  # compliances ≥ 0
     grid_cell: float = 0.3  # m, edge of a cell
     grid_origin: tuple[float, float, float] | None = None  # m in base_link, lowest corner; None: about the readings
     grid_shape: tuple[int, int, int] | None = None  # cells along x, y, z; None: about the readings
-    level: float = 0.9  # of the intervals
-    studies: bool = True  # what the number of tests and the measurement errors do
-    accept: frozenset[str] = frozenset()  # codes of record errors to be taken as warnings
+    level: float = 0.9  # confidence level of the intervals
+    studies: bool = True  # study the effect of the number of tests and of measurement errors
+    accept: frozenset[str] = frozenset()  # codes of recording errors that become warnings
     seed: int = 0

@@ -1,4 +1,4 @@
-"""What the user of ``machopt identify`` asked for, in the user's units, and the same in SI."""
+"""Request of ``machopt identify`` in the user's units, and its conversion to SI."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from machopt.measurement.identification.options import IdentifyOptions
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyRequest:
-    """One run; lengths in mm, as typed."""
+    """Options of one run; lengths in mm, as entered."""
 
     cell: Path
     recordings: tuple[Path, ...]
@@ -32,16 +32,19 @@ class IdentifyRequest:
     accept: tuple[str, ...] = ()
     seed: int = 0
     allow_external: bool = False
-    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --fit may name
+    effects: tuple[Path, ...] = ()  # Python files with user-defined effects, which --fit may name
     tables: str = "csv"  # parquet: every table as Parquet, too
     overwrite: bool = False  # replace an earlier output though files in it were edited or added
 
 
 def check_identify_request(request: IdentifyRequest) -> None:
-    """Refuse what cannot be identified.
+    """Check a request.
+
+    Args:
+        request: Validated user request.
 
     Raises:
-        InputError: names the option, what was found and what would have worked.
+        InputError: Names the option, the value found and what would be accepted.
     """
     if request.model not in ("auto", "constant", "grid"):
         raise InputError(f"found {request.model!r}; valid: auto, constant, grid", where="--model")
@@ -64,7 +67,15 @@ def check_identify_request(request: IdentifyRequest) -> None:
 
 
 def convert_to_options(request: IdentifyRequest, terms: tuple[StiffnessTerm, ...]) -> IdentifyOptions:
-    """The request in SI; ``terms`` are those of its own."""
+    """Convert a request to SI.
+
+    Args:
+        request: Validated user request.
+        terms: Terms to fit.
+
+    Returns:
+        The options.
+    """
     origin, shape = request.grid_origin_mm, request.grid_shape
     return IdentifyOptions(
         model="constant" if request.plain else request.model,  # type: ignore[arg-type]

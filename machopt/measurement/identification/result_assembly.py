@@ -1,4 +1,4 @@
-"""From the intermediates of an identification to its result: values that are handed on, tables, sentences."""
+"""Assembly of the result from the intermediate results: final values, tables, texts."""
 
 from __future__ import annotations
 
@@ -33,34 +33,41 @@ from machopt.stiffness.terms import LinearTerm
 
 @dataclass(frozen=True, kw_only=True)
 class IdentificationStages:
-    """Everything that the steps of an identification left."""
+    """Intermediate results of all steps of an identification."""
 
     experiment: LoadTestExperiment
     fit: StiffnessFit
     uncertainty: CoefficientUncertainty
     settled: SettledCoefficients
-    known_terms: tuple[LinearTerm, ...]  # terms that were not fitted
+    known_terms: tuple[LinearTerm, ...]  # terms that are not fitted
     geometric: bool
     heldout: Array  # (N, D) residuals of the constant model
     grid: GridFit | None
     why_model: str
     findings: tuple[RecordFault, ...]
-    messages: tuple[str, ...]  # findings as sentences
+    messages: tuple[str, ...]  # findings in words
     subsets: SubsetStudyResult | None
     monte_carlo: MonteCarloResult | None
     equilibrium_influence: Array | None
-    notes: tuple[str, ...] = ()  # on how the equations came about
+    notes: tuple[str, ...] = ()  # on the origin of the equations
 
 
 def assemble_identification(parts: IdentificationStages) -> IdentificationResult:
-    """Put the result together."""
+    """Assemble the result.
+
+    Args:
+        parts: Intermediate results.
+
+    Returns:
+        The result.
+    """
     fit, sure, settled, grid = parts.fit, parts.uncertainty, parts.settled, parts.grid
     x = settled.x.copy()
     if grid is not None:
         x[6:] = grid.terms
-    residual, left_out, sigma = _compute_residuals(parts, x)
-    own, unseen = summarise_residuals(fit, residual), summarise_residuals(fit, left_out)
-    aside = list_outliers(fit)
+    residual, holdout_residual, sigma = _compute_residuals(parts, x)
+    fitted_errors, holdout_errors = summarise_residuals(fit, residual), summarise_residuals(fit, holdout_residual)
+    outliers = list_outliers(fit)
     measured = parts.experiment.measured
     return IdentificationResult(
         model="constant" if grid is None else "grid",
@@ -71,17 +78,17 @@ def assemble_identification(parts: IdentificationStages) -> IdentificationResult
         joints=_build_joint_results(fit, sure, settled),
         terms=_build_term_results(fit, sure, settled, x),
         combinations=tuple(c.text for c in settled.combinations),
-        errors=own,
-        heldout=unseen if fit.clusters.poses > 1 else None,
+        errors=fitted_errors,
+        heldout=holdout_errors if fit.clusters.poses > 1 else None,
         condition_number=sure.condition,
         condition_plain=sure.condition_plain,
         scatter=fit.weighting.scatter(fit.clusters),
         findings=parts.findings,
-        warnings=(*parts.messages, *build_warnings(fit, sure, settled, own, unseen, aside)),
+        warnings=(*parts.messages, *build_warnings(fit, sure, settled, fitted_errors, holdout_errors, outliers)),
         notes=(*parts.notes, *build_notes(fit, sure, settled)),
-        table=ResidualTable(measured, measured - residual, sigma, left_out, fit.weighting.robust),
+        table=ResidualTable(measured, measured - residual, sigma, holdout_residual, fit.weighting.robust),
         influence=compute_influence(fit, settled),
-        outliers=aside,
+        outliers=outliers,
         subsets=parts.subsets,
         monte_carlo=parts.monte_carlo,
         fit=fit,
@@ -93,7 +100,7 @@ def assemble_identification(parts: IdentificationStages) -> IdentificationResult
 
 
 def _compute_residuals(parts: IdentificationStages, x: Array) -> tuple[Array, Array, Array]:
-    """(N, D) residual, residual with the pose left out, 1 sigma of the prediction, of the model chosen."""
+    """Return residuals (N, D), cross-validated residuals (N, D), and the prediction's 1σ of the selected model."""
     fit, grid = parts.fit, parts.grid
     A = fit.A
     C = parts.uncertainty.covariance
@@ -115,7 +122,7 @@ def _compute_residuals(parts: IdentificationStages, x: Array) -> tuple[Array, Ar
 
 
 def _build_stiffness(parts: IdentificationStages, x: Array) -> ArmStiffness:
-    """What stiffness.yaml will hold: joints, grid, and the terms that were known or found."""
+    """Return the stiffness to be written: joints, grid, and known or found terms."""
     settled = parts.settled
     identified = [
         any(s.identified for s, u in zip(settled.status, parts.fit.unknowns, strict=True) if u.term == t)
@@ -135,7 +142,7 @@ def _build_joint_results(
     fit: StiffnessFit, sure: CoefficientUncertainty, settled: SettledCoefficients
 ) -> tuple[JointResult, ...]:
     k, interval = 1.0 / settled.x[:6], sure.stiffness_interval()
-    # others that stand at the cell's values can move an identified joint; its interval holds its value all the same
+    # unidentified joints at the cell's values can shift an identified joint; its interval must contain its value
     low = np.where([s.identified for s in settled.status[:6]], np.minimum(interval[:, 0], k), interval[:, 0])
     high = np.where([s.identified for s in settled.status[:6]], np.maximum(interval[:, 1], k), interval[:, 1])
     return tuple(

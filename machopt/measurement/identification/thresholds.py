@@ -1,7 +1,7 @@
-"""The thresholds that decide what an identification says, each with where its number comes from.
+"""Decision thresholds of an identification, each with the origin of its value.
 
-Those of what is wrong with the record act in diagnoses of load tests, too. They stand in one list with those of the
-diagnosis: ``machopt.measurement.diagnosis.thresholds.list_thresholds()``.
+Those of recording faults also apply to diagnoses of load tests. All are listed together with those of the diagnosis:
+``machopt.measurement.diagnosis.thresholds.list_thresholds()``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from machopt.measurement.threshold_origin import define_threshold as _set
 
 @dataclass(frozen=True, kw_only=True)
 class RecordCheckThresholds:
-    """What is wrong with a record of load tests."""
+    """Thresholds of recording faults in load tests."""
 
     better: float = _set(0.6, "unexplained share of a rival reading per that of the stated one", JUDGEMENT)
     much_better: float = _set(0.35, "the same, from which on the stated one is refused", JUDGEMENT)
@@ -71,7 +71,7 @@ class RecordCheckThresholds:
 
 @dataclass(frozen=True, kw_only=True)
 class IdentificationThresholds:
-    """What an identification keeps, and says beside it."""
+    """Thresholds of identifiability, outliers and model selection."""
 
     most_error: float = _set(0.5, "standard error per compliance beyond which a joint is not identified", JUDGEMENT)
     told_apart: float = _set(0.95, "correlation of two estimates beyond which they are named together", JUDGEMENT)

@@ -1,4 +1,4 @@
-"""Warnings and notes of an identification, as sentences for people."""
+"""Warnings and notes of an identification in words."""
 
 from __future__ import annotations
 
@@ -18,18 +18,30 @@ MAX_LISTED_ROWS = 5
 
 def build_warnings(
     fit: StiffnessFit,
-    sure: CoefficientUncertainty,
+    uncertainty: CoefficientUncertainty,
     settled: SettledCoefficients,
-    own: HoldoutErrorSummary,
-    unseen: HoldoutErrorSummary,
-    aside: tuple[ReadingOutlier, ...],
+    fitted_errors: HoldoutErrorSummary,
+    holdout_errors: HoldoutErrorSummary,
+    outliers: tuple[ReadingOutlier, ...],
 ) -> list[str]:
-    """What a user has to know before using the result."""
+    """Build the warnings about a result.
+
+    Args:
+        fit: Weighted fit of the stiffness.
+        uncertainty: Uncertainty of the coefficients.
+        settled: Final coefficients with their identifiability.
+        fitted_errors: Errors on the fitted readings.
+        holdout_errors: Cross-validated errors.
+        outliers: Rejected outliers.
+
+    Returns:
+        Warnings.
+    """
     out = []
-    if sure.unobserved_directions.shape[1]:
+    if uncertainty.unobserved_directions.shape[1]:
         names = [
             u.name
-            for u, row in zip(fit.unknowns, sure.unobserved_directions, strict=True)
+            for u, row in zip(fit.unknowns, uncertainty.unobserved_directions, strict=True)
             if np.abs(row).max() > thresholds.IDENTIFIED.moves_together
         ]
         out.append(
@@ -38,16 +50,16 @@ def build_warnings(
         )
     out += [describe_unidentified_joint(j + 1, s.reason) for j, s in enumerate(settled.status[:6]) if not s.identified]
     for t, term in enumerate(fit.terms):
-        own_ones = [s for u, s in zip(fit.unknowns, settled.status, strict=True) if u.term == t]
-        if not any(s.identified for s in own_ones):
-            reasons = dict.fromkeys(s.reason for s in own_ones)
+        term_statuses = [s for u, s in zip(fit.unknowns, settled.status, strict=True) if u.term == t]
+        if not any(s.identified for s in term_statuses):
+            reasons = dict.fromkeys(s.reason for s in term_statuses)
             out.append(f"{term.effect} at {term.location} is not found and left out: {'; '.join(reasons)}")
     for p, u in enumerate(fit.unknowns):
-        if np.isfinite(u.lower) and fit.free[p] + thresholds.IDENTIFIED.below_bound * sure.sigma[p] < u.lower:
+        if np.isfinite(u.lower) and fit.free[p] + thresholds.IDENTIFIED.below_bound * uncertainty.sigma[p] < u.lower:
             out.append(
                 f"without its bound, the compliance of {u.name} would be negative by "
-                f"{abs(fit.free[p]) / sure.sigma[p]:.1f} standard errors: the model lacks something, or the record is "
-                "wrong"
+                f"{abs(fit.free[p]) / uncertainty.sigma[p]:.1f} standard errors: the model lacks something, "
+                "or the record is wrong"
             )
     for t in settled.has_projected_matrices:
         term = fit.terms[t]
@@ -56,15 +68,16 @@ def build_warnings(
             "structure does; the best fit that does not is given instead, fewer coefficients (form: diagonal) would be "
             "surer"
         )
-    if own.explained < thresholds.IDENTIFIED.explains_little:
+    if fitted_errors.explained < thresholds.IDENTIFIED.explains_little:
         out.append(
-            f"the model explains only {100 * own.explained:.0f} % of the squared displacements"
-            if own.explained > 0
+            f"the model explains only {100 * fitted_errors.explained:.0f} % of the squared displacements"
+            if fitted_errors.explained > 0
             else "the model explains none of the displacements"
         )
-    if unseen.rmse > thresholds.IDENTIFIED.overfitted * own.rmse:
+    if holdout_errors.rmse > thresholds.IDENTIFIED.overfitted * fitted_errors.rmse:
         out.append(
-            f"poses that the fit has not seen err by {1e3 * unseen.rmse:.3g} mm, seen ones by {1e3 * own.rmse:.3g} mm: "
+            f"poses that the fit has not seen err by {1e3 * holdout_errors.rmse:.3g} mm, seen ones by "
+            f"{1e3 * fitted_errors.rmse:.3g} mm: "
             "too few poses for the unknowns, or stiffness that changes with the pose"
         )
     stated = fit.experiment.uncertainty
@@ -80,15 +93,26 @@ def build_warnings(
                 f"readings scatter by {factor * scatter.reading:.3g} {unit} about the model, {factor * value:.3g} "
                 f"{unit} are stated: physics that the model lacks, or a measurement that is worse than stated"
             )
-    if aside:
-        places = list(dict.fromkeys(o.place for o in aside))
+    if outliers:
+        places = list(dict.fromkeys(o.place for o in outliers))
         more = f" and {len(places) - MAX_LISTED_ROWS} more" if len(places) > MAX_LISTED_ROWS else ""
         out.append(f"put aside as outliers: {', '.join(places[:MAX_LISTED_ROWS])}{more}")
     return out
 
 
-def build_notes(fit: StiffnessFit, sure: CoefficientUncertainty, settled: SettledCoefficients) -> tuple[str, ...]:
-    """How noise and values came about."""
+def build_notes(
+    fit: StiffnessFit, uncertainty: CoefficientUncertainty, settled: SettledCoefficients
+) -> tuple[str, ...]:
+    """Build the notes on noise and values.
+
+    Args:
+        fit: Weighted fit of the stiffness.
+        uncertainty: Uncertainty of the coefficients.
+        settled: Final coefficients with their identifiability.
+
+    Returns:
+        Notes.
+    """
     stated = fit.experiment.uncertainty
     out = []
     if fit.weighted:
@@ -105,7 +129,7 @@ def build_notes(fit: StiffnessFit, sure: CoefficientUncertainty, settled: Settle
                 for v, level in ((scatter.cycle, "load cycle"), (scatter.visit, "visit to a pose"))
                 if v is not None
             ]
-            said = (
+            origin = (
                 "stated and checked against the residuals"
                 if own is not None
                 else "not stated, taken from the residuals"
@@ -114,19 +138,19 @@ def build_notes(fit: StiffnessFit, sure: CoefficientUncertainty, settled: Settle
                 f"{name} errors, 1 sigma of a coordinate: {factor * scatter.reading:.3g} {unit} a reading"
                 + "".join(f", {s}" for s in shared)
                 + ("" if shared else " (no replicates: what readings of a pose share cannot be told apart)")
-                + f"; {said}"
+                + f"; {origin}"
             )
     else:
         out.append("unweighted: every coordinate counts alike")
     out.append(
-        f"{100 * sure.level:.0f} % intervals: cluster-robust, errors within a pose taken as dependent "
+        f"{100 * uncertainty.level:.0f} % intervals: cluster-robust, errors within a pose taken as dependent "
         f"({fit.clusters.poses} pose{'s' if fit.clusters.poses > 1 else ''})"
     )
     for j, s in enumerate(settled.status[:6]):
         if not s.identified:
-            held = "at a bound" if settled.replaced[j] else "drawn to the cell's value or to a bound"
+            treatment = "at a bound" if settled.replaced[j] else "drawn to the cell's value or to a bound"
             stiffness = 1 / settled.x[j] if settled.x[j] else np.inf
             out.append(
-                f"joint {j + 1} stands at {format_joint_stiffness(stiffness)}, {held}; that is not a measurement"
+                f"joint {j + 1} stands at {format_joint_stiffness(stiffness)}, {treatment}; that is not a measurement"
             )
     return tuple(out)

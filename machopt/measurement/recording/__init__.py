@@ -1,8 +1,9 @@
-"""Recording folders: ``recording.yaml`` and its tables, read strictly, written to the printed digit.
+"""Recording folders: ``recording.yaml`` and its tables, read strictly and written to the printed digit.
 
 ::
 
-    keys ─► read ─► columns, table, motors, targets, tilt ─► join ─► Recording ─► written
+    recording_schema ─► recording_reader ─► columns, table, motors, targets, tilt ─► recording_merge ─► Recording
+                                                                                           Recording ─► recording_writer
 """
 
 from machopt.measurement.recording.recording_reader import load_recording, load_recordings

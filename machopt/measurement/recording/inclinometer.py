@@ -1,4 +1,4 @@
-"""Which link an inclinometer sits on: ``tilt_link`` of recording.yaml, beside the columns tilt_x_mrad, tilt_y_mrad."""
+"""Link of an inclinometer: key ``tilt_link`` of recording.yaml, together with the columns tilt_x_mrad, tilt_y_mrad."""
 
 from __future__ import annotations
 
@@ -13,13 +13,18 @@ KEY = "tilt_link"
 
 
 def parse_tilt_link(document: YamlDocument, given: object, kind: RecordingKind) -> str:
-    """The link that recording.yaml names; empty where it names none.
+    """Parse the link named in recording.yaml.
 
     Args:
-        given: name of a link of the URDF, or the number of the joint that moves it (0: the base).
+        document: The file recording.yaml, for error messages.
+        given: Link name of the URDF, or the number of the joint that moves it (0: the base).
+        kind: Kind of the recording.
+
+    Returns:
+        The link; empty if none is named.
 
     Raises:
-        InputError: another kind of recording, or neither a name nor a whole number.
+        InputError: Another kind of recording, or neither a name nor a whole number.
     """
     if given is None:
         return ""
@@ -35,10 +40,14 @@ def parse_tilt_link(document: YamlDocument, given: object, kind: RecordingKind) 
 
 
 def check_tilt_columns(table: RecordingTable, link: str) -> None:
-    """Refuse tilts of no link, a link without tilts, and columns that are empty altogether.
+    """Check that tilts and their link are both present, and that no column is empty.
+
+    Args:
+        table: Table of one data file.
+        link: Link named in recording.yaml; empty if none.
 
     Raises:
-        InputError: names the file and what is missing.
+        InputError: Names the file and what is missing.
     """
     there = [name for name in TILTS if name in table.numbers]
     if there and not link:

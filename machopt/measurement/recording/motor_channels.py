@@ -1,6 +1,7 @@
-"""What stands on the motor's side of the gears: currents and angles, brought to the joints by recording.yaml.
+"""Motor-side channels: currents and motor angles, converted to the joints by keys of recording.yaml.
 
-θ = C m, C = diag(1/ratio) or the coupling matrix; what a motor does at its shaft is C⁻ᵀ times that at the joints.
+θ = C m with C = diag(1/ratio) or the coupling matrix. Motor torques are Cᵀ times joint torques; joint torques are C⁻ᵀ
+times motor torques.
 """
 
 from __future__ import annotations
@@ -16,25 +17,35 @@ from machopt.measurement.recording.recording_table import RecordingTable
 from machopt.numerics.array_types import Array
 
 GAIN, RATIO, COUPLING = "motor_gain_Nm_per_A", "gear_ratio", "coupling_matrix"
-SAME = np.radians(2e-3)  # of joints by their own columns and by the motors': printed digits and a sample's delay
-SINGULAR = 1e12  # condition of a coupling matrix that no gear train has
+SAME = np.radians(2e-3)  # tolerance between joint and motor columns: printed digits and a delay of one sample
+SINGULAR = 1e12  # condition number of a coupling matrix that counts as singular
 
 
 @dataclass(frozen=True)
 class MotorProperties:
-    """What is stated of the motors; n joints."""
+    """Stated properties of the motors of n joints."""
 
-    gain: Array | None  # (n,) N·m/A at the motor's shaft
-    to_joints: Array | None  # (n, n) C, rad of the joints per rad of the motors
+    gain: Array | None  # (n,) N·m/A at the motor shaft
+    to_joints: Array | None  # (n, n) C, joint angles per motor angles, rad/rad
 
 
 def parse_motor_keys(
     document: YamlDocument, gain: object, ratio: object, coupling: object, kind: RecordingKind
 ) -> MotorProperties:
-    """The keys of recording.yaml, checked.
+    """Parse and check the motor keys of recording.yaml.
+
+    Args:
+        document: The file recording.yaml, for error messages.
+        gain: Value of ``motor_gain_Nm_per_A``.
+        ratio: Value of ``gear_ratio``.
+        coupling: Value of ``coupling_matrix``.
+        kind: Kind of the recording.
+
+    Returns:
+        The properties of the motors.
 
     Raises:
-        InputError: another kind of recording, numbers that are no gains, ratios or gears, a ratio beside a matrix.
+        InputError: Another kind of recording, invalid numbers, or both a ratio and a coupling matrix.
     """
     given = {GAIN: gain, RATIO: ratio, COUPLING: coupling}
     key = next((k for k, v in given.items() if v is not None), None)
@@ -67,15 +78,30 @@ def parse_motor_keys(
 
 
 def list_motor_columns(count: int) -> tuple[str, ...]:
-    """The columns of motor angles."""
+    """List the columns of motor angles.
+
+    Args:
+        count: Number of motors.
+
+    Returns:
+        Column names.
+    """
     return tuple(f"motor{i}_deg" for i in range(1, count + 1))
 
 
 def compute_joint_angles(table: RecordingTable, motors: MotorProperties, prismatic: Prismatic) -> Array | None:
-    """(N, n) rad of the joints by their motors; None without columns ``motor1_deg`` ….
+    """Compute joint angles from motor angles.
+
+    Args:
+        table: Table of one data file.
+        motors: Properties of the motors.
+        prismatic: For each joint, whether it is prismatic.
+
+    Returns:
+        (N, n) rad; None without columns ``motor1_deg`` ….
 
     Raises:
-        InputError: no ratio, columns left out, or a joint that slides.
+        InputError: No gear ratio, missing columns, or a prismatic joint.
     """
     have = [n for n in table.numbers if n.startswith("motor")]
     if not have:
@@ -91,10 +117,18 @@ def compute_joint_angles(table: RecordingTable, motors: MotorProperties, prismat
 
 
 def check_motor_angles(table: RecordingTable, q: Array, by_motors: Array | None) -> list[str]:
-    """Warnings, where motor angles say what the joints' columns say.
+    """Check motor angles against the columns of the joints.
+
+    Args:
+        table: Table of one data file.
+        q: (N, n) joint angles of their own columns, rad.
+        by_motors: (N, n) joint angles computed from the motors, rad; None without motor columns.
+
+    Returns:
+        Warnings.
 
     Raises:
-        InputError: they say otherwise, beyond a constant.
+        InputError: They differ by more than a constant.
     """
     if by_motors is None:
         return []
@@ -115,10 +149,19 @@ def check_motor_angles(table: RecordingTable, q: Array, by_motors: Array | None)
 def compute_joint_torque(
     table: RecordingTable, motors: MotorProperties, current: Array | None, prismatic: Prismatic
 ) -> Array | None:
-    """(N, n) N·m of the joints by the motors' currents; None where no gain is stated.
+    """Compute joint torques from motor currents.
+
+    Args:
+        table: Table of one data file.
+        motors: Properties of the motors.
+        current: (N, n) motor currents, A; None without currents.
+        prismatic: For each joint, whether it is prismatic.
+
+    Returns:
+        (N, n) N·m; None if no gain is stated.
 
     Raises:
-        InputError: a gain without currents, or for another number of joints.
+        InputError: A gain without currents, or for another number of joints.
     """
     if motors.gain is None or motors.to_joints is None:
         return None

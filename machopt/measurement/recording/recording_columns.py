@@ -1,4 +1,4 @@
-"""The columns of a recording: which belong together, in which unit, and for which kind of recording they are needed."""
+"""Columns of a recording: groups, units, and the kinds of recording that require them."""
 
 from __future__ import annotations
 
@@ -15,38 +15,52 @@ from machopt.numerics.array_types import Array
 LABELS = ("pose", "cycle", "session")
 TILTS = ("tilt_x_mrad", "tilt_y_mrad")  # of measured poses: an inclinometer on a link
 SEEN = ("target", "frame")  # of measured poses: which reflector, and from which stand of the tracker
-BRANCHES = {"load": 1, "unload": -1, "": 0}  # an empty cell: not stated
+BRANCHES = {"load": 1, "unload": -1, "": 0}  # empty cell: not stated
 
-MOST_JOINTS = 12  # of a chain in motion
-Prismatic = tuple[bool, ...]  # one entry a joint: True where it slides
+MOST_JOINTS = 12  # most joints in a motion
+Prismatic = tuple[bool, ...]  # one entry per joint: True if prismatic
 
-_MOST_LABEL = 2.0**53  # beyond it doubles skip whole numbers
-_UNIT_LENGTH = 2e-3  # of a quaternion; four numbers with three decimals are within it
-_EXACT_LENGTH = 1e-9  # closer than this a quaternion is left as it was printed
+_MOST_LABEL = 2.0**53  # larger integers are not exact as doubles
+_UNIT_LENGTH = 2e-3  # tolerance of a quaternion's norm: numbers with three decimals are within it
+_EXACT_LENGTH = 1e-9  # within this tolerance a quaternion is not normalised
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingChannel:
-    """Columns that make one array of a recording."""
+    """Group of columns that forms one array of a recording."""
 
-    field: str  # of Recording
+    field: str  # field of Recording
     columns: tuple[str, ...]
-    si: float  # SI units in one unit of the file
-    decimals: int  # printed
-    needed: int  # the first so many columns stand together or not at all
-    rest: Literal["all", "zero", "nan"] = "all"  # what the others are where not all of them stand
-    turns: str = ""  # name at joint {} that turns; empty: not one column a joint
-    slides: str = ""  # name at joint {} that slides; empty: the same
-    sparse: bool = False  # a cell may be empty: NaN
+    si: float  # SI units per unit of the file
+    decimals: int  # printed decimals
+    needed: int  # this number of first columns must be present together
+    rest: Literal["all", "zero", "nan"] = "all"  # treatment of missing further columns
+    turns: str = ""  # column name of revolute joint {}; empty: not one column per joint
+    slides: str = ""  # column name of prismatic joint {}; empty: the same
+    sparse: bool = False  # cells may be empty (NaN)
 
     def names(self, prismatic: Prismatic) -> tuple[str, ...]:
-        """The columns for a chain of joints."""
+        """Return the column names for a chain of joints.
+
+        Args:
+            prismatic: For each joint, whether it is prismatic.
+
+        Returns:
+            Column names.
+        """
         if not self.turns:
             return self.columns
         return tuple((self.slides or self.turns if p else self.turns).format(i) for i, p in enumerate(prismatic, 1))
 
     def units(self, prismatic: Prismatic) -> tuple[float, ...]:
-        """SI units in one unit of each of these columns."""
+        """Return the SI units per unit of each column.
+
+        Args:
+            prismatic: For each joint, whether it is prismatic.
+
+        Returns:
+            One factor per column.
+        """
         slide = 1e-3 if self.slides.endswith(("_mm", "_mm_s")) else self.si
         return tuple(slide if p and self.turns else self.si for p in prismatic or (False,) * len(self.columns))
 
@@ -106,7 +120,7 @@ NEEDED: dict[RecordingKind, tuple[str, ...]] = {
     "absolute": ("q", "position"),
     "motion": ("q", "time"),
 }
-MOTION_SHOWS = ("q_command", "q_secondary", "torque", "current", "position", "wrench")  # one of them, beside q
+MOTION_SHOWS = ("q_command", "q_secondary", "torque", "current", "position", "wrench")  # q and one of them
 _USELESS: dict[RecordingKind, tuple[str, ...]] = {
     "deflection": ("position", "quaternion"),
     "absolute": ("displacement",),
@@ -162,17 +176,31 @@ _IN_MOTION = AllowedColumns(
 
 
 def list_allowed_columns(kind: RecordingKind) -> AllowedColumns:
-    """The columns that a recording of this kind may have: in motion any chain of joints, else an arm of six."""
+    """Return the columns that a recording may have: any chain of joints for a motion, else an arm of six joints.
+
+    Args:
+        kind: Kind of the recording.
+
+    Returns:
+        The allowed columns.
+    """
     if kind == "motion":
         return _IN_MOTION
     return _AT_POSES if kind == "absolute" else _AT_LOADS
 
 
 def find_sliding_joints(table: RecordingTable, kind: RecordingKind) -> Prismatic:
-    """Which joints slide, one entry for each joint that the table has.
+    """Find the prismatic joints of a table.
+
+    Args:
+        table: Table of one data file.
+        kind: Kind of the recording.
+
+    Returns:
+        For each joint of the table, whether it is prismatic.
 
     Raises:
-        InputError: a joint is left out, or stands as an angle and as a length.
+        InputError: A joint is missing, or stated both as angle and as length.
     """
     if kind != "motion":
         return tuple(f"q{i}_mm" in table.numbers and f"q{i}_deg" not in table.numbers for i in range(1, 7))
@@ -193,18 +221,20 @@ def find_sliding_joints(table: RecordingTable, kind: RecordingKind) -> Prismatic
 def read_channels(
     table: RecordingTable, kind: RecordingKind, prismatic: Prismatic, given: dict[str, Array] | None = None
 ) -> tuple[dict[str, Array], list[str]]:
-    """The arrays of a table in SI by field of :class:`~machopt.data_types.measurements.recording.Recording`, and
-    warnings.
+    """Read the arrays of a table in SI, by field of :class:`~machopt.data_types.measurements.recording.Recording`.
 
     Args:
-        table: as read with :func:`list_allowed_columns`.
-        kind: of the recording.
-        prismatic: which joints slide, see :func:`find_sliding_joints`.
-        given: arrays that stand for columns that are not there.
+        table: Table read with :func:`list_allowed_columns`.
+        kind: Kind of the recording.
+        prismatic: For each joint, whether it is prismatic; see :func:`find_sliding_joints`.
+        given: Arrays for columns that are missing.
+
+    Returns:
+        The arrays, and warnings.
 
     Raises:
-        InputError: columns that this kind needs are missing, a group is incomplete, a column is of a joint that is
-            not there or moves otherwise, a quaternion is not unit.
+        InputError: Required columns are missing, a group is incomplete, a column does not match a joint, or a
+            quaternion is not unit.
     """
     out = {c.field: array for c in CHANNELS if (array := _read_channel(table, c, prismatic)) is not None}
     out |= {name: array for name, array in (given or {}).items() if name not in out}
@@ -228,10 +258,17 @@ def read_channels(
 
 
 def read_labels(table: RecordingTable, name: str) -> NDArray[np.int64]:
-    """A column of whole numbers, (N,).
+    """Read a column of integers.
+
+    Args:
+        table: Table of one data file.
+        name: Column name.
+
+    Returns:
+        (N,) labels.
 
     Raises:
-        InputError: a label is not whole, or too large to be told from its neighbours.
+        InputError: A label is not an integer, or too large.
     """
     values = table.numbers[name]
     bad = np.flatnonzero((values != np.round(values)) | (np.abs(values) >= _MOST_LABEL))
@@ -241,10 +278,16 @@ def read_labels(table: RecordingTable, name: str) -> NDArray[np.int64]:
 
 
 def read_branches(table: RecordingTable) -> NDArray[np.int8]:
-    """The column ``branch`` as +1 load, −1 unload, 0 not stated.
+    """Read the column ``branch``.
+
+    Args:
+        table: Table of one data file.
+
+    Returns:
+        (N,) +1 loading, −1 unloading, 0 not stated.
 
     Raises:
-        InputError: another word.
+        InputError: An unknown word.
     """
     words = table.words["branch"]
     unknown = next((k for k, word in enumerate(words) if word not in BRANCHES), None)
@@ -276,7 +319,7 @@ def _read_channel(table: RecordingTable, channel: RecordingChannel, prismatic: P
 
 
 def _list_channel_columns(table: RecordingTable, channel: RecordingChannel, prismatic: Prismatic) -> tuple[str, ...]:
-    """The columns of a channel for this chain; a force of a joint that slides may be named a torque."""
+    """Return the columns of a channel for this chain; the force of a prismatic joint may have a torque name."""
     names = list(channel.names(prismatic))
     if not channel.turns:
         return tuple(names)

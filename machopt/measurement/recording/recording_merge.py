@@ -1,4 +1,6 @@
-"""Labels of readings, and several recordings as one: sessions told apart, poses kept where the files agree on them."""
+"""Labels of readings, and the merging of several recordings: sessions stay distinct, poses are matched by joint
+angles.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,11 @@ from machopt.errors import InputError
 from machopt.measurement.recording.recording_columns import CHANNELS
 from machopt.numerics.array_types import Array, Ints
 
-SAME_Q = np.radians(0.02)  # readings without pose labels: encoders return to a pose within a few millidegrees
-SAME_LABEL = np.radians(0.05)  # files that mean the same pose by a label differ by less
-LEAST_SHARED = 5  # labels, below which nothing is said of how sessions count
-IN_LINE = 0.9  # correlation of a joint's angles in two sessions, from which on one is the other, written otherwise
-_MOTION_Q = np.radians(1e-3)  # in motion a "pose" is only a place that is passed again
+SAME_Q = np.radians(0.02)  # tolerance of a pose without labels: encoders repeat within a few millidegrees
+SAME_LABEL = np.radians(0.05)  # tolerance between files for one labelled pose
+LEAST_SHARED = 5  # least number of shared labels to compare the numbering of sessions
+IN_LINE = 0.9  # correlation of a joint's angles in two sessions above which one is a transformed copy of the other
+_MOTION_Q = np.radians(1e-3)  # in motions a "pose" is a joint position that occurs again
 
 _SAME = (
     "kind",
@@ -29,20 +31,19 @@ _SAME = (
     "targets",
     "tilt_link",
 )
-_BESIDE = ("branch", "target", "frame")  # columns that are no channel
+_BESIDE = ("branch", "target", "frame")  # columns that do not form a channel
 
 
 def number_poses(q: Array, kind: RecordingKind, within: float = SAME_Q) -> Ints:
-    """Label robot poses by joint position, 0, 1, … in the order they first appear.
+    """Label poses by joint angles, 0, 1, … in the order of their first occurrence.
 
-    A reading belongs to the first pose whose first reading is ``within`` of it in every joint, so that encoder
-    jitter does not split a pose and a slow sweep is not chained into one. Readings in motion are only told apart
-    by millidegrees.
+    A reading belongs to the first pose whose first reading is ``within`` of it in every joint. Encoder noise does not
+    split a pose, and a slow sweep is not chained into one. Motions use a tolerance of millidegrees.
 
     Args:
-        q: (N, 6) rad.
-        kind: of the recording.
-        within: rad.
+        q: (N, 6) joint angles, rad.
+        kind: Kind of the recording.
+        within: Tolerance, rad.
 
     Returns:
         (N,) labels.
@@ -70,9 +71,18 @@ def number_poses(q: Array, kind: RecordingKind, within: float = SAME_Q) -> Ints:
 
 
 def separate_cycles(pose: Ints, cycle: Ints, session: Ints) -> Ints:
-    """Cycle labels such that none spans two sessions: a robot set up anew starts a new load cycle.
+    """Relabel load cycles so that none spans two sessions.
 
-    Labels stay as they are where no (pose, cycle) occurs in two sessions; else every (session, cycle) gets its own.
+    Labels are unchanged if no (pose, cycle) occurs in two sessions. Otherwise every (session, cycle) gets its own
+    label.
+
+    Args:
+        pose: (N,) pose label.
+        cycle: (N,) cycle label.
+        session: (N,) session label.
+
+    Returns:
+        (N,) cycle label.
     """
     inside = np.unique(np.column_stack([pose, cycle, session]), axis=0)
     if len(np.unique(inside[:, :2], axis=0)) == len(inside):
@@ -82,10 +92,16 @@ def separate_cycles(pose: Ints, cycle: Ints, session: Ints) -> Ints:
 
 
 def renumber_session_poses(recording: Recording) -> Recording:
-    """Poses told by where they are, where a session counts its poses anew: its pose 7 is another one's pose 12.
+    """Renumber poses by joint angles if a session uses its own numbering of poses.
 
-    Not where labels agree and joints do not because of how one session has them written: another zero, sign or unit of
-    a joint leaves the angles of its poses in line with those of the others.
+    This does not apply if labels agree but a session has another zero, sign or unit of a joint: then its angles are
+    linearly related to those of the other sessions.
+
+    Args:
+        recording: Recording.
+
+    Returns:
+        The recording with consistent pose labels.
     """
     if recording.kind == "motion" or not {"pose", "session"} <= recording.stated_labels:
         return recording
@@ -95,26 +111,28 @@ def renumber_session_poses(recording: Recording) -> Recording:
     rows = [recording.q[of == k] for k in range(len(visits))]
     if any(np.ptp(q, axis=0).max() > SAME_LABEL for q in rows):
         return recording  # no labels to go by
-    at = np.stack([q.mean(axis=0) for q in rows])
+    mean_q = np.stack([q.mean(axis=0) for q in rows])
     first = visits[0, 0]
-    other = next((s for s in np.unique(visits[:, 0])[1:] if _are_poses_different(visits, at, int(first), int(s))), None)
+    other = next(
+        (s for s in np.unique(visits[:, 0])[1:] if _are_poses_different(visits, mean_q, int(first), int(s))), None
+    )
     if other is None:
         return recording
-    pose = number_poses(at, recording.kind, SAME_LABEL)[of]
+    pose = number_poses(mean_q, recording.kind, SAME_LABEL)[of]
     cycle = recording.cycle
     if "cycle" in recording.stated_labels:
         cycle = separate_cycles(pose, cycle, recording.session)
-    said = (
+    warning = (
         f"{recording.source}: session {other} counts its poses anew (a label is another robot pose there than in "
         f"session {first}), so all poses are told by joint position"
     )
     return replace(
-        recording, pose=_freeze_value(pose), cycle=_freeze_value(cycle), warnings=(*recording.warnings, said)
+        recording, pose=_freeze_value(pose), cycle=_freeze_value(cycle), warnings=(*recording.warnings, warning)
     )
 
 
 def _are_poses_different(visits: Ints, at: Array, one: int, two: int) -> bool:
-    """Whether equal labels of two sessions are other poses, in most joints and not in line with each other."""
+    """Return whether equal labels of two sessions are different poses, in most joints and not linearly related."""
     a, b = (visits[:, 0] == s for s in (one, two))
     _, i, j = np.intersect1d(visits[a, 1], visits[b, 1], return_indices=True)
     x, y = at[a][i], at[b][j]
@@ -128,7 +146,14 @@ def _are_poses_different(visits: Ints, at: Array, one: int, two: int) -> bool:
 
 
 def find_wide_poses(recording: Recording) -> tuple[str, ...]:
-    """A warning where readings of one pose label are farther apart than one pose can be."""
+    """Warn if readings of one pose label differ more than a single pose can.
+
+    Args:
+        recording: Recording.
+
+    Returns:
+        Warnings.
+    """
     if recording.kind == "motion" or not len(recording):
         return ()
     order = np.argsort(recording.pose, kind="stable")
@@ -147,18 +172,20 @@ def find_wide_poses(recording: Recording) -> tuple[str, ...]:
 
 
 def merge_recordings(recordings: Sequence[Recording], *, new_sessions: bool) -> Recording:
-    """Several recordings as one, in the given order.
+    """Merge several recordings in the given order.
+
+    Poses keep their labels if every file has labels and equal labels mean equal joint angles (within 0.05°). Of two
+    stated uncertainties the larger one is used.
 
     Args:
-        recordings: one or more; same kind, frames, registration and channels.
-        new_sessions: True tells the sessions of different recordings apart even where their labels are equal.
+        recordings: One or more recordings of the same kind, frames, registration and channels.
+        new_sessions: Whether sessions of different recordings are distinct even if their labels are equal.
 
     Returns:
-        A recording with the readings of all. Poses keep their labels where every file labels them and equal labels
-        mean equal joint positions (within 0.05°); of two stated uncertainties the larger one holds.
+        The merged recording.
 
     Raises:
-        InputError: the recordings differ in what they hold.
+        InputError: The recordings differ in their content.
     """
     first, rest = recordings[0], recordings[1:]
     if not rest:
@@ -180,7 +207,7 @@ def merge_recordings(recordings: Sequence[Recording], *, new_sessions: bool) -> 
         joined[name] = None if parts[0] is None else np.concatenate(parts)
     if (
         new_sessions and first.frame is not None
-    ):  # the tracker of another folder stood elsewhere, whatever it was called
+    ):  # tracker stations of different folders are distinct, whatever their labels
         whose = np.repeat(np.arange(len(recordings)), [len(r) for r in recordings])
         joined["frame"] = np.unique(np.column_stack([whose, joined["frame"]]), axis=0, return_inverse=True)[1].reshape(
             -1

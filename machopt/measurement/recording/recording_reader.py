@@ -1,4 +1,4 @@
-"""Recording folders: ``recording.yaml`` and its tables of readings, read strictly."""
+"""Reader of recording folders: ``recording.yaml`` and its tables."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from machopt.measurement.recording.recording_schema import (
 )
 from machopt.measurement.recording.recording_table import RecordingTable, read_table
 
-_RADIANS_LOOK = 6.3  # every joint of every reading within a turn in rad: degrees would be a straight arm, hardly moved
+_RADIANS_LOOK = 6.3  # all angles within one turn in rad: in degrees the arm would hardly have moved
 
 
 def load_recording(path: Path | str) -> Recording:
@@ -138,7 +138,7 @@ def _find_data_files(document: YamlDocument, value: object, folder: Path) -> lis
         path = folder / name
         try:
             inside = path.resolve().is_relative_to(folder.resolve())
-        except (OSError, RuntimeError):  # links in a circle
+        except (OSError, RuntimeError):  # circular symbolic links
             raise document.build_error(loc, f"{name!r} leads in a circle of links; expected a file") from None
         if not inside:
             raise document.build_error(loc, f"{name!r} lies outside the recording folder; expected a file inside it")
@@ -168,7 +168,7 @@ def _read_run(
     motors: by_motor.MotorProperties,
     tilted: str,
 ) -> Recording:
-    """One data file as a recording of its own."""
+    """Read one data file as a recording of its own."""
     reflectors, target = by_target.match_targets(table, targets, isinstance(keys.targets_mm, list))
     frame = by_target.read_tracker_stations(table)
     prismatic = find_sliding_joints(table, keys.kind)
@@ -258,7 +258,7 @@ def _refuse_falling_time(recording: Recording, files: Sequence[Path]) -> None:
 
 
 def _find_assumed_frames(document: YamlDocument, recording: Recording) -> list[str]:
-    """Frames that were taken to be base because no key says so."""
+    """Return warnings on frames that are assumed to be base because no key states them."""
     keys = document.value if isinstance(document.value, dict) else {}
     there = {"wrench_frame": recording.wrench, "displacement_frame": recording.displacement}
     return [

@@ -1,4 +1,4 @@
-"""The keys of ``recording.yaml``, and its files' names."""
+"""Keys of ``recording.yaml``, and file names."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A table of measured numbers, CSV or Parquet: known columns, every cell finite, errors by line and column.
+"""Table of measured numbers, CSV or Parquet: known columns, finite cells, errors by line and column.
 
-Whole files go through NumPy's parser; only a file that it refuses is read cell by cell, to name the cell.
+Files are parsed by NumPy. Only a file that it rejects is read cell by cell to locate the error.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from machopt.numerics.array_types import Array, Ints
 
 _ROWS_AT_ONCE = 4096
 _MOST = {"_Nm": 1e7, "_N": 1e7, "_mm": 1e7, "_mrad": 1e5, "_deg": 1e8, "_deg_s": 1e8, "_A": 1e5, "_C": 1e4}
-"""By the unit a column's name ends in: a hundred times the largest press, plant, fever or gear, and more."""
+"""Largest plausible absolute value by unit suffix of a column: at least a hundred times any real measurement."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)
 _NOT_READ = ("", "nan")
-COORDINATES = ("dx_mm", "dy_mm", "dz_mm", "x_mm", "y_mm", "z_mm")  # of a place or how far it moved
+COORDINATES = ("dx_mm", "dy_mm", "dz_mm", "x_mm", "y_mm", "z_mm")  # of a position or displacement
 THREE = (
     "a place is read with all three coordinates, by a tracker or by three dial gauges; those of one gauge alone are "
     "not taken"
@@ -35,19 +35,19 @@ _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)", re.IGNORECASE)
 
 @dataclass(frozen=True, kw_only=True)
 class AllowedColumns:
-    """The columns a table may have."""
+    """Columns that a table may have."""
 
     numbers: tuple[str, ...]  # names of columns of numbers
     words: tuple[str, ...]  # names of columns of words
-    listed_names: str  # all names in short, for messages
-    refused_names: dict[str, str] = field(default_factory=dict)  # known names that cannot be taken, and why
-    names: tuple[str, ...] = ()  # columns of words that may be whole numbers too
-    sparse: tuple[str, ...] = ()  # columns of numbers that may be empty or nan: not read there
+    listed_names: str  # abbreviated list of all names for messages
+    refused_names: dict[str, str] = field(default_factory=dict)  # known names that are not accepted, and why
+    names: tuple[str, ...] = ()  # word columns that may contain integers
+    sparse: tuple[str, ...] = ()  # number columns with optional cells (empty or nan)
 
 
 @dataclass(frozen=True)
 class RecordingTable:
-    """The cells of one file by column."""
+    """Cells of one file by column."""
 
     path: Path
     numbers: dict[str, Array]  # (N,) each, finite, in the file's units
@@ -59,7 +59,16 @@ class RecordingTable:
         return len(self.lines)
 
     def build_error(self, message: str, row: int | None = None, column: str | None = None) -> InputError:
-        """An error at a row (0-based) and column of this file; without a row, at its header."""
+        """Build an error that names file, line and column.
+
+        Args:
+            message: What is wrong and what would be accepted.
+            row: Row, 0-based; None: the header.
+            column: Column name, or None.
+
+        Returns:
+            The error; the caller raises it.
+        """
         if row is not None:
             place = f"{'line' if self.header_line else 'row'} {self.lines[row]}"
         else:
@@ -70,10 +79,17 @@ class RecordingTable:
 def read_table(path: Path, vocabulary: AllowedColumns) -> RecordingTable:
     """Read a CSV file (UTF-8, commas, decimal points, one header line, ``#`` comment lines) or a Parquet file.
 
+    Args:
+        path: Path of the file.
+        vocabulary: Allowed columns.
+
+    Returns:
+        The table.
+
     Raises:
-        InputError: the file is absent or damaged; a column is unknown, stands twice or cannot be taken; a row has
-            another number of fields than the header; a cell is empty, no number or not finite. Names file, line
-            (row of a Parquet file) and column.
+        InputError: The file is missing or damaged; a column is unknown, duplicated or not accepted; a row has a
+            wrong number of fields; a cell is empty, no number or not finite. Names file, line (row of a Parquet
+            file) and column.
     """
     data = read_file(path, expected="a table of readings, CSV or Parquet", most=TABLE)
     if data.startswith(b"PAR1") or path.suffix.lower() == ".parquet":
@@ -151,7 +167,7 @@ def _parse_rows(
             try:
                 out[part] = np.loadtxt(body[part], delimiter=",", comments=None, ndmin=2, usecols=use)
             except ValueError:
-                pass  # some cell of this part is no number: find it below
+                pass  # a cell of this block is no number; located below
             else:
                 if np.isfinite(out[part]).all():
                     continue
@@ -219,7 +235,7 @@ def _check_header(table: RecordingTable, header: Sequence[str], vocabulary: Allo
 
 
 def _suggest_column(name: str, known: Sequence[str]) -> str:
-    """``did you mean 'fx_N'? `` or nothing."""
+    """Return ``did you mean 'fx_N'? `` or nothing."""
     same = {k.lower(): k for k in known}
     if name.lower() in same:
         return f"did you mean {same[name.lower()]!r}? "

@@ -1,4 +1,4 @@
-"""A recording written to the printed digit: read back and written again it gives the same bytes."""
+"""Writer of recordings. Numbers are printed so that reading and writing again gives the same bytes."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from machopt.measurement.recording.recording_merge import number_poses
 from machopt.measurement.recording.recording_schema import DATA_NAME, UNCERTAINTY, YAML_NAME
 from machopt.numerics.array_types import Ints
 
-_ENDS = frozenset("\x85\u2028\u2029")  # line ends of YAML 1.1, which a reader folds away
+_ENDS = frozenset("\x85\u2028\u2029")  # line ends of YAML 1.1, which a reader folds
 _ROWS_AT_ONCE = 4096
 
 
 def write_recording(folder: Path | str, recording: Recording) -> None:
     """Write ``recording.yaml`` and ``data.csv`` so that :func:`load_recording` returns the recording.
 
-    Numbers are printed to 1e-9 degree, 1e-7 mm, 1e-6 N; what is read back and written again gives the same bytes.
-    A column of labels is left out where the reader would give the same labels by itself.
+    Numbers are printed to 1e-9 degree, 1e-7 mm, 1e-6 N; what is read back and written again gives the same bytes. A
+    column of labels is left out where the reader would give the same labels by itself.
 
     Args:
         folder: made where it does not exist; the two files in it are replaced.
@@ -116,7 +116,7 @@ def _write_yaml(path: Path, recording: Recording) -> None:
         data["notes"] = recording.notes
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
-    yaml.allow_unicode = not _ENDS.intersection(recording.notes)  # else they are written as \N and come back
+    yaml.allow_unicode = not _ENDS.intersection(recording.notes)  # otherwise they are written as \N and preserved
     yaml.representer.sort_base_mapping_type_on_output = False
     with path.open("w", encoding="utf-8", newline="\n") as out:
         yaml.dump(data, out)
@@ -129,7 +129,7 @@ def _round_to_printed_digits(value: float) -> float:
 
 @contextlib.contextmanager
 def _replace_file(path: Path) -> Iterator[Path]:
-    """A new file that takes the place of ``path`` once it is whole."""
+    """Yield a temporary file that replaces ``path`` once it is complete."""
     partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(8)}")
     try:
         yield partial

@@ -1,4 +1,4 @@
-"""Which reflector of ``targets_mm`` each reading of measured poses is of, and from which stand of the tracker."""
+"""Reflector (``targets_mm``) and tracker station of each reading of measured poses."""
 
 from __future__ import annotations
 
@@ -14,18 +14,23 @@ from machopt.measurement.recording.recording_table import RecordingTable
 from machopt.numerics.array_types import Ints
 
 KEY = "targets_mm"
-FARTHEST = 1e4  # mm from the flange: no reflector of a robot sits farther out
+FARTHEST = 1e4  # mm, largest distance of a reflector from the flange
 _WHOLE = re.compile(r"[-+]?\d+(?:\.0*)?", re.ASCII)
 
 
 def parse_targets(document: YamlDocument, given: object, kind: RecordingKind) -> dict[str, TrackerTarget]:
-    """The reflectors that recording.yaml lists, by name.
+    """Parse the reflectors listed in recording.yaml.
 
     Args:
-        given: a mapping of name → [x, y, z] in mm in flange, or a list of such places, which are called 1, 2, ….
+        document: The file recording.yaml, for error messages.
+        given: Mapping of name → [x, y, z] in mm in the flange frame, or a list of positions, named 1, 2, ….
+        kind: Kind of the recording.
+
+    Returns:
+        Reflectors by name.
 
     Raises:
-        InputError: another kind of recording, no place of three finite numbers, a name twice.
+        InputError: Another kind of recording, an invalid position, or a duplicate name.
     """
     if given is None:
         return {}
@@ -63,15 +68,18 @@ def parse_targets(document: YamlDocument, given: object, kind: RecordingKind) ->
 def match_targets(
     table: RecordingTable, known: Mapping[str, TrackerTarget], numbered: bool
 ) -> tuple[tuple[TrackerTarget, ...], Ints | None]:
-    """The reflectors, and (N,) which of them each row is of.
+    """Match the rows of a table to the listed reflectors.
 
     Args:
-        table: with or without a column ``target``.
-        known: as :func:`parse_targets` gives it.
-        numbered: ``targets_mm`` is a list; a column that counts from 0 is taken as such.
+        table: Table with or without a column ``target``.
+        known: Reflectors by name, see :func:`parse_targets`.
+        numbered: Whether ``targets_mm`` is a list; then a column that counts from 0 is accepted.
+
+    Returns:
+        The reflectors, and the reflector index (N,) of each row, or None.
 
     Raises:
-        InputError: the column names a target without a place, or several are listed and no column tells them apart.
+        InputError: An unknown target, or several reflectors without a column ``target``.
     """
     if "target" not in table.words:
         if len(known) > 1:
@@ -99,12 +107,26 @@ def match_targets(
 
 
 def read_tracker_stations(table: RecordingTable) -> Ints | None:
-    """(N,) labels of the column ``frame``; None where there is none."""
+    """Read the labels of the column ``frame``.
+
+    Args:
+        table: Table of one data file.
+
+    Returns:
+        (N,) labels; None without the column.
+    """
     return read_labels(table, "frame") if "frame" in table.numbers else None
 
 
 def find_unmeasured_targets(recording: Recording) -> list[str]:
-    """A warning where a target that is listed was never measured."""
+    """Warn about listed reflectors that were never measured.
+
+    Args:
+        recording: Recording.
+
+    Returns:
+        Warnings.
+    """
     if recording.target is None:
         return []
     never = [t.name for n, t in enumerate(recording.targets) if not (recording.target == n).any()]
@@ -114,6 +136,6 @@ def find_unmeasured_targets(recording: Recording) -> list[str]:
 
 
 def _normalise_name(word: str) -> str:
-    """``1`` of ``1``, `` 1`` and ``1.0``; other words as they are."""
+    """Return ``1`` for ``1``, `` 1`` and ``1.0``; other words unchanged."""
     word = word.strip()
     return str(int(float(word))) if _WHOLE.fullmatch(word) else word

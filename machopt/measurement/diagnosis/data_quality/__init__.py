@@ -1,1 +1,1 @@
-"""The record before the robot: what is wrong with a resting record, mended and said like any other finding."""
+"""Errors of a static recording that concern the data and not the robot. They are corrected and reported as findings."""

@@ -1,4 +1,4 @@
-"""The ways a clerk writes a part of a record otherwise than the rest: units, axes, signs, rows slipped by one."""
+"""Candidate corrections of a part of a recording: units, axes, signs, and rows shifted by one."""
 
 from __future__ import annotations
 
@@ -21,22 +21,25 @@ HEADS = {"displacement": "dx_mm", "position": "x_mm"}
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectionCandidate:
-    """One way to read a part, put right."""
+    """One alternative reading of a part of a recording."""
 
-    effect: str  # of UNITS or of COLUMNS
-    column: str  # first of the group
-    words: str  # what was written
+    effect: str  # name of the effect UNITS or COLUMNS
+    column: str  # first column of the group
+    words: str  # the assumed fault in words
     apply: Callable[[Recording], Recording]
-    factor: float = 1.0  # on the columns
-    alternative: tuple[CorrectionCandidate, ...] = ()  # of other columns, taken in ``read`` too
-    scale: float = 1.0  # a misfit after reading counts so many times: metres read as millimetres shrink any misfit
+    factor: float = 1.0  # applied to the columns
+    alternative: tuple[CorrectionCandidate, ...] = ()  # further candidates of other columns, included in ``apply``
+    scale: float = 1.0  # factor on the misfit after correction: reading metres as millimetres would shrink any misfit
 
 
 def generate_correction_candidates(part: Recording) -> Iterator[CorrectionCandidate]:
-    """All that are looked for.
+    """Generate all candidate corrections of a part.
 
     Args:
-        part: the readings of one session or pose.
+        part: Readings of one session or one pose.
+
+    Returns:
+        Iterator over the candidates.
     """
     kind = "displacement" if part.kind == "deflection" else "position"
     head = HEADS[kind]
@@ -117,11 +120,13 @@ def _generate_load_corrections(moments: bool) -> Iterator[CorrectionCandidate]:
 
 
 def _list_axis_permutations() -> Iterator[tuple[Array, str]]:
-    """Signed permutations but the identity, fewest changes first, with what the columns x, y, z then held."""
+    """Yield signed permutations except the identity, fewest changes first, with the assumed content of columns x, y,
+    z.
+    """
     found = []
     for order in permutations(range(3)):
         for sign in product((1.0, -1.0), repeat=3):
-            M = np.zeros((3, 3))  # right = M written
+            M = np.zeros((3, 3))  # correct = M recorded
             for written, axis in enumerate(order):
                 M[axis, written] = sign[written]
             changes = sum(o != k for k, o in enumerate(order)) + sum(s < 0 for s in sign)
@@ -133,7 +138,15 @@ def _list_axis_permutations() -> Iterator[tuple[Array, str]]:
 
 
 def select_rows(recording: Recording, rows: Flags) -> Recording:
-    """The readings of ``rows`` alone."""
+    """Return the readings of selected rows.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        rows: (N,) True for selected rows.
+
+    Returns:
+        Recording with the selected rows.
+    """
     changed: dict[str, Any] = {}
     for f in fields(recording):
         value = getattr(recording, f.name)
@@ -143,7 +156,16 @@ def select_rows(recording: Recording, rows: Flags) -> Recording:
 
 
 def replace_rows(recording: Recording, part: Recording, rows: Flags) -> Recording:
-    """The recording with ``rows`` as ``part`` has them."""
+    """Replace selected rows of a recording.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        part: Recording that contains the new values of these rows.
+        rows: (N,) True for the rows to replace.
+
+    Returns:
+        Recording with the replaced rows.
+    """
     changed: dict[str, Any] = {}
     for name in ("q", "wrench", "displacement", "position", "quaternion"):
         old = getattr(recording, name)
@@ -162,7 +184,16 @@ def _transform_measured_values(r: Recording, kind: str, M: Array) -> Recording:
 
 
 def shift_rows(r: Recording, kind: str, by: int) -> Recording:
-    """With the measured values of ``kind`` moved by so many rows."""
+    """Shift the measured values of one kind by a number of rows, cyclically.
+
+    Args:
+        r: Recording.
+        kind: Field to shift, ``displacement`` or ``position``.
+        by: Number of rows, positive towards the end.
+
+    Returns:
+        Recording with shifted values.
+    """
     changes: dict[str, Any] = {kind: np.roll(getattr(r, kind), by, axis=0)}
     if kind == "position" and r.quaternion is not None:
         changes["quaternion"] = np.roll(r.quaternion, by, axis=0)
@@ -176,14 +207,14 @@ def _reverse_joint(r: Recording, joint: int) -> Recording:
 
 
 def _scale_moments(r: Recording, factor: float) -> Recording:
-    assert r.wrench is not None  # ways looks for it
+    assert r.wrench is not None  # ensured by generate_correction_candidates
     w = r.wrench.copy()
     w[:, 3:] *= factor
     return replace(r, wrench=w)
 
 
 def _transform_loads(r: Recording, M: Array, together: bool) -> Recording:
-    assert r.wrench is not None  # ways looks for it
+    assert r.wrench is not None  # ensured by generate_correction_candidates
     w = r.wrench.copy()
     w[:, :3] = w[:, :3] @ M.T
     if together:

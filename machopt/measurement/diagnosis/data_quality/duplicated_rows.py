@@ -1,4 +1,4 @@
-"""Readings of one pose that stand in the row of another: the same to the last digit, though the arm was elsewhere."""
+"""Readings that are copied into the row of another pose: equal to the last digit although the arm was elsewhere."""
 
 from __future__ import annotations
 
@@ -23,21 +23,35 @@ from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-MOST_ALIKE = 8  # readings of one value that are compared: more are a common value
+MOST_ALIKE = 8  # most readings with equal value that are compared; more indicate a frequent value
 
 
 def is_coarsely_rounded(values: Array) -> bool:
-    """Whether (N, 3) m are all whole steps, of at least the resolution at which readings agree by chance."""
+    """Return whether values are rounded so coarsely that equal readings occur by chance.
+
+    Args:
+        values: (N, 3) m.
+
+    Returns:
+        True if all values are multiples of the coarse resolution.
+    """
     steps = values / thresholds.RESTING.fine
     return bool(np.abs(steps - np.round(steps)).max() < thresholds.RESTING.whole_step)
 
 
 def find_duplicated_rows(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Flags:
-    """(N,) rows whose measured position is that of another row, of two the one that lies farther from the arm.
+    """Find rows whose measured position equals that of another row. Of two equal rows the one with the larger model
+    error is
+
+    flagged.
 
     Args:
-        recording: units mended; of load tests whole visits.
-        robot, T_flange_tcp: the arm.
+        recording: Recording with corrected units; for load tests complete cycles.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        (N,) True for duplicated rows.
     """
     out = np.zeros(len(recording), bool)
     if recording.kind == "deflection" and recording.displacement is not None and recording.wrench is not None:
@@ -62,12 +76,12 @@ def find_duplicated_rows(recording: Recording, robot: Robot, T_flange_tcp: Array
 
 
 def _find_duplicated_visits(recording: Recording, whole: RecordEquations) -> Flags:
-    """(N,) rows of a visit of a load test that hold, one after the other, the displacements of a visit elsewhere.
+    """Return rows (N,) of a load-test visit whose displacements repeat, in order, those of a visit at another pose.
 
-    Coarse readings agree now and then: rows count by how rare their values are, each value of a visit once.
+    Coarsely rounded readings agree by chance. Rows are therefore weighted by how rare their values are.
     """
     out = np.zeros(len(recording), bool)
-    assert recording.displacement is not None  # the caller has looked
+    assert recording.displacement is not None  # checked by the caller
     d = recording.displacement[:, :3]
     _, visit = np.unique(np.stack([recording.pose, recording.session], axis=1), axis=0, return_inverse=True)
     visit = visit.reshape(-1)
@@ -97,6 +111,6 @@ def _find_duplicated_visits(recording: Recording, whole: RecordEquations) -> Fla
 
 
 def _compute_chance_of_duplicates(d: Array, rows: Ints) -> float:
-    """Chance that other readings hold the very values of rows (n,) of d (N, 3), whose neighbours hold the like."""
+    """Return the probability that other readings equal rows (n,) of d (N, 3) by chance."""
     values = np.unique(d[rows], axis=0)
     return float(np.prod([np.mean(d[:, axis] == v[axis]) for v in values for axis in range(3)]))

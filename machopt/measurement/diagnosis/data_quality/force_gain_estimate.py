@@ -1,4 +1,6 @@
-"""What forces read per what the arm did under them: shares, one a pose, and what their middle one says."""
+"""Estimate of a force gain: ratios of recorded force to the force that the deflection implies, one per pose, and
+their median.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +14,28 @@ from machopt.numerics.array_types import Array
 
 
 def predict_displacements(tests: LoadTestExperiment) -> Array:
-    """(N, 3) m that the arm moves by springs which fit all readings."""
+    """Predict displacements with joint springs fitted to all readings (least absolute deviations).
+
+    Args:
+        tests: Load-test experiment with N readings.
+
+    Returns:
+        (N, 3) m.
+    """
     load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
     return np.asarray(tests.response()[:, :3] @ fit_least_absolute_deviations(tests.response(), tests.measured, load))
 
 
 def estimate_force_gain(each: Array, middle: float, spread: float) -> tuple[EstimatedValue, float]:
-    """By how much forces read too much, and how likely it is that as many shares lie to that side by chance.
+    """Estimate the gain error of forces and its significance.
 
     Args:
-        each: (K,) shares of the poses.
-        middle: their median.
-        spread: 1 sigma of one.
+        each: (K,) force ratios of the poses.
+        middle: Median of the ratios.
+        spread: Standard deviation of one ratio.
 
     Returns:
-        %, with its 90 and 95 % intervals; the p-value.
+        Gain error in % with 90 % and 95 % confidence intervals, and the p-value of a sign test.
     """
     over, wide = 100.0 * (middle - 1.0), 100.0 * float(np.sqrt(0.5 * np.pi / len(each))) * spread
     agree = int(np.sum((each > 1.0) == (middle > 1.0)))

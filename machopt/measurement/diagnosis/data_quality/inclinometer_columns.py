@@ -1,9 +1,9 @@
-"""Columns of an inclinometer written otherwise: exchanged, reversed, in another unit; put right.
+"""Inclinometer columns that are exchanged, reversed or in another unit, and their correction.
 
-Weight tilts what bears it towards itself: of a base, tilt = C m, C symmetric with nothing negative in it, m the moment
-of all weights about the base; of a link behind joints, the sag of these beside it. Exchanged columns give a C with one
-negative direction, reversed ones a negative C, so no poses are needed to see it. Of the unit they are: a base that
-rocks moves the points by as much as it turns.
+Gravity tilts a compliant base in the direction of the load. The tilt is C m with C symmetric positive semidefinite
+and m the moment of all weights about the base. A link behind joints adds the deflection of these joints. Exchanged
+columns give a C with one negative eigenvalue, reversed columns a negative C. No measured poses are needed to detect
+this. The unit is detected with them: a rotating base moves the measured points in proportion to its rotation.
 """
 
 from __future__ import annotations
@@ -31,29 +31,36 @@ from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
 TILT_COLUMN = "tilt_x_mrad"
-DIRECTIONS = 12  # of what C is made of: c u uᵀ, c ≥ 0
+DIRECTIONS = 12  # directions u of the parametrisation C = Σ c u uᵀ, c ≥ 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class _TiltEvidence:
-    """What an inclinometer reads and what could make it read so; of n readings, each session about its own mean."""
+    """Inclinometer readings and their possible causes, n readings, each session relative to its own mean."""
 
     y: Array  # (n, 2) rad
-    sag: Array  # (n, 2) rad, of joints up to the link
+    sag: Array  # (n, 2) rad, deflection of the joints up to the link
     moment: Array  # (n, 2) N·m about the base
-    rocking: Array  # (n, 2) rad, what the poses say of the base
-    is_shown_by_points: bool  # they say it
+    rocking: Array  # (n, 2) rad, base rotation by the measured poses
+    is_shown_by_points: bool  # the measured poses determine the base rotation
     pose: NDArray[np.int64]
 
     def columns(self) -> Array:
-        """(2 n, P) per unit of coefficients that are not negative."""
+        """Return the columns (2 n, P) of non-negative coefficients."""
         angle = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         u = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         rays = np.einsum("ka,kb,nb->nak", u, u, self.moment)
         return np.concatenate([rays, self.sag[:, :, None]], axis=2).reshape(self.y.size, -1)
 
     def error(self, y: Array) -> tuple[Array, float]:
-        """(n, 2) rad that no weight explains, and the share of the sag that there is."""
+        """Return the tilt that gravity does not explain and the share of joint deflection.
+
+        Args:
+            y: (n, 2) tilt, rad.
+
+        Returns:
+            (n, 2) residual in rad, and the fitted coefficient of the joint deflection.
+        """
         A = self.columns()
         size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
         x = nnls(A / size, y.reshape(-1))[0] / size
@@ -63,12 +70,17 @@ class _TiltEvidence:
 def correct_inclinometer_columns(
     recording: Recording, cell: Cell, robot: Robot, masses: RobotMasses | None, accept: Collection[str] = ()
 ) -> tuple[Recording, list[Finding]]:
-    """Read the tilts the way that weight can make them, where that is sure.
+    """Correct exchanged, reversed or wrongly scaled inclinometer columns if the evidence is unambiguous.
 
     Args:
-        recording: kind absolute, its poses right.
-        cell, robot, masses: the arm; without masses nothing is known.
-        accept: effects that the user says are none.
+        recording: Recording of measured poses with correct positions.
+        cell: Robot cell.
+        robot: Kinematic model of the arm.
+        masses: Link and tool masses; without them nothing is corrected.
+        accept: Names of faults that the user declares to be intended; they are not corrected.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
     if recording.kind != "absolute" or masses is None:
         return recording, []
@@ -101,7 +113,7 @@ def correct_inclinometer_columns(
 
 def _collect_tilt_evidence(model: NominalPoseModel, link: int, rows: Flags) -> _TiltEvidence:
     recording = model.recording
-    assert recording.tilt is not None  # mended looks for it
+    assert recording.tilt is not None  # checked by the caller
     first = model.fit_base()
     state, p, R = model.predict(first)
     assert model.masses is not None
@@ -132,7 +144,7 @@ def _collect_tilt_evidence(model: NominalPoseModel, link: int, rows: Flags) -> _
 def _estimate_base_rotation(
     model: NominalPoseModel, e: Array, base: Array, p: Array, moment: Array
 ) -> tuple[Array, bool]:
-    """(N, 2) rad that the base turns by what the points (N, 3) m show, beside what is fitted in any case."""
+    """Return the rotation (N, 2) rad of the base by the measured points, fitted together with the base unknowns."""
     turns = np.zeros((len(p), 3, 3))  # by c_xx, c_xy, c_yy
     turns[:, 0, 0] = moment[:, 0]
     turns[:, 0, 1], turns[:, 1, 1] = moment[:, 1], moment[:, 0]
@@ -148,7 +160,9 @@ def _estimate_base_rotation(
 
 
 def _find_column_assignment(seen: _TiltEvidence) -> tuple[str, inclinometer_equations.ColumnAssignment] | None:
-    """The other way to read two columns that weight explains; None: as stated, or nothing is sure."""
+    """Return the alternative column assignment that gravity explains; None if the stated one holds or none is
+    certain.
+    """
     size = compute_rms(seen.y)
     stated = compute_rms(seen.error(seen.y)[0]) / max(size, 1e-300)
     if stated < thresholds.RECORD.tilt_doubted:
@@ -178,7 +192,7 @@ def _list_column_assignments() -> Iterator[tuple[str, inclinometer_equations.Col
 
 
 def _find_unit_factor(seen: _TiltEvidence) -> float:
-    """What numbers were divided by less than they should have been: 1 where mrad fit as well as anything."""
+    """Return the factor of a wrong unit; 1 if mrad fits as well as any other unit."""
     whole = seen.sag + (seen.rocking if seen.is_shown_by_points else 0.0)
     if compute_rms(whole) < thresholds.RECORD.tilt_least * (1.0 if seen.is_shown_by_points else 2.0):
         return 1.0
@@ -191,7 +205,7 @@ def _find_unit_factor(seen: _TiltEvidence) -> float:
 
 
 def _apply_assignment(recording: Recording, rows: Flags, read: inclinometer_equations.ColumnAssignment) -> Recording:
-    assert recording.tilt is not None  # mended looks for it
+    assert recording.tilt is not None  # checked by the caller
     tilt = recording.tilt.copy()
     tilt[rows] = read(tilt[rows])
     return replace(recording, tilt=tilt)

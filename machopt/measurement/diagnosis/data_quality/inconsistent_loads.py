@@ -1,4 +1,6 @@
-"""Loads and displacements that no arm could have had together: computed moments, a hung weight recorded otherwise."""
+"""Loads and displacements that are inconsistent for any arm: computed moments, or a load recorded with a wrong
+direction.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +19,22 @@ from machopt.measurement.identification.data_quality.alternative_conventions imp
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import skew_matrix
 
-STEPS = 40  # of reweighting
+STEPS = 40  # iterations of reweighted least squares
 
 
 def correct_inconsistent_loads(
     recording: Recording, robot: Robot, T_flange_tcp: Array
 ) -> tuple[Recording, list[Finding]]:
-    """Look for loads that were computed, or that acted otherwise than recorded, and mend what is certain.
+    """Detect loads that were computed instead of measured, or that acted otherwise than recorded, and correct certain
+    cases.
 
     Args:
-        recording: kind deflection, units and frames mended.
-        robot, T_flange_tcp: the arm.
+        recording: Load tests with corrected units and frames.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
     out: list[Finding] = []
     recording, lever = _correct_computed_moments(recording, robot, T_flange_tcp)
@@ -53,8 +60,8 @@ def correct_inconsistent_loads(
         return recording, out
     before, after = (1e3 * v * float(np.mean(np.abs(d[:, :3]))) for v in (stated, left[best]))
     against = float(np.mean(np.einsum("nc,nc->n", w[:, :3], d[:, :3]) < 0))
-    chance = 0.5 ** len(np.unique(recording.pose))  # that every pose agrees by accident
-    said = (
+    chance = 0.5 ** len(np.unique(recording.pose))  # probability that every pose agrees by chance
+    text = (
         f"{100 * against:.0f} % of the readings move against their load. "
         if against > thresholds.RECORD.against
         else ""
@@ -64,21 +71,21 @@ def correct_inconsistent_loads(
             build_record_finding(
                 LOAD.name,
                 "sensor:force",
-                f"{said}Displacements fit a weight of the recorded size that hangs straight down, not the recorded "
+                f"{text}Displacements fit a weight of the recorded size that hangs straight down, not the recorded "
                 "directions",
                 before,
                 after,
                 chance,
             )
         )
-        said = ""
+        text = ""
     if axis >= 0:
         name = "xyz"[axis]
         out.append(
             build_record_finding(
                 DISPLACEMENT.name,
                 "sensor:displacement",
-                f"{said}d{name} counts against {name} of the stated axes",
+                f"{text}d{name} counts against {name} of the stated axes",
                 before,
                 after,
                 chance,
@@ -90,7 +97,9 @@ def correct_inconsistent_loads(
 def _correct_computed_moments(
     recording: Recording, robot: Robot, T_flange_tcp: Array
 ) -> tuple[Recording, list[Finding]]:
-    """Moments that are one lever in base axes times the force in every posture: computed, not measured at the TCP."""
+    """Correct moments that equal one lever arm in base axes times the force in every pose: computed, not measured at
+    the TCP.
+    """
     w = recording.wrench
     assert w is not None  # kind deflection
     tests = build_load_test_experiment(recording, robot, T_flange_tcp)
@@ -108,7 +117,7 @@ def _correct_computed_moments(
     A = np.concatenate([-skew_matrix(f), np.broadcast_to(np.eye(3), (len(f), 3, 3))], axis=2).reshape(-1, 6)
     y, weight = m.reshape(-1), np.ones(m.size)
     x: Array = np.zeros(6)
-    for _ in range(STEPS):  # least absolute deviations: a misprint must not hide it
+    for _ in range(STEPS):  # least absolute deviations: robust against single wrong rows
         x = np.asarray(np.linalg.lstsq(A * weight[:, None], y * weight, rcond=None)[0], float)
         weight = 1.0 / np.sqrt(np.maximum(np.abs(y - A @ x), 1e-3))
     share = 1.0 - float(np.median(np.abs(y - A @ x)) / max(np.median(np.abs(y)), 1e-9))
@@ -143,7 +152,7 @@ def _correct_computed_moments(
 
 
 def _compute_unexplained_share(recording: Recording, robot: Robot, T_flange_tcp: Array) -> float:
-    """Share of the translations that six joint compliances ≥ 0 leave, by absolute deviations."""
+    """Return the share of the translations that six non-negative joint compliances leave (absolute deviations)."""
     tests = build_load_test_experiment(recording, robot, T_flange_tcp)
     A, y = tests.response()[:, :3], tests.measured[:, :3]
     load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)

@@ -1,6 +1,7 @@
-"""A reflector that does not sit where the record says, or two whose names are exchanged: a fault of the record.
+"""Reflectors whose recorded position is wrong, or whose names are exchanged.
 
-Places are fitted in any case, so neither bends any physics; but what was written down is wrong, and is said.
+Reflector positions are always fitted, so neither fault distorts the physics. The recorded positions are wrong,
+however, and this is reported.
 """
 
 from __future__ import annotations
@@ -24,29 +25,32 @@ from machopt.measurement.diagnosis.static.nominal_pose_model import FirstPoseFit
 from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
-LOOSE_UNCERTAINTY_FACTOR = (
-    1e3  # times the stated uncertainty: places that may be anything must not be held to what may be wrong
-)
+LOOSE_UNCERTAINTY_FACTOR = 1e3  # factor on the stated uncertainty: removes the prior on positions that may be wrong
 
 
 def correct_misplaced_reflectors(
     recording: Recording, cell: Cell, robot: Robot, masses: RobotMasses | None
 ) -> tuple[Recording, list[Finding]]:
-    """Put right what ``targets_mm`` says of single reflectors, where the poses tell it.
+    """Correct recorded positions (``targets_mm``) of single reflectors that the poses contradict.
 
-    A plate that sits elsewhere as a whole is no such fault: that is what the fit of places is for.
+    A common offset of all reflectors is not reported: the fit of reflector positions absorbs it.
 
     Args:
-        recording: kind absolute, in base_link but for what is refitted.
-        cell, robot, masses: the arm.
+        recording: Measured poses in base_link, except for the refitted frame.
+        cell: Robot cell.
+        robot: Kinematic model of the arm.
+        masses: Link and tool masses; None if unknown.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
     if len(recording.targets) < 2:
         return recording, []
     model = NominalPoseModel(recording, cell, robot, masses, frozenset())
     first = model.fit_base(LOOSE_UNCERTAINTY_FACTOR)
-    far = thresholds.RECORD.misplaced * (recording.uncertainty.target or thresholds.RECORD.nest)
+    threshold = thresholds.RECORD.misplaced * (recording.uncertainty.target or thresholds.RECORD.nest)
     found = first.target + np.array([t.place for t in recording.targets])  # (T, 3)
-    pair = _find_exchanged_reflectors(recording, first.target, found, far)
+    pair = _find_exchanged_reflectors(recording, first.target, found, threshold)
     if pair is not None:
         a, b = pair
         words = f"targets {recording.targets[a].name} and {recording.targets[b].name} are exchanged"
@@ -58,35 +62,37 @@ def correct_misplaced_reflectors(
             _build_reflector_finding(model, first, rows, words, {}, words)
         ]
     out, targets = [], list(recording.targets)
-    for n in _find_misplaced_reflectors(first.target, far):
-        off = 1e3 * first.target[n]
+    for n in _find_misplaced_reflectors(first.target, threshold):
+        deviation = 1e3 * first.target[n]
         name = recording.targets[n].name
         words = (
-            f"target {name} sits ({', '.join(f'{v:.1f}' for v in off)}) mm from where targets_mm says, beyond the "
-            "others; it was read at the place that the poses show"
+            f"target {name} sits ({', '.join(f'{v:.1f}' for v in deviation)}) mm from where targets_mm says, "
+            "beyond the others; it was read at the place that the poses show"
         )
-        sizes = {f"shift {a}": build_exact_estimate(float(v), "mm") for a, v in zip("xyz", off, strict=True)}
+        sizes = {f"shift {a}": build_exact_estimate(float(v), "mm") for a, v in zip("xyz", deviation, strict=True)}
         x, y, z = (float(v) for v in found[n])
         targets[n] = TrackerTarget(name, (x, y, z))
         out.append(_build_reflector_finding(model, first, model.reflector_index == n, words, sizes, name))
     return replace(recording, targets=tuple(targets)), out
 
 
-def _find_misplaced_reflectors(off: Array, far: float) -> list[int]:
-    """Reflectors (T, 3) m that lie elsewhere than most of the others do; none where most would."""
-    if len(off) == 2:
-        apart = float(np.linalg.norm(off[1] - off[0]))
-        return [int(np.argmax(np.linalg.norm(off, axis=1)))] if apart > far else []
-    beyond = np.flatnonzero(np.linalg.norm(off - np.median(off, axis=0), axis=1) > far)
-    return beyond.tolist() if 2 * len(beyond) < len(off) else []
+def _find_misplaced_reflectors(deviation: Array, threshold: float) -> list[int]:
+    """Return reflectors whose offset (T, 3) m differs from that of the majority; none if most would differ."""
+    if len(deviation) == 2:
+        apart = float(np.linalg.norm(deviation[1] - deviation[0]))
+        return [int(np.argmax(np.linalg.norm(deviation, axis=1)))] if apart > threshold else []
+    beyond = np.flatnonzero(np.linalg.norm(deviation - np.median(deviation, axis=0), axis=1) > threshold)
+    return beyond.tolist() if 2 * len(beyond) < len(deviation) else []
 
 
-def _find_exchanged_reflectors(recording: Recording, off: Array, found: Array, far: float) -> tuple[int, int] | None:
-    """Two reflectors each of which sits where the other should."""
-    size = np.linalg.norm(off, axis=1)
-    for a, b in combinations(range(len(off)), 2):
+def _find_exchanged_reflectors(
+    recording: Recording, deviation: Array, found: Array, threshold: float
+) -> tuple[int, int] | None:
+    """Return two reflectors each of which lies at the recorded position of the other."""
+    size = np.linalg.norm(deviation, axis=1)
+    for a, b in combinations(range(len(deviation)), 2):
         there = found[a] - recording.targets[b].place, found[b] - recording.targets[a].place
-        if min(size[a], size[b]) > far and max(np.linalg.norm(e) for e in there) < far:
+        if min(size[a], size[b]) > threshold and max(np.linalg.norm(e) for e in there) < threshold:
             return a, b
     return None
 

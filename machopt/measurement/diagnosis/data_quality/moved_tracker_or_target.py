@@ -1,11 +1,13 @@
-"""What one session has that the others have not, at the very same poses: a tracker or reflector put down again, a zero.
+"""Changes between sessions at identical poses: a moved tracker or reflector, or a changed encoder zero.
 
-Readings of one pose and reflector on two days differ by noise, and by what was moved in between. What the model lacks
-cancels in the difference, so it needs no model to be seen; left in, it would count as noise, and hide everything.
+Readings of one pose and reflector in two sessions differ by noise and by what was moved in between. Model errors
+cancel in the difference, so no model is needed. Uncorrected, the change would be counted as noise and would hide
+effects.
 
-Held against each other, by least absolute deviations: nothing, a frame (shift and turn), a reflector elsewhere in the
-flange, one joint's encoder, and the growth of a warm arm. The last is physics and stays for the catalogue. A shift
-alone may be either; where temperatures tell no difference the tracker is named, with the warmth beside it.
+Compared by least absolute deviations: no change, a moved frame (translation and rotation), a moved reflector, a
+changed zero of one encoder, and thermal expansion of the arm. The last one is physics and stays for the catalogue. A
+pure translation may have two causes. If temperatures show no difference, a moved tracker is reported, with thermal
+expansion as alternative.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ from machopt.numerics.array_types import Array, Ints
 from machopt.numerics.rigid_transforms import convert_vector_to_rotation, skew_matrix
 
 Flags = NDArray[np.bool_]
-MOST_REPAIRS = 4  # sessions, and what they have
+MOST_REPAIRS = 4  # most corrections of one recording
 
 
 class _ChangeKind(StrEnum):
@@ -53,19 +55,19 @@ class _ChangeKind(StrEnum):
 
 @dataclass(frozen=True)
 class _ChangeCause:
-    """An explanation of what a session has for itself."""
+    """Possible cause of a session difference."""
 
     kind: _ChangeKind
     joint: int = -1  # 0-based, of an encoder
 
     @property
     def column(self) -> str:
-        """Of the recording, for an encoder."""
+        """Column of the recording, for an encoder."""
         return f"q{self.joint + 1}_deg"
 
     @property
     def effect(self) -> tuple[str, str]:
-        """What a finding calls it, and where."""
+        """Effect and location of the finding."""
         if self.kind is _ChangeKind.ENCODER:
             return COLUMNS.name, format_column_location(self.column)
         return DISPLACEMENT.name, DISPLACEMENT.places[0]
@@ -78,18 +80,18 @@ SHIFT, FRAME, HEAT, TARGET = (
 
 @dataclass(frozen=True, kw_only=True)
 class _SessionDifferences:
-    """Of one session from the others at the same poses and reflectors."""
+    """Differences of one session to the others at the same poses and reflectors."""
 
     session: int
     d: Array  # (n, 3) m
-    p: Array  # (n, 3) m, where
-    R: Array  # (n, 3, 3) of the flange
+    p: Array  # (n, 3) m, nominal points
+    R: Array  # (n, 3, 3) flange orientation
     J: Array  # (n, 3, 6) m/rad
     pose: Ints
-    temperature_rise: float  # K that the session was warmer; NaN where that is not known
+    temperature_rise: float  # K relative to the other sessions; NaN if unknown
 
     def columns(self) -> dict[_ChangeCause, Array]:
-        """(n, 3, P) of each explanation."""
+        """Return the columns (n, 3, P) of each cause."""
         n = len(self.d)
         shift = np.broadcast_to(np.eye(3), (n, 3, 3))
         away = self.p - self.p.mean(axis=0)
@@ -104,7 +106,7 @@ class _SessionDifferences:
 
 @dataclass(frozen=True)
 class _SessionExplanation:
-    """What explains a session."""
+    """Fitted cause of a session difference."""
 
     cause: _ChangeCause
     x: Array
@@ -120,12 +122,16 @@ class _SessionExplanation:
 def correct_session_changes(
     recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
 ) -> tuple[Recording, list[Finding]]:
-    """Take out what single sessions have for themselves; a frame that is fitted in any case becomes one of its own.
+    """Remove changes of single sessions; a session with a moved tracker frame gets a fitted frame of its own.
 
     Args:
-        recording: kind absolute, in base_link but for what is refitted, its columns right.
-        robot, T_flange_tcp: the arm.
-        accept: effects that the user says are none.
+        recording: Measured poses in base_link, except for the refitted frame, with corrected columns.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        accept: Names of faults that the user declares to be intended; they are not corrected.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
     out: list[Finding] = []
     if recording.position is None or len(np.unique(recording.session)) < 2:
@@ -139,7 +145,7 @@ def correct_session_changes(
         likely = [t for t in found if t.misfit_reduction * thresholds.RECORD.moved_as_good > best.misfit_reduction]
         read = [_apply_explanation(recording, robot, T_flange_tcp, t) for t in likely]
         left = [_compute_misfit(r, robot, T_flange_tcp) for r in read]
-        # two sessions differ alike from each other: the model decides, or else it was the later one
+        # with two sessions the difference is symmetric: the model decides, otherwise the later one is corrected
         n = next(n for n, m in enumerate(left) if m < thresholds.RECORD.moved_as_good * min(left))
         recording = read[n]
         out.append(_build_change_finding(likely[n]))
@@ -147,26 +153,29 @@ def correct_session_changes(
 
 
 def merge_with_thermal_drift(
-    mended: Sequence[Finding], found: Sequence[Finding]
+    record_findings: Sequence[Finding], found: Sequence[Finding]
 ) -> tuple[list[Finding], tuple[str, ...]]:
-    """What was put right, without a shift that a drift which was found explains, too; and that in words.
+    """Drop corrections that a thermal drift found later explains as well.
 
     Args:
-        mended: what was wrong with the record.
-        found: in it, once that was put right.
+        record_findings: Findings of the record corrections.
+        found: Findings of the diagnosis of the corrected recording.
+
+    Returns:
+        Remaining corrections, and notes on the dropped ones.
     """
     drift = max((f.parameters["drift"].value for f in found if f.effect == THERMAL.name), default=0.0)
-    kept, notes = [], []
-    for f in mended:
+    remaining, notes = [], []
+    for f in record_findings:
         if (THERMAL.name, THERMAL.places[0]) in f.one_of and _read_frame_shift(f) <= drift:
             notes.append(f"{f.note}: the drift that was found moves as much within a session, so no tracker is blamed")
         else:
-            kept.append(f)
-    return kept, tuple(notes)
+            remaining.append(f)
+    return remaining, tuple(notes)
 
 
 def _read_frame_shift(f: Finding) -> float:
-    """mm of a frame that lay elsewhere."""
+    """Return the translation of a moved frame, mm."""
     return float(np.linalg.norm([f.parameters[f"shift {a}"].value for a in "xyz"]))
 
 
@@ -176,7 +185,7 @@ def _compute_misfit(recording: Recording, robot: Robot, T: Array) -> float:
 
 
 def _compute_session_differences(recording: Recording, robot: Robot, T: Array) -> list[_SessionDifferences]:
-    """Last session first."""
+    """Return the differences of each session to the others, last session first."""
     p, R = compute_nominal_points(recording, robot, T)
     whole = build_record_equations(recording, robot, T)
     e = whole.error(whole.fit())
@@ -211,7 +220,7 @@ def _compute_session_differences(recording: Recording, robot: Robot, T: Array) -
 
 
 def _number_reading_kinds(recording: Recording) -> Ints:
-    """(N,) readings of one pose, reflector and load have the same number."""
+    """Return a number (N,) for each combination of pose, reflector and load."""
     key = [recording.pose.astype(float), index_reflectors(recording).astype(float)]
     if recording.wrench is not None and recording.wrench.any():
         size = [max(float(np.abs(recording.wrench[:, a : a + 3]).max()), 1e-9) for a in (0, 3)]
@@ -221,7 +230,7 @@ def _number_reading_kinds(recording: Recording) -> Ints:
 
 
 def _average_by_kind(e: Array, kind: Ints, rows: Flags, of: Ints) -> Array:
-    """(n, 3) of the rows of each kind; NaN never, since every kind has one."""
+    """Return the mean (n, 3) of the rows of each combination."""
     at = np.searchsorted(of, kind[rows & np.isin(kind, of)])
     values = e[rows & np.isin(kind, of)]
     count = np.bincount(at, minlength=len(of))
@@ -229,7 +238,7 @@ def _average_by_kind(e: Array, kind: Ints, rows: Flags, of: Ints) -> Array:
 
 
 def _find_explanation(of: _SessionDifferences) -> _SessionExplanation | None:
-    """The explanation that leaves least for what it takes; None: noise, or what the catalogue is for."""
+    """Return the cause that leaves the smallest penalised residual; None for noise and for physical effects."""
     limits = thresholds.RECORD
     load, left, x = np.ones(len(of.d)), {}, {}
     for cause, A in of.columns().items():
@@ -238,7 +247,7 @@ def _find_explanation(of: _SessionDifferences) -> _SessionExplanation | None:
         left[cause] = e, float(np.abs(e).mean()) * e.size / max(e.size - A.shape[2], 1)
     plain = float(np.abs(of.d).mean())
     single = min((c for c in left if c.kind is _ChangeKind.ENCODER), key=lambda c: left[c][1])
-    order = [single, SHIFT, TARGET, FRAME]  # fewest numbers first
+    order = [single, SHIFT, TARGET, FRAME]  # fewest parameters first
     best = min(order, key=lambda c: left[c][1])
     best = next(c for c in order if left[c][1] < limits.moved_as_good * left[best][1])
     if left[best][1] > limits.moved_falls * plain:
@@ -253,17 +262,17 @@ def _find_explanation(of: _SessionDifferences) -> _SessionExplanation | None:
 
 def _apply_explanation(recording: Recording, robot: Robot, T: Array, t: _SessionExplanation) -> Recording:
     rows = recording.session == t.differences.session
-    assert recording.position is not None  # mended looks for it
+    assert recording.position is not None  # checked by the caller
     if t.cause.kind is _ChangeKind.ENCODER:
         q = recording.q.copy()
-        q[rows, t.cause.joint] += t.x[0]  # d = J x: the joint stood further by x than it says
+        q[rows, t.cause.joint] += t.x[0]  # d = J x: the true joint angle is larger by x
         return replace(recording, q=q)
     position = recording.position.copy()
     if t.cause == TARGET:
         _, R = compute_nominal_points(recording, robot, T)
         position[rows] -= R[rows] @ t.x
         return replace(recording, position=position)
-    if recording.registration == "fit":  # fitted with everything else
+    if recording.registration == "fit":  # the frame is an unknown of the base model
         return replace(recording, frame=_label_own_frame(recording, rows))
     middle = t.differences.p.mean(axis=0)
     turn = convert_vector_to_rotation(t.x[3:])
@@ -272,7 +281,7 @@ def _apply_explanation(recording: Recording, robot: Robot, T: Array, t: _Session
 
 
 def _label_own_frame(recording: Recording, rows: Flags) -> Ints:
-    """(N,) labels of stands, of ``rows`` others than of the rest."""
+    """Return frame labels (N,) in which ``rows`` have a frame of their own."""
     of = recording.session if recording.frame is None else recording.frame
     old = np.full(len(rows), int(of[~rows].min())) if recording.frame is None else recording.frame
     new = int(of[rows].min()) if recording.frame is None else int(old.max()) + 1

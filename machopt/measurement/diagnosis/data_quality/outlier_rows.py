@@ -1,4 +1,4 @@
-"""Single rows of a record that cannot be: far from what the model and all others say, or copied from the row before."""
+"""Single rows of a recording that are impossible: outliers of the model, or copies of the preceding row."""
 
 from __future__ import annotations
 
@@ -23,21 +23,25 @@ DECIMAL_SHIFTS = (10.0, 100.0, 1000.0)
 def find_outlier_rows(
     recording: Recording, diagnosis: DiagnosisResult, copies: Flags, problem: Equations, certain: Flags | None = None
 ) -> Finding | None:
-    """Gross rows as a finding, where they are more than a tracker makes, or plainly a clerk's.
+    """Build a finding for outlier rows if there are more than measurement noise explains, or if they are clearly
+    typing errors.
 
     Args:
-        recording: as diagnosed.
-        diagnosis: with the readings put aside.
-        copies: (N,) rows that repeat the displacement of the row before under another load.
-        problem: which readings are twins.
-        certain: (N,) rows of these that hold another pose's reading, which are said however few they are.
+        recording: Recording as diagnosed.
+        diagnosis: Result with the excluded readings.
+        copies: (N,) True for rows that repeat the displacement of the preceding row under another load.
+        problem: Equations; defines which readings are replicates.
+        certain: (N,) True for rows that contain the reading of another pose; these are always reported.
+
+    Returns:
+        The finding, or None.
     """
     out = ~diagnosis.used
-    aside = out & ~find_repeated_deviations(problem, diagnosis.errors.final, out)
-    if not aside.any():
+    excluded = out & ~find_repeated_deviations(problem, diagnosis.errors.final, out)
+    if not excluded.any():
         return None
     measured = recording.displacement if recording.kind == "deflection" else recording.position
-    slips = np.zeros(len(aside), bool)
+    slips = np.zeros(len(excluded), bool)
     if measured is not None:
         d = measured[:, :3]
         predicted = d - diagnosis.errors.final[:, :3]
@@ -45,19 +49,19 @@ def find_outlier_rows(
         for f in DECIMAL_SHIFTS:
             large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > thresholds.RECORD.slip_up * noise)
             small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > thresholds.RECORD.slip_down * noise)
-            slips |= aside & (large | small).any(axis=1)
-    clerical = int((slips | (copies & aside)).sum())
-    share = float(aside.mean())
+            slips |= excluded & (large | small).any(axis=1)
+    clerical = int((slips | (copies & excluded)).sum())
+    share = float(excluded.mean())
     if share <= thresholds.RECORD.ordinary and (
-        clerical < thresholds.RECORD.clerical or clerical < thresholds.RECORD.mostly * aside.sum()
+        clerical < thresholds.RECORD.clerical or clerical < thresholds.RECORD.mostly * excluded.sum()
     ):
-        aside = aside & (np.zeros(len(aside), bool) if certain is None else certain)
-        clerical = int(aside.sum())
-    if not aside.any():
+        excluded = excluded & (np.zeros(len(excluded), bool) if certain is None else certain)
+        clerical = int(excluded.sum())
+    if not excluded.any():
         return None
-    where = format_rows_location(problem.row[aside].tolist())
-    count = float(aside.sum())
-    # that Gaussian noise makes even one of these rows
+    where = format_rows_location(problem.row[excluded].tolist())
+    count = float(excluded.sum())
+    # probability that Gaussian noise causes at least one of these rows
     by_noise = float(min(2.0 * ndtr(-thresholds.NOISE.gross) * diagnosis.errors.final.size, 1.0))
     return build_record_finding(
         OUTLIERS.name,
@@ -74,7 +78,14 @@ def find_outlier_rows(
 
 
 def find_copied_rows(recording: Recording) -> Flags:
-    """(N,) rows that repeat the measured values of the row before although the load or the pose is another."""
+    """Find rows that repeat the measured values of the preceding row although load or pose changed.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+
+    Returns:
+        (N,) True for copied rows.
+    """
     values = recording.displacement if recording.kind == "deflection" else recording.position
     out = np.zeros(len(recording), bool)
     if values is None:

@@ -1,8 +1,9 @@
-"""Units of measured poses, of the whole record or of single sessions: angles of joints or of one, lengths of points.
+"""Units of measured poses, of the whole recording or of single sessions: joint angles (all or one), and point
+coordinates.
 
-Each session is held against forward kinematics by itself, with a tracker frame (where that is free) and reflectors of
-its own, so that no session bends another and no frame has to be known: a cloud of points of the wrong size or shape
-fits no frame. Only units that clerks write are tried; one is taken where next to nothing of the misfit is left.
+Each session is compared with forward kinematics separately, with its own tracker frame (where free) and reflectors.
+No session affects another and no frame needs to be known: a point cloud of wrong size or shape fits no frame. Only
+common wrong units are tried. A unit is accepted if it removes nearly all of the misfit.
 """
 
 from __future__ import annotations
@@ -26,26 +27,41 @@ from machopt.measurement.diagnosis.data_types.reflectors_and_tracker_frames impo
 
 Flags = NDArray[np.bool_]
 HEADS = {"q": "q1_deg", "position": "x_mm"}
-MOST = 400  # readings of a session that are looked at: a unit shows in a few
+MOST = 400  # most readings used per session: a wrong unit is visible in a few
 
 
 @dataclass(frozen=True)
 class _UnitReading:
-    """Units that a part of a record is in; a factor of 1 is the stated one."""
+    """Units assumed for a part of a recording; factor 1 is the stated unit."""
 
-    names: dict[str, str]  # by field, "" where it is as stated
+    names: dict[str, str]  # unit by field; empty: as stated
     factors: dict[str, float]
-    joint: int | None = None  # from 0: the angles of this one alone; None: those of all
+    joint: int | None = None  # 0-based, if only this joint is in another unit; None: all joints
 
     def apply(self, r: Recording) -> Recording:
-        assert r.position is not None  # mended looks for it
+        """Return the recording converted to the stated units.
+
+        Args:
+            r: Recording in the assumed units.
+
+        Returns:
+            The converted recording.
+        """
+        assert r.position is not None  # checked by the caller
         joints = np.arange(r.q.shape[1])
         kept = joints != self.joint if self.joint is not None else np.array(r.prismatic or (False,) * len(joints))
         q = np.where(kept, r.q, r.q * self.factors["q"])
         return replace(r, q=q, position=r.position * self.factors["position"])
 
     def find_first_column(self, field: str) -> str:
-        """The first column of those that hold it."""
+        """Return the first column of a field.
+
+        Args:
+            field: ``q`` or ``position``.
+
+        Returns:
+            Column name.
+        """
         if field != "q" or self.joint is None:
             return HEADS[field]
         return f"q{self.joint + 1}_{'mm' if self.names['q'] in LENGTHS else 'deg'}"
@@ -57,15 +73,16 @@ STATED = _UnitReading(dict.fromkeys(HEADS, ""), dict.fromkeys(HEADS, 1))
 def correct_pose_units(
     recording: Recording, robot: Robot, T_flange_tcp: np.ndarray, accept: Collection[str] = ()
 ) -> tuple[Recording, list[Finding]]:
-    """Read sessions in the units that they were written in.
+    """Convert sessions that were recorded in other units.
 
     Args:
-        recording: of any kind; only measured poses are looked at.
-        robot, T_flange_tcp: the arm.
-        accept: effects that the user says are none.
+        recording: Recording of any kind; only measured poses are checked.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        accept: Names of faults that the user declares to be intended; they are not corrected.
 
     Returns:
-        the recording in the stated units, a finding for each column group and each unit of it.
+        The recording in the stated units, and a finding for each column group and unit.
     """
     if recording.kind != "absolute" or recording.position is None or "units" in accept:
         return recording, []
@@ -77,7 +94,7 @@ def correct_pose_units(
         )
         if found is not None:
             parts[int(name)] = found
-    out, said = recording, []
+    out, findings = recording, []
     for field in HEADS:
         kinds = ((way.names[field], way.find_first_column(field)) for way, _, _ in parts.values() if way.names[field])
         for unit, head in dict.fromkeys(kinds):
@@ -86,11 +103,11 @@ def correct_pose_units(
                 for n, (way, _, _) in parts.items()
                 if (way.names[field], way.find_first_column(field)) == (unit, head)
             ]
-            said.append(_build_unit_finding(field, unit, hit, len(sessions), parts))
+            findings.append(_build_unit_finding(field, unit, hit, len(sessions), parts))
     for name, (way, _, _) in parts.items():
         rows = recording.session == name
         out = replace_rows(out, way.apply(select_rows(out, rows)), rows)
-    return out, said
+    return out, findings
 
 
 def _select_few_readings(part: Recording) -> Recording:
@@ -105,7 +122,9 @@ def _select_few_readings(part: Recording) -> Recording:
 def _find_best_units(
     part: Recording, robot: Robot, T: np.ndarray
 ) -> tuple[_UnitReading, NDArray[np.float64], NDArray[np.float64]] | None:
-    """The units of a session, and (G,) misfits of its poses as stated and as mended; None: the stated ones stand."""
+    """Return the units of a session and the misfits (G,) of its poses before and after; None if the stated units
+    hold.
+    """
     if len(np.unique(part.pose)) < thresholds.RECORD.part_readings:
         return None
     as_stated, spread = _compute_pose_errors(part, STATED, robot, T)
@@ -118,7 +137,7 @@ def _find_best_units(
     way, errors, _ = tried[0]
     best, second = (float(np.median(e)) / s for _, e, s in tried[:2])
     if best > thresholds.RECORD.clearly * stated or best > thresholds.RECORD.session_falls * second:
-        return None  # nothing that is sure
+        return None  # no certain alternative
     pose = np.unique(part.pose, return_inverse=True)[1].reshape(-1)
     by_pose = [np.array([np.median(e[pose == g]) for g in range(int(pose.max()) + 1)]) for e in (as_stated, errors)]
     return way, by_pose[0], by_pose[1]
@@ -132,7 +151,7 @@ def _list_unit_readings() -> Iterator[_UnitReading]:
 
 
 def _list_single_joint_units(part: Recording) -> Iterator[_UnitReading]:
-    """A column that a clerk took from another list than the rest."""
+    """Yield units in which a single joint column differs from the others."""
     for j in range(part.q.shape[1]):
         slides = bool(part.prismatic) and part.prismatic[j]
         for unit, factor in (LENGTHS if slides else ANGLES).items():
@@ -142,13 +161,13 @@ def _list_single_joint_units(part: Recording) -> Iterator[_UnitReading]:
 def _compute_pose_errors(
     part: Recording, way: _UnitReading, robot: Robot, T: np.ndarray
 ) -> tuple[NDArray[np.float64], float]:
-    """(n,) m, what frame and reflectors leave, and m that the points as read spread: tiny clouds fit each other.
+    """Return residuals (n,) m after fitting frame and reflectors, and the spread of the points in m.
 
-    Points that do not spread tell nothing: inf.
+    The spread guards against tiny point clouds, which fit anything. It is infinite for points without spread.
     """
     read = way.apply(part)
     e = build_record_equations(register_positions(read, robot, T), robot, T)
-    assert read.position is not None  # mended looks for it
+    assert read.position is not None  # checked by the caller
     spread = float(np.median(np.linalg.norm(read.position - np.median(read.position, axis=0), axis=1)))
     return np.asarray(np.linalg.norm(e.error(e.fit()), axis=1)), spread or np.inf
 

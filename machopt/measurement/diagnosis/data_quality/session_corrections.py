@@ -1,9 +1,9 @@
-"""A fault of one session, or of one pose, is not physics: each is held against the others, and mended where sure.
+"""Faults of one session or of one pose, found by comparison with the rest of the recording.
 
-What the others say of a part of the record: springs ≥ 0 (load tests) or forward kinematics with a tracker frame
-(poses), by least absolute deviations, plus what the very same pose and load left there (replicates), so that physics
-the model lacks does not count. The ways a part may have been written otherwise: :mod:`.rewritten`.
-One is taken only where the misfit falls by a wide margin, down to the level of the others.
+The rest predicts a part by non-negative springs (load tests) or forward kinematics with a tracker frame (poses),
+fitted by least absolute deviations. The residuals of replicates are added, so that unmodelled physics does not count.
+Candidates are listed in :mod:`machopt.measurement.diagnosis.data_quality.correction_candidates`. A candidate is
+accepted only if the misfit falls by a wide margin to the level of the other parts.
 """
 
 from __future__ import annotations
@@ -38,32 +38,39 @@ from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-MOST_REPAIRS = 4  # parts of one record
+MOST_REPAIRS = 4  # most corrected parts of one recording
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordEquations:
-    """What a model that is linear in few unknowns says of N translations; base_link axes, SI."""
+    """Linear equations of a simple model for N translations; base_link axes, SI."""
 
     y: Array  # (N, 3) m
     A: Array  # (N, 3, P)
-    load: Array  # (N,) size of what drives each reading
+    load: Array  # (N,) magnitude of the load of each reading
     wrench: Array  # (N, 6) N, N·m; zeros where none is recorded
-    size: Array  # (N,) m, what a misfit of the whole is counted per
+    size: Array  # (N,) m, reference for relative misfits
     pose: Ints  # (N,)
-    springs: bool  # the unknowns are compliances, ≥ 0
+    springs: bool  # the unknowns are non-negative compliances
 
     def fit(self) -> Array:
-        """(P,) by least absolute deviations."""
+        """Fit the unknowns by least absolute deviations."""
         if self.springs:
             return fit_bounded_absolute_deviations(self.A, self.y, self.load)
-        out, seen = np.zeros(self.A.shape[2]), self.A.any(axis=(0, 1))  # not a frame that no reading is in
+        out, seen = np.zeros(self.A.shape[2]), self.A.any(axis=(0, 1))  # without frames that no reading uses
         if seen.any():
             out[seen] = fit_least_absolute_deviations(self.A[:, :, seen], self.y, self.load)
         return out
 
     def error(self, x: Array) -> Array:
-        """(N, 3) m."""
+        """Return the residuals.
+
+        Args:
+            x: (P,) unknowns, SI.
+
+        Returns:
+            (N, 3) m.
+        """
         return np.asarray(self.y - self.A @ x)
 
 
@@ -71,28 +78,30 @@ class RecordEquations:
 class _SessionCorrection:
     part: int  # label
     candidate: CorrectionCandidate
-    recording: Recording  # the whole one, mended
-    misfit_before: float  # m, median misfit of the part
+    recording: Recording  # complete recording after correction
+    misfit_before: float  # m, median misfit of the part as recorded
     misfit_after: float
     unexplained_share: float  # unexplained share of the whole record
-    replicate_share: float  # share of the part's readings that have a replicate elsewhere, mended
-    distance_from_prior: float  # |log| of the arm's compliance per the cell's
+    replicate_share: float  # share of the part's readings with a replicate in other parts, after correction
+    distance_from_prior: float  # |log| of the ratio of the arm's compliance to the cell's
     p_value: float
 
 
 def correct_sessions_and_poses(
     recording: Recording, robot: Robot, T_flange_tcp: Array, prior: Array | None, accept: Collection[str] = ()
 ) -> tuple[Recording, list[Finding]]:
-    """Mend sessions, then poses (of load tests), that were written otherwise than the rest.
+    """Correct sessions, then single poses (of load tests), that differ from the rest by a recording fault.
 
     Args:
-        recording: kind deflection or absolute, as read.
-        robot, T_flange_tcp: the arm.
-        prior: (6,) N·m/rad of the cell; None where it has none. It decides only which of two sessions is the odd one.
-        accept: effects ("units", "columns") that the user says are none.
+        recording: Load tests or measured poses.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        prior: (6,) joint stiffness of the cell, N·m/rad; None if unknown. It only decides which of two sessions
+            is wrong.
+        accept: Names of faults that the user declares to be intended; they are not corrected.
 
     Returns:
-        the recording as it should have been (itself where nothing is wrong), a finding per repair.
+        The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
     out: list[Finding] = []
     if recording.kind == "absolute" and recording.position is None:
@@ -100,7 +109,7 @@ def correct_sessions_and_poses(
     if recording.kind == "deflection" and (recording.wrench is None or recording.displacement is None):
         return recording, out
     if recording.kind == "deflection" and not (np.any(recording.wrench) and np.any(recording.displacement)):
-        return recording, out  # says nothing, which is refused where it is looked at
+        return recording, out  # no load or no measurement; reported by a later check
     _, session = np.unique(recording.session, return_inverse=True)
     levels: list[tuple[str, Ints, Ints]] = [("session", session.reshape(-1).astype(np.int64), recording.session)]
     if recording.kind == "deflection":
@@ -128,7 +137,16 @@ def correct_sessions_and_poses(
 
 
 def build_record_equations(recording: Recording, robot: Robot, T_flange_tcp: Array) -> RecordEquations:
-    """Of a recording or a part of it."""
+    """Build the linear equations of a recording or of a part of it.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        Equations with springs (load tests), or with frame and reflectors (measured poses).
+    """
     if recording.kind == "deflection":
         tests = build_load_test_experiment(recording, robot, T_flange_tcp)
         w, y = tests.wrench, tests.measured[:, :3]
@@ -142,7 +160,7 @@ def build_record_equations(recording: Recording, robot: Robot, T_flange_tcp: Arr
             pose=recording.pose,
             springs=True,
         )
-    assert recording.position is not None  # mended checks it
+    assert recording.position is not None  # checked by the caller
     p, R = compute_nominal_points(recording, robot, T_flange_tcp)
     A = build_frame_and_reflector_columns(recording, p, R)
     w = np.zeros((len(p), 6)) if recording.wrench is None else recording.wrench
@@ -160,7 +178,7 @@ def build_record_equations(recording: Recording, robot: Robot, T_flange_tcp: Arr
 def _generate_session_corrections(
     recording: Recording, robot: Robot, T: Array, prior: Array | None, label: Ints, level: str
 ) -> Iterable[_SessionCorrection]:
-    """Every way that puts one part right, part by part."""
+    """Yield every candidate correction of every part."""
     limits = thresholds.RECORD
     whole = build_record_equations(recording, robot, T)
     parts = int(label.max()) + 1
@@ -188,7 +206,7 @@ def _generate_session_corrections(
                 if recording.kind == "deflection"
                 else _select_equations(
                     build_record_equations(whole_again, robot, T), rows
-                )  # with the frames and reflectors of the others too
+                )  # including frames and reflectors of the other parts
             )
             e, twins = _compute_part_misfit(now, x, *known)
             after = compute_typical_error(e) * way.scale
@@ -213,7 +231,9 @@ def _generate_session_corrections(
 
 
 def _select_best_correction(found: list[_SessionCorrection]) -> _SessionCorrection | None:
-    """The least misfit of the whole; among equals the one whose loads repeat others, then the one nearest the cell."""
+    """Return the correction with the smallest misfit; ties are decided by replicated loads, then by the cell's
+    stiffness.
+    """
     if not found:
         return None
     least = min(r.unexplained_share for r in found)
@@ -224,7 +244,9 @@ def _select_best_correction(found: list[_SessionCorrection]) -> _SessionCorrecti
 def _compute_part_misfit(
     part: RecordEquations, x: Array, others: RecordEquations, rest: Array, replicates: bool
 ) -> tuple[Array, float]:
-    """(n, 3) m, how far a part is from what the others say, and the share of its readings that repeat one of them."""
+    """Return the deviation (n, 3) m of a part from the prediction by the others, and the share of its replicated
+    readings.
+    """
     e, twins = part.error(x), 0
     if not replicates:
         return e, 0.0
@@ -244,7 +266,7 @@ def _compute_part_misfit(
 
 
 def _compute_unexplained_share(whole: RecordEquations, label: Ints) -> float:
-    """Unexplained share of the whole record, every part counting the same."""
+    """Return the unexplained share of the whole recording; every part has equal weight."""
     e = np.abs(whole.error(whole.fit())).sum(axis=1)
     n = int(label.max()) + 1
     return float(np.mean(np.bincount(label, e, n) / np.maximum(np.bincount(label, whole.size, n), 1e-300)))
@@ -265,12 +287,28 @@ def _select_equations(e: RecordEquations, rows: Flags) -> RecordEquations:
 
 
 def compute_typical_error(e: Array) -> float:
-    """Median size of (N, 3) errors."""
+    """Return the median norm of errors.
+
+    Args:
+        e: (N, 3) errors, m.
+
+    Returns:
+        Median in m.
+    """
     return float(np.median(np.linalg.norm(e, axis=1)))
 
 
 def compute_sign_test(pose: Ints, before: Array, after: Array) -> float:
-    """That so many poses come nearer by accident: a sign test."""
+    """Compute the p-value of a sign test over poses: the chance that as many poses improve.
+
+    Args:
+        pose: (N,) pose label.
+        before: (N,) errors before the correction.
+        after: (N,) errors after the correction.
+
+    Returns:
+        One-sided p-value.
+    """
     each = [np.median(after[pose == g]) < np.median(before[pose == g]) for g in np.unique(pose)]
     better = int(np.sum(each))
     return float(bdtrc(better - 1, len(each), 0.5)) if better > 0 else 1.0

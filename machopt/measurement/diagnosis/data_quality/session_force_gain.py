@@ -1,8 +1,8 @@
-"""Sessions whose forces read otherwise than the first one's by more than load cells do, put right.
+"""Sessions whose force gain deviates from the first session by more than the tolerance of load cells.
 
-A gain of each session's force is fitted beside the springs, since load cells scatter by a percent or two. One far
-beyond that is no scatter but a label, a sensor or a setting, and would pass for noise of the force. Every pose that
-two sessions share says how much more the arm moves per force in the one; a gain is what all of them say alike.
+A force gain per session is fitted together with the springs, because load cells differ by one or two percent. A much
+larger deviation indicates a wrong label, sensor or setting and would appear as force noise. Every pose that two
+sessions share gives one ratio of displacement per force. A gain error changes all ratios equally.
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ Ints = NDArray[np.int64]
 def correct_session_force_gains(
     recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
 ) -> tuple[Recording, list[Finding]]:
-    """Read the forces of later sessions like those of the first, where they are far off.
+    """Correct the forces of sessions whose gain differs strongly from that of the first session.
 
     Args:
-        recording: load tests, its units and axes right.
-        robot, T_flange_tcp: the arm.
-        accept: effects that the user says are none.
+        recording: Load tests with corrected units and axes.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        accept: Names of faults that the user declares to be intended; they are not corrected.
 
     Returns:
-        the recording (itself where nothing is wrong), a finding for each session.
+        The recording (unchanged if nothing was corrected) and a finding for each session.
     """
     out: list[Finding] = []
     sessions = np.unique(recording.session)
@@ -61,7 +62,7 @@ def correct_session_force_gains(
 
 
 def _compute_force_ratio_by_pose(tests: LoadTestExperiment, session: Ints) -> dict[int, dict[int, float]]:
-    """What forces read per what the arm did, by session and pose: springs of all readings predict it."""
+    """Return the ratio of recorded to implied force by session and pose; springs fitted to all readings predict it."""
     y, by_springs = tests.measured[:, :3], predict_displacements(tests)
     out: dict[int, dict[int, float]] = {}
     for one in np.unique(session).tolist():

@@ -1,7 +1,8 @@
-"""A stretch of rows whose readings stand one row too high or too low: a cell that was deleted, or one too many.
+"""Blocks of rows whose readings are shifted by one row, caused by a deleted or an inserted cell.
 
-A whole session is looked at by :mod:`.sessions`; a clerk's slip begins anywhere. Each reading is held against its own
-row and the two beside it; the stretch is that with the largest sum of what a neighbour's row fits better.
+:mod:`machopt.measurement.diagnosis.data_quality.session_corrections` checks whole sessions; here a block begins
+anywhere. Each reading is compared with its own row and its two neighbours. The block is the interval with the largest
+sum of improvements by the neighbouring row.
 """
 
 from __future__ import annotations
@@ -30,29 +31,30 @@ from machopt.measurement.diagnosis.data_types.reflectors_and_tracker_frames impo
 from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
-MOST = 3  # stretches of one record
+MOST = 3  # most shifted blocks of one recording
 LOST_ROW_KEY = "lost row"  # in the parameters of a finding
 
 
 def correct_shifted_rows(
     recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
 ) -> tuple[Recording, list[Finding]]:
-    """Put stretches of readings back to their rows where that is sure.
+    """Shift blocks of readings back to their rows if the evidence is clear.
 
     Args:
-        recording: kind deflection or absolute, as read; stretches that are whole sessions stay.
-        robot, T_flange_tcp: the arm.
-        accept: effects that the user says are none.
+        recording: Load tests or measured poses. Blocks that are whole sessions are not changed.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        accept: Names of faults that the user declares to be intended; they are not corrected.
 
     Returns:
-        the recording as it should have been (itself where nothing is wrong), a finding for each stretch.
+        The recording (unchanged if nothing was corrected) and a finding for each block.
     """
     kind = "displacement" if recording.kind == "deflection" else "position"
     out: list[Finding] = []
     if COLUMNS.name in accept or getattr(recording, kind) is None:
         return recording, out
     if recording.kind == "deflection" and not (np.any(recording.wrench) and np.any(recording.displacement)):
-        return recording, out  # says nothing, which is refused where it is looked at
+        return recording, out  # no load or no measurement; reported by a later check
     if len(recording) < 2 * thresholds.RECORD.part_readings:
         return recording, out
     for _ in range(MOST):
@@ -65,7 +67,15 @@ def correct_shifted_rows(
 
 
 def find_lost_rows(findings: Sequence[Finding], n: int) -> Flags:
-    """(n,) rows whose own reading is nowhere in the file: where a cell was deleted, or the slip went over the end."""
+    """Find rows whose own reading is missing in the file because of a shift.
+
+    Args:
+        findings: Findings of the record corrections.
+        n: Number of rows.
+
+    Returns:
+        (n,) True for rows without a reading of their own.
+    """
     out = np.zeros(n, bool)
     for f in findings:
         row = f.parameters.get(LOST_ROW_KEY)
@@ -77,7 +87,7 @@ def find_lost_rows(findings: Sequence[Finding], n: int) -> Flags:
 def _correct_worst_interval(
     recording: Recording, robot: Robot, T: Array, kind: str
 ) -> tuple[Recording, Finding] | None:
-    """The recording with its worst stretch put back; None where none is sure."""
+    """Return the recording with its worst block shifted back; None if no block is certain."""
     limits = thresholds.RECORD
     best = max(
         (_compare_shift(register_positions(recording, robot, T), robot, T, kind, by) for by in (-1, 1)),
@@ -89,7 +99,7 @@ def _correct_worst_interval(
         return None
     if _is_whole_sessions(recording.session, rows):
         return None
-    # the others say what fits, without what stands in the stretch
+    # the model is fitted to the rows outside of the block
     others = float(np.median(e[~rows]))
     before, after = float(np.median(e[rows])), float(np.median(beside[rows]))
     if before < limits.part_stands_out * others or after > min(
@@ -125,20 +135,21 @@ def _correct_worst_interval(
 
 @dataclass(frozen=True, kw_only=True)
 class _ShiftComparison:
-    """A record held against itself moved by one row."""
+    """Comparison of a recording with itself shifted by one row."""
 
     shift: int
-    is_stated_model: bool  # the model is that of the record as stated, not of the moved one
-    stated: Array  # (N,) m, errors of rows as they stand
-    shifted_error: Array  # (N,) m, of rows with the reading of the row ``by`` before
-    rows: Flags  # (N,) the stretch
+    is_stated_model: bool  # the model was fitted to the recording as stated, not to the shifted one
+    stated: Array  # (N,) m, errors of the rows as recorded
+    shifted_error: Array  # (N,) m, errors with the reading of the row ``shift`` before
+    rows: Flags  # (N,) True inside the block
     score: float
 
 
 def _compare_shift(recording: Recording, robot: Robot, T: Array, kind: str, by: int) -> _ShiftComparison:
-    """The stretch that a move by ``by`` rows fits better, by the model that leaves the least of each row's better one.
+    """Return the block that a shift by ``by`` rows fits better, with the better of two models.
 
-    Where a cell was deleted near the beginning most rows are moved, and only the moved record tells the model.
+    If a cell was deleted near the beginning, most rows are shifted, and only the shifted recording determines the
+    model.
     """
     stated, other = (
         build_record_equations(recording, robot, T),
@@ -156,24 +167,26 @@ def _compare_shift(recording: Recording, robot: Robot, T: Array, kind: str, by: 
 
 
 def _is_whole_sessions(session: NDArray[np.int64], rows: Flags) -> bool:
-    """Whether the stretch is whole sessions, but for a row or two at its ends: these are looked at as such."""
+    """Return whether the block consists of whole sessions except for a row or two at its ends."""
     inside = np.unique(session[rows])
     every = np.isin(session, inside)
     return bool((every & ~rows).sum() <= 2 * len(inside))
 
 
-def _find_lost_row(held: _ShiftComparison) -> int:
-    """The row whose own reading is nowhere: of the two at the end that then hold the same, the one it fits worse."""
-    at = np.flatnonzero(held.rows)
-    inside = int(at[0] if held.shift > 0 else at[-1])
-    outside = inside - held.shift
-    if not 0 <= outside < len(held.rows) or held.shifted_error[inside] >= held.stated[outside]:
+def _find_lost_row(comparison: _ShiftComparison) -> int:
+    """Return the row without its own reading: of the two equal rows at the block's end, the one with the larger
+    error.
+    """
+    at = np.flatnonzero(comparison.rows)
+    inside = int(at[0] if comparison.shift > 0 else at[-1])
+    outside = inside - comparison.shift
+    if not 0 <= outside < len(comparison.rows) or comparison.shifted_error[inside] >= comparison.stated[outside]:
         return inside
     return outside
 
 
 def _find_largest_interval(gain: NDArray[np.float64]) -> tuple[float, slice]:
-    """The stretch with the largest sum (Kadane), and the sum."""
+    """Return the largest interval sum and the interval (Kadane's algorithm)."""
     total = np.r_[0.0, np.cumsum(gain)]
     lowest = np.minimum.accumulate(total)
     stop = int(np.argmax(total - lowest))

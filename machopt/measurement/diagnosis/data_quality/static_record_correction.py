@@ -1,7 +1,7 @@
-"""The record before the robot: units, frames, signs, rows that cannot be; mended, and said like any other finding.
+"""Checks and corrections of a static recording: units, frames, signs, impossible rows.
 
-A broken record explains more mismatches than exotic physics does. What a check is sure of is mended before any physics
-is tried; what it only suspects stays a warning.
+A faulty recording explains more mismatch than rare physical effects. Certain faults are corrected before any physics
+is tried and are reported as findings. Suspected faults are reported as warnings.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
-MOST_PAIRED = 400  # readings of a pose that are held against each other
-SIZES = (  # displacement per load as read, per what it is; thousands show against any robot and are checked first
+MOST_PAIRED = 400  # most readings of a pose that are compared in pairs
+SIZES = (  # ratio of recorded to true displacement per load; factors of 1000 are checked earlier
     *((name, 1.0 / LENGTHS[name], "dx_mm", LENGTHS[name]) for name in ("inches", "centimetres")),
     *((name, FORCES[name], "fx_N", FORCES[name]) for name in ("kilograms", "pounds")),
 )
@@ -57,20 +57,21 @@ def correct_static_record(
     *,
     estimated: bool = False,
 ) -> tuple[Recording, list[Finding], list[str]]:
-    """Check and mend a recording of load tests or poses.
+    """Check and correct a recording of load tests or poses.
 
     Args:
-        recording: as read.
-        robot, T_flange_tcp: the arm.
-        prior: (6,) N·m/rad of the cell; None where it has none.
-        accept: codes of errors that the user says are none.
-        estimated: whether that stiffness is a guess by the arm's size.
+        recording: Recording as read.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        prior: (6,) joint stiffness of the cell, N·m/rad; None if unknown.
+        accept: Codes of faults that the user declares to be intended.
+        estimated: Whether that stiffness is only estimated from the arm's size.
 
     Returns:
-        the recording as it should have been, what was mended, warnings.
+        The corrected recording, a finding for each correction, and warnings.
 
     Raises:
-        InputError: no load or no displacement at all.
+        InputError: The recording has no load or no displacement.
     """
     recording, late = shifted_rows.correct_shifted_rows(recording, robot, T_flange_tcp, accept)
     recording, odd = session_corrections.correct_sessions_and_poses(recording, robot, T_flange_tcp, prior, accept)
@@ -100,11 +101,11 @@ def correct_static_record(
         if error is None:
             break
         before = _compute_misfit(tests)
-        mended = _apply_correction(recording, error, robot, T_flange_tcp)
-        if mended is None:
+        corrected = _apply_correction(recording, error, robot, T_flange_tcp)
+        if corrected is None:
             warnings.insert(0, error.message)
             break
-        recording = mended
+        recording = corrected
         right = build_load_test_experiment(recording, robot, T_flange_tcp)
         usual = _select_reference_stiffness(prior, estimate_reach(robot, T_flange_tcp))
         chance = _compute_sign_test(
@@ -117,7 +118,7 @@ def correct_static_record(
 
 
 def _apply_correction(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Array) -> Recording | None:
-    """The recording read the way the check says; None where that is not known."""
+    """Return the recording with the correction that a check implies; None if it is unknown."""
     if error.code == "joint_units":
         return replace(recording, q=np.degrees(recording.q))
     if error.code == "displacement_frame":
@@ -130,7 +131,7 @@ def _apply_correction(recording: Recording, error: Problem, robot: Robot, T_flan
             wrench_frame=_select_other_frame(recording.wrench_frame),
             displacement_frame=_select_other_frame(recording.displacement_frame),
         )
-    assert recording.wrench is not None  # the check read them
+    assert recording.wrench is not None  # guaranteed by the check
     assert recording.displacement is not None
     if error.code == "load_sign":
         return replace(recording, wrench=-recording.wrench)
@@ -150,7 +151,7 @@ def _apply_correction(recording: Recording, error: Problem, robot: Robot, T_flan
             "rx_mrad": (d, slice(3, 6)),
         }[error.column]
         target[:, columns] *= error.factor
-        if error.code == "units" and error.column == "fx_N":  # forces and moments fit each other as they are
+        if error.code == "units" and error.column == "fx_N":  # forces and moments are consistent with each other
             w[:, 3:] *= error.factor
         return replace(recording, wrench=w, displacement=d)
     return None
@@ -169,11 +170,11 @@ def _build_correction_finding(error: Problem, before: float, after: float, p_val
 def _find_displacement_unit_fault(
     tests: LoadTestExperiment, prior: Array | None, reach: float, estimated: bool
 ) -> Problem | None:
-    """Another unit that makes the whole arm as stiff as the cell says, and nearer to robots of its size; else None.
+    """Find another unit that makes the whole arm as stiff as the cell states, or closer to robots of its size.
 
-    A common factor on all displacements, or on all loads, leaves no other trace where only forces are read. So most
-    joints have to be off by it, a guessed stiffness tells pounds from a soft arm as little as it tells itself, and
-    displacements whose repeats scatter as stated are in the unit that is stated.
+    A common factor on all displacements or all loads leaves no other trace if only forces are recorded. Three
+    conditions apply. Most joints must deviate by the factor. An estimated stiffness cannot separate pounds from a
+    compliant arm. Displacements whose replicates scatter as stated are in the stated unit.
     """
     if prior is None:
         return None
@@ -214,7 +215,7 @@ def _find_displacement_unit_fault(
 
 
 def _compute_softness_factors(tests: LoadTestExperiment, prior: Array) -> Array:
-    """Of each joint that shows, how much softer it is than the cell says."""
+    """Return for each observable joint the ratio of its compliance to the cell's."""
     y, A = tests.measured[:, :3], tests.response()[:, :3]
     c = fit_least_absolute_deviations(A, y, np.linalg.norm(tests.wrench, axis=1))
     moved = np.abs(A * c).sum(axis=(0, 1))
@@ -222,7 +223,7 @@ def _compute_softness_factors(tests: LoadTestExperiment, prior: Array) -> Array:
 
 
 def _are_most_joints_off(joints: Array, value: float) -> bool:
-    """Whether most joints are off by about this factor, as a unit makes it, and not one of them by itself."""
+    """Return whether most joints deviate by about this factor, as a wrong unit does."""
     if len(joints) < 3:
         return False
     middle = float(np.median(joints))
@@ -230,13 +231,15 @@ def _are_most_joints_off(joints: Array, value: float) -> bool:
 
 
 def _compute_replicate_scatter(tests: LoadTestExperiment) -> float:
-    """m, 1 sigma of a coordinate between cycles of the same pose and load; NaN where nothing was read twice."""
+    """Return the standard deviation (m) of a coordinate between cycles of equal pose and load; NaN without
+    replicates.
+    """
     y, A, w = tests.measured[:, :3], tests.response()[:, :3], tests.wrench[:, :3]
     e = y - A @ fit_least_absolute_deviations(A, y, np.linalg.norm(tests.wrench, axis=1))
     apart = []
     for pose in np.unique(tests.pose):
         rows = np.flatnonzero(tests.pose == pose)
-        if len(rows) > MOST_PAIRED:  # as many pairs as there are squares of them
+        if len(rows) > MOST_PAIRED:  # the number of pairs grows with the square
             rows = np.sort(np.random.default_rng(0).choice(rows, MOST_PAIRED, replace=False))
         i, j = (rows[k] for k in np.triu_indices(len(rows), 1))
         near = (
@@ -250,7 +253,7 @@ def _compute_replicate_scatter(tests: LoadTestExperiment) -> float:
 
 
 def _is_scatter_as_stated(scatter: float, factor: float, tests: LoadTestExperiment) -> bool:
-    """Whether repeats of displacements scatter as the recording states, rather than as they would in another unit."""
+    """Return whether replicates scatter as the recording states rather than as another unit would imply."""
     stated = tests.uncertainty.displacement
     if not stated or not scatter > 0:
         return False
@@ -258,8 +261,8 @@ def _is_scatter_as_stated(scatter: float, factor: float, tests: LoadTestExperime
 
 
 def _find_force_unit_fault(error: Problem, recording: Recording, robot: Robot, T_flange_tcp: Array) -> Problem:
-    """The unit of forces that fits the moments best."""
-    assert recording.wrench is not None  # the check read it
+    """Return the unit of forces that is most consistent with the moments."""
+    assert recording.wrench is not None  # guaranteed by the check
 
     def misfit(factor: float) -> float:
         w = recording.wrench.copy()  # type: ignore[union-attr]
@@ -270,7 +273,7 @@ def _find_force_unit_fault(error: Problem, recording: Recording, robot: Robot, T
 
 
 def _merge_findings(findings: list[Finding], new: Finding) -> list[Finding]:
-    """The same columns mended twice are one finding with one factor."""
+    """Merge two corrections of the same columns into one finding with one factor."""
     old = next((f for f in findings if (f.effect, f.location) == (new.effect, new.location)), None)
     if old is None:
         return [*findings, new]
@@ -283,12 +286,16 @@ def _merge_findings(findings: list[Finding], new: Finding) -> list[Finding]:
 
 
 def _select_reference_stiffness(prior: Array | None, reach: float) -> Array:
-    """(6,) N·m/rad of the cell, or of an arm of this reach (m); arms that we know lie within 3.3 of it."""
+    """Return the joint stiffness (6,) N·m/rad of the cell, or of a typical arm of this reach (known arms: within a
+    factor 3.3).
+    """
     return np.full(6, 1e6 * (reach / 2.5) ** 3) if prior is None else prior
 
 
 def _compute_misfit_by_pose(tests: LoadTestExperiment, stiffness: Array) -> Array:
-    """(G,) how far the readings of each pose are from a stiffness, 0 … 1, translations and rotations alike."""
+    """Return the relative misfit (G,) of each pose for a stiffness, 0 to 1, translations and rotations equally
+    weighted.
+    """
     predicted = tests.response()[:, :, :6] @ (1.0 / stiffness)
     poses = np.unique(tests.pose)
     out = np.zeros(len(poses))
@@ -302,13 +309,13 @@ def _compute_misfit_by_pose(tests: LoadTestExperiment, stiffness: Array) -> Arra
 
 
 def _compute_sign_test(pose: NDArray[np.int64], before: Array, after: Array) -> float:
-    """Chance that so many poses come nearer by accident: a sign test of (G,) misfits before and after."""
+    """Return the p-value of a sign test on misfits (G,) before and after."""
     better, n = int(np.sum(after < before)), len(np.unique(pose))
     return float(bdtrc(better - 1, n, 0.5)) if better > 0 else 1.0
 
 
 def _compute_misfit(tests: LoadTestExperiment) -> float:
-    """m, robust rms of what refitted joints leave of the translations."""
+    """Return the robust rms (m) of the translations after a fit of the joint springs."""
     load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
     A = tests.response()[:, :3]
     e = tests.measured[:, :3] - A @ fit_least_absolute_deviations(A, tests.measured[:, :3], load)

@@ -1,6 +1,6 @@
-"""Signs, axes, joints and rows that are exchanged in the whole record: no session is there to say so, only the model.
+"""Signs, axes, joints and rows that are exchanged in the whole recording, detected by the model alone.
 
-Taken where one way to read the columns leaves far less than the stated one, and no other way does nearly as well.
+A correction is accepted if it reduces the error strongly and no other correction is nearly as good.
 """
 
 from __future__ import annotations
@@ -36,12 +36,16 @@ from machopt.numerics.array_types import Array
 def correct_swapped_columns(
     recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
 ) -> tuple[Recording, list[Finding]]:
-    """Read the columns of a whole record otherwise where that is sure; at most one such fault.
+    """Correct exchanged columns of a whole recording if the evidence is clear; at most one fault.
 
     Args:
-        recording: kind deflection or absolute; units, frames and single sessions mended.
-        robot, T_flange_tcp: the arm.
-        accept: effects that the user says are none.
+        recording: Load tests or measured poses with corrected units, frames and sessions.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        accept: Names of faults that the user declares to be intended; they are not corrected.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
     if "columns" in accept or (recording.kind == "absolute" and recording.position is None):
         return recording, []
@@ -65,8 +69,8 @@ def correct_swapped_columns(
         return recording, []
     as_good = [f for f in found if f[0] < thresholds.RECORD.part_as_good * least]
     if recording.registration == "fit" and {f[2].column for f in as_good} == {"x_mm"}:
-        _, _, way, changed, after = as_good[0]  # a free frame: every mirror is the same one, turned
-    elif len(as_good) > 1:  # which of them it is cannot be told: nothing is mended on a guess
+        _, _, way, changed, after = as_good[0]  # with a free frame all mirrored readings are equivalent
+    elif len(as_good) > 1:  # ambiguous: nothing is corrected
         return recording, []
     return changed, [_build_column_finding(way, least / left, stated, before, after)]
 
@@ -74,15 +78,19 @@ def correct_swapped_columns(
 def correct_moment_units(
     recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
 ) -> tuple[Recording, list[Finding]]:
-    """Moments that are in another unit in every row, while forces are not.
+    """Correct moments that are in another unit in every row while forces are not.
 
-    Numbers so small that a force sensor's uncertainty swallows them would count as noise, and what they do as a lever.
-    Held against a model of the moments as stated and of none.
+    Too small moments lie within the uncertainty of the sensor and would count as noise, together with their lever
+    effect. The comparison uses models with the moments as stated and without moments.
 
     Args:
-        recording: kind deflection, single sessions mended.
-        robot, T_flange_tcp: the arm.
-        accept: effects that the user says are none.
+        recording: Load tests with corrected sessions.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        accept: Names of faults that the user declares to be intended; they are not corrected.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
     if UNITS.name in accept or recording.wrench is None or not recording.wrench[:, 3:].any():
         return recording, []
@@ -111,7 +119,7 @@ def correct_moment_units(
 def _build_column_finding(
     way: CorrectionCandidate, share: float, stated: RecordEquations, before: Array, after: Array
 ) -> Finding:
-    """The finding of columns read otherwise, which leave a ``share`` of what they left; errors (N, 3) m."""
+    """Build the finding of exchanged columns that leave a ``share`` of the previous errors (N, 3) m."""
     return build_record_finding(
         way.effect,
         format_column_location(way.column),
@@ -124,7 +132,7 @@ def _build_column_finding(
 
 
 def _list_column_readings(recording: Recording) -> Iterator[CorrectionCandidate]:
-    """Without units, which have their own check, and without what turns the load as a whole."""
+    """Yield candidates without units (separate check) and without rotations of the whole load."""
     for way in generate_correction_candidates(recording):
         if way.effect == COLUMNS.name:
             yield way

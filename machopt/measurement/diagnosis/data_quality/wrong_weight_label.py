@@ -1,9 +1,9 @@
-"""One weight that is not what is stamped on it: loads of one size read otherwise than all others at the same poses.
+"""A calibration weight with a wrong label: loads of one size deviate from all others at the same poses.
 
-Springs bend in proportion, gears that do not bend more or less with their torque, which is another at every pose. A
-size of load whose readings alone are off by the same share at every pose, with larger and smaller ones on either side
-of it that agree, is none of that. Nor is one that is off in one session, and put right becomes a size that another
-session has. Left in, its rows would pass for gross errors.
+Linear springs respond in proportion. Nonlinear gears respond to their torque, which differs at every pose. A load
+size whose readings alone deviate by the same ratio at every pose, while smaller and larger loads agree, is none of
+these. The same holds for a size that deviates in one session and after correction equals a size of another session.
+Uncorrected, its rows would be rejected as outliers.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from machopt.measurement.estimation.load_test_equations import LoadTestExperimen
 from machopt.numerics.array_types import Array, Ints
 
 Flags = NDArray[np.bool_]
-MOST = 4  # labels of one record
+MOST = 4  # most corrected labels of one recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +37,7 @@ class _LoadSize:
     session: int
     force: float  # N, as recorded
     rows: Flags
-    ratio_by_pose: (
-        Array  # (K,) by pose, what its forces read per what the arm did, per the middle one of all sizes there
-    )
+    ratio_by_pose: Array  # (K,) by pose: ratio of recorded to implied force, relative to the median of all sizes there
 
     @property
     def factor(self) -> float:
@@ -53,15 +51,16 @@ class _LoadSize:
 def correct_wrong_weight_labels(
     recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
 ) -> tuple[Recording, list[Finding]]:
-    """Read the loads of such sizes as the others say.
+    """Correct load sizes whose label contradicts the other loads.
 
     Args:
-        recording: load tests, its units and axes right.
-        robot, T_flange_tcp: the arm.
-        accept: effects that the user says are none.
+        recording: Load tests with corrected units and axes.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        accept: Names of faults that the user declares to be intended; they are not corrected.
 
     Returns:
-        the recording (itself where nothing is wrong), a finding for each size.
+        The recording (unchanged if nothing was corrected) and a finding for each size.
     """
     out: list[Finding] = []
     if recording.kind != "deflection" or recording.wrench is None or COLUMNS.name in accept:
@@ -78,7 +77,7 @@ def correct_wrong_weight_labels(
 
 
 def _find_wrong_size(tests: LoadTestExperiment) -> _LoadSize | None:
-    """The size that is off by most and by nothing that an arm does; None: there is none."""
+    """Return the load size with the largest deviation that no arm could cause; None if there is none."""
     every = _group_load_sizes(tests)
     odd = [
         s
@@ -97,20 +96,20 @@ def _is_size_off(s: _LoadSize) -> bool:
 
 
 def _is_only_deviating_size(s: _LoadSize, every: list[_LoadSize]) -> bool:
-    """Whether the other sizes of its session agree: their shares are of one another and of this one."""
+    """Return whether the other sizes of its session agree with each other."""
     others = [o for o in every if o.session == s.session and o is not s]
     most = thresholds.RECORD.label_others * abs(np.log(s.factor))
     return len(others) + 1 >= thresholds.RECORD.label_sizes and all(abs(np.log(o.factor)) < most for o in others)
 
 
 def _has_smaller_and_larger_loads(s: _LoadSize, every: list[_LoadSize]) -> bool:
-    """Whether its session has smaller and larger loads: what grows with the load would show in either of them too."""
+    """Return whether its session has smaller and larger loads: a nonlinearity would show in one of them too."""
     others = [o.force for o in every if o.session == s.session and o is not s]
     return min(others) < s.force < max(others)
 
 
 def _is_contradicted_elsewhere(s: _LoadSize, every: list[_LoadSize]) -> bool:
-    """Whether another session has loads of the size that this is, which agree with its others."""
+    """Return whether another session has loads of the recorded size that agree with its other sizes."""
     return any(
         o.session != s.session
         and not _is_size_off(o)
@@ -120,7 +119,7 @@ def _is_contradicted_elsewhere(s: _LoadSize, every: list[_LoadSize]) -> bool:
 
 
 def _group_load_sizes(tests: LoadTestExperiment) -> list[_LoadSize]:
-    """Of all sessions whose loads come in a few sizes."""
+    """Return the load sizes of all sessions whose loads come in a few sizes."""
     force = np.linalg.norm(tests.wrench[:, :3], axis=1)
     by_springs = predict_displacements(tests)
     read, moved = np.sum(by_springs**2, axis=1), np.sum(by_springs * tests.measured[:, :3], axis=1)
@@ -144,7 +143,7 @@ def _group_load_sizes(tests: LoadTestExperiment) -> list[_LoadSize]:
 
 
 def _label_load_sizes(force: Array) -> Ints | None:
-    """(N,) the size of each load, from 0; None where they do not come in a few."""
+    """Return the size index (N,) of each load; None if loads do not come in a few sizes."""
     order = np.argsort(force)
     if force[order[-1]] <= 0.0:
         return None
@@ -156,7 +155,7 @@ def _label_load_sizes(force: Array) -> Ints | None:
 
 
 def _compute_force_ratios(pose: Ints, label: Ints, read: Array, moved: Array) -> Array:
-    """(sizes, poses) what forces of each size read per what the arm did, per the middle one of the pose's sizes."""
+    """Return ratios (sizes, poses) of recorded to implied force, relative to the median of the pose's sizes."""
     _, at = np.unique(pose, return_inverse=True)
     poses, sizes = int(at.max()) + 1, int(label.max()) + 1
     cell = label * poses + at.reshape(-1)
@@ -190,6 +189,6 @@ def _build_label_finding(s: _LoadSize, several: bool) -> Finding:
             "force": build_exact_estimate(s.force, "N"),
             **session,
         },
-        beside=(format_column_location("fy_N"), format_column_location("fz_N")),
+        further_places=(format_column_location("fy_N"), format_column_location("fz_N")),
         stated={"message": words, "force_N": s.force} | ({"session": s.session} if several else {}),
     )

@@ -1,1 +1,1 @@
-"""What a diagnosis speaks of: the problem, its readings and signals, what was asked, what is answered."""
+"""Data types of a diagnosis: problem, readings, signals, result."""

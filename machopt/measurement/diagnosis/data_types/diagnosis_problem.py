@@ -1,7 +1,7 @@
-"""The nouns of a diagnosis: what was measured, what is refitted in any case, and what may explain the rest.
+"""Data types of the regression problem: measured minus predicted values, base unknowns, and hypotheses.
 
-All in SI. N readings (rows of a recording, or samples of a motion), D coordinates each, flattened nowhere but in
-:mod:`machopt.measurement.diagnosis.statistics.whitening`.
+All in SI. N readings (rows of a recording, or samples of a motion) with D coordinates each. They are flattened only
+in :mod:`machopt.measurement.diagnosis.statistics.whitening`.
 """
 
 from __future__ import annotations
@@ -23,41 +23,48 @@ from machopt.numerics.array_types import Array
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Channel = Literal["deflection", "position", "torque"]
-UNCATALOGUED = "unnamed"  # family of what no word of the catalogue means
+UNCATALOGUED = "unnamed"  # family of hypotheses that are no effect of the catalogue
 
 
 @dataclass(frozen=True, kw_only=True)
 class BaseUnknown:
-    """One coefficient of the base model."""
+    """One unknown of the base model, which is always fitted."""
 
     name: str  # "joint 3", "registration x", "friction 2 viscous"
     unit: str  # SI
     lower: float = -np.inf
-    location: str = ""  # where in the machine: "joint:3", "base" …
-    prior: float | None = None  # 1 sigma about zero, SI, of what is known to be small; None: nothing is known
-    key: ParameterKey | None = None  # what it is of an arm; None: nothing that a model keeps
-    plausible_range: tuple[float, float] | None = None  # least and most that something built has, SI; None: anything
+    location: str = ""  # location in the machine: "joint:3", "base" …
+    prior: float | None = None  # prior standard deviation about zero, SI; None: no prior
+    key: ParameterKey | None = None  # its key in an arm model; None: not part of a model
+    plausible_range: tuple[float, float] | None = None  # plausible minimum and maximum, SI; None: unlimited
     description_if_unstated: str = (
         ""  # what it is of the robot, where neither URDF nor cell has a word for it: told where it is there
     )
 
     @property
     def spring_joint(self) -> int | None:
-        """The joint, from 1, whose spring it is."""
+        """Joint, 1-based, whose spring it is; None if it is no spring."""
         return self.key.joint if self.key is not None and self.key.effect == JOINT_SPRING else None
 
     def is_plausible(self, value: float) -> bool:
-        """Whether something built may have that value."""
+        """Return whether a value is plausible for a real machine.
+
+        Args:
+            value: Value in SI.
+
+        Returns:
+            True inside ``plausible_range``.
+        """
         return self.plausible_range is None or self.plausible_range[0] <= value <= self.plausible_range[1]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoordinateFamily:
-    """Coordinates that share a unit and a level of noise."""
+    """Coordinates that share a unit and a noise level."""
 
     name: str  # "translation", "rotation", "joint 3"
     columns: tuple[int, ...]  # indices in D
-    unit: str  # of reports, e.g. "mm"
+    unit: str  # unit in reports, e.g. "mm"
     factor: float  # report unit per SI unit, e.g. 1e3
     stated_uncertainty: float | None = None  # 1 sigma of a reading as the recording states it, SI
     is_separate_instrument: bool = (
@@ -67,28 +74,30 @@ class CoordinateFamily:
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisProblem:
-    """What was measured less what the nominal model predicts, as equations linear in the base unknowns."""
+    """Measured minus predicted values as equations linear in the base unknowns."""
 
     channel: Channel
     y: Array  # (N, D) m, rad or N·m
     base: Array  # (N, D, P) per unit of each base unknown
     unknowns: tuple[BaseUnknown, ...]
     families: tuple[CoordinateFamily, ...]  # the first is the one that errors are reported in
-    group: Ints  # (N,) held out and resampled together: the pose; in motion a stretch of time
-    visit: Ints  # (N,) one arrival at a pose (pose in a session); inside a group
-    cycle: Ints  # (N,) one load cycle; inside a visit
+    group: Ints  # (N,) cross-validation group: the pose; for motions a block of time
+    visit: Ints  # (N,) one arrival at a pose (pose and session); nested in a group
+    cycle: Ints  # (N,) one load cycle; nested in a visit
     session: Ints  # (N,)
-    replicate: Ints  # (N,) readings with the same label (≥ 0) measured the same thing; −1: no twin
+    replicate: Ints  # (N,) equal labels (≥ 0) are replicates; −1: no replicate
     line: Ints  # (N,) line of the data file
     row: Ints  # (N,) 1-based data row
-    scale: Array | None = None  # (N, D) size of what a gain error acts on (predicted displacement); None: no such noise
-    excluded: Flags | None = None  # (N,) rows that the record checks put aside
-    subtracted_displacement: Array | None = (
-        None  # (N, D) K_C of load and weight, already taken off y; a base unknown holds its doubt
+    scale: Array | None = (
+        None  # (N, D) signal that a gain error multiplies (predicted displacement); None: no gain noise
     )
-    time: Array | None = None  # (N,) s, where readings of one hour may share an error that those of another do not
-    visits_for_cycles: bool = False  # load cycles have no label: a visit stands for all that it holds
-    present: Flags | None = None  # (N, D) what was measured; None: all. Elsewhere y and all columns are zero
+    excluded: Flags | None = None  # (N,) rows excluded by the record checks
+    subtracted_displacement: Array | None = (
+        None  # (N, D) K_C of load and weight, subtracted from y; a base unknown holds its uncertainty
+    )
+    time: Array | None = None  # (N,) s, if readings close in time may share an error
+    visits_for_cycles: bool = False  # load cycles are not labelled: a visit counts as one cycle
+    present: Flags | None = None  # (N, D) measured coordinates; None: all. Elsewhere y and all columns are zero
 
     def __len__(self) -> int:
         return len(self.y)
@@ -98,11 +107,25 @@ class DiagnosisProblem:
         return int(self.y.shape[1])
 
     def mask_unmeasured(self, residual: Array) -> Array:
-        """(N, D) residuals, NaN where nothing was measured."""
+        """Set residuals of unmeasured coordinates to NaN.
+
+        Args:
+            residual: (N, D) residuals.
+
+        Returns:
+            (N, D) residuals.
+        """
         return residual if self.present is None else np.where(self.present, residual, np.nan)
 
     def has_family(self, family: CoordinateFamily) -> Flags:
-        """(N,) readings that have every coordinate of a family."""
+        """Return which readings have every coordinate of a family.
+
+        Args:
+            family: Coordinate family.
+
+        Returns:
+            (N,) True if complete.
+        """
         if self.present is None:
             return np.ones(len(self), bool)
         return np.asarray(self.present[:, list(family.columns)].all(axis=1))
@@ -113,7 +136,7 @@ Quantities = Callable[[Array, Shape], Mapping[str, Quantity]]
 
 @dataclass(frozen=True)
 class RecordCorrection:
-    """What is wrong with the record, never with the robot: stays in the diagnosis."""
+    """Correction of a recording fault; it concerns the data, not the robot."""
 
     effect: str
     location: str
@@ -125,64 +148,56 @@ Correction = StiffnessTerm | KinematicCorrection | RecordCorrection
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeRefinement:
-    """What a shape of a grid is settled by, once its law is chosen."""
+    """Refinement of a shape beyond its search grid, once its law is selected."""
 
-    # shapes around one, it among them, as far to either side as a share of the way to the grid's next
+    # shapes around a given one (included), up to a share of the distance to its grid neighbours
     shapes_around: Callable[[Shape, float], tuple[Shape, ...]]
     is_preferred: Callable[[Shape], bool] = lambda _: (
         False
-    )  # a shape that is taken where another is no better by the data
+    )  # a shape that is preferred if no other is significantly better
     describe_ambiguity: Callable[[Sequence[Shape]], str] = lambda _: (
         ""
-    )  # of shapes that the data cannot tell apart; added to a note
-    minimum_separation: float = 0.0  # several shapes at once differ by this at least, else they are one
-    # of one number: least and most that the ends of its interval are looked for in; None: about the best shape alone
+    )  # text on shapes that the data cannot distinguish; appended to a note
+    minimum_separation: float = 0.0  # least difference of several simultaneous shapes
+    # for one number: range in which the ends of its interval are searched; None: around the best shape only
     search_range: tuple[float, float] | None = None
-    search_ranges: tuple[tuple[float, float], ...] | None = None  # of several numbers, each with an interval of its own
+    search_ranges: tuple[tuple[float, float], ...] | None = None  # for several numbers, one range each
 
 
 @dataclass(frozen=True)
 class EffectHypothesis:
-    """One law of one effect at one place: columns that are fitted beside the base.
+    """One law of one effect at one place: columns that are fitted together with the base.
 
-    The first entry of ``quantities`` is the effect's size: detection limits are stated in it, and it must grow with
-    the coefficients (twice the coefficients, twice the size).
+    The first entry of ``quantities`` is the size of the effect. Detection limits are stated in it. It must be
+    proportional to the coefficients.
     """
 
-    effect: str  # a word of the vocabulary, or a user's own
+    effect: str  # name of a registered or user-defined effect
     location: str
-    law: str  # which of the rival laws, in words: "play", "dead zone on total torque"
+    law: str  # name of the law: "play", "dead zone on total torque"
     equation: str  # with its source
     columns: Callable[[Shape], Array]  # (N, D, p) per unit of each coefficient; SI
     quantities: Quantities
-    _: KW_ONLY  # what stands above may be given by position: files of users' own do
-    shapes: tuple[Shape, ...] = ((),)  # grid of what is not linear: threshold, time constant, order …
-    lower: tuple[float, ...] = ()  # bounds of the coefficients; empty: free
+    _: KW_ONLY  # the fields above may be positional: user files rely on it
+    shapes: tuple[Shape, ...] = ((),)  # grid of nonlinear parameters: threshold, time constant, order …
+    lower: tuple[float, ...] = ()  # lower bounds of the coefficients; empty: unbounded
     correction: Callable[[Array, Shape], Correction | None] = lambda x, shape: None
-    note: str = ""  # where it shows, e.g. "on load reversal"
-    family: str = ""  # effects that are rivals of one kind: "joint", "body", "sensor", "kinematic", "environment"
-    curve: Callable[[Array, Shape], LawCurve] | None = None  # the law itself, for the report
-    penalty: float = 0.0  # beyond that of its coefficients; for laws that are flexible enough to fit anything
-    # coefficients (p,) that something built can have, nearest to the given ones by how the misfit grows (p, p)
+    note: str = ""  # where it is visible, e.g. "on load reversal"
+    family: str = ""  # class of competing effects: "joint", "body", "sensor", "kinematic", "environment"
+    curve: Callable[[Array, Shape], LawCurve] | None = None  # curve of the law for the report
+    penalty: float = 0.0  # additional penalty beyond that of its coefficients, for flexible laws
+    # nearest plausible coefficients (p,), in the metric (p, p) of the misfit
     project_to_plausible: Callable[[Array, Array], Array] | None = None
-    prior_sigma: float | None = (
-        None  # 1 sigma about zero of every coefficient, of what makers hold; None: nothing is known
-    )
-    sum_name: str = ""  # several of its shapes at one place are one law again, so called ("waves"); empty: they are not
-    refinement: ShapeRefinement | None = None  # how its shape is settled once it is chosen; None: one of ``shapes``
-    # whether anything built has such coefficients at such a shape; where not, the law is no more than a shape that fits
+    prior_sigma: float | None = None  # prior standard deviation of every coefficient about zero; None: no prior
+    sum_name: str = ""  # name of a sum of several shapes at one place ("waves"); empty: shapes do not add up
+    refinement: ShapeRefinement | None = None  # refinement of the selected shape; None: a grid shape is final
+    # whether coefficients and shape are plausible for a real machine
     is_plausible: Callable[[Array, Shape], bool] = lambda x, shape: True
-    is_exact: bool = False  # the law leaves nothing of its effect (a clock, a measured lag), however large that is
-    has_jumps: bool = (
-        False  # its shape moves leaps between readings, not slopes: how far it may be off is told otherwise
-    )
-    is_approximate: bool = False  # it is only like what is there, and leaves much of it, anywhere
-    varies_between_sessions: bool = (
-        False  # it may well be another each day: sessions that did not see it say nothing against it
-    )
-    typical_coefficients: Array | None = (
-        None  # (K, p) SI, coefficients as such a thing mostly has them; None: any are as likely
-    )
+    is_exact: bool = False  # the law describes its effect without remainder (a clock offset, a measured lag)
+    has_jumps: bool = False  # its shape moves discontinuities: the uncertainty of the shape is computed differently
+    is_approximate: bool = False  # it only approximates its effect and leaves a remainder
+    varies_between_sessions: bool = False  # it may differ between sessions: sessions without it are no counter-evidence
+    typical_coefficients: Array | None = None  # (K, p) SI, typical coefficients; None: all are equally likely
 
     @property
     def name(self) -> tuple[str, str]:
@@ -190,13 +205,15 @@ class EffectHypothesis:
 
     @property
     def is_in_catalogue(self) -> bool:
-        """Whether a finding may be made of it; else it says where something is, and keeps others from its place."""
+        """Whether it may become a finding. Otherwise it only locates a mismatch and blocks other effects there."""
         return self.family != UNCATALOGUED
 
 
 @dataclass(frozen=True, kw_only=True)
 class LawCurve:
-    """A law as a line over what drives it, and each reading's place on that axis, for the report's picture."""
+    """Curve of a law over its driving quantity, and the position of each reading on that axis, for the report's
+    figure.
+    """
 
     x: Array  # (M,) in report units
     law: Array  # (M,)
@@ -208,12 +225,12 @@ class LawCurve:
 
 @dataclass(frozen=True)
 class UntestableEffect:
-    """An effect whose signals the recording does not have."""
+    """Effect that the recording cannot test."""
 
     effect: str
     location: str
     reason: str
-    same_as: tuple[str, str] | None = None  # the effect and place that it cannot be told from in this recording
+    same_as: tuple[str, str] | None = None  # effect and place that it cannot be distinguished from here
 
     @property
     def name(self) -> tuple[str, str]:
@@ -222,14 +239,10 @@ class UntestableEffect:
 
 @dataclass(frozen=True)
 class HypothesisCatalogue:
-    """Everything that is tried on a problem."""
+    """All hypotheses that are tried on a problem."""
 
     hypotheses: tuple[EffectHypothesis, ...]
     untestable: tuple[UntestableEffect, ...] = ()
-    axes: Mapping[str, Array] = field(default_factory=dict)  # name → (N,) for locating a mismatch in the data
-    extended_hypotheses: tuple[
-        EffectHypothesis, ...
-    ] = ()  # tried where the others leave more than noise: too many to try on noise
-    uncatalogued_hypotheses: tuple[
-        EffectHypothesis, ...
-    ] = ()  # tried then and where several parts were found: none of these is ever named
+    axes: Mapping[str, Array] = field(default_factory=dict)  # name → (N,) values for locating a mismatch in the data
+    extended_hypotheses: tuple[EffectHypothesis, ...] = ()  # tried only if the others leave more than noise
+    uncatalogued_hypotheses: tuple[EffectHypothesis, ...] = ()  # tried in addition; they never become findings

@@ -1,4 +1,4 @@
-"""What a diagnosis says: data only, SI unless a field says otherwise; the page and diagnosis.json are made from it."""
+"""Result of a diagnosis: data only, SI unless a field states otherwise. Report and diagnosis.json are built from it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Testability = Literal["testable", "only as a set", "not testable"]  # of an effe
 
 @dataclass(frozen=True)
 class EstimatedValue:
-    """A number with how sure it is."""
+    """Number with its confidence intervals."""
 
     value: float
     unit: str
@@ -38,56 +38,56 @@ class EstimatedValue:
 
 @dataclass(frozen=True)
 class LawFit:
-    """A law as fitted to the recording, SI; with it the law can be predicted where nothing was measured yet."""
+    """Fitted law, SI. With it the law can be predicted at poses that were not measured."""
 
     coefficients: tuple[float, ...]
-    shape: tuple[float, ...]  # in shares of this recording's torques where the law counts so
+    shape: tuple[float, ...]  # relative to this recording's torques if the law is defined so
     correction: Correction | None = None  # the same in absolute units
 
 
 @dataclass(frozen=True, kw_only=True)
 class RivalExplanation:
-    """Another explanation of the same mismatch, and what became of it."""
+    """Competing explanation of the same mismatch, and whether it is rejected."""
 
     effect: str
     location: str
     law: str
-    closed: float  # share of the finding's gain on unseen groups that this one reaches alone
+    closed: float  # its cross-validated gain relative to that of the finding
     standing: Literal["rejected", "not excluded"]
-    p_value: float  # that it does as well, paired over held-out groups
-    placebo: bool = False  # a law that must lose: the same at a wrong place, or with its driver shuffled
+    p_value: float  # of being equally good, paired over held-out groups
+    placebo: bool = False  # the same effect at another place, which should be rejected
     fit: LawFit | None = None
-    named: LawFit | None = None  # of the law it was compared with
+    named: LawFit | None = None  # fit of the law it was compared with
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One effect that the nominal model leaves out."""
+    """One effect that the nominal model lacks."""
 
     effect: str
     location: str
     law: str
     equation: str
-    note: str  # where it shows: "on load reversal"
-    one_of: tuple[EffectLocation, ...]  # what these data cannot tell apart; the named one first
+    note: str  # where it is visible: "on load reversal"
+    one_of: tuple[EffectLocation, ...]  # effects that these data cannot distinguish; the reported one first
     parameters: Mapping[str, EstimatedValue]  # the first is the size
-    before: float  # held-out rmse of the first family without it, the others in; report unit
+    before: float  # cross-validated rmse of the first family with all other findings; report unit
     after: float
-    p_value: float  # of the whole search, not of this effect alone
+    p_value: float  # corrected for the whole search (max-T)
     rivals: tuple[RivalExplanation, ...] = ()
     correction: Correction | None = None
     curve: LawCurve | None = None
-    curve_residual: Array | None = None  # (N,) in y units of the curve: what the readings leave around the law
+    curve_residual: Array | None = None  # (N,) residuals about the law, in y units of the curve
     record: bool = False  # of the record (units, frames, outliers …), not of the robot
 
 
 @dataclass(frozen=True)
 class AxisInterval:
-    """A part of an axis of the data, SI."""
+    """Interval on an axis of the data, SI."""
 
     low: float
-    high: float  # the same as ``low``: one level
-    readings: float  # share of them that lies there
+    high: float  # equal to ``low`` for a single level
+    readings: float  # share of the readings inside the interval
 
     @property
     def words(self) -> str:
@@ -97,80 +97,88 @@ class AxisInterval:
 
 @dataclass(frozen=True)
 class MismatchShare:
-    """A part of the mismatch and where it lives."""
+    """Part of the mismatch and its location in the machine or in the data."""
 
     axis: str  # "joint:3", "base", "sensor:force", or of the data: "branch", "load level", "session" …
     share: float  # of the repeatable mismatch (power)
     note: str
     kind: Literal["machine", "data"] = "machine"
-    stretch: AxisInterval | None = None  # of an axis of the data, which ``note`` says in words
+    stretch: AxisInterval | None = None  # interval on an axis of the data, described in ``note``
 
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionLimit:
-    """The least size of an effect that this recording would have shown, in nine of ten repeats."""
+    """Smallest effect that this recording would have detected with 90 % probability."""
 
     effect: str
     location: str
     value: float
     unit: str
     standing: Testability = "testable"
-    one_of: tuple[EffectLocation, ...] = ()  # what it could not be told from
+    one_of: tuple[EffectLocation, ...] = ()  # effects that it could not be distinguished from
 
 
 @dataclass(frozen=True)
 class BaseCoefficient:
-    """A base coefficient after everything that was found is in."""
+    """Coefficient of the base model after all findings are included."""
 
     unknown: BaseUnknown
-    before: float  # base alone
+    before: float  # fitted with the base alone
     value: float
     sigma: float
 
 
 def is_spring_observable(compliance: float, sigma: float) -> bool:
-    """Whether readings tell a joint's compliance (rad/(N·m)); else no load moved the joint, or next to none did."""
+    """Return whether the readings determine a joint's compliance; otherwise no load deflected the joint noticeably.
+
+    Args:
+        compliance: Joint compliance, rad/(N·m).
+        sigma: Its standard deviation, rad/(N·m).
+
+    Returns:
+        True if compliance and uncertainty are within plausible bounds.
+    """
     return 1.0 / STIFFEST < compliance < 1.0 / SOFTEST and sigma < thresholds.RESTING.certain_joint * compliance
 
 
 @dataclass(frozen=True)
 class HoldoutErrors:
-    """Residuals of readings that no fit saw, in SI, and what they come to."""
+    """Cross-validated residuals, SI, and their summary."""
 
-    residual: Array  # (N, D) base alone, refitted without the reading's group
+    residual: Array  # (N, D) base alone, fitted without the reading's group
     final: Array  # (N, D) with the findings
-    by_group: Array  # (G, 2) rmse of the first family before and after, report unit; NaN where all rows are out
+    by_group: Array  # (G, 2) rmse of the first family before and after, report unit; NaN if all rows are excluded
     groups: Ints  # (G,) labels
 
 
 @dataclass(frozen=True, kw_only=True)
 class HoldoutProof:
-    """The one evaluation on data that no step saw."""
+    """Validation on groups that no step of the selection used."""
 
-    groups: Ints  # labels that were locked away
+    groups: Ints  # labels of the held-out groups
     before: float  # report unit
     after: float
     noise_floor: float
-    wins: int  # groups that the findings predict better
+    wins: int  # number of groups that the findings predict better
     of: int
     p_value: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisResult:
-    """Everything that was found out."""
+    """Complete result of a diagnosis."""
 
     channel: Channel
     predicted: str  # which channel was predicted, in words
     verdict: Verdict
-    sentence: str  # how much, where, what, how sure, what is not excluded, what next
+    sentence: str  # summary: size, place, cause, certainty, open alternatives, next step
     unit: str  # of errors: "mm", "N·m", "mrad"
     heldout_before: float  # rmse per coordinate, outliers apart
     noise_floor: float
-    repeatable: float  # rmse of what comes back in repeats, base refitted
-    mismatch_p: float  # that there is no repeatable mismatch
+    repeatable: float  # rmse of the repeatable mismatch, base refitted
+    mismatch_p: float  # p-value of no repeatable mismatch
     heldout_after: float
-    explained: float  # share of the repeatable power that the findings close
+    explained: float  # share of the repeatable power that the findings explain
     repeatable_after: float
     findings: tuple[Finding, ...]
     mismatch: tuple[MismatchShare, ...]
@@ -179,7 +187,7 @@ class DiagnosisResult:
     coefficients: tuple[BaseCoefficient, ...]
     errors: HoldoutErrors
     proof: HoldoutProof | None
-    used: Flags  # (N,) False: put aside as an outlier
+    used: Flags  # (N,) False: excluded as an outlier
     outliers: Ints  # 1-based data rows
     axes: Mapping[str, Array] = field(default_factory=dict)  # (N,) labels for the report
     tried: int = 0  # hypotheses × shapes
@@ -189,6 +197,13 @@ class DiagnosisResult:
 
 
 def compute_rms(values: Array) -> float:
-    """Root mean square of what is finite; NaN of nothing."""
+    """Compute the root mean square of the finite values.
+
+    Args:
+        values: Array of any shape.
+
+    Returns:
+        The rms; NaN without finite values.
+    """
     finite = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(finite**2))) if len(finite) else float("nan")

@@ -1,9 +1,10 @@
-"""In which order the torques of resting readings came to a gear, as far as it remembers them.
+"""Load histories of a gear in a static recording, for laws with memory.
 
-Gears remember differently, and no recording says how: ``cycle``: each cycle starts relaxed; ``visit``: with what the
-cycle before left in the gear; ``arrival``: weight winds the gear up on arrival, from rest; ``session``: the same, from
-what the pose before left; ``approach``: as on arrival, but the arm comes to the pose anew for every cycle. Each is
-another drive over the same law.
+Recordings do not tell how a gear was loaded before a reading. Five assumptions are distinguished. ``cycle``: each
+load cycle starts with a relaxed gear. ``visit``: a cycle starts with the state that the previous cycle left.
+``arrival``: the weight loads the gear on arrival at the pose, from rest. ``session``: the same, from the state of the
+previous pose. ``approach``: as arrival, but the arm moves to the pose again for every cycle. Each is a different
+input to the same law.
 """
 
 from __future__ import annotations
@@ -20,10 +21,17 @@ EACH_CYCLE = (MEMORIES.index("cycle"), MEMORIES.index("approach"))  # begin anew
 
 
 def build_load_history(r: StaticReadings, memory: str) -> GearLoadHistory:
-    """The states as a gear with this memory lives through them.
+    """Build the sequence of states that a gear passes under an assumed load history.
 
-    Loads change right after the last reading. The unloaded state of a cycle stands as long before its first reading as
-    its readings stand apart; of a lone reading that is not known.
+    Loads are assumed to change right after the last reading. The unloaded state of a cycle precedes its first reading
+    by the time between its readings. For a single reading that time is unknown.
+
+    Args:
+        r: Static readings.
+        memory: One of ``MEMORIES``.
+
+    Returns:
+        The states of all joints and the states of the readings.
     """
     if memory not in r.histories:
         r.histories[memory] = _build_load_history(r, MEMORIES.index(memory))
@@ -59,19 +67,19 @@ def _build_load_history(r: StaticReadings, memory: int) -> GearLoadHistory:
 
 
 def _compute_time_gaps(time: Array, last: float, stood: bool = False) -> Array:
-    """Seconds before the unloaded state of a cycle and before each of its readings.
+    """Return the time before the unloaded state of a cycle and before each of its readings, s.
 
     Args:
-        time: of the readings.
-        last: of the last reading that still counts; NaN: there is none.
-        stood: the arm has stood so, under its weight, for longer than anything in it lasts.
+        time: Time of the readings, s.
+        last: Time of the last reading that still matters; NaN if there is none.
+        stood: Whether the arm has rested under its weight longer than any memory lasts.
     """
     gaps = np.maximum(np.diff(time), 0.0)
     wait = float(np.median(gaps)) if len(gaps) else np.nan
     away = wait
     if np.isfinite(last) and len(gaps):
         away = max(float(time[0]) - wait - last, 0.0)
-    elif np.isfinite(last):  # a lone reading: how much of it was before the load came is the law's to say
+    elif np.isfinite(last):  # a single reading: the time without load is unknown
         away = -max(float(time[0]) - last, 0.0)
     elif stood:
         away = np.inf

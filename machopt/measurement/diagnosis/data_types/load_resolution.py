@@ -1,4 +1,6 @@
-"""What the force sensor is good for: components that hold nothing but its noise, loads that are the same."""
+"""Resolution of the force sensor: components that contain only noise, and loads that are equal within its
+uncertainty.
+"""
 
 from __future__ import annotations
 
@@ -14,25 +16,25 @@ COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
 def discard_noise_components(recording: Recording) -> tuple[Recording, list[str]]:
-    """The recording with load components that stay within their stated uncertainty at zero.
+    """Set load components to zero that stay within their stated uncertainty.
 
-    A column of noise is a regressor as good as any by chance. All forces are never taken away.
+    A column of noise correlates with anything by chance. At least one force component is always kept.
 
     Args:
-        recording: kind deflection.
+        recording: Load tests.
 
     Returns:
-        the recording (itself where nothing changes), what was done in words.
+        The recording (unchanged if nothing was removed) and notes.
     """
     if recording.wrench is None:
         return recording, []
     stated = [recording.uncertainty.force] * 3 + [recording.uncertainty.moment] * 3
     quiet = []
-    for k, told in enumerate(stated):
+    for k, notes in enumerate(stated):
         w = np.abs(recording.wrench[:, k])
         if not w.any():
             continue
-        sigma = told or _estimate_component_scatter(recording, k)
+        sigma = notes or _estimate_component_scatter(recording, k)
         if not sigma:
             continue
         loud = w > thresholds.NOISE.silent_peak * sigma
@@ -48,10 +50,11 @@ def discard_noise_components(recording: Recording) -> tuple[Recording, list[str]
 
 
 def _estimate_component_scatter(recording: Recording, k: int) -> float:
-    """1 sigma of a small component by its readings in one pose while the other forces are alike; 0: not to be told.
+    """Return the standard deviation of a small component over readings in one pose with equal other forces; 0 if
+    unknown.
 
-    A load that the robot bears comes back with its repeats: of such a component these readings scatter by far less than
-    it is large. A component that is large beside the force is none of these, however it scatters.
+    A load that the robot carries repeats. Its replicates scatter much less than its size. A component that is large
+    compared with the force is never removed.
     """
     assert recording.wrench is not None  # kind deflection
     force = recording.wrench[:, :3]
@@ -73,12 +76,15 @@ def _estimate_component_scatter(recording: Recording, k: int) -> float:
 
 
 def compute_load_tolerance(largest: Array, share: float, stated: StandardUncertainty) -> Array:
-    """(6,) N, N·m: how far each component of two readings may be apart for the same load.
+    """Compute how far two loads may differ and still count as equal.
 
     Args:
-        largest: (2,) largest force and moment there, N and N·m.
-        share: of them.
-        stated: 1 sigma; what it cannot tell apart is the same.
+        largest: (2,) largest force and moment at the pose, N and N·m.
+        share: Relative tolerance.
+        stated: Standard uncertainty of the sensor; smaller differences are not resolved.
+
+    Returns:
+        (6,) tolerance of each component, N and N·m.
     """
     sigma = np.array([stated.force or 0.0, stated.moment or 0.0])
     return np.repeat(np.maximum(np.maximum(share * largest, thresholds.NOISE.same * sigma), 1e-9 * share), 3)

@@ -1,4 +1,4 @@
-"""What was wrong with a record as a finding: its place, what was done, what that did to the error."""
+"""Findings about the recording: place, correction, and effect of the correction on the error."""
 
 from __future__ import annotations
 
@@ -8,11 +8,19 @@ from typing import Any
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import RecordCorrection
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
 
-STATED_RECORD = "the record, read as stated"  # the law that the finding is held against
+STATED_RECORD = "the record, read as stated"  # alternative that the finding is compared with
 
 
 def build_exact_estimate(value: float, unit: str = "1") -> EstimatedValue:
-    """A number that is no estimate: a factor, a count, a length as computed."""
+    """Return a value without uncertainty: a factor, a count, or a computed length.
+
+    Args:
+        value: The value.
+        unit: Its unit.
+
+    Returns:
+        Estimate with intervals of zero width.
+    """
     return EstimatedValue(value, unit, (value, value), (value, value))
 
 
@@ -27,21 +35,26 @@ def build_record_finding(
     *,
     law: str = STATED_RECORD,
     equation: str = "",
-    beside: tuple[str, ...] = (),
+    further_places: tuple[str, ...] = (),
     stated: Mapping[str, Any] | None = None,
 ) -> Finding:
-    """The finding.
+    """Build a finding about the recording.
 
     Args:
-        effect: of :mod:`machopt.effects.recording.record_faults`, or of a sensor.
-        where: its place.
-        words: what was found and done.
-        before, after: error in the channel's report unit, as stated and as put right; NaN: not known yet.
-        p_value: that it is chance.
-        parameters: the first is the size.
-        law, equation: where it is more than a record read otherwise.
-        beside: other places that are hit.
-        stated: what the correction holds instead of the words.
+        effect: Name of an effect of :mod:`machopt.effects.recording.record_faults` or of a sensor.
+        where: Location.
+        words: Description of the fault and the correction.
+        before: Error of the recording as stated, in the channel's report unit; NaN if not known yet.
+        after: Error after the correction, in the same unit.
+        p_value: Probability of the improvement by chance.
+        parameters: Estimates; the first one is the size.
+        law: Name of the law if it is more than a different reading of the recording.
+        equation: Its equation.
+        further_places: Further affected places.
+        stated: Parameters of the correction instead of the words.
+
+    Returns:
+        The finding.
     """
     return Finding(
         effect=effect,
@@ -49,7 +62,7 @@ def build_record_finding(
         law=law,
         equation=equation,
         note=words,
-        one_of=tuple((effect, w) for w in (where, *beside)),
+        one_of=tuple((effect, w) for w in (where, *further_places)),
         parameters=dict(parameters or {}),
         before=before,
         after=after,

@@ -1,6 +1,6 @@
-"""What a tracker looks at, and from where: reflectors on the flange, and one frame for each stand of the tracker.
+"""Reflectors on the flange and frames of the tracker (one for each of its stations).
 
-Without ``targets`` a recording is of the TCP; without ``frame`` the tracker stood still.
+Without ``targets`` a recording measures the TCP. Without ``frame`` the tracker did not move.
 """
 
 from __future__ import annotations
@@ -24,46 +24,94 @@ from machopt.numerics.rigid_transforms import (
 )
 
 Flags = NDArray[np.bool_]
-ALIGNMENTS = 12  # steps to the frame of least absolute deviations
-FEWEST = 3  # points not on one line fix a frame
+ALIGNMENTS = 12  # iterations of the frame fit by least absolute deviations
+FEWEST = 3  # non-collinear points determine a frame
 
 
 def index_tracker_frames(recording: Recording) -> Ints:
-    """(N,) stand of the tracker at each reading, from 0."""
+    """Return the tracker station of each reading.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+
+    Returns:
+        (N,) station index, 0-based.
+    """
     if recording.frame is None:
         return np.zeros(len(recording), np.int64)
     return np.unique(recording.frame, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def list_frame_labels(recording: Recording) -> list[str]:
-    """Label of each stand."""
+    """Return the labels of the tracker stations.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+
+    Returns:
+        One label per station.
+    """
     return ["1"] if recording.frame is None else [str(v) for v in np.unique(recording.frame)]
 
 
 def index_reflectors(recording: Recording) -> Ints:
-    """(N,) reflector of each reading, from 0."""
+    """Return the reflector of each reading.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+
+    Returns:
+        (N,) reflector index, 0-based.
+    """
     return np.zeros(len(recording), np.int64) if recording.target is None else recording.target
 
 
 def list_reflector_positions(recording: Recording, T_flange_tcp: Array) -> Array:
-    """(T, 3) m in flange, nominal, of all reflectors; the TCP alone where none is listed."""
+    """Return the nominal positions of all reflectors; the TCP if none is listed.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        (T, 3) m in the flange frame.
+    """
     if not recording.targets:
         return np.asarray(T_flange_tcp[None, :3, 3])
     return np.array([t.place for t in recording.targets])
 
 
 def compute_nominal_points(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Array, Array]:
-    """(N, 3) m where what is measured sits by encoders and drawings, (N, 3, 3) axes of the flange; base_link."""
-    there = robot.compute_fk(recording.q, T_flange_tcp)
-    R = there[:, :3, :3] @ T_flange_tcp[:3, :3].T
+    """Compute the nominal positions of the measured points by forward kinematics.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        (N, 3) positions in m, and (N, 3, 3) flange orientations, both in base_link.
+    """
+    T_base_tcp = robot.compute_fk(recording.q, T_flange_tcp)
+    R = T_base_tcp[:, :3, :3] @ T_flange_tcp[:3, :3].T
     if not recording.targets:
-        return there[:, :3, 3], R
-    beside = list_reflector_positions(recording, T_flange_tcp)[index_reflectors(recording)] - T_flange_tcp[:3, 3]
-    return there[:, :3, 3] + np.einsum("nij,nj->ni", R, beside), R
+        return T_base_tcp[:, :3, 3], R
+    offset = list_reflector_positions(recording, T_flange_tcp)[index_reflectors(recording)] - T_flange_tcp[:3, 3]
+    return T_base_tcp[:, :3, 3] + np.einsum("nij,nj->ni", R, offset), R
 
 
 def build_frame_and_reflector_columns(recording: Recording, p: Array, R: Array) -> Array:
-    """(N, 3, P) per m and rad: each frame's shift and turn about base_link, each reflector's place in the flange."""
+    """Build the columns of the unknowns of tracker frames and reflector positions.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        p: (N, 3) nominal points, m, base_link.
+        R: (N, 3, 3) flange orientations.
+
+    Returns:
+        (N, 3, P) per m and rad: translation and rotation of each frame, position of each reflector in the
+        flange.
+    """
     eye = np.broadcast_to(np.eye(3), R.shape)
     parts = []
     if recording.registration == "fit":
@@ -80,13 +128,21 @@ def build_frame_and_reflector_columns(recording: Recording, p: Array, R: Array) 
 
 
 def transform_to_base(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Recording, tuple[str, ...]]:
-    """Poses in base_link as nearly as the arm tells, where a stand's frame may be anything; and how far that was.
+    """Transform measured poses to base_link if the tracker frame is free, and report the frame.
 
-    Nothing is done where one frame lies near base_link: what is refitted in any case puts that right. A factor of
-    length stays in the columns, for the check of units to find.
+    Nothing is done if a single frame already lies close to base_link: the base unknowns absorb the rest. A scale
+    factor of lengths is not removed; the check of units finds it.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        The recording (unchanged if nothing was done), and notes.
 
     Raises:
-        InputError: a stand of the tracker whose points do not fix its frame.
+        InputError: The points of a tracker station do not determine its frame.
     """
     if recording.kind != "absolute" or recording.registration != "fit" or recording.position is None:
         return recording, ()
@@ -100,23 +156,33 @@ def transform_to_base(recording: Recording, robot: Robot, T_flange_tcp: Array) -
             _check_frame_is_determined(recording, x[rows], names[n])
         scale = _estimate_length_factor(x[rows], p[rows])
         turn, shift = fit_rigid_transform(scale * x[rows], p[rows])
-        angle, way = float(np.linalg.norm(convert_to_rotation_vector(turn))), float(np.linalg.norm(shift))
-        near = angle < thresholds.RESTING.stand_turned and way < thresholds.RESTING.stand_shifted
-        if near and not several:
+        angle, distance = float(np.linalg.norm(convert_to_rotation_vector(turn))), float(np.linalg.norm(shift))
+        is_close = angle < thresholds.RESTING.stand_turned and distance < thresholds.RESTING.stand_shifted
+        if is_close and not several:
             return recording, ()
         out[rows] = (scale * x[rows] @ turn.T + shift) / scale
         if turned is not None:
             turned[rows] = convert_to_quaternion(turn @ convert_quaternion_to_matrix(turned[rows]))
-        at = ", ".join(f"{1e3 * v:.1f}" for v in shift)
-        of = f"stand {names[n]} of the tracker" if several else "the tracker"
+        position = ", ".join(f"{1e3 * v:.1f}" for v in shift)
+        name = f"stand {names[n]} of the tracker" if several else "the tracker"
         notes.append(
-            f"{of}: its frame lies at ({at}) mm in base_link, turned by {np.degrees(angle):.2f}°, and is refitted"
+            f"{name}: its frame lies at ({position}) mm in base_link, turned by {np.degrees(angle):.2f}°, "
+            "and is refitted"
         )
     return replace(recording, position=out, quaternion=turned), tuple(notes)
 
 
 def register_positions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Recording:
-    """Positions brought to base_link where the tracker's frame is free, however far it is turned (Kabsch, robust)."""
+    """Transform positions to base_link if the tracker frame is free, for any rotation (Kabsch, robust).
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        The recording with registered positions.
+    """
     if recording.kind != "absolute" or recording.registration != "fit" or recording.position is None:
         return recording
     p, _ = compute_nominal_points(recording, robot, T_flange_tcp)
@@ -128,7 +194,15 @@ def register_positions(recording: Recording, robot: Robot, T_flange_tcp: Array) 
 
 
 def fit_rigid_transform(x: Array, p: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and shift (3,) m of points x (n, 3) to p (n, 3), of least absolute deviations (Kabsch)."""
+    """Fit a rotation and a translation of points x to points p by least absolute deviations (reweighted Kabsch).
+
+    Args:
+        x: (n, 3) points to transform, m.
+        p: (n, 3) target points, m.
+
+    Returns:
+        Rotation (3, 3) and translation (3,) m.
+    """
     weight, turn, shift = np.ones(len(p)), np.eye(3), np.zeros(3)
     for _ in range(ALIGNMENTS):
         w = weight[:, None] / weight.sum()
@@ -142,7 +216,7 @@ def fit_rigid_transform(x: Array, p: Array) -> tuple[Array, Array]:
 
 
 def _estimate_length_factor(x: Array, p: Array) -> float:
-    """The factor of length that makes points spread as the arm's do; 1 where none does."""
+    """Return the factor that makes the spread of the points equal to that of the arm's points; 1 if none does."""
     spread = [float(np.median(np.linalg.norm(v - np.median(v, axis=0), axis=1))) for v in (x, p)]
     ratio = spread[1] / max(spread[0], 1e-300)
     return next((f for f in (1.0, *LENGTHS.values()) if abs(ratio / f - 1.0) < thresholds.RESTING.same_spread), 1.0)

@@ -1,7 +1,7 @@
-"""A recording of an arm at rest, ready for laws: states, torques, and in which order things happened.
+"""Static readings prepared for laws: arm states, torques, and the order of events.
 
-``deflection``: a reading is the arm under load against the same arm without it, so a law φ counts as
-φ(with load) − φ(without). ``absolute``: a reading is where the arm is, so φ counts as it is, weight included.
+``deflection``: a reading is the loaded arm relative to the unloaded arm. A law φ contributes φ(loaded) − φ(unloaded).
+``absolute``: a reading is a pose of the arm. A law contributes φ, including gravity.
 """
 
 from __future__ import annotations
@@ -20,28 +20,44 @@ from machopt.numerics.array_types import Array
 from machopt.stiffness.terms import LinearTerm
 
 Ints = NDArray[np.int64]
-BODY_BEHIND_FLANGE = 7  # the first body of what is behind the flange
+BODY_BEHIND_FLANGE = 7  # index of the first body attached to the flange
 
 
 @dataclass(frozen=True)
 class GearLoadHistory:
-    """K ≥ N states of all joints: before the readings of each cycle stands the arm without load."""
+    """Sequence of K ≥ N states of all joints. Each cycle begins with the unloaded arm before its readings."""
 
     torque: Array  # (K, 6) N·m
     time_gap: Array  # (K,) s since the state before, as :func:`machopt.effects.joint.creep.filter_first_order` takes it
-    segment_start: Ints  # (K,) 1: nothing before counts
+    segment_start: Ints  # (K,) 1: a load history begins
     reading_states: Ints  # (N,) state of each reading
     unloaded_states: Ints  # (N,) unloaded state of its cycle
 
     def select_joint(self, j: int, angle: Array) -> JointLoading:
-        """Of joint j, whose angles are (N,) rad; without load it stands where the first reading of the cycle is."""
+        """Return the loading of one joint. The unloaded state has the angle of the cycle's first reading.
+
+        Args:
+            j: Joint index, 0-based.
+            angle: (N,) joint angles of the readings, rad.
+
+        Returns:
+            Loading in K states.
+        """
         q = np.empty(len(self.time_gap))
         q[self.unloaded_states[::-1]] = angle[::-1]
         q[self.reading_states] = angle
         return JointLoading(self.torque[:, j], q, self.time_gap, self.segment_start)
 
     def compute_reading_values(self, states: Array, differences: bool) -> Array:
-        """(N, …) what the readings see of (K, …): a load test counts from the unloaded state of the cycle."""
+        """Select the values of the readings from the values of all states.
+
+        Args:
+            states: (K, …) values of all states.
+            differences: Whether readings are relative to the unloaded state of their cycle.
+
+        Returns:
+            (N, …) values of the readings.
+        """
         return np.asarray(
             states[self.reading_states] - states[self.unloaded_states] if differences else states[self.reading_states]
         )
@@ -49,10 +65,10 @@ class GearLoadHistory:
 
 @dataclass(frozen=True)
 class InclinometerSetup:
-    """An inclinometer on a link."""
+    """Inclinometer mounted on a link."""
 
-    link: int  # the joint that moves it; 0: base_link
-    present: NDArray[np.bool_]  # (N, 2) where it was read
+    link: int  # index of the joint that moves the link; 0: base_link
+    present: NDArray[np.bool_]  # (N, 2) True if measured
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,68 +78,70 @@ class StaticReadings:
     recording: Recording
     robot: Robot
     T_flange_tcp: Array  # (4, 4)
-    masses: RobotMasses | None  # None: the URDF has none, weight is unknown
-    state: ArmState  # (N, …) at the TCP, with bodies, at the encoder's joints
+    masses: RobotMasses | None  # None: not in the URDF, weight unknown
+    state: ArmState  # (N, …) at the TCP, with bodies, at the encoder angles
     wrench: Array  # (N, 6) N, N·m on the robot at the TCP; zero where nothing is recorded
     dimensions: int  # 3 or 6
-    is_difference: bool  # deflection: loaded less unloaded
-    compliance: Array  # (6,) rad/(N·m) of the first base fit: what sensor errors act through, with ``bodies``
+    is_difference: bool  # deflection: loaded minus unloaded
+    compliance: (
+        Array  # (6,) rad/(N·m) of the first base fit; with ``bodies`` the compliance through which sensor errors act
+    )
     session: Ints  # (N,)
     visit: Ints  # (N,)
     cycle: Ints  # (N,) unique over poses and sessions
     histories: dict[str, GearLoadHistory] = field(
         default_factory=dict, compare=False
-    )  # histories by memory, found before
+    )  # cache of load histories by kind
     springs_only_compliance: Array | None = (
-        None  # (6,) rad/(N·m) of the springs with nothing beside them; None: ``compliance``
+        None  # (6,) rad/(N·m), springs fitted without other effects; None: ``compliance``
     )
-    bodies: Array | None = None  # (N, 6, 6) compliance at the TCP of bodies found before; None: none was
-    inclinometer: InclinometerSetup | None = None  # two more coordinates: rotation of a link about base x and y
+    bodies: Array | None = None  # (N, 6, 6) compliance at the TCP of bodies found earlier; None: none
+    inclinometer: InclinometerSetup | None = None  # adds two coordinates: rotation of a link about base x and y
 
     def __len__(self) -> int:
         return len(self.wrench)
 
     @cached_property
     def load_torque(self) -> Array:
-        """(N, 6) N·m, Jᵀw."""
+        """Joint torques (N, 6) N·m of the recorded load, Jᵀw."""
         return np.asarray(np.einsum("nci,nc->ni", self.state.J, self.wrench))
 
     @cached_property
     def weight_torque(self) -> Array:
-        """(N, 6) N·m of links and tool; zero where masses are unknown."""
+        """Joint torques (N, 6) N·m of link and tool weights; zero if masses are unknown."""
         if self.masses is None:
             return np.zeros((len(self), 6))
         return compute_gravity_torque(self.robot, self.masses, self.state)[0]
 
     @property
     def torque(self) -> Array:
-        """(N, 6) N·m that the joints bear."""
+        """Total joint torques (N, 6) N·m."""
         return self.load_torque + self.weight_torque
 
     @cached_property
     def order(self) -> Ints:
-        """(N,) rows in the order they were measured: session, then time, then row."""
+        """Row indices (N,) in the order of measurement: session, then time, then row."""
         time = self.recording.time
         when = np.arange(len(self), dtype=float) if time is None else time
         return np.lexsort((np.arange(len(self)), when, self.session))
 
     @cached_property
     def cycles(self) -> tuple[Ints, ...]:
-        """Rows of each load cycle in the order they were measured, cycles in order too."""
+        """Row indices of each load cycle, cycles and rows in the order of measurement."""
         label = self.cycle[self.order]
         starts = np.flatnonzero(np.diff(label, prepend=label[0] - 1))
         return tuple(np.split(self.order, starts[1:]))
 
     def project_to_measured(self, twist: Array, first: int) -> Array:
-        """What is recorded of twists that begin somewhere in the arm.
+        """Project twists of the TCP to the measured coordinates.
 
         Args:
             twist: (N, 6, …) m, rad at the TCP.
-            first: the first body that they move: 0 base_link, i link i, BEHIND what is behind the flange. A link that
-                bends counts as moved: the inclinometer is taken to sit at its far end.
+            first: First body that moves: 0 base_link, i link i, :data:`BODY_BEHIND_FLANGE` the tool. A bending link
+                counts as moved: the inclinometer is assumed at its far end.
 
         Returns:
-            (N, D, …) m, rad; zero where an inclinometer sits before that, or was not read.
+            (N, D, …) m, rad; zero for an inclinometer that is mounted before that body or was not read.
         """
         own = twist[:, : self.dimensions]
         if self.inclinometer is None:
@@ -133,11 +151,12 @@ class StaticReadings:
         return np.concatenate([own, tilt], axis=1)
 
     def lift_joint_twist(self, joint: int, twist: Array) -> Array:
-        """What a twist of one joint does to the reading.
+        """Compute the change of the readings caused by a twist of one joint.
 
         Args:
-            joint: 0-based.
-            twist: (N,) or (N, p) rad per unit of each coefficient, already as the reading counts it (see ``counted``).
+            joint: Joint index, 0-based.
+            twist: (N,) or (N, p) rad per unit of each coefficient, as the readings count it (see
+                :meth:`GearLoadHistory.compute_reading_values`).
 
         Returns:
             (N, D, p) m, rad.
@@ -146,7 +165,14 @@ class StaticReadings:
         return np.asarray(self.project_to_measured(self.state.J[:, :, joint], joint + 1)[:, :, None] * t[:, None, :])
 
     def compute_displacement(self, wrench: Array) -> Array:
-        """(N, D) displacement that a wrench (N, 6) at the TCP causes through the compliance found so far."""
+        """Compute the displacement that a wrench causes through the compliance identified so far.
+
+        Args:
+            wrench: (N, 6) wrench at the TCP, N and N·m.
+
+        Returns:
+            (N, D) m, rad.
+        """
         J = self.state.J
         tau = np.einsum("nci,nc->ni", J, wrench)
         twist = np.asarray(np.einsum("nci,ni->nc", J, tau * self.compliance))
@@ -160,5 +186,12 @@ class StaticReadings:
         return np.concatenate([twist[:, :3], rotation, twist[:, 3:5] * self.inclinometer.present], axis=1)
 
     def compute_term_response(self, term: LinearTerm) -> Array:
-        """(N, D, P) of a linear elastic term under the recorded wrench (weight apart)."""
+        """Compute the columns of a linear elastic term under the recorded wrench (without gravity).
+
+        Args:
+            term: Linear elastic term.
+
+        Returns:
+            (N, D, P) m, rad per unit of each coefficient.
+        """
         return term.compute_response(self.state, self.wrench)[:, : self.dimensions]

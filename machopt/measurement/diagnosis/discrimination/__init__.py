@@ -1,4 +1,4 @@
-"""Which measurement tells rival explanations apart.
+"""Experiment design that discriminates between competing explanations of a diagnosis.
 
-DiagnosisResult ─disputes─► Diagnosed ─predicted─► laws at poses × loads ─separate─► the plan that splits them
+diagnosis.json ─► open_hypotheses ─► predicted_signals (laws at poses × loads) ─► discrimination_plan
 """

@@ -1,4 +1,4 @@
-"""What plan.json tells of the explanations that a measurement is to tell apart."""
+"""Section of plan.json on the competing explanations."""
 
 from __future__ import annotations
 
@@ -15,6 +15,14 @@ from machopt.measurement.diagnosis.discrimination.open_hypotheses import Candida
 
 
 def build_discrimination_document(a: DiscriminationPlan) -> DiscriminationSection:
+    """Build the section of plan.json on the competing explanations.
+
+    Args:
+        a: Discrimination plan.
+
+    Returns:
+        The section.
+    """
     enough = compute_required_noncentrality()
     own = a.noise.displacement * UNLOADED_TWICE**0.5
     return DiscriminationSection(

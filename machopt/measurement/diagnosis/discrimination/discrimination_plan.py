@@ -1,8 +1,10 @@
-"""Poses and loads at which the explanations that a diagnosis left differ most.
+"""Poses and loads at which the competing explanations of a diagnosis differ most (maximin discrimination design).
 
 ::
 
-    diagnosis.json ─► disputes ─► laws at candidate poses × loads ─► contests ─► least separation, maximised ─► PosePlan
+    diagnosis.json ─► open hypotheses ─► laws at candidate poses × loads ─► pairwise contests
+                                                              │
+                         MeasurementPlan ◄─ maximise the least noncentrality
 """
 
 from __future__ import annotations
@@ -69,37 +71,35 @@ from machopt.stiffness.arm_stiffness import ArmElasticity
 
 Ints = NDArray[np.int64]
 
-ROWS = 60_000  # numbers × cases looked at: more take minutes and change nothing
-FEWEST = 200  # poses looked at; rather fewer loads at each
-DRAWS = 30  # random designs beside
-TURNS = 3  # of choosing readings and of looking for forms of the rivals that these tell worse
+ROWS = 60_000  # limit on values × cases: more cost minutes and change nothing
+FEWEST = 200  # least number of candidate poses; loads per pose are reduced first
+DRAWS = 30  # random designs for comparison
+TURNS = 3  # iterations: select readings, then find the rival shapes that these readings separate worst
 
 
 @dataclass(frozen=True)
 class DiscriminationOptions:
-    """What the user says of the measurement."""
+    """User input on the next measurement."""
 
-    noise: ReadingNoise  # of a reading, with the rounds that are wanted at least
-    has_stated_noise: bool  # the user typed the noise: it counts even where the diagnosis saw another
-    targets: float  # m, between the targets on the tool
+    noise: ReadingNoise  # noise of a reading, with the least number of rounds
+    has_stated_noise: bool  # the user stated the noise: it overrides that of the diagnosis
+    targets: float  # m, distance between the targets on the tool
 
 
 @dataclass(frozen=True, kw_only=True)
 class RivalPair:
-    """Two laws and how well the plan tells them apart."""
+    """Two laws and how well the plan separates them."""
 
     first: CandidateLaw
     second: CandidateLaw
-    reason: str  # which finding
-    per_cycle: float  # noncentrality of one round over all poses, the worse way round
-    planned: float  # of all rounds
-    cycles: int | None  # for 90 % at the 1 % level; None: not within 50
-    required_cycles: (
-        int | None
-    )  # until diagnose, given these readings alone, excludes the wrong one; None: rounds do not do it
+    reason: str  # the finding concerned
+    per_cycle: float  # noncentrality of one round over all poses, the smaller of both directions
+    planned: float  # noncentrality of all rounds
+    cycles: int | None  # rounds for 90 % power at the 1 % level; None: more than 50
+    required_cycles: int | None  # rounds until diagnose rejects the wrong law; None: rounds do not suffice
     random: float  # median noncentrality of one round at random poses and loads
-    advice: str  # what would split them where this cannot
-    is_separated: bool = False  # by all rounds, in nine of ten cases, by diagnose's own test
+    advice: str  # a measurement that separates them if this plan cannot
+    is_separated: bool = False  # all rounds separate them with 90 % power by the test of diagnose
 
     @property
     def is_separable(self) -> bool:
@@ -108,27 +108,36 @@ class RivalPair:
 
 @dataclass(frozen=True, kw_only=True)
 class DiscriminationPlan:
-    """A plan that tells explanations apart."""
+    """Plan that discriminates between explanations."""
 
     plan: MeasurementPlan
     noise: ReadingNoise  # with the plan's cycles
     steps: tuple[float, ...]
     pairs: tuple[RivalPair, ...]
-    least_separation: float  # noncentrality per round of the worst pair that can be split
+    least_separation: float  # noncentrality per round of the worst separable pair
     random_separation: float
     notes: tuple[str, ...]
 
 
-def compute_planning_noise(asked: DiscriminationOptions, found: OpenDiagnosis, cycles: int) -> ReadingNoise:
-    """Noise of ``cycles`` rounds: what the diagnosis saw, or what was typed."""
-    stated = asked.noise
-    if found.scatter is None or asked.has_stated_noise:
-        return replace(stated, cycles=cycles, targets=stated.targets if found.coordinates == 6 else None)
-    own, visit = found.scatter
+def compute_planning_noise(user_options: DiscriminationOptions, diagnosis: OpenDiagnosis, cycles: int) -> ReadingNoise:
+    """Compute the noise of a number of rounds, from the diagnosis or from the user's statement.
+
+    Args:
+        user_options: User input; a stated noise has priority.
+        diagnosis: The open diagnosis with its observed scatter.
+        cycles: Number of rounds.
+
+    Returns:
+        Noise of the mean of all rounds.
+    """
+    stated = user_options.noise
+    if diagnosis.scatter is None or user_options.has_stated_noise:
+        return replace(stated, cycles=cycles, targets=stated.targets if diagnosis.coordinates == 6 else None)
+    own, visit = diagnosis.scatter
     targets = None
-    if found.coordinates == 6:
-        targets = own / found.turn if found.turn else asked.targets
-    # each round arrives anew, so what a visit shares is new in each
+    if diagnosis.coordinates == 6:
+        targets = own / diagnosis.turn if diagnosis.turn else user_options.targets
+    # each round moves to the pose again: the error shared by a visit is independent between rounds
     return ReadingNoise(
         displacement=own / np.sqrt(UNLOADED_TWICE),
         cycle=0.0,
@@ -140,12 +149,20 @@ def compute_planning_noise(asked: DiscriminationOptions, found: OpenDiagnosis, c
 
 
 def select_planning_compliance(found: OpenDiagnosis, stiffness: Array) -> Array:
-    """(6,) rad/(N·m) of the diagnosis; the cell's where it has none."""
+    """Return the joint compliances of the diagnosis, with the cell's where the diagnosis has none.
+
+    Args:
+        found: The open diagnosis.
+        stiffness: (6,) joint stiffness of the cell, N·m/rad.
+
+    Returns:
+        (6,) rad/(N·m).
+    """
     return np.array([found.compliance.get(j, 0.0) or 1.0 / stiffness[j - 1] for j in range(1, 7)])
 
 
 def build_discrimination_plan(
-    asked: DiscriminationOptions,
+    user_options: DiscriminationOptions,
     found: OpenDiagnosis,
     cell: Cell,
     robot: Robot,
@@ -157,21 +174,29 @@ def build_discrimination_plan(
     size: MeasurementPlanSize,
     progress: Callable[[str], None] = lambda _: None,
 ) -> DiscriminationPlan:
-    """Choose poses, loads and rounds.
+    """Select poses, loads and number of rounds.
 
     Args:
-        asked: what is believed of the instrument, and rounds.
-        found: the diagnosis.
-        cell, robot, masses: the arm.
-        pool, cases, ways: what may be measured; at least one case.
-        prior: stiffness of the arm as diagnosed.
-        size: poses, loads, seed.
+        user_options: User input on noise and rounds.
+        found: The open diagnosis.
+        cell: Robot cell.
+        robot: Kinematic model of the arm.
+        masses: Link and tool masses; None if unknown.
+        pool: Candidate poses.
+        cases: Candidate load cases, at least one.
+        ways: Methods of load application.
+        prior: Elasticity of the arm as diagnosed.
+        size: Number of poses, loads and the seed.
+        progress: Called with a text for each step.
+
+    Returns:
+        The plan.
     """
     rng = np.random.default_rng(size.seed)
-    noise = compute_planning_noise(asked, found, 1)
+    noise = compute_planning_noise(user_options, found, 1)
     compliance = select_planning_compliance(found, prior.stiffness.joints)
-    stands = [s for d in found.rival_sets for s in (*d.candidate_laws, *d.other_laws)]
-    steps = select_load_steps(stands) if found.channel == "deflection" else (1.0,)
+    candidate_laws = [s for d in found.rival_sets for s in (*d.candidate_laws, *d.other_laws)]
+    steps = select_load_steps(candidate_laws) if found.channel == "deflection" else (1.0,)
     few = _thin_cases(cases, ROWS // (len(steps) * noise.dimensions), rng)
     progress("what each explanation predicts")
     q = pool.q[few.pose]
@@ -203,12 +228,12 @@ def build_discrimination_plan(
     for both, first in zip(contests, each, strict=True):
 
         def planned(n: int, both: Sequence[ModelContest] = both) -> float:
-            own, together = compute_case_noise(few, compute_planning_noise(asked, found, n), steps)
+            own, together = compute_case_noise(few, compute_planning_noise(user_options, found, n), steps)
             return compute_separation(both, own, together, few.pose, blocks)
 
         wanted.append(compute_required_rounds(planned, first, enough))
-    cycles = max(asked.noise.cycles, combine_required_rounds(wanted, excluded))
-    final = compute_planning_noise(asked, found, cycles)
+    cycles = max(user_options.noise.cycles, combine_required_rounds(wanted, excluded))
+    final = compute_planning_noise(user_options, found, cycles)
     own, together = compute_case_noise(few, final, steps)
     pairs = []
     for k, ((pair, _, _), both) in enumerate(zip(open_, contests, strict=True)):
@@ -242,8 +267,7 @@ def build_discrimination_plan(
 def _build_contests(
     found: OpenDiagnosis, at: PredictedCases, covariance: Array, dimensions: int
 ) -> tuple[list[tuple[RivalPair, list[ModelContest], list[ContestSide]]], list[RivalPair], list[str]]:
-    """Pairs that can be split with their contests and what else their rivals may be, pairs that nothing here can split,
-    and what was left out."""
+    """Return separable pairs with their contests and rival shapes, pairs that no reading here separates, and notes."""
     share = 3.0 / dimensions
     open_: list[tuple[RivalPair, list[ModelContest], list[ContestSide]]] = []
     forms: dict[tuple[str, str], tuple[Array, ...]] = {}
@@ -292,7 +316,7 @@ def _build_contests(
 def _select_rival_laws(
     d: RivalLawSet, at: PredictedCases, covariance: Array, share: float, notes: list[str]
 ) -> tuple[list[PredictedLaw], list[tuple[int, int]]]:
-    """The laws of a dispute at these poses, as many as can be told apart in time."""
+    """Return the laws of a set at these poses, limited to a number that can be compared in time."""
     found = {k: predict_law(s, at, share) for k, s in enumerate(d.candidate_laws)}
     for k, law in found.items():
         if law is None and d.candidate_laws[k].coefficients:
@@ -300,7 +324,7 @@ def _select_rival_laws(
             notes.append(f"{format_hypothesis_name(s)} ({s.law}) cannot be predicted at these poses and is left out")
     kept = [k for k, law in found.items() if law is not None]
     sized = [k for k in kept if d.candidate_laws[k].size is not None]
-    if sized:  # detection limits: what could hide most
+    if sized:  # effects below their detection limits: the largest possible ones
         moves = {k: float(np.mean(_compute_signal(found, k) ** 2)) for k in sized}
         kept = [k for k in kept if k not in sized] + sorted(sized, key=lambda k: -moves[k])[:MAX_HIDDEN_EFFECTS]
     elif any(d.candidate_laws[k].rms is not None for k in kept):
@@ -320,12 +344,14 @@ def _select_rival_laws(
 
 def _compute_signal(found: dict[int, PredictedLaw | None], k: int) -> Array:
     law = found[k]
-    assert law is not None  # kept are those that were found
+    assert law is not None  # only predictable laws were selected
     return law.signal
 
 
 def _thin_cases(cases: LoadCases, most: int, rng: np.random.Generator) -> LoadCases:
-    """At most so many cases, of poses that come first in the quasi-random sequence: they fill the space evenly."""
+    """Limit the number of cases, keeping the poses that come first in the quasi-random sequence, which fills space
+    evenly.
+    """
     if len(cases) <= most:
         return cases
     poses = np.unique(cases.pose)
@@ -349,7 +375,7 @@ def _thin_cases(cases: LoadCases, most: int, rng: np.random.Generator) -> LoadCa
 def _build_pose_plan(
     prior: ArmElasticity, cases: LoadCases, design: ReadingDesign, noise: ReadingNoise, rng: np.random.Generator
 ) -> MeasurementPlan:
-    """The design as plan-poses writes it out; joints are identified on the way."""
+    """Return the design as a measurement plan; joint stiffness is identified as well."""
     unknowns = build_unknowns(prior, (), cases)
     problem, _ = build_design_problem(cases, unknowns, noise, 1.0, rng)
     seen = compute_expected_accuracy(compute_information_matrix(problem, design.blocks))
@@ -373,5 +399,12 @@ def _build_pose_plan(
 
 
 def format_pair(pair: RivalPair) -> str:
-    """``link compliance of link 3 | link compliance of link 4``."""
+    """Return the names of a pair: ``link compliance of link 3 | link compliance of link 4``.
+
+    Args:
+        pair: The pair.
+
+    Returns:
+        Text.
+    """
     return f"{format_hypothesis_name(pair.first)} | {format_hypothesis_name(pair.second)}"

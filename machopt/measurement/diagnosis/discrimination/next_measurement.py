@@ -1,4 +1,4 @@
-"""The poses and loads to measure next: for every stiffness, or for what a diagnosis leaves open."""
+"""Poses and loads of the next measurement: to identify all stiffnesses, or to resolve an open diagnosis."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ from machopt.stiffness.kinetostatic_indices import compute_characteristic_length
 
 @dataclass(frozen=True, kw_only=True)
 class NextMeasurement:
-    """What to measure, and what it was chosen from."""
+    """Next measurement with the candidates that it was selected from."""
 
     robot: Robot
-    collision: CollisionModel | None  # None: not looked for
+    collision: CollisionModel | None  # None: not checked
     length: float  # m, characteristic
     load_methods: tuple[LoadMethod, ...]
     pool: PosePool
     cases: LoadCases
     plan: MeasurementPlan | None  # None: no admissible load test
-    discrimination: DiscriminationPlan | None  # of a diagnosis
+    discrimination: DiscriminationPlan | None  # None: no diagnosis given
     noise: ReadingNoise
     warnings: tuple[str, ...]
 
@@ -64,17 +64,20 @@ def plan_next_measurement(
     progress: Callable[[str], None],
     job: ProcessLoads | None = None,
 ) -> NextMeasurement:
-    """Choose poses and loads.
+    """Select poses and loads.
 
     Args:
-        request: what was asked, checked.
-        cell: the robot cell.
-        found: a diagnosis whose explanations are to be told apart; None: the stiffness is to be known.
-        progress: told what is being done, in words.
-        job: what is to be predicted with it.
+        request: Validated user request.
+        cell: Robot cell.
+        found: Diagnosis with competing explanations; None to identify the stiffness.
+        progress: Called with a text for each step.
+        job: Process loads for which the stiffness is needed.
+
+    Returns:
+        The measurement with its candidates.
 
     Raises:
-        InputError: loads, prior or terms that lead nowhere.
+        InputError: Loads, prior or terms do not allow a plan.
     """
     robot, shapes = load_chain(cell)
     T = cell.tool.T_flange_tcp
@@ -90,7 +93,7 @@ def plan_next_measurement(
     limits = cell.arm_limits
     masses = load_masses(stood)
     believed = build_prior_stiffness(request, cell)
-    if found is not None:  # as the diagnosis has it
+    if found is not None:  # use the result of the diagnosis
         believed = ArmStiffness(joints=1.0 / select_planning_compliance(found, believed.joints))
     prior = ArmElasticity(robot, T, believed, limits, masses)
     progress("building kinematics and collision model")

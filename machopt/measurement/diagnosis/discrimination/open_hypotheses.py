@@ -1,4 +1,4 @@
-"""What a diagnosis left open: which laws the next measurement has to tell apart."""
+"""Open questions of a diagnosis: the laws that the next measurement has to discriminate."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from machopt.data_types.parameter_keys import JOINT_SPRING, ParameterKey
 from machopt.errors import InputError
 from machopt.measurement.diagnosis.data_types.diagnosis_result import is_spring_observable
 
-MAX_RIVALS = 5  # rivals of one finding: the nearest
-MAX_REJECTED_RIVALS = 2  # nearest rejected rivals that a finding without open ones is held against
-MAX_LOCATIONS = 3  # of a mismatch that no law explains
-MAX_HIDDEN_EFFECTS = 3  # effects that could hide most
+MAX_RIVALS = 5  # most rivals of one finding, the best ones
+MAX_REJECTED_RIVALS = 2  # rejected rivals that a finding without open ones is compared with
+MAX_LOCATIONS = 3  # locations of a mismatch that no law explains
+MAX_HIDDEN_EFFECTS = 3  # undetected effects with the largest possible size
 
 
 @dataclass(frozen=True, kw_only=True)
 class CandidateLaw:
-    """A law that may be true, as the diagnosis has it."""
+    """Law that may be true, with its fit in the diagnosis."""
 
     effect: str
     location: str
     law: str = ""  # empty: the first law of the effect
-    coefficients: tuple[float, ...] = ()  # SI; empty: see size and rms
+    coefficients: tuple[float, ...] = ()  # SI; empty: only size or rms is known
     shape: tuple[float, ...] = ()
     correction: Mapping[str, Any] | None = None  # its parameters in absolute units
-    size: float | None = None  # of the first quantity, where only a detection limit is known
-    rms: float | None = None  # m a coordinate, where only the mismatch at its place is known
+    size: float | None = None  # of the first quantity, if only a detection limit is known
+    rms: float | None = None  # m per coordinate, if only the mismatch at its place is known
 
     @property
     def name(self) -> tuple[str, str]:
@@ -44,7 +44,7 @@ NO_EFFECT = CandidateLaw(effect="nothing", location="")
 
 @dataclass(frozen=True)
 class RivalLawSet:
-    """Laws of which one is true, pair by pair; what else was found is refitted with each."""
+    """Competing laws of which one is true, and the pairs to separate. Other findings are refitted with each."""
 
     reason: str
     candidate_laws: tuple[CandidateLaw, ...]
@@ -54,7 +54,7 @@ class RivalLawSet:
 
 @dataclass(frozen=True, kw_only=True)
 class OpenDiagnosis:
-    """The part of a diagnosis that a plan needs."""
+    """Part of a diagnosis that a measurement plan needs."""
 
     channel: str  # deflection or position
     verdict: str
@@ -62,22 +62,25 @@ class OpenDiagnosis:
     wrench_frame: str
     displacement_frame: str
     registration: str
-    scatter: tuple[float, float] | None  # m, own and shared by a visit
-    turn: float | None  # rad, own
-    compliance: Mapping[int, float]  # joint from 1: rad/(N·m), of those that its readings tell
+    scatter: tuple[float, float] | None  # m, of a single reading and shared by a visit
+    turn: float | None  # rad, rotational scatter of a single reading
+    compliance: Mapping[int, float]  # joint (1-based): rad/(N·m), of observable joints
     rival_sets: tuple[RivalLawSet, ...]
-    notes: tuple[str, ...]  # what cannot be planned for, and why
+    notes: tuple[str, ...]  # what cannot be planned, with the reason
 
 
 def read_open_diagnosis(data: DiagnosisDocument, file: Path) -> OpenDiagnosis:
-    """What a diagnosis left open.
+    """Read the open questions of a diagnosis.
 
     Args:
-        data: the diagnosis as it was written.
-        file: where it stands, for what is said of it.
+        data: The diagnosis document.
+        file: Path of the document, for error messages.
+
+    Returns:
+        The open diagnosis.
 
     Raises:
-        InputError: it is of a motion, or lacks a number that a plan needs.
+        InputError: The diagnosis is of a motion, or a required number is missing.
     """
     if data.channel not in ("deflection", "position"):
         raise InputError(
@@ -105,7 +108,7 @@ def read_open_diagnosis(data: DiagnosisDocument, file: Path) -> OpenDiagnosis:
 
 
 def _read_joint_compliances(data: DiagnosisDocument, file: Path) -> Mapping[int, float]:
-    """Compliance of each joint, from 1, that the readings tell: a fit knows no sign, and no arm has less than none."""
+    """Return the compliance of each observable joint (1-based). Negative values of a fit are dropped."""
     out = {}
     for c in data.coefficients:
         if c.key is not None and c.key.effect == JOINT_SPRING:
@@ -116,7 +119,7 @@ def _read_joint_compliances(data: DiagnosisDocument, file: Path) -> Mapping[int,
 
 
 def _require_number(value: float | None, file: Path) -> float:
-    """A number that a plan cannot do without."""
+    """Return a number that the plan requires."""
     if value is None:
         raise InputError(
             "does not hold what a plan needs (a number is null); a fresh machopt diagnose writes it", file=file
@@ -139,24 +142,26 @@ def _build_rival_sets(data: DiagnosisDocument, file: Path) -> tuple[list[RivalLa
     ]
     if not hidden:
         return [], notes
-    stands = (NO_EFFECT, *hidden)
+    candidate_laws = (NO_EFFECT, *hidden)
     why = "nothing was found; these effects could hide most below their detection limits"
-    return [RivalLawSet(why, stands, tuple((0, k) for k in range(1, len(stands))))], notes
+    return [RivalLawSet(why, candidate_laws, tuple((0, k) for k in range(1, len(candidate_laws))))], notes
 
 
 def _build_finding_rivals(f: FindingEntry, others: Sequence[FindingEntry]) -> RivalLawSet:
-    """A finding against the rivals left; where none is left, against the nearest that were rejected and nothing."""
+    """Return a finding with its open rivals; without open rivals with the best rejected ones and with no effect."""
     own = _build_candidate_law(f)
     rivals = [_build_candidate_law(r) for r in f.rivals if r.fit is not None]
-    left = [s for s in rivals if s.name in f.one_of[1:]]  # the same under this load, as play is, has no fit of its own
+    left = [
+        s for s in rivals if s.name in f.one_of[1:]
+    ]  # a law that is identical under this load, as play, has no fit of its own
     beside = tuple(_build_candidate_law(o) for o in others)
     if left:
-        stands = (own, *left)
+        candidate_laws = (own, *left)
         why = f"{own.effect} {own.location} was found, these could not be excluded"
-        return RivalLawSet(why, stands, tuple(combinations(range(len(stands)), 2)), beside)
-    stands = (own, *rivals[:MAX_REJECTED_RIVALS], NO_EFFECT)
+        return RivalLawSet(why, candidate_laws, tuple(combinations(range(len(candidate_laws)), 2)), beside)
+    candidate_laws = (own, *rivals[:MAX_REJECTED_RIVALS], NO_EFFECT)
     why = f"{own.effect} {own.location} was found alone: against nothing and the nearest that were rejected"
-    return RivalLawSet(why, stands, tuple((0, k) for k in range(1, len(stands))), beside)
+    return RivalLawSet(why, candidate_laws, tuple((0, k) for k in range(1, len(candidate_laws))), beside)
 
 
 def _build_candidate_law(named: FindingEntry | RivalEntry) -> CandidateLaw:
@@ -179,8 +184,8 @@ def _build_location_rivals(data: DiagnosisDocument, file: Path) -> list[RivalLaw
         raise InputError(f"found {data.rmse_unit!r}; mm was expected", file=file, where="rmse_unit")
     rms = factor * _require_number(data.baseline.repeatable_rmse, file)
     shares = sorted((s for s in data.mismatch if s.kind == "machine"), key=lambda s: -(s.share or 0.0))
-    stands = tuple(CandidateLaw(effect="", location=s.axis, rms=rms) for s in shares)
-    if not stands:
+    candidate_laws = tuple(CandidateLaw(effect="", location=s.axis, rms=rms) for s in shares)
+    if not candidate_laws:
         return []
     why = "no law explains the mismatch; these are the nearest places"
-    return [RivalLawSet(why, stands, tuple(combinations(range(len(stands)), 2)))]
+    return [RivalLawSet(why, candidate_laws, tuple(combinations(range(len(candidate_laws)), 2)))]

@@ -1,7 +1,7 @@
-"""What each law of a diagnosis would show at poses and under loads that nobody has measured yet.
+"""Predicted readings of each law of a diagnosis at poses and loads that were not measured yet.
 
-Deflection: a load test is a cycle, up to the full load and back, with a reading after each step where a law asks how
-the load came there; one reading at full load where none does. Position: the arm stands still, with or without a load.
+Deflection: a load test is a cycle up to the full load and back, with a reading after each step if a law depends on
+the load history; otherwise one reading at full load. Position: the arm at rest, with or without load.
 """
 
 from __future__ import annotations
@@ -31,45 +31,60 @@ from machopt.numerics.rigid_transforms import convert_to_quaternion
 Ints = NDArray[np.int64]
 
 UP_AND_DOWN = (0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0)
-CYCLE_GAP = 1e4  # s between cycles: in which order they come is not known yet, so none feels the one before
-PARAMETER_TOLERANCE = 1e-3  # relative, of the parameters of a law here and where it was fitted
-EQUILIBRIUM_STEPS = 3  # fixed-point steps to the arm's place under weight
-SHAPES = 2  # further shapes that a refitted rival may take while readings are chosen
-FORMS = 8  # shapes of each of its laws that a finished design is held against
+CYCLE_GAP = 1e4  # s between cycles: their order is not known yet, so each starts from a relaxed arm
+PARAMETER_TOLERANCE = 1e-3  # relative tolerance between the parameters of a law here and in the diagnosis
+EQUILIBRIUM_STEPS = 3  # fixed-point iterations for the equilibrium under weight
+SHAPES = 2  # additional shapes of a refitted rival during the selection of readings
+FORMS = 8  # shapes of each law that a finished design is checked against
 
 
 @dataclass(frozen=True)
 class PredictedCases:
-    """N cases of K steps each, D coordinates a step."""
+    """N load cases of K steps each, with D coordinates per step."""
 
     steps: tuple[float, ...]  # share of the full load at each reading of a cycle
     dimensions: int
-    base: Array  # (N, K·D, P) refitted whatever is true
+    base: Array  # (N, K·D, P) base columns, always refitted
     hypotheses: tuple[EffectHypothesis, ...]
     count: int
 
     def columns(self, h: EffectHypothesis, shape: tuple[float, ...]) -> Array:
-        """(N, K·D, p) of a law."""
+        """Return the columns of a law at the cases.
+
+        Args:
+            h: Hypothesis.
+            shape: Its shape.
+
+        Returns:
+            (N, K·D, p).
+        """
         return _reshape_by_case(h.columns(shape), self.count)
 
 
 @dataclass(frozen=True)
 class PredictedLaw:
-    """A law of the diagnosis at the poses of the plan."""
+    """Law of the diagnosis at the poses of the plan."""
 
     candidate_law: CandidateLaw
-    signal: Array  # (N, K·D) m, rad that it adds as fitted
-    columns: tuple[Array, ...]  # (N, K·D, p) that it may refit, at its shape and at others
+    signal: Array  # (N, K·D) m, rad, predicted with the fitted coefficients
+    columns: tuple[Array, ...]  # (N, K·D, p) columns for refitting, at its shape and at others
 
 
-def select_load_steps(stands: Sequence[CandidateLaw]) -> tuple[float, ...]:
-    """The readings of a load cycle that these laws ask for."""
+def select_load_steps(candidate_laws: Sequence[CandidateLaw]) -> tuple[float, ...]:
+    """Select the load steps that a set of laws requires.
+
+    Args:
+        candidate_laws: Candidate laws.
+
+    Returns:
+        Steps as shares of the full load.
+    """
     curved = {
         e.file_word
         for e in registry.select_joint_torque_effects()
         if e.has_memory or any(law.includes_weight for law in e.joint_laws)
     }
-    return UP_AND_DOWN if any(s.effect in curved for s in stands) else (1.0,)
+    return UP_AND_DOWN if any(s.effect in curved for s in candidate_laws) else (1.0,)
 
 
 def predict_load_tests(
@@ -83,16 +98,21 @@ def predict_load_tests(
     steps: tuple[float, ...],
     dimensions: int,
 ) -> PredictedCases:
-    """Cases of a load test.
+    """Build the cases of load tests.
 
     Args:
-        found: the diagnosis.
-        cases: N poses × loads.
-        q: (N, 6) rad of each case.
-        robot, T_flange_tcp, masses: the arm.
-        compliance: (6,) rad/(N·m) as the diagnosis has it.
-        steps: of a cycle.
-        dimensions: 3 or 6.
+        found: The open diagnosis.
+        cases: N combinations of pose and load.
+        q: (N, 6) joint angles of each case, rad.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        masses: Link and tool masses; None if unknown.
+        compliance: (6,) joint compliance of the diagnosis, rad/(N·m).
+        steps: Load steps of a cycle.
+        dimensions: 3 (positions) or 6 (poses).
+
+    Returns:
+        The cases with base columns and hypotheses.
     """
     N, K = len(cases), len(steps)
     factor = np.tile(np.array(steps), N)
@@ -149,7 +169,22 @@ def predict_measured_poses(
     dimensions: int,
     rng: np.random.Generator,
 ) -> PredictedCases:
-    """Cases of measured poses, with the load of each case or none."""
+    """Build the cases of measured poses, with the load of each case or without load.
+
+    Args:
+        found: The open diagnosis.
+        cases: N combinations of pose and load.
+        q: (N, 6) joint angles of each case, rad.
+        cell: Robot cell.
+        robot: Kinematic model of the arm.
+        masses: Link and tool masses; None if unknown.
+        compliance: (6,) joint compliance of the diagnosis, rad/(N·m).
+        dimensions: 3 (positions) or 6 (poses).
+        rng: Random generator of the channel set-up.
+
+    Returns:
+        The cases with base columns and hypotheses.
+    """
     T, c = cell.tool.T_flange_tcp, compliance
     theta = q
     for _ in range(EQUILIBRIUM_STEPS):
@@ -177,48 +212,67 @@ def predict_measured_poses(
     return PredictedCases((1.0,), dimensions, _reshape_by_case(problem.base, N), catalogue.hypotheses, N)
 
 
-def predict_law(stand: CandidateLaw, at: PredictedCases, coordinates: float) -> PredictedLaw | None:
-    """A law at the poses of the plan; None where the catalogue does not have it there.
+def predict_law(candidate_law: CandidateLaw, at: PredictedCases, coordinates: float) -> PredictedLaw | None:
+    """Predict a law at the poses of the plan.
 
     Args:
-        stand: of the diagnosis.
-        at: the cases.
-        coordinates: rows of a reading that are translations, as a share.
+        candidate_law: Candidate law of the diagnosis.
+        at: The cases.
+        coordinates: Share of the rows of a reading that are translations.
+
+    Returns:
+        The law; None if the catalogue of these cases does not contain it.
     """
-    if stand is NO_EFFECT:
-        return PredictedLaw(stand, np.zeros(at.base.shape[:2]), (np.zeros((*at.base.shape[:2], 0)),))
-    if stand.rms is not None:
-        h = next((h for h in at.hypotheses if h.location == stand.location), None)
+    if candidate_law is NO_EFFECT:
+        return PredictedLaw(candidate_law, np.zeros(at.base.shape[:2]), (np.zeros((*at.base.shape[:2], 0)),))
+    if candidate_law.rms is not None:
+        h = next((h for h in at.hypotheses if h.location == candidate_law.location), None)
     else:
-        h = next((h for h in at.hypotheses if h.name == stand.name and stand.law in ("", h.law)), None)
+        h = next((h for h in at.hypotheses if h.name == candidate_law.name and candidate_law.law in ("", h.law)), None)
     if h is None:
         return None
-    if stand.coefficients:
-        x, shape = np.array(stand.coefficients), stand.shape
-        if not _has_same_meaning(h, x, shape, stand.correction):
+    if candidate_law.coefficients:
+        x, shape = np.array(candidate_law.coefficients), candidate_law.shape
+        if not _has_same_meaning(h, x, shape, candidate_law.correction):
             return None
         columns = at.columns(h, shape)
     else:
         shape = h.shapes[len(h.shapes) // 2]
         columns = at.columns(h, shape)
-        sized = _scale_coefficients(h, stand, shape, columns, coordinates)
+        sized = _scale_coefficients(h, candidate_law, shape, columns, coordinates)
         if sized is None:
             return None
         x = sized
     others = [s for s in _select_inner_shapes(h.shapes) if s != shape]
-    return PredictedLaw(stand, columns @ x, (columns, *(at.columns(h, s) for s in others)))
+    return PredictedLaw(candidate_law, columns @ x, (columns, *(at.columns(h, s) for s in others)))
 
 
-def list_law_columns(stand: CandidateLaw, at: PredictedCases) -> tuple[Array, ...]:
-    """(N, K·D, p) of every law of its effect at its place, as diagnose refits a rival, at shapes over the grid."""
-    laws = [h for h in at.hypotheses if h.name == stand.name]
+def list_law_columns(candidate_law: CandidateLaw, at: PredictedCases) -> tuple[Array, ...]:
+    """List the columns of every law of an effect at its place, over its shape grid, as diagnose refits a rival.
+
+    Args:
+        candidate_law: Candidate law.
+        at: The cases.
+
+    Returns:
+        Columns (N, K·D, p) for each law and shape.
+    """
+    laws = [h for h in at.hypotheses if h.name == candidate_law.name]
     return tuple(at.columns(h, s) for h in laws for s in _select_spread_shapes(h.shapes, FORMS))
 
 
 def compute_case_noise(cases: LoadCases, noise: ReadingNoise, steps: tuple[float, ...]) -> tuple[Array, Array]:
-    """(N, K·D, K·D) own error of each case, and (K·D, K·D) of what readings of a pose share.
+    """Compute the noise covariances of the cases.
 
-    The steps of a cycle share the cycle's error and that of the load; each has the instrument's by itself.
+    The steps of a cycle share the cycle error and the load error. Each step has its own instrument error.
+
+    Args:
+        cases: N load cases.
+        noise: Noise of a reading.
+        steps: Load steps of a cycle.
+
+    Returns:
+        (N, K·D, K·D) covariance of each case, and (K·D, K·D) covariance shared by the readings of a pose.
     """
     D, K, n = noise.dimensions, len(steps), noise.cycles
     rows = np.ones(D) if noise.targets is None else np.repeat([1.0, 1.0 / noise.targets], 3)
@@ -233,7 +287,9 @@ def compute_case_noise(cases: LoadCases, noise: ReadingNoise, steps: tuple[float
 def _scale_coefficients(
     h: EffectHypothesis, stand: CandidateLaw, shape: tuple[float, ...], columns: Array, share: float
 ) -> Array | None:
-    """Coefficients of a law of which only the size, or the motion it makes, is known; all columns alike."""
+    """Return coefficients of a law of which only the size or the resulting motion is known; all columns equally
+    weighted.
+    """
     each = np.sqrt(np.mean(columns**2, axis=(0, 1)))
     if not np.all(each > 0.0):
         return None
@@ -248,23 +304,24 @@ def _scale_coefficients(
 
 
 def _select_inner_shapes(shapes: tuple[tuple[float, ...], ...]) -> list[tuple[float, ...]]:
-    """Some shapes spread over the grid, its ends left out."""
+    """Return some shapes spread over the grid without its ends."""
     if len(shapes) <= SHAPES:
         return list(shapes)
     return [shapes[int(k)] for k in np.linspace(0, len(shapes) - 1, SHAPES + 2)[1:-1]]
 
 
 def _select_spread_shapes(shapes: tuple[tuple[float, ...], ...], most: int) -> list[tuple[float, ...]]:
-    """Shapes spread over the grid, with its ends."""
+    """Return shapes spread over the grid, including its ends."""
     return [shapes[int(k)] for k in np.unique(np.linspace(0, len(shapes) - 1, min(most, len(shapes))).round())]
 
 
 def _has_same_meaning(
     h: EffectHypothesis, x: Array, shape: tuple[float, ...], stated: Mapping[str, Any] | None
 ) -> bool:
-    """Coefficients and shape state here what they stated where they were fitted.
+    """Return whether coefficients and shape state the same parameters here as in the diagnosis.
 
-    Those of the registry are absolute; a user's own may count in shares of what it was fitted to.
+    Laws of the registry have absolute parameters. User-defined laws may be relative to the recording that they were
+    fitted to.
     """
     made = h.correction(x, shape)
     if stated is None or made is None:
@@ -274,7 +331,7 @@ def _has_same_meaning(
 
 
 def _flatten_parameters(value: Any) -> Array:
-    """Every number of nested parameters, keys in order."""
+    """Return all numbers of nested parameters, keys in order."""
     if isinstance(value, Mapping):
         parts = [_flatten_parameters(value[k]) for k in sorted(value)]
     elif isinstance(value, list | tuple):
@@ -287,5 +344,5 @@ def _flatten_parameters(value: Any) -> Array:
 
 
 def _reshape_by_case(columns: Array, count: int) -> Array:
-    """(N K, D, p) → (N, K·D, p)."""
+    """Reshape (N K, D, p) to (N, K·D, p)."""
     return columns.reshape(count, -1, columns.shape[2])

@@ -1,8 +1,8 @@
-"""How many poses and rounds it takes until diagnose itself excludes the wrong one of two explanations.
+"""Number of poses and rounds until diagnose itself rejects the wrong one of two explanations.
 
-It asks for a gain that is clearly larger, and where the rival reaches most of the gain, for one that is larger pose by
-pose too: Student's t of the differences, whose mean is λ_g at pose g and whose variance is 4 λ_g. Rounds make every λ_g
-larger; where a few poses hold most of λ, only more poses make the test pass.
+Diagnose requires a clearly larger gain. If the rival reaches most of the gain, it also requires a larger gain pose by
+pose: Student's t of the differences, whose mean is λ_g at pose g and whose variance is 4 λ_g. More rounds increase
+every λ_g. If a few poses contribute most of λ, only more poses make the test pass.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from machopt.measurement.design.measurement_plan import MeasurementPlanSize
 from machopt.measurement.diagnosis import thresholds
 from machopt.numerics.array_types import Array, Ints
 
-MOST_CYCLES = 10  # that a plan asks for by itself
-MAX_COUNTED_CYCLES = 50  # cycles counted up to
-HARDER_FORM_SHARE = 0.8  # of what a rival's known forms leave: a form that leaves less counts from then on
-POSE_GROWTH, MOST_POSES = 1.6, 40  # poses by which a plan that diagnose's test asks more of grows, and the most
+MOST_CYCLES = 10  # most rounds that a plan proposes
+MAX_COUNTED_CYCLES = 50  # most rounds that are evaluated
+HARDER_FORM_SHARE = 0.8  # a rival shape is added if it leaves less than this share of the residual of known shapes
+POSE_GROWTH, MOST_POSES = 1.6, 40  # growth factor of the number of poses, and its limit
 Blocks = tuple[tuple[int, ...], ...]
 
 
@@ -43,13 +43,20 @@ def select_poses_for_exclusion(
     *,
     grow: bool = True,
 ) -> Blocks:
-    """The readings: ``size.poses`` poses, and more where that lets diagnose exclude one of more pairs.
+    """Select readings of ``size.poses`` poses, and more poses if diagnose can then reject the rival of more pairs.
 
     Args:
-        pairs: contests of each pair that can be split.
-        base: (N, R, P) refitted whatever is true.
-        covariance, shared, pose: of the N readings.
-        grow: False: as many poses as asked for.
+        pairs: Contests of each separable pair.
+        base: (N, R, P) base columns, always refitted.
+        covariance: (N, R, R) noise covariance of each reading.
+        shared: (R, R) covariance shared by the readings of a pose.
+        pose: (N,) pose label of each reading.
+        size: Number of poses and loads.
+        rng: Random generator of the search.
+        grow: Whether the number of poses may increase.
+
+    Returns:
+        Selected readings, grouped by pose.
     """
     if not pairs:
         return draw_random_readings(pose, size.poses, size.loads, rng)
@@ -69,7 +76,7 @@ def select_poses_for_exclusion(
         passed, blocks = of(poses, 1)
         if passed > most:
             most, best, before, found = passed, blocks, last, poses
-    while found - before > 2:  # fewer may do as well
+    while found - before > 2:  # check whether fewer suffice
         poses = (before + found) // 2
         passed, blocks = of(poses, 1)
         if passed >= most:
@@ -81,19 +88,29 @@ def select_poses_for_exclusion(
 
 @dataclass(frozen=True)
 class ContestSide:
-    """One way round of a pair: what is true, and all that diagnose lets the rival be."""
+    """One direction of a pair: the true law, and all shapes that diagnose may fit to the rival."""
 
     truth: int
     rival: int
     signal: Array  # (N, R)
-    base: Array  # (N, R, P) refitted beside the rival
+    base: Array  # (N, R, P) columns refitted together with the rival
     forms: tuple[Array, ...]  # (N, R, p) each
 
 
 def select_hardest_rivals(
     contests: Sequence[ModelContest], sides: Sequence[ContestSide], covariance: Array, blocks: Sequence[Sequence[int]]
 ) -> list[ModelContest]:
-    """The contests, and the form of each rival that these readings tell worst, where no known one is as hard."""
+    """Add for each side the rival shape that the readings separate worst, unless a known shape is equally hard.
+
+    Args:
+        contests: Contests of the pair, in both directions.
+        sides: Both directions of the pair with all rival shapes.
+        covariance: (N, R, R) noise covariance of each reading.
+        blocks: Selected readings, grouped by pose.
+
+    Returns:
+        The extended contests.
+    """
     out = list(contests)
     rows = np.array([n for b in blocks for n in b], np.int64)
     ends = np.cumsum([0, *(len(b) for b in blocks)])
@@ -120,16 +137,31 @@ def select_hardest_rivals(
 def compute_separation(
     contests: Sequence[ModelContest], covariance: Array, shared: Array, pose: Ints, blocks: Sequence[Sequence[int]]
 ) -> float:
-    """Noncentrality of a design, the worst way round."""
+    """Compute the noncentrality of a design, the smallest over all contests.
+
+    Args:
+        contests: Contests of the pair, in both directions.
+        covariance: (N, R, R) noise covariance of each reading.
+        shared: (R, R) covariance shared by the readings of a pose.
+        pose: (N,) pose label of each reading.
+        blocks: Selected readings, grouped by pose.
+
+    Returns:
+        Noncentrality of the χ² test.
+    """
     return min(compute_contest_noncentrality(c, covariance, shared, pose, blocks) for c in contests)
 
 
 def compute_required_rounds(planned: Callable[[int], float], first: float, enough: float) -> int | None:
-    """The least number of rounds whose noncentrality is enough; the load's own error does not average.
+    """Compute the least number of rounds with sufficient noncentrality. The load error does not average out.
 
     Args:
-        planned: noncentrality of so many rounds.
-        first: of one.
+        planned: Noncentrality as a function of the number of rounds.
+        first: Noncentrality of one round.
+        enough: Required noncentrality.
+
+    Returns:
+        Number of rounds; None if the limit is exceeded.
     """
     if first >= enough:
         return 1
@@ -142,7 +174,15 @@ def compute_required_rounds(planned: Callable[[int], float], first: float, enoug
 
 
 def combine_required_rounds(wanted: Sequence[int | None], excluded: Sequence[int | None]) -> int:
-    """Rounds that a plan asks for by itself: what its pairs need, as far as rounds do it; one for what they do not."""
+    """Combine the rounds that the pairs need to the number that a plan proposes.
+
+    Args:
+        wanted: Rounds of each pair by noncentrality; None if rounds do not suffice.
+        excluded: Rounds of each pair by the test of diagnose; None if rounds do not suffice.
+
+    Returns:
+        Number of rounds, at most :data:`MOST_CYCLES`.
+    """
     each = [max(n, m or 1) if n is not None else 1 for n, m in zip(wanted, excluded, strict=True)]
     return max((min(n, MOST_CYCLES) for n in each), default=1)
 
@@ -150,7 +190,17 @@ def combine_required_rounds(wanted: Sequence[int | None], excluded: Sequence[int
 def compute_rounds_to_exclude(
     contests: Sequence[ModelContest], covariance: Array, blocks: Sequence[Sequence[int]], base: Array
 ) -> int | None:
-    """Rounds after which diagnose excludes the rival in nine of ten cases, the worse way round; None: not in LOOKED."""
+    """Compute the rounds after which diagnose rejects the rival with 90 % power, the larger of both directions.
+
+    Args:
+        contests: Contests of the pair, in both directions.
+        covariance: (N, R, R) noise covariance of each reading.
+        blocks: Selected readings, grouped by pose.
+        base: (N, R, P) base columns, always refitted.
+
+    Returns:
+        Number of rounds; None if more than :data:`MAX_COUNTED_CYCLES`.
+    """
     each = [_find_exclusion_rounds(c, covariance, blocks, base) for c in contests]
     known = [n for n in each if n is not None]
     return max(known) if known and len(known) == len(each) else None
@@ -165,7 +215,7 @@ def _find_exclusion_rounds(
     if total <= 0.0 or G < 2:
         return None
     critical = float(stdtrit(G - 1, 1.0 - thresholds.DETECTION.paired)) + thresholds.DETECTION.nine_of_ten
-    alone = 1.0 - total / whole < thresholds.DETECTION.most_of  # the rival does not reach most of the gain
+    alone = 1.0 - total / whole < thresholds.DETECTION.most_of  # the rival reaches less than most of the gain
     for n in range(1, MAX_COUNTED_CYCLES + 1):
         larger = n * total - thresholds.DETECTION.nine_of_ten * 2.0 * np.sqrt(n * total) >= thresholds.DETECTION.as_good
         if larger and (alone or n * total / np.sqrt(G * n**2 * spread + 4.0 * n * total) >= critical):

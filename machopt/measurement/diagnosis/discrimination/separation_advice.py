@@ -1,4 +1,4 @@
-"""What would split two explanations that poses and loads cannot."""
+"""Advice on measurements that separate two explanations which poses and loads cannot separate."""
 
 from __future__ import annotations
 
@@ -8,14 +8,29 @@ from machopt.measurement.diagnosis.discrimination.open_hypotheses import NO_EFFE
 
 
 def format_hypothesis_name(s: CandidateLaw) -> str:
-    """Its name in a sentence."""
+    """Return the name of a candidate law for use in a sentence.
+
+    Args:
+        s: Candidate law.
+
+    Returns:
+        Text.
+    """
     if s is NO_EFFECT:
         return "nothing"
     return format_effect_in_sentence(s.effect, s.location) if s.effect else f"something at {s.location}"
 
 
 def advise_on_separation(one: CandidateLaw, two: CandidateLaw) -> str:
-    """What would split two laws that poses and loads cannot."""
+    """Return a measurement that would separate two laws.
+
+    Args:
+        one: First law.
+        two: Second law.
+
+    Returns:
+        Text.
+    """
     effects = {one.effect, two.effect}
     if effects & {
         e.name

@@ -1,1 +1,1 @@
-"""Channels of an arm in motion: torques, encoders behind the gears, a tracked TCP, and the checks of such a record."""
+"""Channels of motions: joint torques, secondary encoders, a tracked TCP, and the checks of such a recording."""

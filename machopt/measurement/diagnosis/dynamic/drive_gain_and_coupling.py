@@ -1,4 +1,4 @@
-"""What drives tell beyond what each joint asks of its own motor: gains, shafts that run through another joint."""
+"""Recorded drive torques beyond the joint's own motor model: gain errors, and shafts that run through another joint."""
 
 from __future__ import annotations
 
@@ -29,30 +29,39 @@ from machopt.measurement.diagnosis.effect_columns.motion_columns import MotionMo
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_ratio_refinement
 from machopt.numerics.array_types import Array
 
-ROUNDS = 3  # of a load and a gain
-MAX_SHAPES = 3  # shapes of a law that the search is given: columns of two joints at many shapes are most of its memory
+ROUNDS = 3  # alternating fits of load and gain
+MAX_SHAPES = 3  # most shapes of a law in the search, because columns of two joints use much memory
 
 
 def build_drive_hypotheses(
-    scene: MotionModel, paths: Sequence[FrictionReversal], torque: Array, beside: Array, carried: Mapping[int, Array]
+    scene: MotionModel,
+    paths: Sequence[FrictionReversal],
+    torque: Array,
+    other_columns: Array,
+    carried: Mapping[int, Array],
 ) -> list[EffectHypothesis]:
-    """Every law at every place of it whose joints turn.
+    """Build the hypotheses of all motor laws at all places with moving joints.
 
     Args:
-        scene: channel torque, with the predicted torque.
-        paths: how friction turns over in the base, of each joint.
-        torque: (N, n) N·m measured less predicted.
-        beside: (N, n, p) what else of masses it may hold.
-        carried: (M,) N·m that joints, from 0, carry where there is a load besides: see
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        paths: Reversal shape of the base friction of each joint.
+        torque: (N, n) measured minus predicted torque, N·m.
+        other_columns: (N, n, p) columns of mass errors that the torque may contain.
+        carried: (M,) torque of each joint (0-based) with an additional load, N·m: see
             :func:`compute_gain_error_torque`.
+
+    Returns:
+        The hypotheses.
     """
-    assert scene.predicted is not None  # the channel has it
+    assert scene.predicted is not None  # guaranteed by the torque channel
     out = []
     for effect in registry.select_motor_effects():
         for where in effect.search_places:
             joints = _parse_joints(where)
             if _has_moving_joints(scene, joints):
-                last = _LastJointTorque(scene, joints, paths[joints[-1]], torque[:, joints[-1]], beside[:, joints[-1]])
+                last = _LastJointTorque(
+                    scene, joints, paths[joints[-1]], torque[:, joints[-1]], other_columns[:, joints[-1]]
+                )
                 laws = [law for law in effect.motor_laws if not (scene.free_gains and law.absorbed_by_gain)]
                 own = scene.predicted[:, sorted(set(joints))]
                 out += [_build_drive_hypothesis(scene, effect, where, law, joints, last, own) for law in laws]
@@ -68,17 +77,24 @@ def build_drive_hypotheses(
 def compute_gain_error_torque(
     scene: MotionModel, y: Array, base: Array, load: Array, lifted: Array
 ) -> dict[int, Array]:
-    """(M,) N·m that each joint, from 0, would carry were its drive's gain wrong and an unknown load at the flange.
+    """Compute the torque that each joint would carry if its drive gain were wrong and an unknown load were at the
+    flange.
 
-    A wrong gain is wrong of what the load asks, too: of half a drive's torque and as much again of load a law of the
-    stated masses misses a quarter. The load is what all joints say beside that gain, in a few rounds.
+    A gain error also scales the torque of the load. With a gain of one half and an equal load, a law on the stated
+    masses alone would miss a quarter of the torque. The load is estimated from all joints together with the gain, in
+    a few iterations.
 
     Args:
-        scene: channel torque.
-        y: (N, D) of the problem; base: (N, D, P).
-        load: (M, n, 4) N·m per kg and kg·m at the flange; lifted: (N, D, 4) the same as columns of the problem.
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        y: (N, D) measured minus predicted torque of the problem.
+        base: (N, D, P) base columns.
+        load: (M, n, 4) torque per kg and kg·m at the flange, N·m.
+        lifted: (N, D, 4) the same as columns of the problem.
+
+    Returns:
+        (M,) N·m for each joint (0-based).
     """
-    assert scene.predicted is not None  # the channel has it
+    assert scene.predicted is not None  # guaranteed by the torque channel
     X = np.concatenate([base, lifted], axis=2)
     X = X.reshape(-1, X.shape[2])
     size = np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
@@ -102,7 +118,7 @@ def compute_gain_error_torque(
 
 
 def _parse_joints(where: str) -> tuple[int, ...]:
-    """0-based, of a joint's torque column or of a joint or pair of joints."""
+    """Return the 0-based joints of a torque column, a joint or a pair of joints."""
     at = parse_location(where)
     return (int("".join(filter(str.isdecimal, at.which))) - 1,) if at.kind == COLUMN else parse_joint_location(where)
 
@@ -115,7 +131,7 @@ def _has_moving_joints(scene: MotionModel, joints: tuple[int, ...]) -> bool:
 
 
 class _LastJointTorque:
-    """Torque of the last joint of a place, without what the base and masses make of it."""
+    """Torque of the last joint of a place, without the parts that base and masses explain."""
 
     def __init__(
         self, scene: MotionModel, joints: tuple[int, ...], turn: FrictionReversal, torque: Array, beside: Array
@@ -133,7 +149,14 @@ class _LastJointTorque:
         return np.asarray(x - self._base @ (self._base.T @ x))
 
     def gain(self, signal: Array) -> float:
-        """Power that a signal (M, p) of the joint takes."""
+        """Return the power that a signal of the joint explains.
+
+        Args:
+            signal: (M, p) signal.
+
+        Returns:
+            Reduction of the residual sum of squares.
+        """
         m = self.scene.motion
         left, _ = fit_least_squares(
             self._torque, self._compute_own_torque(m.subtract_period_mean(m.average_blocks(signal)))
@@ -141,14 +164,28 @@ class _LastJointTorque:
         return float(self._torque @ self._torque - left @ left)
 
     def compute_friction_direction(self, v: Array) -> Array:
-        """(M,) which way the motor's friction points, by its speed; it turns over as the torque shows best.
+        """Return the direction of the motor's friction by the motor speed, with the reversal shape that fits the
+        torque best.
 
-        How the base has it was found by the speed of the joint, which is not the motor's.
+        The reversal shape of the base was fitted to the joint speed, which differs from the motor speed.
+
+        Args:
+            v: (M,) motor speed, rad/s.
+
+        Returns:
+            (M,) −1 to 1.
         """
         return self._turning(v)[1]
 
     def is_immediate_reversal(self, v: Array) -> bool:
-        """Whether that turns over at once or along a path: over a range of speeds it is a slope."""
+        """Return whether the friction reverses at once or over a displacement, instead of over a range of speeds.
+
+        Args:
+            v: (M,) motor speed, rad/s.
+
+        Returns:
+            True for a discontinuity.
+        """
         _, over_speed = self._turning(v)[0]
         return over_speed == 0.0
 
@@ -214,7 +251,7 @@ def _build_drive_hypothesis(
 
 
 def _has_friction_jump(law: MotorLaw, shape: Shape, seen: MotorLoading, last: _LastJointTorque) -> bool:
-    """Whether the friction that a law asks for at a shape leaps where its motor turns over."""
+    """Return whether the friction of a law at a shape is discontinuous at motor reversal."""
     speeds: list[Array] = []
 
     def way(v: Array) -> Array:

@@ -1,7 +1,8 @@
-"""Torque channels of a motion that stand under another joint's name, or are of one motor before its gear.
+"""Torque channels recorded under another joint's name, or measured at one motor before its gear.
 
-Both leave a torque that no arm has: it follows the rigid body of another joint, or is a small share of its own. What a
-balancer, a payload or friction does to a joint leaves it its own inertia, and no second joint that fits as well.
+Both give a torque that no arm has. It follows the rigid-body torque of another joint, or is a small fraction of its
+own. A gravity compensator, payload or friction does not remove the joint's own inertia, and no second joint fits as
+well.
 """
 
 from __future__ import annotations
@@ -35,12 +36,15 @@ def correct_exchanged_torques(
     """Exchange torque channels that were recorded under each other's names.
 
     Args:
-        recording: of kind motion.
-        motion: its signals.
-        predicted: (M, n) N·m that the rigid arm needs.
+        recording: Recording of kind motion.
+        motion: Filtered joint signals of the recording, M samples.
+        predicted: (M, n) joint torque required by the rigid-body model, N·m.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and a finding for each exchange.
 
     Raises:
-        InputError: one torque is of the motor before its gear, whose ratio nothing says.
+        InputError: One torque is measured before the gear, and the gear ratio is unknown.
     """
     if recording.torque is None:
         return recording, []
@@ -49,7 +53,7 @@ def correct_exchanged_torques(
         tau = recording.torque[motion.index, : predicted.shape[1]]
         stated = [_compute_unexplained_share(motion, tau, predicted, a, a) for a in (i, j)]
         other = [_compute_unexplained_share(motion, tau, predicted, a, b) for a, b in ((i, j), (j, i))]
-        # each fits the other's name far better than its own, and each at about the size that the arm needs there
+        # each channel fits the other joint much better than its own, with about the required magnitude
         falls = all(
             o is not None and s is not None and o[0] < thresholds.RECORD.whole_falls * s[0]
             for s, o in zip(stated, other, strict=True)
@@ -67,9 +71,10 @@ def correct_exchanged_torques(
 def _compute_unexplained_share(
     motion: MotionSignals, tau: Array, predicted: Array, i: int, j: int
 ) -> tuple[float, float, float] | None:
-    """Share of channel i's variance that the rigid body of joint j leaves, friction refitted; slope and correlation.
+    """Return the share of channel i's variance that the torque of joint j leaves (friction refitted), slope and
+    correlation.
 
-    None where the joint needs too little for any answer.
+    None if the joint requires too little torque.
     """
     if np.ptp(predicted[:, j]) < thresholds.RECORD.loaded * np.ptp(predicted, axis=0).max():
         return None
@@ -104,13 +109,13 @@ def _build_exchange_finding(
         float(np.median(before)),
         float(np.median(after)),
         compute_sign_test(before, after),
-        beside=(format_column_location(two),),
+        further_places=(format_column_location(two),),
     )
 
 
 def _refuse_motor_side(recording: Recording, motion: MotionSignals, predicted: Array) -> None:
-    """Raise where one joint's torque is a small share of what it needs and the others' is not."""
-    assert recording.torque is not None  # the caller looked
+    """Raise an error if one joint's torque is a small fraction of the required one and those of the others are not."""
+    assert recording.torque is not None  # checked by the caller
     tau = recording.torque[motion.index, : predicted.shape[1]]
     each = {j: _compute_unexplained_share(motion, tau, predicted, j, j) for j in range(predicted.shape[1])}
     slopes = {j: x[1] for j, x in each.items() if x is not None and x[2] > thresholds.RECORD.slope_sure}

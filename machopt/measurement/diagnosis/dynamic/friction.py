@@ -1,9 +1,9 @@
-"""What friction does beyond Coulomb and viscous, per joint: rival laws on the motor's torque.
+"""Friction hypotheses beyond Coulomb and viscous friction, for each joint: competing laws of the motor torque.
 
-The base has, for each joint, offset, Coulomb c z and viscous d q̇, with z the direction of motion after a short
-breakaway path (:func:`machopt.effects.joint.friction.compute_presliding_direction`). A Coulomb torque that differs with
-the direction
-is an offset and a Coulomb torque; it is told from a load that the model lacks by nothing, so it stays in the base.
+The base has for each joint an offset, Coulomb friction c z and viscous friction d q̇. z is the direction of motion
+after a short presliding displacement (:func:`machopt.effects.joint.friction.compute_presliding_direction`). Coulomb
+friction that differs with the direction equals an offset plus Coulomb friction. It cannot be separated from an
+unmodelled load, so it stays in the base.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from machopt.measurement.diagnosis.effect_columns.motion_columns import (
 from machopt.numerics.array_types import Array
 
 FrictionReversal = tuple[float, float]
-# how friction turns over at a reversal in the base: breakaway path in rad (m), or speed in rad/s (m/s) of a tanh
+# shape of friction reversal in the base: presliding displacement in rad (m), or speed in rad/s (m/s) of a tanh
 REVERSAL_SHAPES = (
     (0.0, 0.0),
     (2e-5, 0.0),
@@ -42,22 +42,41 @@ REVERSAL_SHAPES = (
     (0.0, 0.1),
     (0.0, 0.3),
 )
-STEPS = 10  # between two of these
-REVERSAL_WIDTH_FACTOR = 1.6  # times, and as much less: how far off the turn-over of the base may be
-SMOOTH, PATH = (0.0, 0.003), (5e-5, 0.0)  # of the other kind
+STEPS = 10  # refinement steps between two of these
+REVERSAL_WIDTH_FACTOR = 1.6  # factor by which the reversal width of the base may be wrong in either direction
+SMOOTH, PATH = (0.0, 0.003), (5e-5, 0.0)  # representative shape of the respective other kind
 IMMEDIATE_REVERSAL = REVERSAL_SHAPES[0]
 WARMING_TIMES = (15.0, 60.0, 300.0)  # s
 
 
 def compute_friction_direction(scene: MotionModel, joint: int, turn: FrictionReversal) -> Array:
-    """(M,) −1 … 1, which way a joint's friction points."""
+    """Compute the direction of a joint's friction.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        turn: Reversal shape: presliding displacement in rad (m), and speed in rad/s (m/s) of a tanh; one of
+            them is zero.
+
+    Returns:
+        (M,) −1 to 1.
+    """
     return compute_reversal_signal(scene, scene.motion.v[:, joint], turn)
 
 
 def build_reversal_uncertainty_columns(scene: MotionModel, joint: int, turn: FrictionReversal) -> list[Array]:
-    """Columns (M,) that make up for a turn-over a little off, in its width and in its kind.
+    """Build columns that absorb a small error of the reversal shape, in its width and in its kind.
 
-    Without them what a reversal leaves, where encoders step or a joint dwells, passes for a peak at low speed.
+    Without them the residual at a reversal would be mistaken for a friction peak at low speed.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        turn: Reversal shape: presliding displacement in rad (m), and speed in rad/s (m/s) of a tanh; one of
+            them is zero.
+
+    Returns:
+        Columns (M,) that are present in several time blocks.
     """
     wider, narrower = (
         (REVERSAL_WIDTH_FACTOR * path, REVERSAL_WIDTH_FACTOR * speed)
@@ -73,7 +92,9 @@ def build_reversal_uncertainty_columns(scene: MotionModel, joint: int, turn: Fri
 
 
 def _is_in_several_intervals(scene: MotionModel, x: Array) -> bool:
-    """Whether a signal (M,) shows in more than one stretch: of a single reversal no other stretch tells the size."""
+    """Return whether a signal (M,) is present in more than one time block; a single reversal cannot be
+    cross-validated.
+    """
     m = scene.motion
     power = np.bincount(
         np.unique(m.group, return_inverse=True)[1], m.subtract_period_mean(m.average_blocks(x[:, None]))[:, 0] ** 2
@@ -82,20 +103,39 @@ def _is_in_several_intervals(scene: MotionModel, x: Array) -> bool:
 
 
 def compute_reversal_signal(scene: MotionModel, v: Array, turn: FrictionReversal) -> Array:
-    """The same of a speed (M,) rad/s: after a breakaway path, which is late, or over a speed, which is not."""
+    """Compute the friction direction of a speed, after a presliding displacement or as a tanh of the speed.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        v: (M,) speed, rad/s.
+        turn: Reversal shape: presliding displacement in rad (m), and speed in rad/s (m/s) of a tanh; one of
+            them is zero.
+
+    Returns:
+        (M,) −1 to 1.
+    """
     path, speed = turn
     if speed > 0:
         return np.asarray(np.tanh(v / speed))
     return compute_presliding_direction(v, 1.0 / scene.motion.rate, scene.segment_start, path)
 
 
-def fit_breakaway(scene: MotionModel, joint: int, y: Array, beside: Array) -> FrictionReversal:
-    """The turn-over that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside.
+def fit_breakaway(scene: MotionModel, joint: int, y: Array, other_columns: Array) -> FrictionReversal:
+    """Fit the reversal shape of a joint's friction, together with Coulomb and viscous friction and inertia.
 
-    Friction that turns over a little faster or slower than the base has it leaves what looks like a peak at low speed,
-    so the best of TURNS is refined between its neighbours. ``beside`` (N, p) is what else the torque may hold.
+    A slightly wrong reversal shape leaves a residual that resembles a friction peak at low speed. The best of
+    :data:`REVERSAL_SHAPES` is therefore refined between its neighbours.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        y: (N,) torque of the joint, N·m.
+        other_columns: (N, p) further columns that the torque may contain.
+
+    Returns:
+        The reversal shape.
     """
-    power = _build_residual_function(scene, joint, y, beside)
+    power = _build_residual_function(scene, joint, y, other_columns)
     best, found = np.inf, REVERSAL_SHAPES[0]
     for turn in REVERSAL_SHAPES:
         left = power(turn)
@@ -105,12 +145,12 @@ def fit_breakaway(scene: MotionModel, joint: int, y: Array, beside: Array) -> Fr
 
 
 def _build_residual_function(
-    scene: MotionModel, joint: int, y: Array, beside: Array
+    scene: MotionModel, joint: int, y: Array, other_columns: Array
 ) -> Callable[[FrictionReversal], float]:
-    """Squares that each turn-over leaves of a joint's torque (N,), all else of it refitted, ``beside`` too."""
+    """Return a function that computes the residual sum of squares for a reversal shape, all other columns refitted."""
     m = scene.motion
     own = m.subtract_period_mean(m.average_blocks(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
-    rest = np.concatenate([own, beside], axis=1)
+    rest = np.concatenate([own, other_columns], axis=1)
 
     def power(turn: FrictionReversal) -> float:
         z = m.subtract_period_mean(m.average_blocks(compute_friction_direction(scene, joint, turn)[:, None]))
@@ -119,16 +159,29 @@ def _build_residual_function(
     return power
 
 
-def describe_gradual_reversal(scene: MotionModel, joint: int, turn: FrictionReversal, y: Array, beside: Array) -> str:
-    """Words for friction that surely turns over gradually, as Coulomb's does not; empty where it may be his.
+def describe_gradual_reversal(
+    scene: MotionModel, joint: int, turn: FrictionReversal, y: Array, other_columns: Array
+) -> str:
+    """Describe friction that reverses gradually, if the data exclude an immediate reversal as of Coulomb friction.
 
-    What a joint passes between two samples about a reversal says nothing of how its friction turns over there.
+    The distance between two samples at a reversal limits what can be resolved.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        turn: Reversal shape: presliding displacement in rad (m), and speed in rad/s (m/s) of a tanh; one of
+            them is zero.
+        y: (N,) torque of the joint, N·m.
+        other_columns: (N, p) further columns that the torque may contain.
+
+    Returns:
+        Text; empty if an immediate reversal is possible.
     """
     path, speed = turn
     between = float(np.sqrt(np.mean(scene.motion.a[:, joint] ** 2))) / scene.motion.rate  # rad/s (m/s)
     if speed <= between and 2.0 * path <= between / scene.motion.rate:
         return ""
-    power = _build_residual_function(scene, joint, y, beside)
+    power = _build_residual_function(scene, joint, y, other_columns)
     if len(y) * np.log(power(IMMEDIATE_REVERSAL) / max(power(turn), 1e-300)) < thresholds.DETECTION.gain:
         return ""
     if scene.prismatic[joint]:
@@ -141,7 +194,7 @@ def describe_gradual_reversal(scene: MotionModel, joint: int, turn: FrictionReve
 def _refine_breakaway(
     turn: FrictionReversal, power: Callable[[FrictionReversal], float]
 ) -> tuple[FrictionReversal, ...]:
-    """The best turn-over near one of TURNS; none near friction that turns at once."""
+    """Return refined shapes near one of :data:`REVERSAL_SHAPES`; none for immediate reversal."""
     kind = 0 if turn[0] > 0.0 else 1
     if turn[kind] == 0.0:
         return ()
@@ -159,14 +212,29 @@ def _refine_breakaway(
 
 
 def fit_least_squares(y: Array, X: Array) -> tuple[Array, Array]:
-    """Residual (N,) and coefficients (p,) of least squares."""
+    """Solve a linear least-squares problem with column scaling.
+
+    Args:
+        y: (N,) target.
+        X: (N, p) columns.
+
+    Returns:
+        Residual (N,) and coefficients (p,).
+    """
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     x = np.linalg.lstsq(X / size, y, rcond=1e-10)[0] / size
     return y - X @ x, x
 
 
 def list_warming_shapes(scene: MotionModel) -> tuple[Shape, ...]:
-    """Shapes of warming: the recorded temperature (0,), or (T,) s of a rise from the start of each session."""
+    """List the shapes of joint warm-up that the recording can show.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+
+    Returns:
+        (0,) for the recorded temperature, or time constants (T,) in s of a rise from the start of each session.
+    """
     T = scene.recording.temperature
     if T is not None and np.ptp(T) > 1.0:
         return ((0.0,),)
@@ -175,7 +243,15 @@ def list_warming_shapes(scene: MotionModel) -> tuple[Shape, ...]:
 
 
 def compute_joint_warmth(scene: MotionModel, constant: float) -> Array:
-    """(M,) 0 … 1 how warm the joints are."""
+    """Compute the warm-up state of the joints.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        constant: Time constant, s; zero uses the recorded temperature.
+
+    Returns:
+        (M,) 0 to 1.
+    """
     m = scene.motion
     if constant == 0.0 and scene.recording.temperature is not None:
         T = scene.recording.temperature[m.index]
@@ -186,12 +262,16 @@ def compute_joint_warmth(scene: MotionModel, constant: float) -> Array:
 
 
 def build_friction_hypotheses(scene: MotionModel, joint: int, turn: FrictionReversal) -> list[EffectHypothesis]:
-    """Rival laws for one joint.
+    """Build the competing friction laws of one joint.
 
     Args:
-        scene: channel torque, with the predicted torque.
-        joint: 0-based.
-        turn: how friction turns over in the base.
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        turn: Reversal shape: presliding displacement in rad (m), and speed in rad/s (m/s) of a tanh; one of
+            them is zero.
+
+    Returns:
+        The hypotheses.
     """
     m = scene.motion
     if not scene.is_joint_moving(joint):
@@ -227,7 +307,7 @@ def _build_friction_hypothesis(
     grid: tuple[Shape, ...],
     rest: Shape,
 ) -> EffectHypothesis:
-    """A law over its first number, which is settled between those of the grid; ``rest`` are the others."""
+    """Return a law over its first shape parameter, which is refined between grid values; ``rest`` are the others."""
     unit = "N" if seen.is_prismatic else "N·m"
 
     def columns(s: Shape) -> Array:

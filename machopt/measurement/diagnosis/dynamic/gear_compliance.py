@@ -1,6 +1,8 @@
-"""What a gear does under the torque of a moving arm, as a twist of its joint: loops, clearance, slopes, creep, swing.
+"""Gear deflection under the torque of a moving arm, as a twist of the joint: hysteresis, backlash, nonlinear
+stiffness, creep, vibration.
 
-``load`` is the torque that bends the joint forward: minus what the motor side must give to the link side.
+``load`` is the torque that twists the joint in its positive direction: minus the torque that the motor transmits to
+the link.
 """
 
 from __future__ import annotations
@@ -42,14 +44,17 @@ from machopt.numerics.array_types import Array
 def build_gear_hypotheses(
     scene: MotionModel, joint: int, load: Array, inertia: Array | None, fit: ExplainedPower
 ) -> list[EffectHypothesis]:
-    """All laws of one joint.
+    """Build all gear hypotheses of one joint.
 
     Args:
-        scene: link or tip channel.
-        joint: 0-based.
-        load: (M,) N·m that twists the joint forward.
-        inertia: (M,) kg·m² behind the joint; None: unknown.
-        fit: of the channel's problem, to find the frequency of a vibration.
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        load: (M,) torque that twists the joint in its positive direction, N·m.
+        inertia: (M,) inertia behind the joint, kg·m²; None if unknown.
+        fit: Explained power of the channel's problem, used to find the vibration frequency.
+
+    Returns:
+        The hypotheses.
     """
     swing = load - np.median(load)
     largest = float(np.quantile(np.abs(load), 0.99))
@@ -59,7 +64,7 @@ def build_gear_hypotheses(
     m = scene.motion
     lasting = min(float(m.time[s.stop - 1] - m.time[s.start]) for s in m.segments())
     out = []
-    # loops first and what takes time last: of laws as good as each other the first is named
+    # hysteresis first, time-dependent laws last: of equally good laws the first one is reported
     for effect in sorted(
         registry.select_joint_torque_effects(), key=lambda e: (is_time_dependent(e.joint_laws[0]), not e.has_memory)
     ):
@@ -70,7 +75,7 @@ def build_gear_hypotheses(
             if not law.explain_undetectable(load, np.zeros(0), scale):
                 grid = law.grid(scale)
                 out += [_build_registry_hypothesis(scene, joint, effect, law, load, scale, grid)] if grid else []
-    if inertia is not None and inertia.min() > 0.0:  # behind a last link without mass nothing swings
+    if inertia is not None and inertia.min() > 0.0:  # without inertia there is no vibration
         for effect in registry.select_vibration_effects():
             for spring in effect.vibration_laws:
                 out += _build_vibration_hypotheses(scene, joint, effect, spring, load, inertia, fit)
@@ -113,7 +118,7 @@ def _build_registry_hypothesis(
     scale: JointLoadRange,
     grid: tuple[Shape, ...],
 ) -> EffectHypothesis:
-    """A law of the registry over the samples."""
+    """Return the hypothesis of a registered law over the samples."""
     drive = _build_joint_loading(scene, joint, load)
     memory = MEMORIES[-1] if law.has_memory else ""
 
@@ -147,7 +152,17 @@ def _build_registry_hypothesis(
 
 
 def compute_known_twist(scene: MotionModel, joint: int, load: Array) -> Array:
-    """(M,) rad that the terms known of one joint make of its load, remembered from where a segment begins."""
+    """Compute the twist of a joint by the cell's known terms, with the load history from the beginning of each
+    segment.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        load: (M,) torque that twists the joint in its positive direction, N·m.
+
+    Returns:
+        (M,) rad.
+    """
     out = np.zeros(len(load))
     for term in scene.known_terms:
         effect = registry.find_elastic_effect(term.effect)
@@ -161,7 +176,7 @@ def compute_known_twist(scene: MotionModel, joint: int, load: Array) -> Array:
 
 
 def _build_joint_loading(scene: MotionModel, joint: int, load: Array) -> JointLoading:
-    """Where a segment begins, what the gear holds has settled."""
+    """Return the loading of a joint; the gear has settled at the beginning of a segment."""
     gap = np.where(scene.segment_start > 0, np.inf, scene.time_step)
     return JointLoading(load, scene.motion.q[:, joint], gap, scene.segment_start)
 
@@ -169,7 +184,7 @@ def _build_joint_loading(scene: MotionModel, joint: int, load: Array) -> JointLo
 def _build_vibration_hypotheses(
     scene: MotionModel, joint: int, effect: Effect, law: VibrationLaw, load: Array, inertia: Array, fit: ExplainedPower
 ) -> list[EffectHypothesis]:
-    """What swings on the joint's spring, integrated in time; its static part is in the base."""
+    """Return the vibration laws of a joint, integrated in time; the static part is in the base."""
     seen = VibrationLoading(load, inertia, scene.time_step, scene.segment_start)
 
     def response(s: Shape) -> Array:
@@ -198,10 +213,10 @@ def _build_vibration_hypotheses(
 
 @dataclass(frozen=True)
 class JointLoadTorque:
-    """What bends the joints of a motion."""
+    """Torques that twist the joints during a motion."""
 
-    load: Array  # (M, n) N·m forward
-    is_from_rigid_bodies: bool  # by rigid bodies, so without friction; else as recorded
+    load: Array  # (M, n) N·m, in the joints' positive directions
+    is_from_rigid_bodies: bool  # from the rigid-body model, without friction; else as recorded
 
     @property
     def words(self) -> str:
@@ -211,10 +226,18 @@ class JointLoadTorque:
 
 
 def compute_joint_load_torque(scene: MotionModel) -> JointLoadTorque | None:
-    """The torque that bends the joints forward: by rigid bodies where they describe the recorded torque, which
-    also holds friction and noise; else as recorded; None where neither is known.
+    """Compute the torques that twist the joints.
+
+    The rigid-body torque is used if it describes the recorded torque, which also contains friction and noise.
+    Otherwise the filtered recorded torque is used.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+
+    Returns:
+        The torques; None if neither is known.
     """
-    # as many coordinates as joints, whatever the channel has
+    # one coordinate per joint, independent of the channel
     load = compute_gear_load(
         replace(scene, dimensions=scene.joints, lift=build_joint_selector(scene.motion, scene.joints))
     )

@@ -1,8 +1,8 @@
-"""Where the arm stands without any load, as a motion sees it: the laws of port angle of the registry.
+"""Joint angle errors without load in a motion: the angle laws of the registry.
 
-As in settled poses (``measurement/diagnosis/effect_columns/joint_angle_errors.py``), lifted by what the channel sees of
-a joint: its link-side encoder,
-or J_j at the tip. A law's penalty and prior are of few readings, and a motion has thousands.
+As in static poses (:mod:`machopt.measurement.diagnosis.effect_columns.joint_angle_errors`), but transformed to the
+channel's coordinates: the secondary encoder, or J_j at the tracked TCP. Penalties and priors of a law are for few
+static readings; a motion has thousands of samples.
 """
 
 from __future__ import annotations
@@ -26,26 +26,45 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
 from machopt.measurement.diagnosis.effect_columns.joint_angle_errors import build_joint_angle_hypothesis
 from machopt.measurement.diagnosis.effect_columns.motion_columns import ExplainedPower, MotionModel
 
-FINE = 31  # orders about one that are profiled
+FINE = 31  # orders evaluated around the best one
 
 
 def compute_lowest_order(scene: MotionModel, joint: int, turns: float) -> float:
-    """The slowest gear order per turn of which this range of a joint (0-based) shows so many waves."""
+    """Compute the lowest gear order per turn of which the joint's range covers a number of periods.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        turns: Number of periods.
+
+    Returns:
+        Order per turn.
+    """
     return max(thresholds.MOTION.slowest_order, float(np.ceil(turns * _compute_order_resolution(scene, joint))))
 
 
 def _compute_order_resolution(scene: MotionModel, joint: int) -> float:
-    """Orders per turn by which two waves differ by one over the range of a joint."""
+    """Return the difference of orders that amounts to one period over the range of a joint."""
     return 2.0 * np.pi / max(float(np.ptp(scene.motion.q[:, joint])), 1e-9)
 
 
 def build_order_refinement(scene: MotionModel, joint: int) -> ShapeRefinement:
-    """An order is as sure as the range of its joint lets it be: whole where the data agree, else an interval."""
-    apart = _compute_order_resolution(scene, joint)
+    """Build the refinement of a gear order; its resolution follows from the range of the joint.
+
+    The order is rounded to an integer if the data agree; otherwise it is an interval.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+
+    Returns:
+        The refinement.
+    """
+    resolution = _compute_order_resolution(scene, joint)
 
     def about(shape: Shape, share: float) -> tuple[Shape, ...]:
         n = shape[0]
-        fine = np.linspace(max(n - share * apart, 0.5), n + share * apart, FINE)
+        fine = np.linspace(max(n - share * resolution, 0.5), n + share * resolution, FINE)
         whole = np.arange(np.ceil(fine[0]), np.floor(fine[-1]) + 1.0)
         return tuple(tuple(float(v * k / n) for k in shape) for v in sorted({n, *fine, *whole}))
 
@@ -53,22 +72,31 @@ def build_order_refinement(scene: MotionModel, joint: int) -> ShapeRefinement:
         low, high = min(s[0] for s in shapes), max(s[0] for s in shapes)
         if high - low < 1.0:
             return ""
-        return f"order not resolved (between {low:.1f} and {high:.1f} a turn): the joint turns by {360.0 / apart:.0f}°"
+        return (
+            f"order not resolved (between {low:.1f} and {high:.1f} a turn): the joint "
+            f"turns by {360.0 / resolution:.0f}°"
+        )
 
     return ShapeRefinement(
         shapes_around=about,
         is_preferred=lambda s: float(s[0]).is_integer(),
         describe_ambiguity=said,
-        minimum_separation=thresholds.MOTION.beats * apart,
+        minimum_separation=thresholds.MOTION.beats * resolution,
     )
 
 
 def build_motion_angle_hypotheses(
     scene: MotionModel, joint: int, fit: ExplainedPower
 ) -> tuple[list[EffectHypothesis], list[UntestableEffect]]:
-    """Every law at every place that moves this joint (0-based), where the motion can show one.
+    """Build every angle law at every place that moves this joint, if the motion can show it.
 
-    Also those that the channel's base takes up: an angle that grows with the joint's own torque, say.
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        fit: Explained power of the channel's problem.
+
+    Returns:
+        The hypotheses, and the effects that the base of the channel absorbs.
     """
     out: dict[tuple[str, str], list[EffectHypothesis]] = {}
     for effect in registry.select_angle_effects():
@@ -85,22 +113,24 @@ def build_motion_angle_hypotheses(
                 if slow:
                     found.append(_penalise_partial_waves(_build_angle_hypothesis(scene, effect, where, law, slow)))
     out = {name: laws for name, laws in out.items() if laws}
-    kept: list[EffectHypothesis] = []
+    visible_hypotheses: list[EffectHypothesis] = []
     untestable: list[UntestableEffect] = []
     for (effect_name, where), laws in out.items():
-        shown = [
+        visible = [
             h
             for h in laws
             if fit.compute_remaining_share(h.columns(h.shapes[len(h.shapes) // 2])) > thresholds.RESTING.taken_up
         ]
-        kept += shown
-        if not shown:
+        visible_hypotheses += visible
+        if not visible:
             untestable.append(UntestableEffect(effect_name, where, "what is refitted in any case takes it up"))
-    return kept, untestable
+    return visible_hypotheses, untestable
 
 
 def _list_slow_orders(scene: MotionModel, by: int, law: JointAngleLaw, grid: tuple[Shape, ...]) -> tuple[Shape, ...]:
-    """Orders of which the range shows part of a wave or little more, without which a faster one would be named."""
+    """Return orders of which the range covers a period or less; without them a higher order would be reported
+    instead.
+    """
     if not law.has_angle_range or not scene.is_joint_moving(by) or any(len(s) != 1 for s in grid):
         return ()
     q = scene.motion.q[:, by]
@@ -117,12 +147,20 @@ def _list_slow_orders(scene: MotionModel, by: int, law: JointAngleLaw, grid: tup
 
 
 def _penalise_partial_waves(h: EffectHypothesis) -> EffectHypothesis:
-    """Anything smooth looks like part of a wave: it has to say more than a law of few numbers."""
+    """Return a hypothesis with a penalty: any smooth curve resembles part of a wave."""
     return replace(h, law=f"{h.law}, slow", penalty=h.penalty + thresholds.MOTION.of_few_turns)
 
 
 def compute_motion_angle_range(scene: MotionModel, joint: int) -> JointAngleRange:
-    """What the angles of a joint (0-based) in a motion can show."""
+    """Compute the angle range of a joint in a motion.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+
+    Returns:
+        The range.
+    """
     q = scene.motion.q[:, joint]
     return JointAngleRange(
         float(q.min()),

@@ -1,10 +1,10 @@
-"""Joint torques in motion against rigid-body dynamics from the URDF's inertias and the cell's tool.
+"""Channel of joint torques in motion: y = τ − RNEA(q, q̇, q̈) with the URDF's inertias and the cell's tool.
 
-y = τ − RNEA(q, q̇, q̈). Refitted in any case, for each joint: offset, Coulomb and viscous friction and the inertia of
-its motor (no URDF states it), and one rotational inertia of the tool (no cell states it); of currents without a
-gain this too. The links' masses are the
-URDF's to a share (``link_scale``), within which a scale of each is refitted, unless a payload is the better reason;
-where the data say plainly that several links are off, which no payload explains, it is said.
+Always refitted for each joint: offset, Coulomb and viscous friction and motor inertia (no URDF states it). Also one
+rotational inertia of the tool (no cell states it), and for currents without known torque constant a gain. Link masses
+are those of the URDF within a tolerance (``link_scale``). Within it a scale of each is refitted, unless a payload is
+the better explanation. If the data show clearly that several link masses are wrong, which no payload explains, this
+is noted.
 """
 
 from __future__ import annotations
@@ -49,16 +49,22 @@ from machopt.measurement.diagnosis.effect_columns import gravity_compensator, pa
 from machopt.measurement.diagnosis.effect_columns.motion_columns import MotionModel, build_joint_selector
 from machopt.numerics.array_types import Array
 
-# late friction and a long breakaway path look alike at one joint
-SESSION_GAP = 1_000_000  # s between sessions, whose clocks may begin anew
+# delayed friction and a long presliding displacement are similar at a single joint
+SESSION_GAP = 1_000_000  # s between sessions, whose clocks may restart
 DELAY_REVERSAL_SHAPES = ((0.0, 0.0), (5e-5, 0.0), (2e-4, 0.0), (0.0, 0.01), (0.0, 0.05))
 
 
 def build_joint_torque_problem(scene: MotionModel) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
-    """Equations and catalogue of the channel torque.
+    """Build equations and catalogue of the torque channel.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+
+    Returns:
+        The problem and the hypotheses.
 
     Raises:
-        InputError: no torque, or no inertias in the URDF.
+        InputError: The recording has no torque, or the URDF no inertias.
     """
     m, dynamics, rec = scene.motion, scene.dynamics, scene.recording
     if dynamics is None or scene.predicted is None or rec.torque is None:
@@ -68,28 +74,32 @@ def build_joint_torque_problem(scene: MotionModel) -> tuple[DiagnosisProblem, Hy
     needed = scene.predicted
     y = m.subtract_period_mean(m.average_blocks(measured - needed))
     P, T, L = dynamics.compute_regressors(m.q, m.v, m.a)
-    # a spring that the cell does not state is out of step with the rigid bodies too
+    # an unmodelled spring is out of phase with the rigid-body torque, too
     best, shared, rough = _estimate_torque_delay(
         scene,
         measured,
         m.average_blocks(np.concatenate([P, gravity_compensator.compute_angle_only_torques(m.q)], axis=2)),
     )
-    # a delay that one joint alone asks for is made up of its own friction, and would smooth the reversals of all
+    # a delay at a single joint imitates its friction and would smooth the reversals of all joints
     aligned = (
         m.subtract_period_mean(m.average_blocks(m.delay_cubic(measured, -best) - scene.predicted)) if shared else y
     )
-    # what a payload and links of other masses ask for is no friction
-    own = (
+    # torque of payload and link mass errors is not friction
+    mass_columns = (
         m.subtract_period_mean(m.average_blocks(np.concatenate([P, L], axis=2)))
         if n > 1
         else np.zeros((len(aligned), n, 0))
     )
     paths = [
-        fit_breakaway(scene, j, aligned[:, j], own[:, j]) if scene.is_joint_moving(j) else DELAY_REVERSAL_SHAPES[0]
+        fit_breakaway(scene, j, aligned[:, j], mass_columns[:, j])
+        if scene.is_joint_moving(j)
+        else DELAY_REVERSAL_SHAPES[0]
         for j in range(n)
     ]
     gradually = [
-        describe_gradual_reversal(scene, j, paths[j], aligned[:, j], own[:, j]) if scene.is_joint_moving(j) else ""
+        describe_gradual_reversal(scene, j, paths[j], aligned[:, j], mass_columns[:, j])
+        if scene.is_joint_moving(j)
+        else ""
         for j in range(n)
     ]
     base, unknowns = _build_base_columns(scene, paths, gradually)
@@ -116,13 +126,18 @@ def build_joint_torque_problem(scene: MotionModel) -> tuple[DiagnosisProblem, Hy
         gains = (
             [] if scene.free_gains else [scene.column(j, needed[:, j]) for j in range(n) if scene.is_joint_moving(j)]
         )
-        doubt, said = estimate_link_mass_sigma(y, base, P, np.concatenate([P, *balancer, *gains], axis=2), L, m.group)
-        scene.notes.extend(said)
-        if doubt > 0.0:
+        mass_sigma, mass_notes = estimate_link_mass_sigma(
+            y, base, P, np.concatenate([P, *balancer, *gains], axis=2), L, m.group
+        )
+        scene.notes.extend(mass_notes)
+        if mass_sigma > 0.0:
             base = np.concatenate([base, L], axis=2)
             unknowns += [
                 BaseUnknown(
-                    name=f"mass of link {b + 1}, relative", unit="1", location=format_link_location(b + 1), prior=doubt
+                    name=f"mass of link {b + 1}, relative",
+                    unit="1",
+                    location=format_link_location(b + 1),
+                    prior=mass_sigma,
                 )
                 for b in dynamics.bodies
             ]
@@ -135,16 +150,16 @@ def build_joint_torque_problem(scene: MotionModel) -> tuple[DiagnosisProblem, Hy
             name="joint torque", columns=tuple(range(n)), unit="N" if all(scene.prismatic) else "N·m", factor=1.0
         ),
     )
-    carried = (
+    gain_error_torque = (
         {} if n == 1 or scene.free_gains else drive_gain_and_coupling.compute_gain_error_torque(scene, y, base, load, P)
     )
-    return problem, _build_catalogue(scene, P, paths, best, rough, (aligned, own, carried))
+    return problem, _build_catalogue(scene, P, paths, best, rough, (aligned, mass_columns, gain_error_torque))
 
 
 def _build_base_columns(
     scene: MotionModel, paths: list[FrictionReversal], gradually: Sequence[str] = ()
 ) -> tuple[Array, list[BaseUnknown]]:
-    """What is refitted in any case, and what it is; ``gradually`` of each joint how its friction surely turns over."""
+    """Return base columns and unknowns; ``gradually`` describes joints whose friction reverses gradually."""
     m, n = scene.motion, scene.joints
     parts, unknowns = [], []
     for j in range(n):
@@ -180,7 +195,9 @@ def _build_base_columns(
 
 
 def _equalise_noise(y: Array, base: Array, segment: Ints) -> Array:
-    """(D,) factors that give every joint's torque the same noise, their rms kept: noise from neighbouring readings."""
+    """Return factors (D,) that give all joint torques equal noise at constant overall rms; noise from neighbouring
+    readings.
+    """
     sigma = np.empty(y.shape[1])
     inside = np.diff(segment) == 0
     for j in range(y.shape[1]):
@@ -193,14 +210,14 @@ def _equalise_noise(y: Array, base: Array, segment: Ints) -> Array:
 def _estimate_torque_delay(
     scene: MotionModel, measured: Array, load: Array
 ) -> tuple[float, bool, Callable[[float], Array]]:
-    """How late the torques are (s), each joint's friction and motor inertia refitted at every delay; whether most
-    joints are surely the better for it; and the torque (M, n) that they should have shown, late by any d.
+    """Estimate the delay of the torques.
 
-    Friction steps where a joint reverses, so it has to be late together with the rigid bodies. A load at the flange, or
-    a spring beside a gear, that the cell does not state asks for torque out of step with what is predicted, as a clock
-    does: ``load`` (N, n, p), what they would ask for, is refitted beside. What a joint shows about its reversals is
-    left out: encoders that step, or dwell, tell their moment late, and friction turns over early or late by laws of its
-    own.
+    Returns the delay in s, whether most joints clearly improve with it, and a function that returns the torque (M, n)
+    delayed by d. Friction and motor inertia of each joint are refitted at every delay. Friction is delayed together
+    with the rigid-body torque because it changes at reversals. ``load`` (N, n, p) holds the columns of an unmodelled
+    payload or spring, whose torque is out of phase with the prediction as a delay is; they are refitted too. Readings
+    around reversals are left out: encoder steps and dwells give wrong times there, and friction reverses by laws of
+    its own.
     """
     m = scene.motion
     assert scene.predicted is not None
@@ -220,9 +237,9 @@ def _estimate_torque_delay(
     def turning(v: Array, j: int, k: int, d: float) -> Array:
         if k < len(
             DELAY_REVERSAL_SHAPES
-        ):  # from the late speed: a late step between two samples would come out as a ramp
+        ):  # from the delayed speed: a delayed step between two samples would become a ramp
             return compute_reversal_signal(scene, v[:, j], DELAY_REVERSAL_SHAPES[k])
-        # as it does where a recorder brings two clocks together by straight lines between samples
+        # as with a recorder that aligns two clocks by linear interpolation
         return m.delay_linear(
             compute_reversal_signal(scene, m.v[:, j], DELAY_REVERSAL_SHAPES[k - len(DELAY_REVERSAL_SHAPES)]), d
         )
@@ -241,9 +258,9 @@ def _estimate_torque_delay(
         """Mean square that each moving joint leaves while under way, by the breakaway path that leaves least."""
         late, out = smooth(d), []
         for j in moving:
-            y, beside, z = (x[under_way[j]] for x in parts(d, j, late))
-            size = np.linalg.norm(beside, axis=0)
-            Q, _ = np.linalg.qr(beside[:, size > 0] / size[size > 0])
+            y, other_columns, z = (x[under_way[j]] for x in parts(d, j, late))
+            size = np.linalg.norm(other_columns, axis=0)
+            Q, _ = np.linalg.qr(other_columns[:, size > 0] / size[size > 0])
             y, z = (x - Q @ (Q.T @ x) for x in (y, z))
             gains = (y @ z) ** 2 / np.maximum(np.sum(z**2, axis=0), 1e-300)
             out.append(float(y @ y - gains.max()) / len(y))
@@ -255,14 +272,14 @@ def _estimate_torque_delay(
         return float(np.sum(np.log(np.maximum(left(d), 0.0) + 1e-6 * power)))
 
     best = find_best_delay(misfit) if moving else 0.0
-    # a clock that says next to nothing would still smear each reversal over some samples
+    # an insignificant delay would still smear each reversal over several samples
     worth = len(tau) * (misfit(0.0) - misfit(best)) >= thresholds.DETECTION.gain
     shared = worth and 2 * int(np.sum(np.array(left(best)) < power)) > len(moving)
     fitted, late = [], smooth(best)
     for j in moving:
-        y, beside, z = parts(best, j, late, 2 * len(DELAY_REVERSAL_SHAPES))
+        y, other_columns, z = parts(best, j, late, 2 * len(DELAY_REVERSAL_SHAPES))
         each = [
-            (*fit_least_squares(y, np.concatenate([beside[:, :3], x[:, None], beside[:, 3:]], axis=1)), k)
+            (*fit_least_squares(y, np.concatenate([other_columns[:, :3], x[:, None], other_columns[:, 3:]], axis=1)), k)
             for k, x in enumerate(z.T)
         ]
         fitted.append(min(each, key=lambda f: float(f[0] @ f[0])))
@@ -278,7 +295,7 @@ def _estimate_torque_delay(
 
 
 def _select_moving_readings(scene: MotionModel, joint: int) -> NDArray[np.bool_]:
-    """(N,) readings about which a joint keeps its way by more than the longest delay; all, where these are few."""
+    """Return readings (N,) around which a joint does not reverse within the longest delay; all if these are few."""
     m = scene.motion
     v = m.average_blocks(m.v[:, joint])
     fast = float(np.quantile(np.abs(v), 0.9)) * thresholds.MOTION.under_way
@@ -296,11 +313,14 @@ def _build_catalogue(
     rough: Callable[[float], Array],
     drive: tuple[Array, Array, Mapping[int, Array]],
 ) -> HypothesisCatalogue:
-    """``drive``: what laws of drives are held against, see
-    :func:`machopt.measurement.diagnosis.dynamic.drive_gain_and_coupling.build_drive_hypotheses`."""
+    """Return the hypotheses.
+
+    ``drive`` holds the inputs of
+    :func:`machopt.measurement.diagnosis.dynamic.drive_gain_and_coupling.build_drive_hypotheses`.
+    """
     n = scene.joints
     out: list[EffectHypothesis] = []
-    assert scene.dynamics is not None  # build asks
+    assert scene.dynamics is not None  # checked by the caller
     inertia = scene.dynamics.compute_own_inertia(scene.motion.q)
     untestable: list[UntestableEffect] = []
     for j in range(n):
@@ -339,9 +359,14 @@ def _build_catalogue(
 
 
 def compute_gear_load(scene: MotionModel) -> Array | None:
-    """Torque (M, n) of the link side by rigid bodies, a payload refitted to the recorded torque where there is one.
+    """Compute the link-side torque from the rigid-body model, with a payload fitted to the recorded torque.
 
-    None where that does not describe the recorded torque to a tenth, or the URDF has no inertias.
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+
+    Returns:
+        (M, n) N·m; None if the model does not describe the recorded torque to 10 %, or the URDF has no
+        inertias.
     """
     m, dynamics = scene.motion, scene.dynamics
     if dynamics is None or scene.predicted is None:
@@ -365,6 +390,14 @@ def compute_gear_load(scene: MotionModel) -> Array | None:
 
 
 def list_motion_axes(scene: MotionModel) -> dict[str, Array]:
+    """Return the axes along which a mismatch is located: time, session, joint angles, speeds, temperature.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+
+    Returns:
+        Name → (N,) values, SI.
+    """
     m = scene.motion
     out = {"time": m.average_blocks(m.time), "session": m.select_block_labels(m.session).astype(float)}
     for j in range(scene.joints):

@@ -1,4 +1,4 @@
-"""How far the masses that a URDF states may be off: what predicts stretches of a motion that no fit saw."""
+"""Uncertainty of the link masses stated in the URDF, from cross-validation over time blocks."""
 
 from __future__ import annotations
 
@@ -14,60 +14,75 @@ from machopt.numerics.array_types import Array
 def estimate_link_mass_sigma(
     y: Array, base: Array, load: Array, rivals: Array, links: Array, group: Ints
 ) -> tuple[float, list[str]]:
-    """1 sigma of each link's mass beside the URDF's, by what predicts unseen stretches; and what is said of it.
+    """Estimate the prior standard deviation of each link mass relative to the URDF, by cross-validation.
 
-    Masses that are off and a payload look much alike, and a balancer or a drive's gain is taken for masses too. Where a
-    payload alone, or all of these together, predict clearly better than any masses of the links, or as well and these
-    would have to be off by more than makers are (:func:`_are_masses_implausible`), they are taken as stated; where
-    masses predict
-    clearly better than all of these together, they are off; else they may be off by as much as a payload that is named
-    has to show beside.
+    Link mass errors and a payload are similar, and so are a gravity compensator or a drive gain. The masses are taken
+    as stated in two cases: a payload alone, or all alternatives together, predict clearly better than any link
+    masses; or they predict equally well and the mass errors would be implausibly large
+    (:func:`_are_masses_implausible`). If masses predict clearly better than all alternatives together, they are
+    treated as wrong. Otherwise they may be off by the default tolerance.
+
+    Args:
+        y: (N, D) measured minus predicted torque.
+        base: (N, D, P) base columns.
+        load: (N, D, 4) columns of a payload.
+        rivals: (N, D, R) columns of payload, compensator and gains together.
+        links: (N, D, L) columns of the link masses, relative.
+        group: (N,) cross-validation group.
+
+    Returns:
+        Relative standard deviation of a link mass (0: as stated), and notes.
     """
     weight = 1.0 / np.maximum(compute_coordinate_rms(y, base), 1e-12)
 
     def left(*more: Array) -> Array:
         return compute_holdout_squares(y, np.concatenate([base, *more], axis=2), group, weight)
 
-    alone, loaded, linked = left(), left(load), left(links)
-    every = left(rivals)
-    known = np.minimum(alone, every)
-    gain = known - left(rivals, links)
+    base_loss, payload_loss, link_loss = left(), left(load), left(links)
+    rival_loss = left(rivals)
+    best_loss = np.minimum(base_loss, rival_loss)
+    gain = best_loss - left(rivals, links)
     if (
-        gain.sum() / known.sum() > thresholds.MOTION.links_gain
+        gain.sum() / best_loss.sum() > thresholds.MOTION.links_gain
         and np.mean(gain > 0) > thresholds.MOTION.links_groups
-        and linked.sum() < loaded.sum()
+        and link_loss.sum() < payload_loss.sum()
     ):
         words = (
             "masses of several links differ from the URDF's: a scale of each is refitted, so that a "
             "payload shows only where no link could have it"
         )
         return thresholds.MOTION.link_off, [words]
-    named = min(loaded, every, key=lambda x: float(x.sum()))
-    worse = linked.sum() / named.sum() - 1.0
+    best_alternative = min(payload_loss, rival_loss, key=lambda x: float(x.sum()))
+    worse = link_loss.sum() / best_alternative.sum() - 1.0
     if worse > thresholds.MOTION.links_gain or (
         worse > -thresholds.MOTION.links_gain
         and _are_masses_implausible(
-            y * weight, base * weight[:, None], links * weight[:, None], _is_gain_significant(named - linked)
+            y * weight,
+            base * weight[:, None],
+            links * weight[:, None],
+            _is_gain_significant(best_alternative - link_loss),
         )
     ):
-        return 0.0, []  # any doubt is outweighed by readings enough, and takes the payload up
+        return 0.0, []  # with many readings any free mass would absorb the payload
     return thresholds.MOTION.link_scale, []
 
 
 def _is_gain_significant(gain: Array) -> bool:
-    """Whether a gain (G,) on unseen stretches is surely one: twice its own standard error."""
+    """Return whether a cross-validated gain (G,) exceeds twice its standard error."""
     return bool(gain.mean() > 2.0 * np.std(gain, ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else False
 
 
 def _are_masses_implausible(y: Array, base: Array, links: Array, better: bool) -> bool:
-    """Whether masses of links that explain a record would be off by more than makers are: χ² of what they need.
+    """Return whether the fitted link masses deviate implausibly from the URDF: χ² of the deviations.
 
-    A small payload asks a light last link for three sigma alone, which is no rarity; so the chance asked for
-    (``links_chance``) is squared where these masses predict a little better than the payload does.
+    A small payload alone may require a deviation of three sigma of a light last link, which is not rare. The
+    significance level (``links_chance``) is squared if the masses predict slightly better than the payload.
 
     Args:
-        y: (N, D) weighted; base: (N, D, P); links: (N, D, L) alike.
-        better: whether masses predict unseen stretches better than a payload, if hardly.
+        y: (N, D) weighted.
+        base: (N, D, P) weighted.
+        links: (N, D, L) weighted.
+        better: Whether masses predict held-out blocks slightly better than a payload.
     """
     A = np.concatenate([base, links], axis=2).reshape(-1, base.shape[2] + links.shape[2])
     b = y.reshape(-1)
@@ -81,7 +96,15 @@ def _are_masses_implausible(y: Array, base: Array, links: Array, better: bool) -
 
 
 def compute_coordinate_rms(y: Array, base: Array) -> Array:
-    """(D,) rms of what the base leaves of each coordinate."""
+    """Compute the rms residual of each coordinate after a fit of the base.
+
+    Args:
+        y: (N, D) measured minus predicted torque.
+        base: (N, D, P) base columns.
+
+    Returns:
+        (D,) in the unit of y.
+    """
     X = base.reshape(-1, base.shape[2])
     scale = np.sqrt(np.mean(y**2, axis=0)) + 1e-12
     for _ in range(2):
@@ -94,7 +117,17 @@ def compute_coordinate_rms(y: Array, base: Array) -> Array:
 
 
 def compute_holdout_squares(y: Array, X: Array, group: Ints, weight: Array) -> Array:
-    """(G,) weighted squares of each group's residual, fitted without it."""
+    """Compute the cross-validated weighted residual sum of squares of each group.
+
+    Args:
+        y: (N, D) measured minus predicted torque.
+        X: (N, D, P) columns.
+        group: (N,) cross-validation group.
+        weight: (D,) weight of each coordinate.
+
+    Returns:
+        (G,) sum of squares, fitted without the group.
+    """
     P = X.shape[2]
     A = X * weight[:, None]
     b = y * weight

@@ -1,7 +1,7 @@
-"""Diagnosis of a motion: which channel its signals allow, and the equations and catalogue of that channel.
+"""Diagnosis of a motion: available channels, and equations and catalogue of a channel.
 
-``link``: link-side against motor-side encoders; ``tip``: tracked TCP against the commanded joints; ``torque``: joint
-torque against rigid-body dynamics from the URDF's inertias.
+``link``: secondary against motor encoders. ``tip``: tracked TCP against commanded joints. ``torque``: joint torque
+against rigid-body dynamics with the URDF's inertias.
 """
 
 from __future__ import annotations
@@ -47,7 +47,15 @@ CHANNEL_WORDS: dict[MotionChannel, str] = {
 
 
 def list_testable_channels(recording: Recording, cell: Cell) -> tuple[MotionChannel, ...]:
-    """Which channels can be predicted and compared, the one that shows most first."""
+    """List the channels that can be predicted and compared, the most sensitive first.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        cell: Robot cell.
+
+    Returns:
+        Channel names.
+    """
     out: list[MotionChannel] = []
     other = recording.q_secondary
     if other is not None and any(np.isfinite(x).all() and np.ptp(x) > 1e-6 for x in other.T):
@@ -62,7 +70,15 @@ def list_testable_channels(recording: Recording, cell: Cell) -> tuple[MotionChan
 
 
 def check_joint_names(recording: Recording, cell: Cell) -> None:
-    """Raise where the recording's joints are not the cell's."""
+    """Check that the recording has the joints of the cell.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        cell: Robot cell.
+
+    Raises:
+        InputError: Number or type of the joints differ.
+    """
     n = recording.q.shape[1]
     slides = cell.arm_prismatic or (False,) * len(cell.arm_joints)
     if n != len(slides):
@@ -90,21 +106,23 @@ def build_motion_problem(
     repeats: bool = True,
     terms: tuple[StiffnessTerm, ...] = (),
 ) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[str, ...], tuple[Finding, ...]]:
-    """Equations of one channel of a motion, and what may explain what they leave.
+    """Build equations and hypotheses of one channel of a motion.
 
     Args:
-        recording: of kind motion.
-        cell: with the URDF; of its chain only the arm joints count.
-        channel: one of :func:`list_testable_channels`.
-        rng: not used by these channels, which leave nothing to chance.
-        terms: of the cell's stiffness, that count as known: those of single joints, and balancers.
-        repeats: hold a phase of a motion that repeats out of all periods at once; False: stretches of time alone.
+        recording: Recording of kind motion.
+        cell: Cell with the URDF; only the arm joints are used.
+        channel: One of :func:`list_testable_channels`.
+        rng: Not used; these channels make no random choices.
+        repeats: Whether the periods of a repeating motion share cross-validation groups; False uses time blocks
+            only.
+        terms: Terms of the cell's stiffness that count as known: those of single joints, and gravity
+            compensators.
 
     Returns:
-        Problem, catalogue, notes for the reader, and findings about the record.
+        Problem, hypotheses, notes, and findings about the recording.
 
     Raises:
-        InputError: the signals that the channel needs are missing or make no sense.
+        InputError: Required signals are missing or implausible.
     """
     n = min(len(cell.arm_joints), recording.q.shape[1])
     mended, found = motion_record_checks.correct_motion_units(recording, n)
@@ -114,8 +132,8 @@ def build_motion_problem(
     predicted = _predict_joint_torque(dynamics, motion, terms)
     free_gains, unsized = motor_currents.has_currents_only(mended) and predicted is not None, frozenset[int]()
     if predicted is not None and free_gains:
-        made = motor_currents.convert_currents_to_torques(mended, motion, predicted)
-        mended, unsized, warnings = made.recording, made.joints_without_gain, [*warnings, made.notes]
+        converted = motor_currents.convert_currents_to_torques(mended, motion, predicted)
+        mended, unsized, warnings = converted.recording, converted.joints_without_gain, [*warnings, converted.notes]
     elif predicted is not None and channel == "torque":
         mended, exchanged = exchanged_torque_columns.correct_exchanged_torques(mended, motion, predicted)
         mended, of_torque = motion_record_checks.correct_torque_side(mended, motion, predicted)
@@ -146,11 +164,11 @@ def build_motion_problem(
         )
     if recording.q_command is None and channel != "tip":
         missing.append(UntestableEffect("servo_lag", "controller", "the commanded joints are not recorded"))
-    kept, nameless = (
+    usable, nameless = (
         tuple(replace(h, columns=cache_columns(h.columns)) for h in laws)
         for laws in (catalogue.hypotheses, catalogue.uncatalogued_hypotheses)
     )
-    catalogue = replace(catalogue, hypotheses=kept, untestable=tuple(missing), uncatalogued_hypotheses=nameless)
+    catalogue = replace(catalogue, hypotheses=usable, untestable=tuple(missing), uncatalogued_hypotheses=nameless)
     return problem, catalogue, tuple(scene.notes), (*found, *more)
 
 
@@ -196,19 +214,19 @@ def _build_channel_equations(
 def _evaluate_uncorrected_record(
     recording: Recording, cell: Cell, channel: MotionChannel, repeats: bool, terms: tuple[StiffnessTerm, ...]
 ) -> Array | None:
-    """Errors of the record as it stands; None where no equations can be made of it."""
+    """Return the errors of the recording as stated; None if no equations can be built."""
     motion = build_motion_signals(recording, min(len(cell.arm_joints), recording.q.shape[1]), repeats=repeats)
     dynamics = _build_dynamics(cell)
     scene = _build_motion_model(recording, cell, motion, dynamics, _predict_joint_torque(dynamics, motion, terms))
     if channel == "link" and not secondary_encoder_channel.find_secondary_encoder_joints(scene):
-        return None  # joints that seem to stand still
+        return None  # joints appear not to move
     return _compute_holdout_errors(_build_channel_equations(scene, channel)[0])
 
 
 def _compute_holdout_errors(problem: DiagnosisProblem) -> Array:
-    """(G,) rmse of the first family by group, in its report unit, of the base fitted without the group.
+    """Return the cross-validated rmse (G,) of the first family in its report unit, with the base alone.
 
-    What is held near a statement (masses of links) is left at it: freely fitted it makes up for another unit.
+    Unknowns with a prior (link masses) stay at their stated value: freely fitted they would compensate a wrong unit.
     """
     free = [u.prior is None for u in problem.unknowns]
     left = link_mass_uncertainty.compute_holdout_squares(
@@ -220,7 +238,7 @@ def _compute_holdout_errors(problem: DiagnosisProblem) -> Array:
 
 
 def _add_errors_to_finding(found: Finding, errors: Array, stated: Array | None) -> Finding:
-    """A finding of the record with the median error of stretches that no fit saw, as stated and as put right."""
+    """Return a record finding with the median cross-validated error of time blocks, as stated and as corrected."""
     if np.isfinite(found.before):
         return found
     after = float(np.median(errors))
@@ -231,7 +249,7 @@ def _add_errors_to_finding(found: Finding, errors: Array, stated: Array | None) 
 def _predict_joint_torque(
     dynamics: RigidBodyDynamics | None, motion: MotionSignals, terms: tuple[StiffnessTerm, ...]
 ) -> Array | None:
-    """(M, n) N·m that motors and gears carry by rigid bodies and the balancers that the cell knows of."""
+    """Return the joint torque (M, n) N·m by rigid bodies and the cell's known gravity compensators."""
     if dynamics is None:
         return None
     return dynamics.compute_torque(motion.q, motion.v, motion.a) - gravity_compensator.compute_known_torque(
@@ -240,7 +258,7 @@ def _predict_joint_torque(
 
 
 def _build_dynamics(cell: Cell) -> RigidBodyDynamics | None:
-    """The arm's dynamics; None where the URDF has no inertias."""
+    """Return the rigid-body dynamics of the arm; None if the URDF has no inertias."""
     try:
         return load_dynamics(cell)
     except MissingInertiaError:

@@ -1,8 +1,8 @@
-"""Is the record itself right? Units, motor side or joint side, channels that never change or saturate, clocks of q.
+"""Checks of a motion recording: units, motor-side torques, constant or saturated channels, clock of the encoders.
 
-What can be put right is put right and said as a finding; what cannot is one clear error. How sure a finding is comes
-from stretches of time: on how many of them the record as put right agrees better than as stated. What it does to the
-error of the channel is for :mod:`.motion` to add, which builds the equations with and without it.
+Correctable faults are corrected and reported as findings; others raise an error. The certainty of a finding follows
+from time blocks: in how many the corrected recording agrees better than the stated one. Its effect on the error of
+the channel is added by :mod:`machopt.measurement.diagnosis.dynamic.motion_channels`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,15 @@ STRETCHES = 24
 
 
 def fit_slope(x: Array, y: Array) -> tuple[float, float]:
-    """Slope of y over x through their means, and their correlation; 0, 0 where one does not change."""
+    """Fit the slope of y over x through their means.
+
+    Args:
+        x: (N,) abscissa.
+        y: (N,) ordinate.
+
+    Returns:
+        Slope and correlation coefficient; 0, 0 if either is constant.
+    """
     a, b = x - x.mean(), y - y.mean()
     xx, yy, xy = float(a @ a), float(b @ b), float(a @ b)
     if xx <= 0 or yy <= 0:
@@ -46,25 +54,57 @@ def fit_slope(x: Array, y: Array) -> tuple[float, float]:
 
 
 def format_column_name(recording: Recording, field: str, joint: int) -> str:
-    """The name of a joint's (0-based) column."""
+    """Return the column name of a joint's channel.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        field: Field of the recording.
+        joint: Joint index, 0-based.
+
+    Returns:
+        Column name.
+    """
     turns, slides = COLUMNS[field].split()
     return (slides if recording.prismatic and recording.prismatic[joint] else turns).format(joint + 1)
 
 
 def compute_sign_test(before: Array, after: Array) -> float:
-    """One-sided chance that a coin wins on as many stretches (S,) as ``after`` is below ``before``."""
+    """Compute the p-value of a sign test over time blocks.
+
+    Args:
+        before: (S,) errors before the correction.
+        after: (S,) errors after the correction.
+
+    Returns:
+        One-sided p-value.
+    """
     wins = int(np.sum(after < before))
     return float(bdtrc(wins - 1, len(before), 0.5))
 
 
 def compute_interval_medians(x: Array) -> Array:
-    """(S,) medians of |x| (N,) over equal parts of the record."""
+    """Compute medians of |x| over equal parts of the recording.
+
+    Args:
+        x: (N,) signal.
+
+    Returns:
+        (S,) medians.
+    """
     parts = np.array_split(np.abs(x), min(STRETCHES, len(x)))
     return np.array([np.median(p) for p in parts])
 
 
 def correct_motion_units(recording: Recording, joints: int) -> tuple[Recording, list[Finding]]:
-    """Angles, lengths and speeds in another unit than the others: put right, and said."""
+    """Correct angles, lengths and speeds that are in another unit than the other channels.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        joints: Number of joints.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and a finding for each correction.
+    """
     found: list[Finding] = []
     slides = np.array((recording.prismatic or (False,) * joints)[:joints])
     for name in ("velocity", "q_secondary", "q_command"):
@@ -77,7 +117,7 @@ def correct_motion_units(recording: Recording, joints: int) -> tuple[Recording, 
 
 
 def _correct_channel_units(recording: Recording, name: str, joints: list[int]) -> tuple[Recording, list[Finding]]:
-    """One channel of the joints that turn, or of those that slide."""
+    """Correct the units of one channel for the revolute or for the prismatic joints."""
     x, q = _compare_with_encoders(recording, name)
     pairs = {j: fit_slope(q[:, j], x[:, j]) for j in joints if np.isfinite(x[:, j]).all() and np.ptp(x[:, j]) > 0}
     sure = {j: s for j, (s, r) in pairs.items() if abs(r) > thresholds.RECORD.slope_sure}
@@ -92,7 +132,7 @@ def _correct_channel_units(recording: Recording, name: str, joints: list[int]) -
     factor = float(np.median(list(sure.values())))
     slides = bool(recording.prismatic) and recording.prismatic[joints[0]]
     known = [f for f in (THOUSANDS if slides else FACTORS) if abs(factor / f - 1.0) < thresholds.RECORD.slope_near]
-    assert recording.time is not None  # the caller looked
+    assert recording.time is not None  # checked by the caller
     if (
         known
         and name == "velocity"
@@ -102,7 +142,7 @@ def _correct_channel_units(recording: Recording, name: str, joints: list[int]) -
         return _correct_milliseconds(recording, joints)
     if not known or max(abs(s / factor - 1.0) for s in sure.values()) > thresholds.RECORD.slope_near:
         return recording, []
-    # all joints within a few degrees and everything else 57 times larger: the encoders are the odd ones
+    # all joints within a few degrees and all other channels 57 times larger: the encoders are in another unit
     own = recording.q[:, joints]
     few = (
         np.abs(1e3 * own).max() < thresholds.MOTION.few_millimetres
@@ -113,28 +153,28 @@ def _correct_channel_units(recording: Recording, name: str, joints: list[int]) -
     values = getattr(recording, odd).copy()
     values[:, joints] *= scale
     words = FACTORS[known[0]] if odd != "q" else "metres for millimetres" if slides else "radians for degrees"
-    mended = replace(recording, **{odd: values})
+    corrected = replace(recording, **{odd: values})
     misfit = [
         np.sum([compute_interval_medians(_subtract_median(a[:, j]) - _subtract_median(b[:, j])) for j in sure], axis=0)
-        for a, b in (_compare_with_encoders(r, name) for r in (recording, mended))
+        for a, b in (_compare_with_encoders(r, name) for r in (recording, corrected))
     ]
     where = format_column_name(recording, odd, joints[0])
-    return mended, [_build_unit_finding(where, 1.0 / scale, words, compute_sign_test(misfit[0], misfit[1]))]
+    return corrected, [_build_unit_finding(where, 1.0 / scale, words, compute_sign_test(misfit[0], misfit[1]))]
 
 
 def _correct_milliseconds(recording: Recording, joints: list[int]) -> tuple[Recording, list[Finding]]:
-    """The clock counts milliseconds: encoders move a thousand times too slowly for the velocities."""
+    """Correct a clock in milliseconds: encoder speeds are 1000 times smaller than the recorded velocities."""
     assert recording.time is not None
-    mended = replace(recording, time=recording.time / 1e3)
+    corrected = replace(recording, time=recording.time / 1e3)
     before, after = (
         np.sum([compute_interval_medians(x[:, j] - q[:, j]) for j in joints], axis=0)
-        for x, q in (_compare_with_encoders(r, "velocity") for r in (recording, mended))
+        for x, q in (_compare_with_encoders(r, "velocity") for r in (recording, corrected))
     )
-    return mended, [_build_unit_finding("time_s", 1e3, "milliseconds for seconds", compute_sign_test(before, after))]
+    return corrected, [_build_unit_finding("time_s", 1e3, "milliseconds for seconds", compute_sign_test(before, after))]
 
 
 def _compare_with_encoders(recording: Recording, name: str) -> tuple[Array, Array]:
-    """A channel and what the encoders say of it, in the order of time."""
+    """Return a channel and its counterpart from the encoders, in time order."""
     assert recording.time is not None
     order = np.lexsort((recording.time, recording.session))
     q, x = recording.q[order], getattr(recording, name)[order]
@@ -152,7 +192,19 @@ def _subtract_median(x: Array) -> Array:
 def correct_torque_side(
     recording: Recording, motion: MotionSignals, predicted: Array
 ) -> tuple[Recording, list[Finding]]:
-    """Torque in another unit, or of the motors before their gears, against what the arm needs."""
+    """Correct torques in another unit, or reject torques measured before the gears.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        motion: Filtered joint signals of the recording, M samples.
+        predicted: (M, n) joint torque required by the rigid-body model, N·m.
+
+    Returns:
+        The recording (unchanged if nothing was corrected) and the finding.
+
+    Raises:
+        InputError: A torque has the wrong sign, or torques are measured before the gears.
+    """
     if recording.torque is None:
         return recording, []
     tau = recording.torque[motion.index, : predicted.shape[1]]
@@ -180,9 +232,9 @@ def correct_torque_side(
     if len(sure) < min(2, predicted.shape[1]):
         return recording, []
     slopes = np.array([pairs[j][0] for j in sure])
-    middle = float(np.median(slopes))
-    known = [f for f in (1e-3, 1e3) if abs(middle / f - 1.0) < thresholds.MOTION.torque_factor]
-    if known and np.ptp(slopes) < thresholds.MOTION.torque_factor * abs(middle):
+    median_slope = float(np.median(slopes))
+    known = [f for f in (1e-3, 1e3) if abs(median_slope / f - 1.0) < thresholds.MOTION.torque_factor]
+    if known and np.ptp(slopes) < thresholds.MOTION.torque_factor * abs(median_slope):
         factor = known[0]
         # against the nominal arm: refitted masses of links would make up for any factor
         before, after = (
@@ -193,11 +245,11 @@ def correct_torque_side(
             )
             for t in (tau, tau / factor)
         )
-        said = _build_unit_finding(
+        finding = _build_unit_finding(
             format_column_name(recording, "torque", 0), factor, FACTORS[factor], compute_sign_test(before, after)
         )
-        said = replace(said, before=float(np.median(before)), after=float(np.median(after)))
-        return replace(recording, torque=recording.torque / factor), [said]
+        finding = replace(finding, before=float(np.median(before)), after=float(np.median(after)))
+        return replace(recording, torque=recording.torque / factor), [finding]
     if np.all(np.abs(slopes) < thresholds.RECORD.motor_side):
         shares = ", ".join(f"{100 * pairs[j][0]:.2g} %" for j in sure)
         raise InputError(
@@ -210,8 +262,10 @@ def correct_torque_side(
 
 
 def _is_dissipative(tau: Array, predicted: Array, q: Array, friction: Array) -> bool:
-    """Whether a torque brakes its joint beside what goes against the masses: a balancer outweighs these, by the joint's
-    angle, and friction still points forward; a channel of the wrong sign has both the other way round.
+    """Return whether a torque brakes its joint in addition to the part opposite to the masses.
+
+    A gravity compensator may exceed the weight torque at some angles while friction still has the right sign. A
+    channel with the wrong sign has both reversed.
     """
     balancer = [f(k * q) for k in (1, 2) for f in (np.cos, np.sin)]
     beside = np.stack([predicted, *balancer], axis=1)
@@ -222,10 +276,17 @@ def _is_dissipative(tau: Array, predicted: Array, q: Array, friction: Array) -> 
 
 
 def check_channel_quality(recording: Recording, joints: int) -> tuple[Recording, list[str]]:
-    """Channels that never change, and torques cut off at a limit; velocities that are not there are left out.
+    """Check for channels that never change and torques that saturate; drop missing velocities.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        joints: Number of joints.
+
+    Returns:
+        The recording and notes.
 
     Raises:
-        InputError: no joint moves, or a torque stands still though its joint moves.
+        InputError: No joint moves, or a torque is constant although its joint moves.
     """
     out = []
     moves = np.ptp(recording.q[:, :joints], axis=0) > thresholds.MOTION.moves
@@ -261,11 +322,14 @@ def check_channel_quality(recording: Recording, joints: int) -> tuple[Recording,
 
 
 def find_servo_lag(recording: Recording, motion: MotionSignals) -> list[Finding]:
-    """The encoders stay behind the command in proportion to speed; said where the channel itself does not show it.
+    """Find encoders that lag behind the command in proportion to speed, if the channel itself does not show it.
 
     Args:
-        recording: with or without a command.
-        motion: its signals.
+        recording: Recording with or without a command.
+        motion: Filtered joint signals of the recording, M samples.
+
+    Returns:
+        The findings.
     """
     if recording.q_command is None:
         return []

@@ -1,10 +1,9 @@
-"""Currents of which nothing says what torque an ampere makes: a gain of each joint, refitted with everything else.
+"""Motor currents without known torque constants: a gain of each joint is refitted with the other unknowns.
 
-What the arm's masses ask of a joint, and they are known, gives its gain, friction beside. A first value makes torques
-of currents here; how far it is off is a number of the base model
-(:func:`machopt.measurement.diagnosis.dynamic.joint_torque_channel.build_joint_torque_problem`), so
-that no payload and no balancer is surer than the gains let it be. The scale of all is that of the
-masses of URDF and tool.
+The known masses of the arm determine the gain of a joint, together with friction. A first value converts currents to
+torques here. The deviation from it is an unknown of the base model
+(:func:`machopt.measurement.diagnosis.dynamic.joint_torque_channel.build_joint_torque_problem`), so that payload and
+compensator are never more certain than the gains. The overall scale is that of the masses of URDF and tool.
 """
 
 from __future__ import annotations
@@ -20,35 +19,45 @@ from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
 from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSignals
 from machopt.numerics.array_types import Array
 
-MIN_JOINTS = 2  # joints whose gains the masses give: with one there is nothing to hold them against
+MIN_JOINTS = 2  # least number of joints with determinable gains: one alone cannot be cross-checked
 
 
 def has_currents_only(recording: Recording) -> bool:
-    """Whether torques are there as currents alone."""
+    """Return whether the recording has currents but no torques.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+
+    Returns:
+        True for currents only.
+    """
     return recording.torque is None and recording.current is not None
 
 
 @dataclass(frozen=True)
 class ConvertedTorques:
-    """Torques of currents."""
+    """Torques converted from currents."""
 
     recording: Recording
-    notes: str  # of the gains
-    joints_without_gain: frozenset[int]  # joints, from 0, at which nothing says what torque an ampere makes
+    notes: str  # note on the gains
+    joints_without_gain: frozenset[int]  # joints (0-based) with an undetermined torque constant
 
 
 def convert_currents_to_torques(recording: Recording, motion: MotionSignals, predicted: Array) -> ConvertedTorques:
-    """The recording with torques of its currents.
+    """Convert currents to torques with fitted torque constants.
 
     Args:
-        recording: of kind motion, with currents.
-        motion: its signals.
-        predicted: (M, n) N·m that rigid bodies ask of the joints.
+        recording: Recording of kind motion with currents.
+        motion: Filtered joint signals of the recording, M samples.
+        predicted: (M, n) joint torque required by the rigid-body model, N·m.
+
+    Returns:
+        The recording with torques, a note, and the joints without a gain.
 
     Raises:
-        InputError: a current runs against what the masses ask, or too few show anything of it.
+        InputError: A current has the wrong sign, or too few joints determine a gain.
     """
-    assert recording.current is not None  # gainless asks
+    assert recording.current is not None  # checked by has_currents_only
     n = predicted.shape[1]
     current = recording.current[motion.index, :n]
     dead = np.flatnonzero(np.ptp(current, axis=0) == 0.0)
@@ -76,10 +85,10 @@ def convert_currents_to_torques(recording: Recording, motion: MotionSignals, pre
     gains = np.array([1.0 / max(slope, sigma) for slope, sigma in each])
     made = np.zeros_like(recording.current)
     made[:, :n] = recording.current[:, :n] * gains
-    told = ", ".join(f"{g:.4g} (joint {j + 1})" for j, g in enumerate(gains) if j not in unsized)
+    observable = ", ".join(f"{g:.4g} (joint {j + 1})" for j, g in enumerate(gains) if j not in unsized)
     words = (
         "torque is current times a gain of each joint, which is refitted in any case: N·m per unit of current1_A …, by "
-        f"the masses of URDF and tool, {told}; a gain that all share passes for heavier masses"
+        f"the masses of URDF and tool, {observable}; a gain that all share passes for heavier masses"
     )
     if unsized:
         which = ", ".join(str(j + 1) for j in sorted(unsized))
@@ -91,15 +100,15 @@ def convert_currents_to_torques(recording: Recording, motion: MotionSignals, pre
 
 
 def _fit_current_per_torque(motion: MotionSignals, current: Array, needed: Array, joint: int) -> tuple[float, float]:
-    """Amperes per N·m that masses ask of the joint, and 1 sigma."""
+    """Return amperes per N·m of a joint, and its standard deviation."""
     v, a = motion.v[:, joint], motion.a[:, joint]
-    beside = np.stack([np.ones(len(v)), np.sign(v), v, a], axis=1)
+    other_columns = np.stack([np.ones(len(v)), np.sign(v), v, a], axis=1)
     seen, asked = (
-        motion.subtract_period_mean(motion.average_blocks(fit_least_squares(x, beside)[0][:, None]))[:, 0]
+        motion.subtract_period_mean(motion.average_blocks(fit_least_squares(x, other_columns)[0][:, None]))[:, 0]
         for x in (current, needed)
     )
     power = max(float(asked @ asked), 1e-300)
     slope = float(asked @ seen) / power
     left = seen - slope * asked
-    # errors of a cycle are correlated: so many readings count as one
+    # errors of a cycle are correlated: that many readings count as one
     return slope, float(np.std(left)) * float(np.sqrt(thresholds.MOTION.current_alike / power))

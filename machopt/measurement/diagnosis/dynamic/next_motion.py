@@ -1,7 +1,7 @@
-"""The next motion worth recording: of several that keep the arm's limits, the one whose signals part the rivals most.
+"""Proposal of the next motion to record: the one within the arm's limits whose signals separate the rivals most.
 
-Each is built as a recording of the refitted arm alone, in the scatter that was found, and asked what of the named law
-is left beside the base and a rival refitted to it.
+Each candidate is simulated as a recording of the refitted arm with the observed scatter. Its merit is the part of the
+reported law that remains after fitting base and rival.
 """
 
 from __future__ import annotations
@@ -25,16 +25,20 @@ from machopt.measurement.diagnosis.dynamic import motion_channels
 from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
 from machopt.numerics.array_types import Array
 
-SECONDS, RATE = 30.0, 50.0  # s, Hz of a motion that is tried
-SPEEDS = {"slowly": 0.03, "at a sixth of its speed": 0.167, "at half its speed": 0.5}  # of the joint's largest
-MOTION_AMPLITUDES = (np.radians(5.0), np.radians(45.0))  # rad to either side
-JOINT_LIMIT_MARGIN = np.radians(5.0)  # rad that are left to a joint's limits
+SECONDS, RATE = 30.0, 50.0  # s, Hz of a candidate motion
+SPEEDS = {
+    "slowly": 0.03,
+    "at a sixth of its speed": 0.167,
+    "at half its speed": 0.5,
+}  # relative to the joint's largest speed
+MOTION_AMPLITUDES = (np.radians(5.0), np.radians(45.0))  # rad in either direction
+JOINT_LIMIT_MARGIN = np.radians(5.0)  # rad, margin to the joint limits
 MOST_RIVALS, MOST_SHAPES = 3, 8
 
 
 @dataclass(frozen=True)
 class CandidateMotion:
-    """One motion: (M, n) rad, rad/s, rad/s² at times (M,) s."""
+    """Candidate motion: (M, n) rad, rad/s, rad/s² at times (M,) s."""
 
     words: str
     time: Array
@@ -44,7 +48,16 @@ class CandidateMotion:
 
 
 def suggest_next_motion(cell: Cell, channel: motion_channels.MotionChannel, d: DiagnosisResult) -> str:
-    """What to record next, in words that a motion can be programmed by."""
+    """Describe the next motion to record in words that allow programming it.
+
+    Args:
+        cell: Robot cell.
+        channel: Channel of the diagnosis.
+        d: Result of the diagnosis.
+
+    Returns:
+        Text.
+    """
     sets = [f for f in d.findings if len(f.one_of) > 1 and not f.record and f.rivals]
     if sets:
         return _describe_separating_motion(cell, channel, d, sets[0])
@@ -74,7 +87,7 @@ def _describe_separating_motion(
     ):
         try:
             power = _compute_rival_separation(cell, channel, d, f, one)
-        except (InputError, MissingInertiaError):  # a channel that this motion does not feed
+        except (InputError, MissingInertiaError):  # the motion does not provide this channel
             continue
         if best is None or power > best[0]:
             best = power, one.words
@@ -90,7 +103,15 @@ def _describe_separating_motion(
 
 
 def generate_candidate_motions(cell: Cell, joint: int | None) -> Iterator[CandidateMotion]:
-    """Motions to and fro within the limits of position, speed and acceleration, of one joint (0-based) and of all."""
+    """Generate oscillating motions within the limits of position, speed and acceleration, of one joint and of all.
+
+    Args:
+        cell: Robot cell.
+        joint: Joint index, 0-based; None for all joints.
+
+    Returns:
+        Iterator over the candidates.
+    """
     n = len(cell.arm_joints)
     t = np.arange(int(SECONDS * RATE)) / RATE
     low, high = cell.limits.lower[:n] + JOINT_LIMIT_MARGIN, cell.limits.upper[:n] - JOINT_LIMIT_MARGIN
@@ -102,14 +123,14 @@ def generate_candidate_motions(cell: Cell, joint: int | None) -> Iterator[Candid
             for how, share in SPEEDS.items():
                 turn = np.zeros(n)
                 turn[j] = size
-                at = home.copy()
-                at[j] = middle
+                position = home.copy()
+                position[j] = middle
                 w = _compute_swing_rate(cell, turn, share)
                 way = f"between {_format_degrees(middle - size)} and {_format_degrees(middle + size)} {how}"
                 yield _build_wave_motion(
                     f"drive joint {j + 1} {way} (at most {np.degrees(w * size):.2g}°/s), the others at rest",
                     t,
-                    at,
+                    position,
                     turn,
                     w,
                 )
@@ -130,7 +151,7 @@ def _format_degrees(x: float) -> str:
 
 
 def _compute_swing_rate(cell: Cell, size: Array, share: float) -> float:
-    """rad/s of the swing at which no joint exceeds that share of its speed, nor its acceleration."""
+    """Return the angular frequency (rad/s) at which no joint exceeds that share of its speed, nor its acceleration."""
     n = len(size)
     moved = size > 0.0
     fast = float(np.min(share * cell.limits.velocity[:n][moved] / size[moved]))
@@ -149,7 +170,9 @@ def _build_wave_motion(
 def _compute_rival_separation(
     cell: Cell, channel: motion_channels.MotionChannel, d: DiagnosisResult, f: Finding, one: CandidateMotion
 ) -> float:
-    """Least squares that a rival leaves of the named law along a motion, per variance of the scatter."""
+    """Return the least sum of squares of the reported law that a rival leaves along a motion, relative to the noise
+    variance.
+    """
     problem, catalogue = _simulate_recording(cell, channel, d, one)
     named, fit = (f.effect, f.location), f.rivals[0].named
     own = next((h for h in catalogue.hypotheses if h.name == named and h.law == f.law), None)

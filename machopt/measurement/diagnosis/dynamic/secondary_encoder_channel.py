@@ -1,9 +1,8 @@
-"""Link-side encoders against motor-side ones: y = q_secondary − q − Δ(q), the twist of the gear itself.
+"""Channel of secondary (link-side) encoders: y = q_secondary − q − Δ(q), the twist of the gear.
 
-Δ is what the cell's kinematics.yaml holds: a gear's wave that is known is not found again.
-
-Refitted in any case, for each joint that has a second encoder: an offset (mounting and zero) and the compliance under
-the torque that the gear carries.
+Δ is the correction in the cell's kinematics.yaml, so a known transmission error is not found again. Always refitted
+for each joint with a secondary encoder: an offset (mounting and zero), and the compliance under the torque of the
+gear.
 """
 
 from __future__ import annotations
@@ -35,11 +34,18 @@ from machopt.measurement.diagnosis.effect_columns.motion_columns import Explaine
 from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSignals
 from machopt.numerics.array_types import Array
 
-DEFAULT_LOAD_RANGE = JointLoadRange(max_torque=1.0, is_motion=True)  # what asks which laws a motion is searched for
+DEFAULT_LOAD_RANGE = JointLoadRange(max_torque=1.0, is_motion=True)  # used to query which laws apply to motions
 
 
 def find_secondary_encoder_joints(scene: MotionModel) -> list[int]:
-    """Joints with a second encoder that moves."""
+    """Find the joints with a moving secondary encoder.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+
+    Returns:
+        Joint indices, 0-based.
+    """
     other = scene.recording.q_secondary
     if other is None:
         return []
@@ -51,14 +57,17 @@ def find_secondary_encoder_joints(scene: MotionModel) -> list[int]:
 def build_secondary_encoder_problem(
     scene: MotionModel, joints: list[int]
 ) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
-    """Equations and catalogue of the channel link.
+    """Build equations and catalogue of the channel ``link``.
 
     Args:
-        scene: with D = len(joints), ``lift`` mapping joints to coordinates.
-        joints: 0-based, that have a second encoder.
+        scene: Motion model with D = len(joints); ``lift`` maps joints to coordinates.
+        joints: Joints with a secondary encoder, 0-based.
+
+    Returns:
+        The problem and the hypotheses.
 
     Raises:
-        InputError: no second encoder moves.
+        InputError: No secondary encoder moves.
     """
     m, rec = scene.motion, scene.recording
     if not joints or rec.q_secondary is None:
@@ -101,7 +110,7 @@ def build_secondary_encoder_problem(
             for j in joints
         ]
         if not found.is_from_rigid_bodies:
-            for j in joints:  # the motor's torque holds friction that never reaches the gear
+            for j in joints:  # the motor torque contains friction that the gear does not transmit
                 way = np.stack([np.sign(m.v[:, j]), m.v[:, j]], axis=1)
                 base = np.concatenate([base, scene.column(j, way)], axis=2)
                 unknowns += [
@@ -113,7 +122,7 @@ def build_secondary_encoder_problem(
     if found is not None:
         for j in joints if scene.known_terms else ():
             y = y - scene.column(j, compute_known_twist(scene, j, found.load[:, j]))[:, :, 0]
-    # encoders of one kind have one noise, whatever the joints leave
+    # encoders of one kind have equal noise
     fit = ExplainedPower(y, base, np.ones(len(joints)))
     for j in joints:
         if found is not None:
@@ -130,9 +139,9 @@ def build_secondary_encoder_problem(
     )
     near = m.q[:, joints]
     far = near
-    if found is not None:  # what the far side shows is late with it: the gear's own twist
+    if found is not None:  # the twist of the gear is delayed together with the secondary encoder
         far = near + found.load[:, joints] * _fit_joint_compliance(m, fit, y, base, near, len(joints))
-    # where the load is computed from the near side it is late with that, and the two are one and the same
+    # a load computed from the motor encoder is delayed with it: both delays are identical
     alone = far if found is not None and found.is_from_rigid_bodies else near
 
     def late(q: Array, d: float) -> Array:
@@ -141,7 +150,7 @@ def build_secondary_encoder_problem(
     def far_late(d: float) -> Array:
         return late(far, d)
 
-    def near_late(d: float) -> Array:  # the difference shows as if it were early
+    def near_late(d: float) -> Array:  # a late motor encoder makes the difference appear early
         return -late(alone, -d)
 
     best = find_best_delay(lambda d: fit.misfit(far_late(d)))
@@ -152,7 +161,7 @@ def build_secondary_encoder_problem(
 
 
 def _fit_joint_compliance(m: MotionSignals, fit: ExplainedPower, y: Array, base: Array, q: Array, joints: int) -> Array:
-    """(joints,) rad/(N·m) of the base beside the delay of the bare angles that suits best."""
+    """Return the compliance (joints,) rad/(N·m) of the base, fitted with the best delay of the joint angles."""
 
     def late(d: float) -> Array:
         return m.subtract_period_mean(m.average_blocks(m.delay_cubic(q, d) - q))

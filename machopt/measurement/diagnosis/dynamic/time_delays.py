@@ -1,4 +1,4 @@
-"""What comes late in a motion: one channel against the others, the arm behind its command. Laws of the registry."""
+"""Time delays in a motion: one channel relative to the others, or the arm behind its command. Laws of the registry."""
 
 from __future__ import annotations
 
@@ -18,13 +18,21 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
 from machopt.measurement.diagnosis.effect_columns.motion_columns import MotionModel
 from machopt.numerics.array_types import Array
 
-LONGEST, GRID = 0.06, 31  # s, and how many delays are tried within ± that
-REFINE = 10  # thirds taken from a valley: below a tenth of a millisecond
+LONGEST, GRID = 0.06, 31  # s, and number of delays tried within ± that
+REFINE = 10  # ternary-search steps: resolves 0.1 ms
 VALLEYS = 2
 
 
 def find_best_delay(misfit: Callable[[float], float]) -> float:
-    """The delay (s) of the least misfit within ± LONGEST: a grid, then thirds of the best interval."""
+    """Find the delay of the least misfit within ± :data:`LONGEST`: grid search, then ternary search of the best
+    intervals.
+
+    Args:
+        misfit: Misfit as a function of the delay in s.
+
+    Returns:
+        Delay, s.
+    """
     grid = np.linspace(-LONGEST, LONGEST, GRID)
     rough = np.array([misfit(float(d)) for d in grid])
     found = []
@@ -49,15 +57,18 @@ def build_channel_delay_hypotheses(
     sign: float = 1.0,
     penalty: float = 0.0,
 ) -> list[EffectHypothesis]:
-    """``sensor`` is late by the coefficient: the laws of every clock.
+    """Build the delay laws of one recorded channel.
 
     Args:
-        scene: of the motion.
-        sensor: word of the channel: tau, qse, position, q.
-        change: s → (N, D) f(t − d) − f(t), f what the channel should have shown.
-        best: d̂ in s.
-        sign: −1 where a channel that is late makes the difference look early.
-        penalty: so that of two clocks that differ in name only the more ordinary one comes first.
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        sensor: Name of the channel: tau, qse, position, q.
+        change: Function of a delay d in s that returns (N, D) f(t − d) − f(t), where f is the undelayed signal.
+        best: Best-fitting delay d̂, s.
+        sign: −1 if a late channel makes the difference appear early.
+        penalty: Penalty that ranks the less common of two equivalent clock errors second.
+
+    Returns:
+        The hypotheses.
     """
     seen = DelayedChannel(compute_change=change, best_delay=best, tangent_step=0.25 / scene.motion.rate, sign=sign)
     where = format_sensor_location(sensor)
@@ -71,12 +82,17 @@ def build_channel_delay_hypotheses(
 def build_command_delay_hypotheses(
     scene: MotionModel, change: Callable[[float], Array], best: float, followed: Array, delays: Array
 ) -> list[EffectHypothesis]:
-    """The arm comes behind its command: the laws of every lag.
+    """Build the laws of an arm that follows its command late.
 
     Args:
-        scene, change, best: see :func:`build_channel_delay_hypotheses`; f is the TCP by the commanded joints.
-        followed: (N, D, 1) m, what the encoders say of following the command.
-        delays: (n,) s by which each encoder follows.
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        change: Function of a delay d in s that returns (N, D) f(t − d) − f(t), where f is the undelayed signal.
+        best: Best-fitting delay d̂, s.
+        followed: (N, D, 1) following error of the TCP by the encoders, m.
+        delays: (n,) delay of each encoder behind its command, s.
+
+    Returns:
+        The hypotheses.
     """
     seen = DelayedChannel(
         compute_change=change,

@@ -1,4 +1,4 @@
-"""What joint torques show beside friction and loads: ripple of a gear, a springy joint."""
+"""Torque ripple of gears and torque of elastic joints in the torque channel."""
 
 from __future__ import annotations
 
@@ -29,7 +29,15 @@ from machopt.numerics.array_types import Array
 
 
 def build_ripple_hypotheses(scene: MotionModel, joint: int) -> list[EffectHypothesis]:
-    """A torque A sin(Nq + φ) of one joint (0-based), with and without its second harmonic: what uneven gears ask."""
+    """Build torque ripple A sin(Nq + φ) of one joint, with and without its second harmonic.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+
+    Returns:
+        The hypotheses; none for joints that do not rotate.
+    """
     if not scene.is_joint_moving(joint) or scene.prismatic[joint]:
         return []
     orders_shown = list_testable_orders(compute_motion_angle_range(scene, joint))
@@ -76,16 +84,19 @@ def _build_ripple_hypothesis(
 
 
 def build_elastic_joint_hypotheses(scene: MotionModel, joint: int, inertia: Array) -> list[EffectHypothesis]:
-    """Motor torque of an elastic joint: what is behind it moves by −τ/k more, M_j ẍ comes on top.
+    """Build the motor torque of an elastic joint: the link moves by −τ/k more than the motor, which adds M_j ẍ.
 
     Args:
-        scene: channel torque.
-        joint: 0-based.
-        inertia: (M, n) kg·m² behind each joint.
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+        inertia: (M, n) inertia behind each joint, kg·m².
+
+    Returns:
+        The hypotheses.
     """
     if scene.predicted is None or scene.prismatic[joint] or not scene.is_joint_moving(joint):
         return []
-    if inertia[:, joint].min() <= 0.0:  # a last link without mass: nothing swings
+    if inertia[:, joint].min() <= 0.0:  # without inertia there is no vibration
         return []
     m = scene.motion
     seen = VibrationLoading(-scene.predicted[:, joint], inertia[:, joint], scene.time_step, scene.segment_start)
@@ -96,7 +107,9 @@ def build_elastic_joint_hypotheses(scene: MotionModel, joint: int, inertia: Arra
 def _build_elastic_joint_hypothesis(
     scene: MotionModel, joint: int, effect: Effect, law: VibrationLaw, seen: VibrationLoading, grid: tuple[Shape, ...]
 ) -> EffectHypothesis:
-    """The coefficient is how much of the spring's own inertia force is there: compliance times stiffness."""
+    """Return the hypothesis. The coefficient is compliance times stiffness: the present share of the spring's inertia
+    force.
+    """
     m = scene.motion
 
     def response(s: Shape) -> Array:

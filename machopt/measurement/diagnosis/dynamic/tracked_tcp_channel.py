@@ -1,8 +1,8 @@
-"""A tracked TCP in motion: y = measured position − forward kinematics of the joints that were commanded.
+"""Channel of a tracked TCP in motion: y = measured position − forward kinematics of the commanded joints.
 
-Where no command is recorded the encoders take its place. Refitted in any case: the tracker's frame (6), the target in
-the tool (3), and the compliance of each joint under the torque it carries. The problem is posed at the loaded
-equilibrium of a first fit, so that deflections of a millimetre do not show as curvature.
+Without a recorded command the encoders are used. Always refitted: the tracker frame (6), the target in the tool (3),
+and the compliance of each joint under its torque. The problem is linearised at the loaded equilibrium of a first fit,
+so that deflections of a millimetre cause no curvature error.
 """
 
 from __future__ import annotations
@@ -51,25 +51,32 @@ ROUNDS = 3
 def build_tracked_tcp_problem(
     scene: MotionModel, robot: Robot
 ) -> tuple[DiagnosisProblem, HypothesisCatalogue, list[Finding]]:
-    """Equations and catalogue of the channel tip.
+    """Build equations and catalogue of the channel ``tip``.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        robot: Kinematic model of the arm.
+
+    Returns:
+        The problem, the hypotheses, and findings about the recording.
 
     Raises:
-        InputError: no tracked position.
+        InputError: The recording has no tracked position.
     """
     m, rec, cell = scene.motion, scene.recording, scene.cell
     if rec.position is None:
         raise InputError(f"{rec.source}: the channel tip needs x_mm, y_mm, z_mm")
     T_tool = cell.tool.T_flange_tcp
     commanded = rec.q_command is not None
-    asked = m.q if rec.q_command is None else np.ascontiguousarray(rec.q_command[m.index, :6])
+    commanded_angles = m.q if rec.q_command is None else np.ascontiguousarray(rec.q_command[m.index, :6])
     scene.notes.append("the TCP is predicted from the " + ("commanded joints" if commanded else "encoders"))
     measured = rec.position[m.index]
-    lag = estimate_encoder_delays(scene, asked) if commanded else np.zeros(6)
-    asked = scene.true_angles(asked)
-    # Jacobians and attitudes where the arm really was: at the encoders' joints
+    lag = estimate_encoder_delays(scene, commanded_angles) if commanded else np.zeros(6)
+    commanded_angles = scene.true_angles(commanded_angles)
+    # Jacobians and orientations at the encoder angles
     pose = _BentArm(robot, T_tool, scene.true_angles(m.q), np.zeros_like(m.q))
-    tip = robot.compute_fk(asked, T_tool)[:, :3, 3]
-    followed = pose.p - tip  # what the encoders say about following the command
+    tip = robot.compute_fk(commanded_angles, T_tool)[:, :3, 3]
+    followed = pose.p - tip  # following error by the encoders
 
     found = compute_joint_load_torque(scene)
     load = None if found is None else found.load
@@ -131,7 +138,7 @@ def build_tracked_tcp_problem(
     best = find_best_delay(lambda d: fit.misfit(late(d)))
     out += build_channel_delay_hypotheses(scene, "position", late, best, penalty=1.0 if commanded else 0.0)
     if commanded:
-        out += _build_servo_hypotheses(scene, fit, robot, asked, followed, lag)
+        out += _build_servo_hypotheses(scene, fit, robot, commanded_angles, followed, lag)
     else:
         untestable.append(
             UntestableEffect(
@@ -146,7 +153,7 @@ def build_tracked_tcp_problem(
 
 
 class _BentArm:
-    """The arm at joints q bent by b: position, Jacobian, and the columns of the base there."""
+    """Arm at joints q with deflections b: position, Jacobian, and the base columns there."""
 
     def __init__(self, robot: Robot, T_tool: Array, q: Array, bent: Array) -> None:
         state = robot.compute_state(q + bent, T_tool)
@@ -155,7 +162,14 @@ class _BentArm:
         self.J = state.J[:, :3]
 
     def columns(self, load: Array | None) -> Array:
-        """(M, 3, P): registration, target, and the compliances under ``load``."""
+        """Return the base columns: tracker frame, target, and joint compliances.
+
+        Args:
+            load: (M, n) joint torques, N·m; None omits the compliances.
+
+        Returns:
+            (M, 3, P).
+        """
         parts = [np.broadcast_to(np.eye(3), (len(self.p), 3, 3)), -cross(self.p), self.R]
         if load is not None:
             parts.append(self.J * load[:, None, :])
@@ -165,9 +179,9 @@ class _BentArm:
 def _linearise_at_equilibrium(
     scene: MotionModel, pose: _BentArm, y: Array, load: Array, followed: Array
 ) -> tuple[Array, _BentArm]:
-    """Measured less nominal (M, 3) at the loaded equilibrium, such that columns still carry their whole coefficients.
+    """Return measured minus nominal (M, 3) at the loaded equilibrium, so that columns keep their full coefficients.
 
-    f(q + b) − f(q) is curved in b = c τ. What J b at the bent arm says beyond it is put to the measured side.
+    f(q + b) − f(q) is nonlinear in b = c τ. The difference to J b at the deflected arm is moved to the measured side.
     """
     m, straight, y_fine = scene.motion, pose.p, y
     for _ in range(ROUNDS):
@@ -183,21 +197,29 @@ def _linearise_at_equilibrium(
     return y_fine, pose
 
 
-def estimate_encoder_delays(scene: MotionModel, asked: Array) -> Array:
-    """(n,) s by which each encoder follows its command; 0 where it stays with it."""
+def estimate_encoder_delays(scene: MotionModel, commanded_angles: Array) -> Array:
+    """Estimate the delay of each encoder behind its command.
+
+    Args:
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        commanded_angles: (M, n) commanded joint angles, rad.
+
+    Returns:
+        (n,) s; 0 if an encoder follows without delay.
+    """
     m = scene.motion
-    speed = m.differentiate(asked)
-    out = np.zeros(asked.shape[1])
-    for j in range(asked.shape[1]):
-        behind = asked[:, j] - m.q[:, j]
-        if np.std(behind) > thresholds.MOTION.follows and np.ptp(asked[:, j]) > thresholds.MOTION.moves:
+    speed = m.differentiate(commanded_angles)
+    out = np.zeros(commanded_angles.shape[1])
+    for j in range(commanded_angles.shape[1]):
+        behind = commanded_angles[:, j] - m.q[:, j]
+        if np.std(behind) > thresholds.MOTION.follows and np.ptp(commanded_angles[:, j]) > thresholds.MOTION.moves:
             x = np.stack([speed[:, j], np.ones(len(behind))], axis=1)
             out[j] = float(np.linalg.lstsq(x, behind, rcond=None)[0][0])
     return out
 
 
 def _find_late_encoders(y: Array, base: Array, scene: MotionModel, followed: Array, lag: Array) -> list[Finding]:
-    """Encoders that lag the command while the TCP does not: their clock, not the arm."""
+    """Return findings on encoders that lag the command while the TCP does not: a clock error, not a servo lag."""
     moving = lag[np.abs(lag) > 0]
     if not len(moving) or abs(float(np.mean(moving))) < thresholds.MOTION.late_s:
         return []
@@ -208,7 +230,7 @@ def _find_late_encoders(y: Array, base: Array, scene: MotionModel, followed: Arr
     if share > thresholds.MOTION.followed or np.std(moving) > thresholds.MOTION.alike * abs(float(np.mean(moving))):
         return []
     late, sigma = 1e3 * float(np.mean(moving)), 1e3 * float(np.std(moving)) / np.sqrt(len(moving))
-    # predicted from the encoders as recorded, and with their clock put right, which is from the command
+    # predicted from the encoders as recorded, and with a corrected clock, that is from the command
     group, even = scene.motion.group, np.ones(3)
     count = 3.0 * np.unique(group, return_counts=True)[1]
     before, after = (
@@ -237,16 +259,16 @@ def _find_late_encoders(y: Array, base: Array, scene: MotionModel, followed: Arr
 
 
 def _build_servo_hypotheses(
-    scene: MotionModel, fit: ExplainedPower, robot: Robot, asked: Array, followed: Array, lag: Array
+    scene: MotionModel, fit: ExplainedPower, robot: Robot, commanded_angles: Array, followed: Array, lag: Array
 ) -> list[EffectHypothesis]:
-    """The arm follows its command late: as the encoders show it, and as one delay of all joints."""
+    """Return the servo-lag laws: as the encoders show it, and one delay common to all joints."""
     m = scene.motion
     T_tool = scene.cell.tool.T_flange_tcp
-    tip = robot.compute_fk(asked, T_tool)[:, :3, 3]
+    tip = robot.compute_fk(commanded_angles, T_tool)[:, :3, 3]
 
     def late(d: float) -> Array:
         return m.subtract_period_mean(
-            m.average_blocks(robot.compute_fk(m.delay_cubic(asked, d), T_tool)[:, :3, 3] - tip)
+            m.average_blocks(robot.compute_fk(m.delay_cubic(commanded_angles, d), T_tool)[:, :3, 3] - tip)
         )
 
     best = find_best_delay(lambda d: fit.misfit(late(d)))

@@ -1,7 +1,8 @@
-"""What no word of the catalogue means in joint torques: tried where several parts, or several orders, were found.
+"""Joint torques that are no effect of the catalogue: tried if several orders or several effects were found at a
+joint.
 
-A hose, a cable or a bumper pulls at a joint from an angle on, and ever more beyond it. No gear does that, and yet two
-or three slow waves are near enough to it to pass for the ripple of one: over part of a turn they are any smooth curve.
+A hose, cable or bumper pulls at a joint beyond an angle, with increasing force. No gear does this, but two or three
+low harmonics approximate it over part of a turn and would be reported as gear ripple.
 """
 
 from __future__ import annotations
@@ -17,17 +18,20 @@ from machopt.measurement.diagnosis.model_selection.unmodelled_interfaces import 
 from machopt.numerics.array_types import Array
 
 TIGHTENING_LAW = "tightens beyond an angle"
-SHARES = (0.1, 0.25, 0.4, 0.55, 0.7, 0.9)  # of the samples below the angle where it begins
-# of the way beyond it
+SHARES = (0.1, 0.25, 0.4, 0.55, 0.7, 0.9)  # share of the samples below the onset angle
+# exponents of the torque over the angle beyond the onset
 POWERS = {1.0: "as a spring", 1.5: "as a contact", 2.0: "ever stiffer", 3.0: "ever stiffer, and late"}
 
 
 def build_unmodelled_torque_hypotheses(scene: MotionModel, joint: int) -> list[EffectHypothesis]:
-    """Forms of one joint (0-based) that no effect of the catalogue has.
+    """Build torque shapes of one joint that no effect of the catalogue has.
 
     Args:
-        scene: channel torque.
-        joint: 0-based.
+        scene: Motion model: recording, signals, kinematics, dynamics and the selected channel.
+        joint: Joint index, 0-based.
+
+    Returns:
+        The hypotheses.
     """
     if not scene.is_joint_moving(joint) or scene.prismatic[joint]:
         return []
@@ -52,7 +56,9 @@ def build_unmodelled_torque_hypotheses(scene: MotionModel, joint: int) -> list[E
 
 
 def _build_pull_torque(scene: MotionModel, joint: int, ways: tuple[int, ...], power: float) -> Callable[[Shape], Array]:
-    """Torque that the motor gives against a pull back: a column a way (1 up, −1 down), from the shape's angles on."""
+    """Return the motor torque against a pull: one column per direction (1 up, −1 down), from the onset angles of the
+    shape.
+    """
     q = scene.motion.q[:, joint]
 
     def columns(shape: Shape) -> Array:

@@ -1,1 +1,1 @@
-"""Each law of the registry as a recording sees it: columns of the problem, at rest or in motion."""
+"""Columns of each registered law in the coordinates of a channel, for static recordings and motions."""

@@ -1,7 +1,7 @@
-"""A torque beside a gear by the joint's own angle (a balancer), as each channel sees it: the laws of the registry.
+"""Torque in parallel to a gear as a function of the joint angle (gravity compensator), in each channel.
 
-In measured poses the torque bends the joint, whatever the load. A load test sees the spring's slope beside the gear's
-stiffness, and the lever arms that the bend at rest moves. A motor carries the torque as it is.
+In measured poses the torque deflects the joint. A load test shows the stiffness of the spring in parallel to the
+gear, and the changed lever arms. The motor torque contains it directly.
 """
 
 from __future__ import annotations
@@ -35,14 +35,21 @@ from machopt.measurement.estimation.reading_covariance import compute_joint_sens
 from machopt.numerics.array_types import Array
 
 SUBSCRIPTS = "₁₂₃₄₅₆"
-ARM = 6  # joints that a stiffness.yaml is of
-FINE = 90  # points of a line over the joint's range
-RATIO, ANGLE = 1.5, np.radians(30.0)  # of a spring's length to the next one that is searched, and of its angle
-REFINEMENT_POINTS = 7  # of each, between and beyond
+ARM = 6  # number of joints in stiffness.yaml
+FINE = 90  # points of a curve over the joint's range
+RATIO, ANGLE = 1.5, np.radians(30.0)  # grid spacing of the lever ratio (factor) and of the angle
+REFINEMENT_POINTS = 7  # refinement points of each parameter
 
 
 def build_pose_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """The torque bends the joint."""
+    """Build the hypotheses for measured poses: the torque deflects the joint.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses; none if masses are unknown.
+    """
     if r.masses is None:
         return []
     return [
@@ -54,7 +61,14 @@ def build_pose_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def build_load_test_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """A spring beside the gear, of the law that files state."""
+    """Build the hypotheses for load tests: a spring in parallel to the gear, by the law that files state.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses.
+    """
     return [
         _build_stiffness_hypothesis(r, effect, where, effect.parallel_torque_laws[0])
         for effect, where in _list_places()
@@ -63,7 +77,14 @@ def build_load_test_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def build_torque_hypotheses(scene: MotionModel) -> list[EffectHypothesis]:
-    """What the motor carries, the law with the fewest numbers first."""
+    """Build the hypotheses for motor torques, the law with the fewest parameters first.
+
+    Args:
+        scene: Motion model.
+
+    Returns:
+        The hypotheses.
+    """
     return [
         _build_torque_hypothesis(scene, effect, where, law)
         for effect, where in _list_places()
@@ -73,7 +94,15 @@ def build_torque_hypotheses(scene: MotionModel) -> list[EffectHypothesis]:
 
 
 def compute_known_torque(terms: Sequence[StiffnessTerm], q: Array) -> Array:
-    """(M, n) N·m that the cell's own terms put on joints at angles q (M, n): motors and gears carry so much less."""
+    """Compute the joint torques of the cell's own compensators. Motors and gears carry less by this amount.
+
+    Args:
+        terms: Terms of the cell's stiffness.
+        q: (M, n) joint angles, rad.
+
+    Returns:
+        (M, n) N·m.
+    """
     out = np.zeros_like(q)
     for term in terms:
         effect = registry.find_elastic_effect(term.effect)
@@ -87,7 +116,14 @@ def compute_known_torque(terms: Sequence[StiffnessTerm], q: Array) -> Array:
 
 
 def compute_angle_only_torques(q: Array) -> Array:
-    """(M, n, p) N·m that laws of angle alone ask at angles q (M, n) rad, at their places."""
+    """Compute the columns of laws without shape parameters at their joints.
+
+    Args:
+        q: (M, n) joint angles, rad.
+
+    Returns:
+        (M, n, p) N·m per unit of each coefficient.
+    """
     parts = [
         (j, law.torque(np.zeros(0), q[:, j]))
         for effect, where in _list_places()
@@ -160,7 +196,7 @@ def _build_deflection_hypothesis(
 
 
 def _refine_spring_shapes(shape: Shape, share: float) -> tuple[Shape, ...]:
-    """Springs about one, as far as a share of the way to the next ones that are searched."""
+    """Return spring shapes around a given one, up to a share of the distance to its grid neighbours."""
     steps = (share * np.linspace(-1.0, 1.0, REFINEMENT_POINTS)).tolist()
     return tuple((shape[0] * RATIO**a, shape[1] + ANGLE * b) for a in steps for b in steps)
 
@@ -170,7 +206,7 @@ def _build_stiffness_hypothesis(
 ) -> EffectHypothesis:
     j = parse_joint_location(where)[0]
     q, tau, c, sub = r.state.q[:, j], r.load_torque[:, j], r.compliance[j], SUBSCRIPTS[j]
-    # the spring also moves the arm at rest, and with it every lever arm of the load
+    # the spring also deflects the unloaded arm and thus changes all lever arms of the load
     moved = compute_joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions, j]
 
     def columns(shape: Shape) -> Array:
@@ -216,21 +252,21 @@ def _build_torque_hypothesis(
 ) -> EffectHypothesis:
     j = parse_joint_location(where)[0]
     q = scene.motion.q[:, j]
-    planned = scene.joints == ARM and not any(scene.prismatic)  # else no stiffness.yaml is there to hold it
+    planned = scene.joints == ARM and not any(scene.prismatic)  # otherwise stiffness.yaml cannot state it
 
     def signal(s: Shape) -> Array:
         return law.torque(np.array(s), q)
 
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
         pull = signal(s) @ x
-        # the offset of the joint hides a constant part: what varies is what is seen
+        # the joint's offset absorbs a constant part: only the variation is observable
         return {
             "variation": Quantity(float(np.ptp(pull)), "N·m"),
             "peak_torque": Quantity(float(np.abs(pull).max()), "N·m"),
         }
 
     def stated(x: Array, s: Shape) -> StiffnessTerm | RecordCorrection:
-        # on the joint, so that its motor carries less
+        # the torque acts on the joint and reduces the motor torque
         parameters = parameter_conversion.write_law_parameters(
             effect.parallel_torque_laws[0], *convert_to_file_law(law, -x, np.array(s))
         )

@@ -1,7 +1,7 @@
-"""Where the arm stands without any load, as measured poses see it: the laws of port angle of the registry.
+"""Joint angle errors without load in measured poses: the angle laws of the registry.
 
-Each is an extra angle Δ_j of one joint at encoder angles q, by its own angle or another joint's, lifted by J_j;
-compensated in the exported joints.
+Each law is an additional angle Δ_j of one joint as a function of the encoder angles q, transformed by the Jacobian
+column J_j. The exported joint values compensate it.
 """
 
 from __future__ import annotations
@@ -22,11 +22,18 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHyp
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.numerics.array_types import Array
 
-FINE = 400  # points of a law's line over the range
+FINE = 400  # points of a law's curve over the range
 
 
 def build_joint_angle_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """Every law at every place that its effect is likely at, where these angles can show one."""
+    """Build every angle law at every likely place, if the measured angles can show it.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses.
+    """
     out = []
     for effect in registry.select_angle_effects():
         for where in effect.search_places:
@@ -39,10 +46,16 @@ def build_joint_angle_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def build_refined_harmonics(r: StaticReadings) -> list[EffectHypothesis]:
-    """Laws of the same with the shapes that angles can show, but are too few for to try on noise.
+    """Build angle laws with finer order grids, which are not tried first because many shapes fit noise.
 
-    A gear's tooth order, or its overtone, may lie above one order for every few angles. So many shapes raise what
-    chance alone would reach; where something is there that no other law takes, they may still be held against it.
+    A gear's tooth order or its overtone may exceed one order per few angles. A large grid raises the gain reachable
+    by chance. If a mismatch remains that no other law explains, these orders are tried.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses.
     """
     out = []
     for effect in registry.select_angle_effects():
@@ -59,7 +72,7 @@ def build_refined_harmonics(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def _build_refined_grid(own: JointAngleRange, law: JointAngleLaw) -> tuple[Shape, ...]:
-    """Shapes beyond those that are tried anyway: as many as where angles abound, and the whole orders among them."""
+    """Return shapes beyond the normal grid: as many as for abundant angles, including the integer orders."""
     known, many = law.grid(own), law.grid(replace(own, max_shapes=LOW_ORDERS + MOST_HIGH))
     highest = max((s[-1] for s in many if s), default=0.0)
     whole = tuple(s for s in law.grid(replace(own, is_motion=True)) if s and s[-1] <= highest)
@@ -67,17 +80,24 @@ def _build_refined_grid(own: JointAngleRange, law: JointAngleLaw) -> tuple[Shape
 
 
 def compute_joint_angle_range(r: StaticReadings, j: int) -> JointAngleRange:
-    """What these angles of joint j (0-based) can show.
+    """Compute the angle range of a joint and the number of shapes that it can show.
 
-    One shape for every few distinct angles (``poses_per_order``). A balancer's torque has the first two orders of its
-    joint's angle: there these are offered as that alone.
+    Each order requires several distinct angles (``poses_per_order``). A gravity compensator causes the first two
+    orders of its joint, so these are not offered as a transmission error there.
+
+    Args:
+        r: Static readings.
+        j: Joint index, 0-based.
+
+    Returns:
+        The range.
     """
     q = r.state.q[:, j]
     low, high = float(q.min()), float(q.max())
     distinct = len(np.unique(np.round(q, thresholds.RESTING.angle_decimals)))
-    shown = high - low >= thresholds.RESTING.least_wave and distinct >= thresholds.RESTING.fewest_angles
+    is_observable = high - low >= thresholds.RESTING.least_wave and distinct >= thresholds.RESTING.fewest_angles
     balanced = any(format_joint_location(j + 1) in e.places for e in registry.select_parallel_torque_effects())
-    most = int(distinct / thresholds.RESTING.poses_per_order) if shown else 0
+    most = int(distinct / thresholds.RESTING.poses_per_order) if is_observable else 0
     return JointAngleRange(low, high, most, thresholds.RESTING.above_balancer if balanced else 1.0)
 
 
@@ -89,7 +109,7 @@ def _build_pose_hypothesis(
     bare = build_joint_angle_hypothesis(
         effect, where, law, grid, q, lambda columns: r.lift_joint_twist(moved, columns), q
     )
-    # a constant angle leaves nothing of itself: the rounds of the search are linear about what was found
+    # a constant angle is exact: iterations are linearised about the current estimate
     return replace(
         bare, penalty=law.penalty, prior_sigma=law.prior, sum_name=law.sum_name, is_exact=effect.form_uncertainty == 0.0
     )
@@ -104,13 +124,19 @@ def build_joint_angle_hypothesis(
     lift: Callable[[Array], Array],
     read: Array,
 ) -> EffectHypothesis:
-    """A law at a place.
+    """Build the hypothesis of an angle law at a place.
 
     Args:
-        effect, where, law, grid: of the law, and the shapes that are tried.
-        q: (M,) rad by encoder of the joint that drives it.
-        lift: (M, p) rad of the joint that is moved → (N, D, p) of the readings.
-        read: (N,) rad the same angles by reading, for the picture.
+        effect: Effect of the law.
+        where: Location.
+        law: The angle law.
+        grid: Shapes to try.
+        q: (M,) encoder angles of the driving joint, rad.
+        lift: Function from (M, p) rad of the moved joint to (N, D, p) of the readings.
+        read: (N,) the driving angles by reading, rad, for the figure.
+
+    Returns:
+        The hypothesis.
     """
     by, _ = parse_joint_location(where)
     over = {angle_range.RANGE_KEY: angle_range.compute_measured_range(q)} if law.has_angle_range else {}

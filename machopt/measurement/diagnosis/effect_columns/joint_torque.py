@@ -1,7 +1,7 @@
-"""Effects that twist a joint by its torque, as resting readings see them: each law of the registry, lifted to the TCP.
+"""Effects that twist a joint by its torque in static readings: each registered law, transformed to the TCP.
 
-τ is the torque that a law follows: of a curve over the whole torque with weight, of others that of the load. A reading
-of a load test counts φ(with load) − φ(without), a measured pose φ as it is.
+τ is the torque that a law depends on: the total torque including gravity for nonlinear elastic laws, the load torque
+for others. A load-test reading contains φ(loaded) − φ(unloaded), a measured pose contains φ.
 """
 
 from __future__ import annotations
@@ -23,14 +23,23 @@ from machopt.measurement.diagnosis.data_types.static_readings import StaticReadi
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_two_number_refinement
 from machopt.numerics.array_types import Array
 
-LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
-WRIST = 3  # its first joint, 0-based
-CYCLE_MEMORIES = ("cycle", "approach")  # forgotten between two cycles, which nothing is that fades by the clock
-FINE = 60  # points of a loop's branch, for the picture; angles of a range that are looked at
+LEAST_SOFT = 1e-9  # rad/(N·m), lower limit of the compliance that percentages refer to
+WRIST = 3  # first wrist joint, 0-based
+CYCLE_MEMORIES = ("cycle", "approach")  # reset at each cycle; not applicable to time-dependent laws
+FINE = 60  # points of a loop's branch in the figure; sampled angles of a range
 
 
 def build_joint_hypotheses(r: StaticReadings, j: int, effect: Effect) -> tuple[list[EffectHypothesis], str]:
-    """The laws of an effect at joint j (0-based), or why these readings cannot show any."""
+    """Build the hypotheses of an effect at one joint.
+
+    Args:
+        r: Static readings.
+        j: Joint index, 0-based.
+        effect: Effect with joint laws.
+
+    Returns:
+        The hypotheses, and the reason if the readings cannot show any.
+    """
     out, reasons = [], []
     for law in effect.joint_laws:
         if is_time_dependent(law) and r.recording.time is None:
@@ -50,11 +59,20 @@ def build_joint_hypotheses(r: StaticReadings, j: int, effect: Effect) -> tuple[l
 
 
 def compute_joint_load_range(r: StaticReadings, j: int, law: JointLaw) -> JointLoadRange:
-    """What shares and sizes of a law at joint j are of."""
+    """Compute the load and angle range of a joint that shares and sizes of a law refer to.
+
+    Args:
+        r: Static readings.
+        j: Joint index, 0-based.
+        law: Joint law.
+
+    Returns:
+        The range.
+    """
     rare = thresholds.RESTING.rare
     low, high = np.quantile(r.state.q[:, j], (rare, 1.0 - rare))
     torque = r.torque[:, j] if law.includes_weight or not r.is_difference else r.load_torque[:, j]
-    # beside a law of its angle a spring is what that law leaves of the joint, which may be nothing: its share is of all
+    # an angle-dependent law may take all of the spring: its share refers to the spring fitted alone
     soft = (
         r.springs_only_compliance
         if r.springs_only_compliance is not None and isinstance(law, AngleDependentCompliance)
@@ -72,7 +90,9 @@ def _build_joint_hypothesis(
     r: StaticReadings, j: int, effect: Effect, law: JointLaw, scale: JointLoadRange, grid: tuple[Shape, ...]
 ) -> EffectHypothesis:
     where = format_joint_location(j + 1)
-    own = len(law.shape) and len(grid[0])  # numbers of a shape; what a gear remembers follows as its place in MEMORIES
+    own = len(law.shape) and len(
+        grid[0]
+    )  # number of shape parameters; the index of the load history in MEMORIES follows
 
     def memory(shape: Shape) -> str:
         return MEMORIES[int(shape[own])] if law.has_memory else ""
@@ -130,19 +150,30 @@ def _build_joint_hypothesis(
 
 
 def _is_compliance_plausible(law: AngleDependentCompliance, x: Array, shape: Array, scale: JointLoadRange) -> bool:
-    """Whether a spring that changes with the angle gives way, not back, over the range, nowhere many times as much.
+    """Return whether an angle-dependent compliance is positive over the range and does not vary implausibly.
 
-    Where a joint shows nearly nothing a law of its angle varies by any number of percent of that.
+    At a joint with almost no compliance a law may vary by any percentage of it.
     """
     share = law.shares(shape, np.linspace(scale.min_angle, scale.max_angle, FINE)) @ x
-    at = share - share.mean() + (scale.compliance or 0.0)  # about what the joint gives in the mean
+    at = share - share.mean() + (scale.compliance or 0.0)  # relative to the joint's mean compliance
     return bool(at.max() <= thresholds.RESTING.most_varied * at.min())
 
 
 def build_joint_pair_hypothesis(
     r: StaticReadings, effect: Effect, where: str, note: str, equation: str = ""
 ) -> EffectHypothesis:
-    """The law of an effect between two joints, each turned by the torque of the other."""
+    """Build the hypothesis of a coupling of two joints, each twisted by the torque of the other.
+
+    Args:
+        r: Static readings.
+        effect: Effect between two joints.
+        where: Location of both joints.
+        note: Where the effect is visible.
+        equation: Equation; empty uses that of the law.
+
+    Returns:
+        The hypothesis.
+    """
     law, (i, j) = effect.joint_laws[0], parse_joint_location(where)
     tau = r.load_torque if r.is_difference else r.torque
     scale = JointLoadRange(max_torque=_compute_largest_torque(tau[:, [i, j]]))
@@ -168,20 +199,34 @@ def build_joint_pair_hypothesis(
 
 
 def build_load_test_couplings(r: StaticReadings) -> list[EffectHypothesis]:
-    """Each of two joints turned by the torque of the other, in a load test."""
-    note, said = (
+    """Build the elastic couplings of joints for load tests.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses.
+    """
+    note, equation = (
         "out of what the joints' torques explain",
         "Δq_i = c_ij τ_j, Δq_j = c_ij τ_i (wrist gears on one shaft)",
     )
     return [
-        build_joint_pair_hypothesis(r, e, where, note, said)
+        build_joint_pair_hypothesis(r, e, where, note, equation)
         for e in registry.select_joint_pair_effects()
         for where in e.search_places
     ]
 
 
 def build_pose_couplings(r: StaticReadings) -> list[EffectHypothesis]:
-    """The same in measured poses, where weight or load turns either: of the wrist, whose joints weight turns freely."""
+    """Build the elastic couplings of the wrist joints for measured poses, where weight or load twists either joint.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses.
+    """
     return [
         build_joint_pair_hypothesis(
             r, e, where, "with the torque of the other joint", f"{e.joint_laws[0].equation} under weight and load"
@@ -195,14 +240,14 @@ def build_pose_couplings(r: StaticReadings) -> list[EffectHypothesis]:
 def compute_memory_term_displacement(
     r: StaticReadings, terms: Sequence[StiffnessTerm]
 ) -> tuple[Array, tuple[StiffnessTerm, ...]]:
-    """What terms of a stiffness file make of a load test whose gears remember as the terms say.
+    """Compute the displacement of a load test by terms with a stated load history.
 
     Args:
-        r: readings.
-        terms: any; a term without ``memory`` is none of them, nor one by time where the recording has none.
+        r: Static readings.
+        terms: Terms; those without ``memory`` are ignored, and time-dependent ones if no time is recorded.
 
     Returns:
-        (N, 6) m, rad at the TCP, and the terms that are not in it.
+        (N, 6) displacement at the TCP, m and rad, and the terms that are not included.
     """
     moved, others = np.zeros((len(r), 6)), []
     single = {e.file_word: e for e in registry.select_joint_torque_effects()}
@@ -223,7 +268,18 @@ def compute_memory_term_displacement(
 
 
 def compute_joint_term_displacement(r: StaticReadings, term: StiffnessTerm) -> Array:
-    """(N, D) m, rad, what a term of a joint, or between two, makes of measured poses; see held.at_rest."""
+    """Compute the displacement of measured poses by a term of one joint or of a pair.
+
+    The load history is that of
+    :func:`machopt.measurement.diagnosis.effect_columns.existing_terms.compute_known_pose_displacement`.
+
+    Args:
+        r: Static readings.
+        term: Term of a stiffness model.
+
+    Returns:
+        (N, D) m, rad.
+    """
     effect = registry.find_elastic_effect(term.effect)
     given = ParameterReader(term.parameters, term.effect)
     law = parameter_conversion.find_law(effect, given)
@@ -235,7 +291,18 @@ def compute_joint_term_displacement(r: StaticReadings, term: StiffnessTerm) -> A
 
 
 def compute_joint_twist(r: StaticReadings, j: int, law: JointLaw, shape: Array, memory: str) -> Array:
-    """(N, P) rad by which joint j turns per unit of each coefficient, as readings count it."""
+    """Compute the twist of a joint per unit of each coefficient, as the readings contain it.
+
+    Args:
+        r: Static readings.
+        j: Joint index, 0-based.
+        law: Joint law.
+        shape: (S,) shape parameters, SI.
+        memory: Kind of load history.
+
+    Returns:
+        (N, P) rad.
+    """
     angle = r.state.q[:, j]
     if law.has_memory:
         states = build_load_history(r, memory)
@@ -251,7 +318,7 @@ def compute_joint_twist(r: StaticReadings, j: int, law: JointLaw, shape: Array, 
 
 
 def _build_memoryless_curve(r: StaticReadings, j: int, law: JointLaw, shape: Array, x: Array) -> LawCurve:
-    """A law without memory over the torque."""
+    """Return the curve of a law without memory over the torque."""
     tau = r.torque[:, j]
     span = float(np.abs(tau).max())
     at = np.linspace(-span, span, 2 * FINE + 1)
@@ -269,7 +336,7 @@ def _build_memoryless_curve(r: StaticReadings, j: int, law: JointLaw, shape: Arr
 def _build_hysteresis_curve(
     r: StaticReadings, j: int, law: JointLaw, shape: Array, x: Array, memory: str, scale: JointLoadRange
 ) -> LawCurve:
-    """A law with memory over one cycle up to the largest torque and back."""
+    """Return the curve of a law with memory over one load cycle up to the largest torque and back."""
     up = np.linspace(0.0, scale.max_torque, FINE)
     path = np.concatenate([up, up[::-1]])
     first = np.zeros(len(path), np.int64)

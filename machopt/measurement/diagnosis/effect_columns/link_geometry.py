@@ -1,10 +1,9 @@
-"""How the arm is really built, as measured poses show it: a twist of each joint's frame in the link before it.
+"""As-built geometry in measured poses: a twist of each joint's frame in the preceding link.
 
-A twist (d, φ) of the frame at p moves the TCP by d + φ × (x − p), in axes that the links before it carry. Of its six
-parts only those are searched for that the poses show beside what is refitted in any case: the singular directions of
-the columns, scaled by what a robot's maker holds, whose share of themselves the base leaves.
-
-Source: Hayati & Mirmirani 1985; Meggiolaro & Dubowsky 2000 (which parts of neighbouring frames move the TCP alike).
+A twist (d, φ) of the frame at p moves the TCP by d + φ × (x − p), in axes carried by the preceding links. Of its six
+components only those are searched that the poses show in addition to the base: the singular directions of the
+columns, scaled by manufacturing tolerances, with a sufficient part outside of the span of the base. Source: Hayati &
+Mirmirani 1985; Meggiolaro & Dubowsky 2000 (redundant components of neighbouring frames).
 """
 
 from __future__ import annotations
@@ -22,11 +21,22 @@ from machopt.numerics.array_types import Array
 WHOLE_ARM_FRAMES = (
     "base",
     "joint:1",
-)  # move everything alike, as a tracker does that stands elsewhere than the recording says
+)  # move all points equally, like an error of the recorded tracker frame
 
 
 def compute_frame_columns(r: StaticReadings, place: str) -> Array:
-    """(N, D, 6) m, rad of the reading per m and rad of a frame's twist; axes of base_link with all joints at zero."""
+    """Compute the change of the readings per unit twist of a frame.
+
+    Args:
+        r: Static readings.
+        place: Frame: ``base``, ``joint:1`` to ``joint:6``, or ``tool``.
+
+    Returns:
+        (N, D, 6) m, rad per m and rad, axes of base_link with all joints at zero.
+
+    Raises:
+        ValueError: The state has no body poses.
+    """
     n = len(r)
     link = {link_geometry.BASE: 0, link_geometry.TOOL: 6}.get(place, int(place[-1]) - 1 if place in JOINTS else 0)
     if r.state.R_bodies is None or r.state.p_bodies is None:
@@ -45,11 +55,14 @@ def compute_frame_columns(r: StaticReadings, place: str) -> Array:
 
 
 def build_geometry_hypotheses(r: StaticReadings, base: Array) -> list[EffectHypothesis]:
-    """The geometry of each joint's frame, with fixed registration also of base and tool.
+    """Build the geometry of each joint frame; with fixed registration also of base and tool.
 
     Args:
-        r: measured poses.
-        base: (N, D, P) columns that are refitted in any case.
+        r: Static readings.
+        base: (N, D, P) base columns.
+
+    Returns:
+        The hypotheses.
     """
     places = JOINTS if r.recording.registration == "fit" else link_geometry.EFFECT.places
     out = []
@@ -63,16 +76,24 @@ def build_geometry_hypotheses(r: StaticReadings, base: Array) -> list[EffectHypo
 
 
 def find_observable_directions(columns: Array, base: Array) -> Array:
-    """(6, K) directions of scaled twists that the base leaves: by the SVD of the scaled columns beside it."""
+    """Find the directions of scaled twists that the base does not absorb, by SVD of the projected columns.
+
+    Args:
+        columns: (N, D, 6) columns of the frame twist, scaled by tolerances.
+        base: (N, D, P) base columns.
+
+    Returns:
+        (6, K) orthonormal directions.
+    """
     A = columns.reshape(-1, 6)
-    B = base.reshape(len(A), base.shape[2])  # none of masses that are unknown in a frame that is fixed
+    B = base.reshape(len(A), base.shape[2])  # zero columns are dropped
     size = np.linalg.norm(B, axis=0)
     B = B[:, size > 0] / size[size > 0]
     Q = np.linalg.qr(B)[0] if B.shape[1] else B
     _, s, Vt = np.linalg.svd(np.linalg.qr(A - Q @ (Q.T @ A))[1])
     whole = np.linalg.norm(A @ Vt.T, axis=0)
-    kept = (s > thresholds.RESTING.shown_geometry * whole) & (s > thresholds.RESTING.weak_geometry * s[0])
-    return np.asarray(np.round(Vt[kept], 12).T)  # what rounding left of a part that the base takes is none
+    is_observable = (s > thresholds.RESTING.shown_geometry * whole) & (s > thresholds.RESTING.weak_geometry * s[0])
+    return np.asarray(np.round(Vt[is_observable], 12).T)  # removes rounding residue of absorbed components
 
 
 def _build_frame_hypothesis(place: str, columns: Array, V: Array, penalty: float) -> EffectHypothesis:
@@ -115,5 +136,5 @@ def _build_quantities(V: Array) -> Quantities:
 
 
 def list_manufacturing_tolerances() -> Array:
-    """(6,) m, rad, 1 sigma of what a maker holds of a frame."""
+    """Return the manufacturing tolerances (6,) of a frame as standard deviations, m and rad."""
     return np.repeat([thresholds.RESTING.held_by_maker, thresholds.RESTING.turned_by_maker], 3)

@@ -1,4 +1,4 @@
-"""What all channels of a motion share: samples, dynamics, and how a law's signal becomes columns of the problem."""
+"""Data shared by all channels of a motion: samples, dynamics, and the transformation of a law's signal to columns."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ARCMIN, ARCSEC = np.pi / 10800.0, np.pi / 648000.0
 
 @dataclass(frozen=True, kw_only=True)
 class MotionModel:
-    """A recorded motion and everything that is computed from it once, at the rate of the recording. SI."""
+    """Recorded motion with all quantities computed once at the sampling rate, SI."""
 
     recording: Recording
     cell: Cell
@@ -44,26 +44,24 @@ class MotionModel:
     dynamics: RigidBodyDynamics | None  # None: the URDF has no inertias
     predicted: Array | None  # (M, n) N·m rigid-body torque
     dimensions: int  # D of the problem
-    lift: Callable[[int, Array], Array]  # joint, (M, p) → (N, D, p)
+    lift: Callable[[int, Array], Array]  # joint index and (M, p) signal → (N, D, p) columns
     prismatic: tuple[bool, ...]
     scale: Array | None = None  # (D,) of the problem's coordinates; None: 1
     known_terms: tuple[StiffnessTerm, ...] = ()  # of the cell's stiffness
-    correction: EncoderCorrection | None = None  # of the cell's kinematics: true angles by those of the encoders
-    free_gains: bool = False  # torques are currents, and how much a joint makes of its own is refitted
-    joints_without_gain: frozenset[int] = (
-        frozenset()
-    )  # joints, from 0, of which nothing says what torque such a current is
+    correction: EncoderCorrection | None = None  # of the cell's kinematics: encoder angles → true angles
+    free_gains: bool = False  # torques are converted currents; a gain of each joint is refitted
+    joints_without_gain: frozenset[int] = frozenset()  # joints (0-based) with an undetermined torque constant
     notes: list[str] = field(default_factory=list)
     untestable: list[UntestableEffect] = field(default_factory=list)
 
     @property
     def segment_start(self) -> Ints:
-        """(M,) 1 where a segment begins."""
+        """Flags (M,): 1 where a segment begins."""
         return np.asarray(np.diff(self.motion.segment, prepend=self.motion.segment[0] - 1) != 0, np.int64)
 
     @property
     def time_step(self) -> Array:
-        """(M,) s since the sample before; the sampling interval at the start of a segment."""
+        """Time (M,) s since the sample before; the sampling interval at the start of a segment."""
         out = np.diff(self.motion.time, prepend=self.motion.time[0])
         out[self.segment_start > 0] = 1.0 / self.motion.rate
         return out
@@ -73,24 +71,42 @@ class MotionModel:
         return int(self.motion.q.shape[1])
 
     def true_angles(self, q: Array) -> Array:
-        """(M, n) rad that the arm stands at without load where encoders (or commands) say q (M, n)."""
+        """Convert encoder (or commanded) angles to true joint angles without load.
+
+        Args:
+            q: (M, n) encoder or commanded angles, rad.
+
+        Returns:
+            (M, n) rad.
+        """
         return q if self.correction is None else self.correction.compute_true_angles(q)
 
     def column(self, joint: int, x: Array) -> Array:
-        """(N, D, p) of a signal (M,) or (M, p) of one joint."""
+        """Transform the signal of one joint to columns of the problem.
+
+        Args:
+            joint: Joint index, 0-based.
+            x: (M,) or (M, p) signal.
+
+        Returns:
+            (N, D, p).
+        """
         return self.lift(joint, x[:, None] if x.ndim == 1 else x)
 
     def problem(
         self, channel: Channel, y: Array, base: Array, unknowns: Sequence[BaseUnknown], family: CoordinateFamily
     ) -> DiagnosisProblem:
-        """Equations of a channel, with what the motion says of its stretches of time.
+        """Build the problem of a channel with the cross-validation labels of the motion.
 
         Args:
-            channel: what ``y`` is.
-            y: (N, D) m, rad or N·m measured less predicted.
-            base: (N, D, P) per unit of each unknown.
-            unknowns: P of them.
-            family: the coordinates, all of one kind.
+            channel: Name of the channel.
+            y: (N, D) measured minus predicted, m, rad or N·m.
+            base: (N, D, P) columns per unit of each unknown.
+            unknowns: The P unknowns.
+            family: Coordinate family, common to all coordinates.
+
+        Returns:
+            The problem.
         """
         m = self.motion
         return DiagnosisProblem(
@@ -109,19 +125,33 @@ class MotionModel:
         )
 
     def average_coordinates(self, x: Array) -> Array:
-        """(N, D, p) of a signal (M, D, p) of all coordinates; (N, D) of (M, D)."""
+        """Average signals of all coordinates over blocks of samples.
+
+        Args:
+            x: (M, D, p) or (M, D) signals.
+
+        Returns:
+            (N, D, p) or (N, D).
+        """
         part = self.motion.subtract_period_mean(self.motion.average_blocks(x))
         if self.scale is None:
             return part
         return part * (self.scale if x.ndim == 2 else self.scale[:, None])
 
     def is_joint_moving(self, joint: int) -> bool:
-        """Whether a joint moves at all."""
+        """Return whether a joint moves.
+
+        Args:
+            joint: Joint index, 0-based.
+
+        Returns:
+            True if its range exceeds the threshold.
+        """
         return bool(np.ptp(self.motion.q[:, joint]) > thresholds.MOTION.moves)
 
 
 class ExplainedPower:
-    """What columns take of a problem's power once the base is refitted beside them; coordinates weighted alike."""
+    """Power of a problem that columns explain after the base was projected out; equal weight for all coordinates."""
 
     def __init__(self, y: Array, base: Array, weight: Array) -> None:
         self.weight = weight
@@ -135,18 +165,39 @@ class ExplainedPower:
         return np.asarray(x - self.Q @ (self.Q.T @ x))
 
     def compute_remaining_share(self, column: Array) -> float:
-        """Share of the length of (N, D, p) that the base cannot make up."""
+        """Compute the share of columns that the base cannot reproduce.
+
+        Args:
+            column: (N, D, p) columns.
+
+        Returns:
+            Ratio of norms, 0 to 1.
+        """
         flat = (column * self.weight[:, None]).reshape(-1, column.shape[2])
         left = np.stack([self._project_out_base(x) for x in flat.T], axis=1)
         return float(np.linalg.norm(left) / max(np.linalg.norm(flat), np.finfo(float).tiny))
 
     def misfit(self, change: Array) -> float:
-        """Power left by (N, D) taken as it is."""
+        """Compute the residual power after subtraction of a fixed signal.
+
+        Args:
+            change: (N, D) signal.
+
+        Returns:
+            Weighted sum of squares.
+        """
         left = self.remaining - self._project_out_base((change * self.weight).reshape(-1))
         return float(left @ left)
 
     def gain(self, column: Array) -> float:
-        """Power that (N, D, 1) takes with its best coefficient."""
+        """Compute the power that a column explains with its best coefficient.
+
+        Args:
+            column: (N, D, 1) column.
+
+        Returns:
+            Reduction of the weighted sum of squares.
+        """
         x = self._project_out_base((column[:, :, 0] * self.weight).reshape(-1))
         power = float(x @ x)
         return float(x @ self.remaining) ** 2 / power if power > 0 else 0.0
@@ -155,13 +206,16 @@ class ExplainedPower:
 def build_joint_selector(
     motion: MotionSignals, dimensions: int, joints: list[int] | None = None, scale: Array | None = None
 ) -> Callable[[int, Array], Array]:
-    """A joint's signal counts in its own coordinate only: joint torques, link-side encoders.
+    """Build the transformation for channels with one coordinate per joint: joint torques, secondary encoders.
 
     Args:
-        motion: the samples.
-        dimensions: D.
-        joints: which joint each coordinate is of; None: joint i is coordinate i.
-        scale: (D,) of the problem's coordinates; None: 1.
+        motion: Motion signals.
+        dimensions: Number of coordinates D.
+        joints: Joint of each coordinate; None: joint i is coordinate i.
+        scale: (D,) scale of the coordinates; None: 1.
+
+    Returns:
+        Function from joint index and (M, p) signal to (N, D, p) columns.
     """
 
     def lift(joint: int, x: Array) -> Array:
@@ -175,13 +229,20 @@ def build_joint_selector(
 
 
 def cache_columns(columns: Callable[[Shape], Array]) -> Callable[[Shape], Array]:
-    """The same columns (N, D, p), worked out once a shape: a search asks several times, and samples are many."""
+    """Cache the columns of each shape, because a search evaluates them several times.
+
+    Args:
+        columns: Function from a shape to columns (N, D, p).
+
+    Returns:
+        The cached function.
+    """
     known: dict[Shape, tuple[Ints, Array, tuple[int, ...]]] = {}
 
     def of(shape: Shape) -> Array:
         if shape not in known:
             whole = columns(shape)
-            moved = np.flatnonzero(np.any(whole.any(axis=0), axis=1))  # both axes at once take five times as long
+            moved = np.flatnonzero(np.any(whole.any(axis=0), axis=1))  # reducing both axes at once is five times slower
             known[shape] = moved, whole[:, moved], whole.shape
         moved, part, size = known[shape]
         out = np.zeros(size)
@@ -202,7 +263,22 @@ def build_joint_law_hypothesis(
     shapes: tuple[Shape, ...] = ((),),
     **more: Any,
 ) -> EffectHypothesis:
-    """A hypothesis at one joint from its signal (M,) or (M, p) at each shape."""
+    """Build a hypothesis at one joint from its signal.
+
+    Args:
+        scene: Motion model.
+        joint: Joint index, 0-based.
+        effect: Name of the effect.
+        law: Name of the law.
+        equation: Equation of the law.
+        signal: Function from a shape to the signal (M,) or (M, p).
+        quantities: Function from coefficients and shape to reported quantities.
+        shapes: Grid of shapes.
+        **more: Further fields of :class:`EffectHypothesis`.
+
+    Returns:
+        The hypothesis.
+    """
     return EffectHypothesis(
         effect=effect,
         location=format_joint_location(joint + 1),
@@ -218,7 +294,19 @@ def build_joint_law_hypothesis(
 
 
 def build_binned_curve(scene: MotionModel, x: Array, y: Array, x_label: str, y_label: str, bins: int = 80) -> LawCurve:
-    """A law over what drives it: means over bins of the driver, and its value at every reading."""
+    """Build the curve of a law as means over bins of its driving quantity.
+
+    Args:
+        scene: Motion model.
+        x: (M,) driving quantity, report units.
+        y: (M,) value of the law, report units.
+        x_label: Axis label of x.
+        y_label: Axis label of y.
+        bins: Number of bins with equal counts.
+
+    Returns:
+        The curve with the value at every reading.
+    """
     at, value = scene.motion.average_blocks(x), scene.motion.average_blocks(y)
     edges = np.quantile(at, np.linspace(0.0, 1.0, bins + 1))
     which = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, bins - 1)

@@ -1,7 +1,7 @@
-"""What the tool side carries beyond the cell's statement, in any channel: each law of the registry.
+"""Payload errors relative to the cell in any channel: each registered payload law.
 
-Resting readings see its weight through the joints' springs; joint torques of a motion its weight and inertia as they
-are (:meth:`machopt.dynamics.rigid_body.RigidBodyDynamics.compute_regressors`).
+Static readings show the weight through the joint springs. Joint torques of a motion show weight and inertia
+(:meth:`machopt.dynamics.rigid_body.RigidBodyDynamics.compute_regressors`).
 """
 
 from __future__ import annotations
@@ -24,11 +24,18 @@ from machopt.measurement.diagnosis.data_types.static_readings import StaticReadi
 from machopt.measurement.diagnosis.effect_columns.motion_columns import MotionModel
 from machopt.numerics.array_types import Array
 
-PAYLOAD_COEFFICIENTS = 4  # mass and its three moments
+PAYLOAD_COEFFICIENTS = 4  # mass and three first moments
 
 
 def build_static_payload_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """Seen by how far the joints' springs give under weight."""
+    """Build the payload laws for static readings, visible by the deflection of the joint springs under weight.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses; none if masses are unknown.
+    """
     if r.masses is None:
         return []
     own = r.masses.body == 6
@@ -45,11 +52,15 @@ def build_static_payload_hypotheses(r: StaticReadings) -> list[EffectHypothesis]
 
 
 def build_motion_payload_hypotheses(scene: MotionModel, columns: Array) -> list[EffectHypothesis]:
-    """Seen in the joints' torques.
+    """Build the payload laws for joint torques.
 
     Args:
-        scene: channel torque.
-        columns: (N, D, 4) N·m of :meth:`machopt.dynamics.rigid_body.RigidBodyDynamics.compute_regressors`.
+        scene: Motion model of the torque channel.
+        columns: (N, D, 4) torque per kg and kg·m, of
+            :meth:`machopt.dynamics.rigid_body.RigidBodyDynamics.compute_regressors`.
+
+    Returns:
+        The hypotheses.
     """
     assert scene.dynamics is not None
     com = scene.dynamics.tool_com
@@ -66,7 +77,7 @@ def _build_payload_hypotheses(
     seen: ToolSideLoad, cause: str, family: str, note: str, *, recorded: bool = False
 ) -> list[EffectHypothesis]:
     laws = [(e, law, law.grid(seen)) for e in registry.select_payload_effects() for law in e.payload_laws]
-    if recorded:  # accelerations tell mass and moments apart: the whole load is what limits are stated of
+    if recorded:  # accelerations separate mass and moments: detection limits refer to the whole load
         laws.sort(key=lambda each: len(each[1].coefficients) < PAYLOAD_COEFFICIENTS)
     return [_build_payload_hypothesis(seen, e, law, cause, family, note, recorded) for e, law, grid in laws if grid]
 
@@ -103,17 +114,17 @@ def _build_payload_hypothesis(
 
 
 def _locate_known_load(seen: ToolSideLoad) -> Array:
-    """(1, 4) a load where the cell's own is; a moment beside it shows more, and a limit of any load would be its."""
+    """Return a load (1, 4) at the position of the cell's own load, which detection limits refer to."""
     return np.asarray(np.r_[1.0, seen.centre - seen.reference_point][None, :])
 
 
 def _is_part_of_load(effect: Effect, law: PayloadLaw) -> bool:
-    """Whether a law holds part of a load as stated where another one of the effect does not."""
+    """Return whether a law keeps a part of the load as stated that another law of the effect changes."""
     return len(law.coefficients) < max(len(one.coefficients) for one in effect.payload_laws)
 
 
 def _project_to_physical_load(x: Array, normal: Array, *, carried: float) -> Array:
-    """The nearest mass and moments (4,), by how the misfit grows, of a tool side that weighs no less than nothing."""
+    """Return the nearest mass and moments (4,), in the metric of the misfit, with non-negative total mass."""
     if x[0] >= -carried:
         return x
     step = -carried - float(x[0])
@@ -122,14 +133,14 @@ def _project_to_physical_load(x: Array, normal: Array, *, carried: float) -> Arr
 
 
 def _compute_weight_columns(r: StaticReadings) -> Array:
-    """(N, D, 4) m, rad per kg at the flange's origin and per kg·m along its axes."""
-    assert r.masses is not None  # at_rest asks
+    """Return columns (N, D, 4) m, rad per kg at the flange origin and per kg·m along its axes."""
+    assert r.masses is not None  # checked by the caller
     assert r.state.R_bodies is not None  # readings come with bodies
     assert r.state.p_bodies is not None
     T = r.state.T_base_tool
     R = T[:, :3, :3] @ r.T_flange_tcp[:3, :3].T
     flange = r.state.R_bodies[:, 6] @ r.robot.T_base_flange_zero[:3, 3] + r.state.p_bodies[:, 6]
-    arm = flange - T[:, :3, 3]  # as seen from the TCP, or from the reflector that was measured
+    arm = flange - T[:, :3, 3]  # relative to the measured point (TCP or reflector)
     g = np.broadcast_to(r.masses.gravity, arm.shape)
     zero = np.zeros_like(arm)
     parts = [np.concatenate([g, np.cross(arm, g)], axis=1)]

@@ -1,7 +1,6 @@
-"""Effects on the record of an arm at rest: each law of the registry, through the compliance found so far.
+"""Errors of a static recording: each registered law, through the compliance identified so far.
 
-Errors of the load act on the displacement through the arm: recorded w = acting w + error, hence
-δ = C (w_recorded − error).
+Load errors act through the arm: recorded w = acting w + error, hence δ = C (w_recorded − error).
 """
 
 from __future__ import annotations
@@ -25,7 +24,14 @@ NOTE = "in the record, not in the robot"
 
 
 def build_load_test_sensor_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """Those of a load test, on forces and displacements."""
+    """Build the sensor errors of load tests: forces and displacements.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses.
+    """
     tool = r.state.T_base_tool[:, :3, :3]
     base = np.broadcast_to(np.eye(3), tool.shape)
     frames = {"wrench": r.recording.wrench_frame, "displacement": r.recording.displacement_frame}
@@ -42,7 +48,14 @@ def build_load_test_sensor_hypotheses(r: StaticReadings) -> list[EffectHypothesi
 
 
 def build_pose_sensor_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """Those on the position of the TCP, where the record says in which frame it is."""
+    """Build the sensor errors of measured positions, if the recording states their frame.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses.
+    """
     axes = np.broadcast_to(np.eye(3), (len(r), 3, 3))
     seen = RecordedLoad(
         r.wrench,
@@ -59,7 +72,9 @@ def build_pose_sensor_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def _compute_point_displacement(r: StaticReadings, way: Array) -> Array:
-    """(N, D, P) m, rad, of load and displacement at points that lie (N, 3+, P) m from the TCP, to first order."""
+    """Return the displacement (N, D, P) m, rad for load and target at points (N, 3+, P) m from the TCP, to first
+    order.
+    """
     tau = r.load_torque * r.compliance
     turned = np.einsum("nci,ni->nc", r.state.J[:, 3:], tau)
     if r.bodies is not None:
@@ -83,7 +98,9 @@ def _build_sensor_hypothesis(r: StaticReadings, effect: Effect, law: RecordLaw, 
     def columns(shape: Shape) -> Array:
         more = law.columns(np.array(shape), seen)
         if law.affected_quantity == "position":
-            return r.project_to_measured(more, BODY_BEHIND_FLANGE)  # no inclinometer tells where the tracker stands
+            return r.project_to_measured(
+                more, BODY_BEHIND_FLANGE
+            )  # an inclinometer does not depend on the tracker frame
         if law.affected_quantity == "point":
             return _compute_point_displacement(r, more)
         if law.affected_quantity != "wrench":

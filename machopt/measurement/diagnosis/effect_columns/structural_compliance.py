@@ -1,9 +1,8 @@
-"""Bodies that give way under what they bear, as resting readings see them: each law of the registry, at the TCP.
+"""Compliant bodies in static readings: each registered law, transformed to the TCP.
 
-A load test cancels weight; a measured pose does not. What hangs on the far side of a spring acts on it with the
-resultant of its weights and the recorded load. A wrench on the far side may be stated anywhere there, so at the TCP:
-f = Σ m g + f_load, m = Σ (p_b − p_TCP) × m g + m_load. A link's own weight is spread along it, evenly from its root to
-twice as far as its centre of mass.
+Weight cancels in load tests but not in measured poses. All weights beyond a spring and the recorded load act on it.
+Their resultant is referred to the TCP: f = Σ m g + f_load, m = Σ (p_b − p_TCP) × m g + m_load. The own weight of a
+link is distributed evenly from its root to twice the distance of its centre of mass.
 """
 
 from __future__ import annotations
@@ -24,22 +23,31 @@ from machopt.stiffness.terms.body_spring import BodySpring, SpringLocation, buil
 from machopt.stiffness.terms.compilation import build_body_spring
 
 NOTE = "out of what the joints' torques explain"
-LAST = "link:6"  # one body with the tool, where it is sought
+LAST = "link:6"  # one body with the tool; tried as tool compliance
 WEIGHT = ", w weight and load"
 
 
 def build_structure_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """The laws of every body at every place."""
+    """Build the laws of all compliant bodies at all places.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses.
+    """
     out = []
     for effect in registry.select_body_effects():
         for where in (p for p in effect.places if p != LAST):
             place = locate_spring(r.robot, r.T_flange_tcp, where)
             load = compute_carried_wrench(r, place)
             laws = [law for law in effect.body_laws if r.is_difference or law.includes_weight]
-            shown = [law.restrict_to_observed(r.dimensions, turning=bool(r.wrench[:, 3:].any())) for law in laws]
+            observable_laws = [
+                law.restrict_to_observed(r.dimensions, turning=bool(r.wrench[:, 3:].any())) for law in laws
+            ]
             for law in {
-                one.name: one for one in shown
-            }.values():  # some are the same where moments or turning are missing
+                one.name: one for one in observable_laws
+            }.values():  # some laws coincide without moments or measured rotations
                 grid = law.grid(place.shape)
                 if grid:
                     out.append(_build_structure_hypothesis(r, effect, place, law, load, grid))
@@ -47,14 +55,31 @@ def build_structure_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def compute_carried_wrench(r: StaticReadings, place: SpringLocation) -> Array:
-    """(N, 6) N, N·m at the TCP in base axes: recorded load and, of measured poses, the weight of all beyond."""
+    """Compute the wrench that a spring carries: recorded load and, in measured poses, the weight of all bodies beyond
+    it.
+
+    Args:
+        r: Static readings.
+        place: Location of the spring.
+
+    Returns:
+        (N, 6) N, N·m at the TCP in base axes.
+    """
     if r.is_difference or r.masses is None:
         return r.wrench
     return r.wrench + compute_weight_wrench(r, r.masses.body >= place.first_loaded_body)
 
 
 def compute_weight_wrench(r: StaticReadings, carried: NDArray[np.bool_]) -> Array:
-    """(N, 6) N, N·m at the TCP in base axes, of the weight of the bodies (B,) ``carried``."""
+    """Compute the wrench of the weight of selected bodies.
+
+    Args:
+        r: Static readings.
+        carried: (B,) True for selected bodies.
+
+    Returns:
+        (N, 6) N, N·m at the TCP in base axes.
+    """
     if r.masses is None or not carried.any():
         return np.zeros((len(r), 6))
     assert r.state.R_bodies is not None  # readings come with bodies
@@ -68,30 +93,44 @@ def compute_weight_wrench(r: StaticReadings, carried: NDArray[np.bool_]) -> Arra
 
 
 def compute_term_displacement(r: StaticReadings, term: StiffnessTerm) -> Array:
-    """(N, D) m, rad, what a term of a body in stiffness.yaml makes of these readings."""
-    made = build_body_spring(term, r.robot, r.T_flange_tcp)
+    """Compute the displacement of the readings by a body term of stiffness.yaml.
+
+    Args:
+        r: Static readings.
+        term: Term of the stiffness.
+
+    Returns:
+        (N, D) m, rad.
+    """
+    spring = build_body_spring(term, r.robot, r.T_flange_tcp)
     return r.project_to_measured(
-        _compute_tcp_twist(r, made, compute_carried_wrench(r, made.place)) @ made.values,
-        find_first_moved_body(made.place),
+        _compute_tcp_twist(r, spring, compute_carried_wrench(r, spring.place)) @ spring.values,
+        find_first_moved_body(spring.place),
     )
 
 
 def find_first_moved_body(place: SpringLocation) -> int:
-    """The first body that moves where this one gives way; a link that bends moves itself
-    (:meth:`StaticReadings.seen`)."""
+    """Return the first body that moves if a spring yields; a bending link moves itself.
+
+    Args:
+        place: Location of the spring.
+
+    Returns:
+        Body index, see :meth:`StaticReadings.project_to_measured`.
+    """
     return BODY_BEHIND_FLANGE if place.location == "tool" else place.body
 
 
-def _compute_tcp_twist(r: StaticReadings, made: BodySpring, load: Array) -> Array:
+def _compute_tcp_twist(r: StaticReadings, spring: BodySpring, load: Array) -> Array:
     """(N, 6, P) m, rad at the TCP per unit of each coefficient."""
-    out = made.compute_response(r.state, load)
-    own = [] if r.is_difference else _list_distributed_weights(r, made.place)
-    sag = made.compute_weight_sag(r.state, own) if own else None
+    out = spring.compute_response(r.state, load)
+    own = [] if r.is_difference else _list_distributed_weights(r, spring.place)
+    sag = spring.compute_weight_sag(r.state, own) if own else None
     return out if sag is None else out + sag
 
 
 def _list_distributed_weights(r: StaticReadings, place: SpringLocation) -> list[tuple[Array, float]]:
-    """Each weight along a link (3,) N, and how far from its root it reaches."""
+    """Return each distributed weight of a link (3,) N and its extent from the root."""
     if r.masses is None or place.first_loaded_body == place.body or not place.shape.length:
         return []
     x = place.shape.axes[:, 0]

@@ -1,6 +1,6 @@
-"""Drift with time and temperature, as resting readings see it: each law of the registry, with what this arm is made of.
+"""Thermal drift in static readings: each registered drift law with the motion patterns of this arm.
 
-A load test counts from the unloaded state of its cycle: it shows what has moved since.
+Load-test readings are relative to the unloaded state of their cycle: only the drift since then is visible.
 """
 
 from __future__ import annotations
@@ -16,11 +16,18 @@ from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_frame_motion_matrix
 
-FOREARM = (3, 4, 5, 6)  # bodies that one casting carries, and grow as one
+FOREARM = (3, 4, 5, 6)  # bodies that expand as one casting
 
 
 def build_thermal_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """The laws of every drift that the record can show."""
+    """Build all drift laws that the recording can show.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The hypotheses.
+    """
     seen = build_thermal_state(r)
     laws = ((e, law, law.grid(seen)) for e in registry.select_drift_effects() for law in e.drift_laws)
     return [_build_thermal_hypothesis(seen, e, law, grid) for e, law, grid in laws if grid]
@@ -50,10 +57,19 @@ def _build_thermal_hypothesis(
 
 
 def build_thermal_state(r: StaticReadings) -> ThermalState:
-    """What heat follows in these readings, and which way it moves the TCP."""
+    """Build times, temperatures and TCP motion patterns of the readings.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        The input of drift laws.
+    """
     temperature, time = r.recording.temperature, r.recording.time
     rise = None
-    if temperature is not None and np.ptp(temperature) > 0.0 and not r.is_difference:  # unloaded states have none
+    if (
+        temperature is not None and np.ptp(temperature) > 0.0 and not r.is_difference
+    ):  # unloaded states have no recorded temperature
         rise = temperature - temperature[r.order[0]]
     since, before = (None, None) if time is None else _compute_session_time(r, time)
     return ThermalState(
@@ -67,7 +83,7 @@ def build_thermal_state(r: StaticReadings) -> ThermalState:
 
 
 def _compute_session_time(r: StaticReadings, time: Array) -> tuple[Array, Array | None]:
-    """(N,) s since each session began, of the readings and of the states that they count from."""
+    """Return the times (N,) s since the session began, of the readings and of their unloaded reference states."""
     since, zero = np.zeros(len(r)), _estimate_unloaded_times(r, time) if r.is_difference else None
     for label in np.unique(r.session):
         rows = r.session == label
@@ -79,7 +95,7 @@ def _compute_session_time(r: StaticReadings, time: Array) -> tuple[Array, Array 
 
 
 def _estimate_unloaded_times(r: StaticReadings, time: Array) -> Array:
-    """(N,) s, when the unloaded state of each reading's cycle stood: as long before the first as readings are apart."""
+    """Return the times (N,) s of each cycle's unloaded state: one reading interval before its first reading."""
     gaps = np.concatenate([np.diff(time[rows]) for rows in r.cycles])
     usual = float(np.median(gaps)) if len(gaps) else 0.0
     out = np.zeros(len(r))
@@ -90,7 +106,14 @@ def _estimate_unloaded_times(r: StaticReadings, time: Array) -> Array:
 
 
 def compute_casting_columns(r: StaticReadings) -> Array:
-    """(N, D, 3) m per unit strain of the carousel, the upper arm, the forearm with the wrist."""
+    """Compute the TCP motion per unit strain of the castings.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        (N, D, 3) m per unit strain of carousel, upper arm, and forearm with wrist.
+    """
     assert r.state.R_bodies is not None  # readings come with bodies
     R = r.state.R_bodies
     points = [*r.robot.point, r.robot.T_base_flange_zero[:3, 3]]
@@ -99,13 +122,20 @@ def compute_casting_columns(r: StaticReadings) -> Array:
         moved = np.zeros((len(r), 6))
         for i in group:
             moved[:, :3] += R[:, i] @ (points[i] - points[i - 1])
-        parts.append(r.project_to_measured(moved, BODY_BEHIND_FLANGE))  # a link that grows turns nothing
+        parts.append(r.project_to_measured(moved, BODY_BEHIND_FLANGE))  # an expanding link does not rotate
     return np.stack(parts, axis=2)
 
 
 def compute_stand_columns(r: StaticReadings) -> Array:
-    """(N, D, 6) shift in m and turn in rad of the stand about the middle of the points."""
+    """Compute the TCP motion per unit translation and rotation of the stand about the centroid of the points.
+
+    Args:
+        r: Static readings.
+
+    Returns:
+        (N, D, 6) m, rad per m and rad.
+    """
     p = r.state.T_base_tool[:, :3, 3]
     return r.project_to_measured(
         compute_frame_motion_matrix(p, p.mean(axis=0)), BODY_BEHIND_FLANGE
-    )  # the tracker's: an inclinometer on the arm sees none of it
+    )  # motion of the tracker's stand: an inclinometer on the arm does not measure it

@@ -1,16 +1,15 @@
-"""Laws of a user's own, tried beside the catalogue: from a Python file, or from an installed package.
+"""User-defined hypotheses in addition to the catalogue, from a Python file or an installed package.
 
-A file or entry point (group ``machopt.measurement.diagnosis``) offers ``hypotheses(readings)``, a function that takes
-the
-:class:`~machopt.measurement.diagnosis.data_types.static_readings.StaticReadings` of a load test or of poses and yields
-:class:`~machopt.measurement.diagnosis.data_types.diagnosis_problem.EffectHypothesis` objects. docs/diagnose.md has one
-in twenty lines.
+A file or entry point (group ``machopt.measurement.diagnosis``) provides ``hypotheses(readings)``. It takes the
+:class:`~machopt.measurement.diagnosis.data_types.static_readings.StaticReadings` of a load test or of poses and
+yields :class:`~machopt.measurement.diagnosis.data_types.diagnosis_problem.EffectHypothesis` objects. docs/diagnose.md
+has an example of twenty lines.
 
-A file may offer ``EFFECTS`` instead or beside it (:mod:`machopt.effects.user_effects`): laws of joints, which every
-channel then tries and stiffness.yaml holds.
+A file may also define ``EFFECTS`` (:mod:`machopt.effects.user_effects`): joint laws that every channel tries and that
+stiffness.yaml can state.
 
-Either is code: loading it runs it, with all the rights of whoever started machopt. A package offers its laws by being
-installed; a file is run only where ``--effects`` names it.
+Both are code that runs with the user's rights when it is loaded. A package is active when it is installed. A file is
+run only if ``--effects`` names it.
 """
 
 from __future__ import annotations
@@ -29,13 +28,16 @@ HypothesisSource = Callable[[StaticReadings], Iterable[EffectHypothesis]]
 
 
 def load_hypothesis_sources(own: Sequence[UserModule] = ()) -> list[tuple[str, HypothesisSource]]:
-    """Functions that offer laws, with where they come from.
+    """Load the functions that provide hypotheses, with their sources.
 
     Args:
-        own: files of the user's; what installed packages offer comes first.
+        own: Loaded modules of the user; those of installed packages come first.
+
+    Returns:
+        Pairs of source and function.
 
     Raises:
-        InputError: a file that has neither a function ``hypotheses`` nor effects.
+        InputError: A file defines neither a function ``hypotheses`` nor effects.
     """
     out: list[tuple[str, HypothesisSource]] = list(find_entry_points(GROUP))
     for o in own:
@@ -54,10 +56,17 @@ def load_hypothesis_sources(own: Sequence[UserModule] = ()) -> list[tuple[str, H
 def build_user_hypotheses(
     sources: Sequence[tuple[str, HypothesisSource]], readings: StaticReadings
 ) -> list[EffectHypothesis]:
-    """The laws themselves, checked.
+    """Build and check the user-defined hypotheses.
+
+    Args:
+        sources: Pairs of source and function.
+        readings: Static readings.
+
+    Returns:
+        The hypotheses.
 
     Raises:
-        InputError: something that is no Hypothesis, or columns of the wrong shape or with NaN.
+        InputError: An object is no hypothesis, or columns have a wrong shape or NaN.
     """
     out: list[EffectHypothesis] = []
     for source, offer in sources:

@@ -1,1 +1,3 @@
-"""Which effects together explain what is left, and what of that is proven: the same for every channel."""
+"""Model selection: which effects together explain the mismatch, and which of them are significant. Common to all
+channels.
+"""

@@ -1,10 +1,10 @@
-"""The steps of a diagnosis in order, the same for every channel.
+"""Steps of a diagnosis, common to all channels.
 
 ::
 
-    base, robust ─► noise from twins ─► whiten ─► search ─► once more about what was found ─► findings, limits, proof
-                         ▲                                        │
-                         └────────── outliers, noise, known physics again ──────────┘
+    robust base ─► noise from replicates ─► whiten ─► search ─► repeat about the effects ─► findings, limits, proof
+                       ▲                                │
+                       └──── outliers, noise, linearisation ────┘
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """How a diagnosis is made."""
+    """Options of a diagnosis."""
 
-    max_effects: int = 3  # effects
-    predicted: str = ""  # the channel in words
+    max_effects: int = 3  # most effects of forward selection
+    predicted: str = ""  # name of the channel in texts
     progress: Callable[[str], None] = lambda _: None
 
 
@@ -69,19 +69,22 @@ def diagnose_problem(
     rng: np.random.Generator,
     rebuild: Rebuild | None = None,
 ) -> DiagnosisResult:
-    """Find what a model leaves out of a recording.
+    """Find the effects that a model lacks.
 
     Args:
-        problem: what was measured, and what is refitted in any case.
-        catalogue: what may explain the rest.
-        options: how many effects at most.
-        rng: of sign flips, folds and directions.
-        rebuild: problem and catalogue once more about base coefficients (P,) SI that were found, without unknowns of
-            these numbers that no such thing can have, and about the corrections without load that were found (which
-            makes the rounds of the search Gauss-Newton steps); None: they stand.
+        problem: Regression problem.
+        catalogue: Catalogue of hypotheses.
+        options: Options of the diagnosis.
+        rng: Random generator of sign flips, folds and directions.
+        rebuild: Function that rebuilds problem and catalogue about fitted base coefficients (P,) SI and
+            load-independent corrections, without implausible unknowns. It makes the iterations Gauss–Newton
+            steps. None keeps them.
+
+    Returns:
+        The result.
     """
     seed = int(rng.integers(2**31))
-    # not kept here: most of the memory is the columns of all laws, which the proof does without
+    # not stored: the columns of all laws use most of the memory, and the validation does not need them
     return _build_diagnosis(
         attribution_guard.withhold_unsupported_names(
             limiting_case_laws.rename_limiting_cases(
@@ -98,23 +101,23 @@ def diagnose_problem(
 
 @dataclass(frozen=True, kw_only=True)
 class _ValidatedFindings:
-    """What was found, held against readings that no fit saw; residuals (N, D) in SI."""
+    """Findings validated on held-out readings; residuals (N, D) in SI."""
 
     findings: tuple[Finding, ...]  # with K_C, where the recording shows it
-    withdrawn: tuple[Finding, ...]  # they predict what no fit saw no better
+    withdrawn: tuple[Finding, ...]  # findings that do not improve held-out predictions
     geometric_stiffness: GeometricStiffnessFinding | None
-    uncatalogued: tuple[SelectedEffect, ...]  # chosen, and no effect has the form
-    residual_before: Array  # of unseen readings, without findings
-    residual_after: Array  # with them
-    final: FittedModel  # with what stayed
-    mismatch_before: repeatable_mismatch.RepeatableMismatch  # of ``before``
-    mismatch_after: repeatable_mismatch.RepeatableMismatch  # of ``after``
-    power: float  # of ``there``, at least zero
-    is_relevant: bool  # there is something that comes back, and it matters
+    uncatalogued: tuple[SelectedEffect, ...]  # selected forms that are no effect of the catalogue
+    residual_before: Array  # held-out residuals without findings
+    residual_after: Array  # held-out residuals with findings
+    final: FittedModel  # fit with the remaining findings
+    mismatch_before: repeatable_mismatch.RepeatableMismatch  # of ``residual_before``
+    mismatch_after: repeatable_mismatch.RepeatableMismatch  # of ``residual_after``
+    power: float  # of ``mismatch_before``, at least zero
+    is_relevant: bool  # the mismatch is significant and relevant
 
     @property
     def explained(self) -> float:
-        """The share of what comes back that the findings take."""
+        """Share of the repeatable power that the findings explain."""
         if self.withdrawn or not self.power > 0:
             return 0.0
         return float(np.clip(1.0 - max(self.mismatch_after.power, 0.0) / self.power, 0.0, 1.0))
@@ -122,30 +125,30 @@ class _ValidatedFindings:
 
 @dataclass(frozen=True)
 class _VerdictReason:
-    """The verdict, and what made it less than it would be."""
+    """Verdict with the reasons that weakened it."""
 
     verdict: Verdict
-    excess_noise: instrument_uncertainty_check.ExcessNoise | None  # beyond what the instruments may make
-    another_day: tuple[tuple[str, str], ...]  # what only one day's readings say
+    excess_noise: instrument_uncertainty_check.ExcessNoise | None  # noise beyond the stated uncertainty
+    another_day: tuple[tuple[str, str], ...]  # effects that only one session supports
 
 
 def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.random.Generator) -> DiagnosisResult:
-    """What a finished search leads to; its columns of all laws, most of the memory, are let go before the proof."""
+    """Build the result of a finished search; the columns of all laws are released before the validation."""
     options.progress("rivals and intervals")
-    held = _validate_findings(state, rng)
-    judged = _select_verdict(state, held, rng)
-    shares = _locate_mismatch(state, held, judged.verdict)
+    validated = _validate_findings(state, rng)
+    judged = _select_verdict(state, validated, rng)
+    shares = _locate_mismatch(state, validated, judged.verdict)
     options.progress("detection limits")
-    kept = held.uncatalogued if held.withdrawn else state.chosen
-    seen = _compute_limits(state, kept, rng)
+    remaining = validated.uncatalogued if validated.withdrawn else state.chosen
+    seen = _compute_limits(state, remaining, rng)
     coefficients, shapes = (
-        tuple(_list_base_coefficients(state, kept)),
+        tuple(_list_base_coefficients(state, remaining)),
         sum(len(t.shapes) for t in state.whitened_hypotheses),
     )
     state = replace(state, whitened_hypotheses=())
     options.progress("proof on readings that no step saw")
-    proof = validate_on_holdout(state, options.max_effects, rng) if held.findings or held.withdrawn else None
-    result = _build_diagnosis_result(state, held, judged, options.predicted)
+    proof = validate_on_holdout(state, options.max_effects, rng) if validated.findings or validated.withdrawn else None
+    result = _build_diagnosis_result(state, validated, judged, options.predicted)
     result = replace(
         result,
         mismatch=tuple(shares),
@@ -164,10 +167,10 @@ def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.rand
 
 
 def _build_diagnosis_result(
-    state: SearchState, held: _ValidatedFindings, judged: _VerdictReason, predicted: str
+    state: SearchState, validated: _ValidatedFindings, judged: _VerdictReason, predicted: str
 ) -> DiagnosisResult:
-    """Findings, verdict and the sizes of what is left; places, limits and proof are yet to come."""
-    problem, used, before, after = state.problem, state.used_rows, held.residual_before, held.residual_after
+    """Build findings, verdict and error sizes; locations, limits and validation follow later."""
+    problem, used, before, after = state.problem, state.used_rows, validated.residual_before, validated.residual_after
     factor = problem.families[0].factor
     by_group, groups = holdout_residuals.compute_rmse_by_group(problem, (before, after), used)
     return DiagnosisResult(
@@ -178,12 +181,12 @@ def _build_diagnosis_result(
         unit=problem.families[0].unit,
         heldout_before=holdout_residuals.compute_rmse(problem, before, used),
         noise_floor=holdout_residuals.compute_noise_floor(problem, state.noise, used),
-        repeatable=factor * float(np.sqrt(held.power)),
-        mismatch_p=held.mismatch_before.p_value,
+        repeatable=factor * float(np.sqrt(validated.power)),
+        mismatch_p=validated.mismatch_before.p_value,
         heldout_after=holdout_residuals.compute_rmse(problem, after, used),
-        explained=held.explained,
-        repeatable_after=factor * float(np.sqrt(max(held.mismatch_after.power, 0.0))),
-        findings=held.findings,
+        explained=validated.explained,
+        repeatable_after=factor * float(np.sqrt(max(validated.mismatch_after.power, 0.0))),
+        findings=validated.findings,
         mismatch=(),
         limits=(),
         untestable=state.catalogue.untestable,
@@ -193,24 +196,24 @@ def _build_diagnosis_result(
         used=used,
         outliers=problem.row[~used],
         axes=state.catalogue.axes,
-        notes=tuple(verdict_text.describe_withdrawn_findings(held.withdrawn))
+        notes=tuple(verdict_text.describe_withdrawn_findings(validated.withdrawn))
         + verdict_text.describe_noise_source(state.noise)
         + holdout_residuals.describe_other_instruments(problem, before, after, state.noise, used)
         + (() if judged.excess_noise is None else (judged.excess_noise.words,))
         + verdict_text.describe_session_contradictions(judged.another_day)
-        + unmodelled_interfaces.describe_uncatalogued_forms([c.whitened.hypothesis for c in held.uncatalogued]),
+        + unmodelled_interfaces.describe_uncatalogued_forms([c.whitened.hypothesis for c in validated.uncatalogued]),
     )
 
 
 def _validate_findings(state: SearchState, rng: np.random.Generator) -> _ValidatedFindings:
-    """Findings that predict what no fit saw, those that do not, and how much of the misfit comes back."""
+    """Return the findings that improve held-out predictions, those that do not, and the repeatable mismatch."""
     problem, used = state.problem, state.used_rows
     named = [k for k, c in enumerate(state.chosen) if c.whitened.hypothesis.is_in_catalogue]
     nameless = tuple(c for c in state.chosen if not c.whitened.hypothesis.is_in_catalogue)
     plain, final = state.fit_effects(()), state.fit_effects([state.chosen[k] for k in named])
     before, after = plain.heldout(), final.heldout()
     known = find_geometric_stiffness(state)
-    if known is not None:  # K_C was counted from the start: without it the mismatch would have been larger
+    if known is not None:  # K_C is part of the model: without it the mismatch would have been larger
         before = known.residual_without
     there = repeatable_mismatch.measure_repeatable_mismatch(
         problem, before, used, state.noise, rng, plain.compute_prediction_noise()
@@ -245,7 +248,7 @@ def _validate_findings(state: SearchState, rng: np.random.Generator) -> _Validat
 
 
 def _is_mismatch_relevant(state: SearchState, there: repeatable_mismatch.RepeatableMismatch, power: float) -> bool:
-    """Whether what comes back is surely there, and large enough beside the noise."""
+    """Return whether the repeatable mismatch is significant and large compared with the noise."""
     sure = (
         np.isnan(there.p_value)
         or there.p_value <= thresholds.PROOF.certain
@@ -254,34 +257,36 @@ def _is_mismatch_relevant(state: SearchState, there: repeatable_mismatch.Repeata
     return bool(sure and np.sqrt(power) > thresholds.PROOF.matters * state.noise.total(0))
 
 
-def _select_verdict(state: SearchState, held: _ValidatedFindings, rng: np.random.Generator) -> _VerdictReason:
+def _select_verdict(state: SearchState, validated: _ValidatedFindings, rng: np.random.Generator) -> _VerdictReason:
     problem, used, noise = state.problem, state.used_rows, state.noise
     verdict: Verdict
-    if held.findings:
+    if validated.findings:
         verdict = (
-            "explained" if _is_fully_explained(state, held.mismatch_after, held.residual_after) else "partly_explained"
+            "explained"
+            if _is_fully_explained(state, validated.mismatch_after, validated.residual_after)
+            else "partly_explained"
         )
     else:
-        verdict = "unexplained" if held.is_relevant or held.withdrawn else "consistent"
+        verdict = "unexplained" if validated.is_relevant or validated.withdrawn else "consistent"
     if repeatable_mismatch.has_repeatable_instrument_error(
-        problem, held.residual_after, used, noise, rng, held.final.compute_prediction_noise()
+        problem, validated.residual_after, used, noise, rng, validated.final.compute_prediction_noise()
     ):
         verdict = instrument_uncertainty_check.weaken_verdict(verdict)
-    few = len(np.unique(problem.group)) < thresholds.PROOF.fewest_groups  # predicting one from the rest goes too far
+    few = len(np.unique(problem.group)) < thresholds.PROOF.fewest_groups  # too few groups for cross-validation
     left = instrument_uncertainty_check.check_stated_uncertainty(
-        problem, held.final.residual if few else held.residual_after, noise, used
+        problem, validated.final.residual if few else validated.residual_after, noise, used
     )
     if left is not None:
         verdict = left.verdict(verdict)
     other_day = attribution_guard.find_contradicted_effect(state)
     apart = () if other_day is None else (other_day.whitened.hypothesis.name,)
-    if apart or held.uncatalogued:
+    if apart or validated.uncatalogued:
         verdict = instrument_uncertainty_check.weaken_verdict(verdict)
     return _VerdictReason(verdict, left, apart)
 
 
-def _locate_mismatch(state: SearchState, held: _ValidatedFindings, verdict: Verdict) -> list[MismatchShare]:
-    """Where the misfit is: what was found, other places in the machine, then what of the recording it goes with."""
+def _locate_mismatch(state: SearchState, validated: _ValidatedFindings, verdict: Verdict) -> list[MismatchShare]:
+    """Locate the mismatch: findings, further places in the machine, then axes of the data."""
     problem, used = state.problem, state.used_rows
     machine: list[MismatchShare] = []
     data: list[MismatchShare] = []
@@ -289,33 +294,33 @@ def _locate_mismatch(state: SearchState, held: _ValidatedFindings, verdict: Verd
         beyond = max(state.base.rss - len(state.base.y) + state.base.count, 1.0)
         machine = repeatable_mismatch.locate_in_machine(score_hypotheses(state.base, state.whitened_hypotheses), beyond)
         data = repeatable_mismatch.locate_in_data(
-            problem, held.residual_before, used, state.noise, state.catalogue.axes
+            problem, validated.residual_before, used, state.noise, state.catalogue.axes
         )
-    if held.mismatch_before.is_over_time and held.is_relevant:
+    if validated.mismatch_before.is_over_time and validated.is_relevant:
         lasts = MismatchShare(
             "environment", 1.0, "what one visit shows, the next one shows too, at another pose: it lasts"
         )
         machine = [lasts, *(s for s in machine if s.axis != "environment")]
-    shares = _list_location_shares(state, held.findings, machine)
-    if held.geometric_stiffness is not None:
-        shares = held.geometric_stiffness.add_to_shares(
+    shares = _list_location_shares(state, validated.findings, machine)
+    if validated.geometric_stiffness is not None:
+        shares = validated.geometric_stiffness.add_to_shares(
             shares, holdout_residuals.compute_noise_floor(problem, state.noise, used)
         )
     return shares + data[:3]
 
 
 def _is_fully_explained(state: SearchState, rest: repeatable_mismatch.RepeatableMismatch, after: Array) -> bool:
-    """Whether findings leave no repeatable part, or no more than noise may make."""
+    """Return whether the findings leave no repeatable mismatch, or no more than noise may cause."""
     noise_floor = holdout_residuals.compute_noise_floor(state.problem, state.noise, state.used_rows)
     if holdout_residuals.compute_rmse(state.problem, after, state.used_rows) <= thresholds.PROOF.as_noise * noise_floor:
         return True
-    return rest.p_value > thresholds.PROOF.certain  # nothing was repeated: not a number, and not known
+    return rest.p_value > thresholds.PROOF.certain  # NaN without replicates: unknown
 
 
 def _compute_limits(
     state: SearchState, chosen: Sequence[SelectedEffect], rng: np.random.Generator
 ) -> list[DetectionLimit]:
-    """Limits beside what was found; of what was found, beside the rest of it."""
+    """Return detection limits with all findings included; for a finding with the other findings included."""
     found = {c.whitened.hypothesis.name for c in chosen}
     rest = {t.hypothesis.name for t in state.catalogue_hypotheses} - found
     others = [t for t in state.catalogue_hypotheses if t.hypothesis.name in rest]
@@ -358,7 +363,7 @@ def _build_finding(state: SearchState, k: int) -> Finding:
 
 
 def _project_residual(residual: Array, columns: Array, x: Array, law: Array) -> Array:
-    """(N,) residual along what the law does to each reading, in the law's own unit."""
+    """Return the residuals (N,) along the law's displacement of each reading, in the unit of the law."""
     moved = columns @ x  # (N, D)
     power = np.einsum("nd,nd->n", moved, moved)
     share = np.einsum("nd,nd->n", moved, residual) / np.maximum(power, 1e-300)
@@ -368,7 +373,7 @@ def _project_residual(residual: Array, columns: Array, x: Array, law: Array) -> 
 def _list_location_shares(
     state: SearchState, findings: Sequence[Finding], machine: list[MismatchShare]
 ) -> list[MismatchShare]:
-    """What was found first, by what it explains; then the other places that explain some of it alone."""
+    """Return the shares of the findings first, then of other places that explain some of the mismatch alone."""
     total = {c.whitened.hypothesis.location: max(c.scored.total, 0.0) for c in state.chosen}
     whole = sum(total.values())
     beyond = max(state.base.rss - len(state.base.y) + state.base.count, whole, 1e-9)
@@ -386,7 +391,7 @@ def _list_base_coefficients(state: SearchState, chosen: Sequence[SelectedEffect]
     _, covariance, _ = compute_cluster_robust_fit(add_selected_effects(state.base, chosen))
     P = len(state.base_units)
     m, X = state.base, state.base.X
-    held = m.Xy.sum(axis=0)  # beside the effects as they are said, which bounds may have moved
+    held = m.Xy.sum(axis=0)  # with the effects as reported, which bounds may have changed
     for c in chosen:
         held = held - X.T @ (c.columns @ c.scored.x)
     x = m.inverse @ held

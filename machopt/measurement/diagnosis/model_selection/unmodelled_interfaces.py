@@ -1,10 +1,9 @@
-"""What no word of the catalogue means, kept beside it so that no effect is named in its place.
+"""Forms that are no effect of the catalogue, tried so that no effect is reported in their place.
 
-A law stands in for whatever it resembles most. Where a displacement of the record as a whole, in no joint and by no
-body's stiffness, predicts unseen poses better than every law, then that is what is there: it is fitted with the rest,
-said with its place, and never named. The forms are those of an interface that is not elastic: it slips and stays, or it
-moves by how much and which way it is loaded, whatever the arm does; and of what holds the arm from outside: a hose or a
-cable to the hall pulls at all joints at once, and is no joint's or body's alone.
+A law imitates whatever resembles it. If a displacement of the whole recording, in no joint and by no body stiffness,
+predicts held-out poses better than every law, it is fitted, reported by its location, and never given an effect's
+name. The forms are those of an inelastic interface, which slips, or moves by size and direction of the load alone.
+Another form is an external constraint: a hose or cable to the hall pulls at all joints at once.
 """
 
 from __future__ import annotations
@@ -23,20 +22,23 @@ from machopt.numerics.array_types import Array
 
 Ints = NDArray[np.int64]
 SHARES: tuple[Shape, ...] = tuple((s,) for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9))  # of the largest load
-QUADRATIC_LAW = (0.0,)  # no threshold: with the square of the load
+QUADRATIC_LAW = (0.0,)  # no threshold: proportional to the square of the load
 SLIP_LAW, JUMP_LAW, FRICTION_LAW = "slips and stays", "moves by the load's direction", "holds some of the load back"
 SETTLEMENT_LAW = "moves with the load in one session more than in another"
-POWERS: tuple[Shape, ...] = ((1.0,), (2.0,))  # of the load
-MOST_DAYS = 4  # sessions
+POWERS: tuple[Shape, ...] = ((1.0,), (2.0,))  # exponents of the load
+MOST_DAYS = 4  # most sessions
 PULL_LAW = "is pulled at from outside"
-PULLED_LINKS = (4, 6)  # links whose ends are: the forearm's and the flange's
+PULLED_LINKS = (4, 6)  # links at whose ends a hose may pull: forearm and flange
 
 
 def build_interface_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """Laws of interfaces at the ends of the chain.
+    """Build the forms of inelastic interfaces at both ends of the chain.
 
     Args:
-        r: the readings of a load test.
+        r: Readings of a load test.
+
+    Returns:
+        The hypotheses.
     """
     force = r.wrench[:, :3]
     size = np.linalg.norm(force, axis=1)
@@ -92,7 +94,7 @@ def build_interface_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def _build_floor_settlement(share: Array, session: Ints, wide: Callable[[Array], Array]) -> list[EffectHypothesis]:
-    """A floor or a stand that gives way with the load, along one way in space, on some days more than on the first."""
+    """Build a floor or stand that settles with the load in one direction, differently between sessions."""
     days = np.unique(session)
     if not 1 < len(days) <= MOST_DAYS:
         return []
@@ -112,11 +114,12 @@ def _build_floor_settlement(share: Array, session: Ints, wide: Callable[[Array],
 
 
 def _build_pull_force(r: StaticReadings, link: int) -> EffectHypothesis:
-    """A hose or a cable at the end of a link, from 1: f = f₀ − k (p − p̄), constant in base_link and by where it is.
+    """Build a hose or cable at the end of a link (1-based): f = f₀ − k (p − p̄), constant in base_link and position
+    dependent.
 
-    It is there with the load and without, and yet the load moves the arm otherwise: the arm stands elsewhere, f turns
-    with no joint, and its spring bears some of the load. To first order in f:
-    ∂/∂q[J c Jᵀ w] c Eᵀ f + J c [(∂Eᵀ/∂q f) − k EᵀE] c Jᵀ w, E the Jacobian of that end.
+    It acts with and without load, but the load changes its effect: the arm moves, f does not rotate with the joints,
+    and its spring carries part of the load. To first order in f: ∂/∂q[J c Jᵀ w] c Eᵀ f + J c [(∂Eᵀ/∂q f) − k EᵀE] c
+    Jᵀ w, E the Jacobian of that end.
     """
     assert r.state.R_bodies is not None  # readings come with bodies
     assert r.state.p_bodies is not None
@@ -126,7 +129,7 @@ def _build_pull_force(r: StaticReadings, link: int) -> EffectHypothesis:
         else _compute_flange_positions(r)
     )
     z = r.state.J[:, 3:, :link]
-    # of the end itself: what the TCP moves less what it turns about the end
+    # Jacobian of the link end: TCP motion minus rotation about the end
     end = r.state.J[:, :3, :link] - np.cross(z, (r.state.T_base_tool[:, :3, 3] - at)[:, :, None], axis=1)
     soft = r.compliance[:link]
     stands = compute_joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions, :link]
@@ -135,7 +138,7 @@ def _build_pull_force(r: StaticReadings, link: int) -> EffectHypothesis:
     for a in range(link):
         each = [np.cross(z[:, :, min(a, b)], end[:, :, max(a, b)]) * turned[:, b, None] for b in range(link)]
         swept[:, :, a] = sum(each)
-    own = np.einsum("nca,na->nc", end, turned)  # m, what the load moves that end
+    own = np.einsum("nca,na->nc", end, turned)  # m, displacement of that end by the load
 
     def column(force: Array, borne: Array) -> Array:
         """(N, D, 1) of a force (N, 3) that is there and one (N, 3) that comes with the load."""
@@ -151,11 +154,13 @@ def _build_pull_force(r: StaticReadings, link: int) -> EffectHypothesis:
     form = build_uncatalogued_hypothesis(
         format_link_location(link) if link < 6 else "tool", PULL_LAW, note, lambda shape: columns, ((),)
     )
-    return replace(form, is_approximate=True)  # it may be slack in some poses, and its spring has one way
+    return replace(
+        form, is_approximate=True
+    )  # a cable may be slack in some poses, and its spring acts in one direction
 
 
 def _compute_flange_positions(r: StaticReadings) -> Array:
-    """(N, 3) m of the flange in base_link."""
+    """Return the flange positions (N, 3) m in base_link."""
     back = -r.T_flange_tcp[:3, :3].T @ r.T_flange_tcp[:3, 3]
     return np.asarray(r.state.T_base_tool[:, :3, :3] @ back + r.state.T_base_tool[:, :3, 3])
 
@@ -167,7 +172,18 @@ def _format_axes(axes: str) -> str:
 def build_uncatalogued_hypothesis(
     where: str, name: str, note: str, columns: Callable[[Shape], Array], shapes: tuple[Shape, ...]
 ) -> EffectHypothesis:
-    """One form without a name, at its place, as the hypothesis that it is."""
+    """Build the hypothesis of an uncatalogued form.
+
+    Args:
+        where: Location.
+        name: Name of the form.
+        note: Where it is visible.
+        columns: Function from a shape to columns (N, D, p).
+        shapes: Grid of shapes.
+
+    Returns:
+        The hypothesis.
+    """
     return EffectHypothesis(
         effect=UNCATALOGUED,
         location=where,
@@ -186,7 +202,7 @@ def _compute_size(x: Array, shape: Shape) -> Mapping[str, Quantity]:
 
 
 def _compute_slip_direction(along: Array, share: Array, cycle: Ints, limit: float) -> Array:
-    """(N, 3) direction of the load that first exceeded the limit in a reading's cycle, zero before that."""
+    """Return the direction (N, 3) of the load that first exceeded the limit in a reading's cycle; zero before."""
     out = np.zeros_like(along)
     for label in np.unique(cycle):
         rows = np.flatnonzero(cycle == label)
@@ -197,7 +213,9 @@ def _compute_slip_direction(along: Array, share: Array, cycle: Ints, limit: floa
 
 
 def _compute_load_direction(share: Array, cycle: Ints) -> Array:
-    """(N,) −1 up to a cycle's largest load and +1 once it falls: what friction leaves of it is less, then more."""
+    """Return −1 (N,) up to a cycle's largest load and +1 while it falls: friction reduces, then increases the
+    response.
+    """
     out = np.ones(len(share))
     for label in np.unique(cycle):
         rows = np.flatnonzero(cycle == label)
@@ -206,7 +224,14 @@ def _compute_load_direction(share: Array, cycle: Ints) -> Array:
 
 
 def describe_uncatalogued_forms(laws: list[EffectHypothesis]) -> tuple[str, ...]:
-    """What was found and has no name, in words."""
+    """Describe selected uncatalogued forms.
+
+    Args:
+        laws: Their hypotheses.
+
+    Returns:
+        One sentence per form.
+    """
     return tuple(
         f"something at {h.location} {h.note}: no effect of the catalogue is that, so nothing is named for it, and the "
         "extended model leaves it out"

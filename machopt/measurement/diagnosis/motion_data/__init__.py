@@ -1,1 +1,1 @@
-"""Recorded motions as uniform signals with derivatives."""
+"""Recorded motions as uniformly sampled signals with derivatives."""

@@ -1,4 +1,4 @@
-"""Low-pass without delay. ``scipy.signal`` takes seconds to import, which only a motion should wait for."""
+"""Zero-phase low-pass filter. ``scipy.signal`` takes seconds to import, so it is imported for motions only."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from machopt.numerics.array_types import Array
 
 
 def apply_zero_phase_filter(x: Array, order: int, cutoff: float, rate: float, padding: int | None = None) -> Array:
-    """A Butterworth filter along the first axis, run forwards and backwards.
+    """Apply a Butterworth low-pass along the first axis, forwards and backwards.
 
     Args:
-        x: (M, …) even samples.
-        order: of one run; it counts twice.
-        cutoff, rate: Hz; the cutoff lies below half the rate.
-        padding: samples that are mirrored at either end; None: as scipy chooses.
+        x: (M, …) evenly sampled signal.
+        order: Order of a single pass.
+        cutoff: Cutoff frequency, Hz, below half the sampling rate.
+        rate: Sampling rate, Hz.
+        padding: Samples mirrored at either end; None uses the default of scipy.
 
     Returns:
-        (M, …), not late.
+        (M, …) filtered signal without phase delay.
     """
     from scipy.signal import butter, sosfiltfilt
 

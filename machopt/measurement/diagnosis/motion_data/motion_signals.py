@@ -1,8 +1,8 @@
-"""A recorded motion as signals at one rate: velocity, acceleration, periods, and what is held out together.
+"""Signals of a recorded motion: velocity, acceleration, periods, and cross-validation groups.
 
-Velocities and accelerations come from zero-phase filters at the rate of the recording; everything nonlinear is
-evaluated there too, and only then averaged over blocks of samples, so that a record of 100 000 samples becomes a few
-thousand readings without moving anything in time.
+Velocities and accelerations come from zero-phase filters at the sampling rate. Everything nonlinear is evaluated at
+that rate and then averaged over blocks of samples. A recording of 100 000 samples becomes a few thousand readings
+without time shifts.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from machopt.measurement.diagnosis.motion_data.lowpass_filter import apply_zero_
 from machopt.measurement.diagnosis.motion_data.sample_order import OrderedSamples, sort_samples
 from machopt.numerics.array_types import Array
 
-READINGS = 6000  # rows that a problem has at most
-STRETCHES = 24  # so many where the record is long enough
+READINGS = 6000  # most rows of a problem
+STRETCHES = 24  # number of time blocks of a long recording
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionSignals:
-    """M samples in the order of session and time, and the N readings that they are averaged to. SI."""
+    """M samples in the order of session and time, and the N readings that they are averaged to, SI."""
 
     index: Ints  # (M,) rows of the recording
     rate: float  # Hz
     time: Array  # (M,) s
     session: Ints  # (M,) 0, 1 …
-    segment: Ints  # (M,) without a gap inside
-    period: Ints  # (M,) number of the period, unique over sessions; −1: not periodic
-    cutoff: float  # Hz of the low-pass behind velocity and acceleration
+    segment: Ints  # (M,) segment without time gaps
+    period: Ints  # (M,) index of the period, unique over sessions; −1: not periodic
+    cutoff: float  # Hz, low-pass of velocity and acceleration
     q: Array  # (M, n) rad, encoder as recorded
     v: Array  # (M, n) rad/s
     a: Array  # (M, n) rad/s²
     starts: Ints  # (N,) first sample of each reading's block
-    kept_blocks: NDArray[np.bool_]  # (N,) blocks that count: away from the ends of segments, where filters ring
-    group: Ints  # (N,) kept readings from here on
+    kept_blocks: NDArray[np.bool_]  # blocks that are used: away from the ends of segments, where filters ring
+    group: Ints  # (N,) for used readings, as the following labels
     visit: Ints
     cycle: Ints
     replicate: Ints
@@ -52,20 +52,40 @@ class MotionSignals:
         return len(self.group)
 
     def average_blocks(self, x: Array) -> Array:
-        """(N, …) averages over blocks of what is given per sample, (M, …)."""
+        """Average a signal over blocks of samples.
+
+        Args:
+            x: (M, …) signal.
+
+        Returns:
+            (N, …) block averages.
+        """
         counts = np.diff(np.r_[self.starts, len(self.q)]).astype(float)
         total = np.add.reduceat(x, self.starts, axis=0)
         return np.asarray((total / counts.reshape(-1, *[1] * (x.ndim - 1)))[self.kept_blocks])
 
     def select_block_labels(self, x: Ints) -> Ints:
-        """(N,) labels of each block's first sample."""
+        """Select the labels of each block's first sample.
+
+        Args:
+            x: (M,) labels.
+
+        Returns:
+            (N,) labels.
+        """
         return np.asarray(x[self.starts][self.kept_blocks])
 
     def subtract_period_mean(self, x: Array) -> Array:
-        """(N, …) less what a whole period (a session, if not periodic) is off its kind on average.
+        """Subtract the deviation of each period's (or session's) mean from the overall mean.
 
-        Errors that all samples of a period share would else look like physics to whatever changes from one period to
-        the next. The mean over all is kept, so that a constant stays one.
+        Errors common to all samples of a period would otherwise imitate effects that change between periods. The
+        overall mean is preserved, so that a constant stays constant.
+
+        Args:
+            x: (N, …) block values.
+
+        Returns:
+            (N, …).
         """
         inverse, count = self._count_period_readings
         if len(count) < 2:
@@ -76,23 +96,37 @@ class MotionSignals:
 
     @cached_property
     def _count_period_readings(self) -> tuple[Ints, Array]:
-        """(N,) which period, or session, and how many readings each has."""
+        """Index (N,) of the period or session, and its number of readings."""
         label = self.select_block_labels(np.where(self.period >= 0, self.period, 10**6 + self.session))
         _, inverse = np.unique(label, return_inverse=True)
         return inverse, np.bincount(inverse).astype(float)
 
     def differentiate(self, x: Array) -> Array:
-        """(M, …) time derivative of an already smooth signal, segment by segment."""
+        """Differentiate a smooth signal with respect to time, segment by segment.
+
+        Args:
+            x: (M, …) signal.
+
+        Returns:
+            (M, …) per s.
+        """
         out = np.zeros_like(x)
         for rows in self.segments():
             out[rows] = np.gradient(x[rows], self.time[rows], axis=0)
         return out
 
     def delay_cubic(self, x: Array, delay: float) -> Array:
-        """(M, …) x(t − delay); ends held.
+        """Delay a signal, x(t − delay), with constant ends, by cubic interpolation where samples are even.
 
-        Cubic between four samples where these are even: straight lines would take the noise off whatever is late by
-        part of a sample, and any clock would look better than none.
+        Linear interpolation would reduce the noise of a signal delayed by a fraction of a sample, and any delay would
+        seem to improve the fit.
+
+        Args:
+            x: (M, …) signal.
+            delay: Delay, s.
+
+        Returns:
+            (M, …) delayed signal.
         """
         out = np.empty_like(x)
         flat, to = x.reshape(len(x), -1), out.reshape(len(x), -1)
@@ -106,7 +140,15 @@ class MotionSignals:
         return out
 
     def delay_linear(self, x: Array, delay: float) -> Array:
-        """(M,) x(t − delay) by straight lines between samples, as who brings two clocks together would have it."""
+        """Delay a signal, x(t − delay), by linear interpolation, as recorders do that align two clocks.
+
+        Args:
+            x: (M,) signal.
+            delay: Delay, s.
+
+        Returns:
+            (M,) delayed signal.
+        """
         out = np.empty_like(x)
         for rows in self.segments():
             out[rows] = np.interp(self.time[rows] - delay, self.time[rows], x[rows])
@@ -120,16 +162,19 @@ class MotionSignals:
 def build_motion_signals(
     recording: Recording, joints: int, readings: int = READINGS, *, repeats: bool = True
 ) -> MotionSignals:
-    """Order, differentiate, find periods, and cut a motion into stretches.
+    """Sort and differentiate a motion, find its periods, and divide it into time blocks.
 
     Args:
-        recording: of kind motion.
-        joints: n, the moving joints of the arm.
-        readings: N at most; block averages where the record has more samples.
-        repeats: look for periods; a phase is then held out of all periods at once.
+        recording: Recording of kind motion.
+        joints: Number n of moving joints of the arm.
+        readings: Largest number N of block averages.
+        repeats: Whether to find periods; a phase then forms a cross-validation group over all periods.
+
+    Returns:
+        The signals.
 
     Raises:
-        InputError: no time, time that does not rise, or too short a record.
+        InputError: No time, non-increasing time, or too short a recording.
     """
     order = sort_samples(recording)
     index, time, session, segment, notes = order.index, order.time, order.session, order.segment, list(order.notes)
@@ -183,8 +228,7 @@ def build_motion_signals(
 def _compute_derivatives(
     recording: Recording, o: OrderedSamples, q: Array, spans: list[slice]
 ) -> tuple[Array, Array, float]:
-    """Velocity and acceleration (S, n) of joint positions (S, n), rad/s and rad/s², and the low-pass they went
-    through, Hz."""
+    """Return velocity and acceleration (S, n) of joint positions, rad/s and rad/s², and the cutoff frequency, Hz."""
     given = recording.velocity
     speed = np.zeros_like(q) if given is None else given[o.index, : q.shape[1]]
     if given is None:
@@ -205,13 +249,13 @@ def _compute_derivatives(
 
 
 def _is_evenly_sampled(time: Array) -> bool:
-    """Whether samples are as even as filters take them for."""
+    """Return whether samples are even enough for digital filters."""
     steps = np.diff(time)
     return len(time) > 1 and bool(np.abs(steps - steps.mean()).max() < thresholds.MOTION.uneven * steps.mean())
 
 
 def _delay_samples(x: Array, by: float) -> Array:
-    """(M, C) even samples, late by that many intervals: cubic Lagrange polynomial of four neighbours."""
+    """Delay even samples (M, C) by a number of intervals with a cubic Lagrange polynomial of four neighbours."""
     whole = int(np.floor(by))
     u = by - whole  # x(n − whole − u), between n − whole − 1 and n − whole
     weights = (
@@ -228,7 +272,7 @@ def _delay_samples(x: Array, by: float) -> Array:
 
 
 def _add_delayed_rows(out: Array, x: Array, by: int) -> None:
-    """Adds x (M, C), moved later by so many rows, its ends held."""
+    """Add x (M, C), delayed by a number of rows with constant ends."""
     by = max(-len(x), min(by, len(x)))
     if by > 0:
         out[:by] += x[0]
@@ -246,7 +290,7 @@ def _list_segment_slices(segment: Ints) -> list[slice]:
 
 
 def _resample_evenly(time: Array, x: Array, dt: float) -> tuple[Array, Array]:
-    """Times and values (…, n) at equal steps of ``dt``, linear between samples; as they are where ``dt`` is 0."""
+    """Resample values (…, n) to steps of ``dt`` by linear interpolation; unchanged for ``dt`` = 0."""
     if dt <= 0:
         return time, x
     grid = time[0] + dt * np.arange(int(np.ceil((time[-1] - time[0]) / dt - 1e-6)) + 1)
@@ -258,9 +302,9 @@ def _interpolate_at(t: Array, time: Array, x: Array) -> Array:
 
 
 def _find_cutoff_frequency(x: Array, rate: float, window: str) -> float:
-    """Hz: half beyond the highest frequency at which some joint's velocity stands ten times above its noise.
+    """Return the cutoff (Hz): half above the highest frequency with joint velocity ten times above the noise.
 
-    Of encoders alone their positions (M, n) tell: noise is even there, but grows with frequency in their derivative.
+    With encoders only, the positions (M, n) decide: their noise is white, but grows with frequency in the derivative.
     """
     from scipy.signal import welch  # takes seconds to import
 
@@ -274,7 +318,7 @@ def _find_cutoff_frequency(x: Array, rate: float, window: str) -> float:
 def _find_periods(
     recording: Recording, index: Ints, time: Array, session: Ints, q: Array, spans: list[slice], rate: float
 ) -> tuple[Ints, float]:
-    """Number of the period each sample belongs to and how long one lasts; −1 and 0 where the motion does not repeat."""
+    """Return the period index of each sample and the period length; −1 and 0 if the motion does not repeat."""
     none = np.full(len(q), -1, np.int64)
     spread = np.maximum(np.ptp(q, axis=0), 1e-9)
     if "cycle" in recording.stated_labels:
@@ -297,7 +341,7 @@ def _find_periods(
                 break
         if not best:
             return none, 0.0
-        # the first lag that is near enough lies before the valley; its bottom is not far behind
+        # the first sufficiently small lag precedes the minimum, which follows shortly
         fine = np.arange(max(1, (best - 1) * thin), min(n // 2, int(1.15 * best + 3) * thin) + 1)
         part = q[s] / spread
         off = [float(np.mean(np.abs(part[k:] - part[:-k]))) for k in fine]
@@ -315,7 +359,7 @@ def _find_periods(
 
 
 def _is_periodic(q: Array, session: Ints, starts: Ints, n: int, spread: Array) -> bool:
-    """Whether periods of one session run through the same joints."""
+    """Return whether the periods of one session have equal joint paths."""
     off = [
         float(np.mean(np.abs(q[b : b + n] - q[a : a + n]) / spread))
         for a, b, s, t in zip(starts[:-1], starts[1:], session[:-1], session[1:], strict=True)
@@ -325,7 +369,7 @@ def _is_periodic(q: Array, session: Ints, starts: Ints, n: int, spread: Array) -
 
 
 def _split_into_blocks(segment: Ints, period: Ints, step: int) -> Ints:
-    """First samples of blocks; a block crosses neither a gap nor the end of a period."""
+    """Return the first samples of blocks; a block crosses neither a gap nor the end of a period."""
     change = np.flatnonzero((np.diff(segment, prepend=segment[0] - 1) != 0) | (np.diff(period, prepend=-2) != 0))
     ends = np.r_[change[1:], len(segment)]
     return np.concatenate([np.arange(a, b, step) for a, b in zip(change, ends, strict=True)]).astype(np.int64)
@@ -342,7 +386,7 @@ def _build_block_labels(
     block: float,
     notes: list[str],
 ) -> tuple[Ints, Ints, Ints, Ints]:
-    """Groups, visits, cycles and replicates of the kept blocks."""
+    """Return groups, visits, cycles and replicates of the used blocks."""
     at = starts[keep]
     sessions = int(session.max()) + 1
     if length > 0:

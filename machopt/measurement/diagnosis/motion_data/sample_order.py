@@ -1,4 +1,4 @@
-"""A motion's samples in order of time, and the stretches without a gap in them."""
+"""Samples of a motion in time order, and its segments without gaps."""
 
 from __future__ import annotations
 
@@ -14,22 +14,28 @@ from machopt.numerics.array_types import Array, Ints
 
 @dataclass(frozen=True, kw_only=True)
 class OrderedSamples:
-    """S samples in order of session and time, those of short stretches left out."""
+    """S samples in the order of session and time, without those of short segments."""
 
     index: Ints  # (S,) rows of the recording
     time: Array  # (S,) s
     session: Ints  # (S,)
-    segment: Ints  # (S,) stretch without a gap
-    dt: float  # s, between samples as a rule
-    uneven: bool  # samples are missing, or their intervals scatter
+    segment: Ints  # (S,) segment without gaps
+    dt: float  # s, median sampling interval
+    uneven: bool  # samples are missing, or sampling intervals vary
     notes: tuple[str, ...]
 
 
 def sort_samples(recording: Recording) -> OrderedSamples:
-    """Sort by session and time, and leave out stretches too short to diagnose.
+    """Sort samples by session and time, and drop segments that are too short.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+
+    Returns:
+        The sorted samples with notes.
 
     Raises:
-        InputError: no time, time that does not rise, or nothing long enough.
+        InputError: No time, non-increasing time, or no segment of sufficient length.
     """
     if recording.time is None:
         raise InputError(f"{recording.source}: a motion needs the column time_s")

@@ -1,1 +1,1 @@
-"""What becomes of a diagnosis: its file, the stiffness and kinematics it leaves, and what that changes in a job."""
+"""Outputs of a diagnosis: its file, the extended stiffness and kinematics, and the effect on a toolpath."""

@@ -1,4 +1,4 @@
-"""diagnosis.json from a diagnosis."""
+"""The document diagnosis.json of a diagnosis."""
 
 from __future__ import annotations
 
@@ -40,7 +40,14 @@ ABSORBED_REASON = "what is refitted in any case takes it up on these readings"
 
 
 def format_rows_location(rows: Sequence[int] | Ints) -> str:
-    """1-based data rows as a location: ``rows:3,7``."""
+    """Format data rows as a location: ``rows:3,7``.
+
+    Args:
+        rows: Data rows, 1-based.
+
+    Returns:
+        Location string.
+    """
     return "rows:" + ",".join(str(int(r)) for r in sorted(rows))
 
 
@@ -55,17 +62,20 @@ def build_diagnosis_document(
     options: Mapping[str, Any] | None = None,
     inputs: Mapping[str, str] | None = None,
 ) -> DiagnosisDocument:
-    """``diagnosis.json``; NaN and infinities are None.
+    """Build the document diagnosis.json; NaN and infinities become None.
 
     Args:
-        cell: the cell.
-        recording: what was diagnosed; several where they were not joined.
-        diagnosis: what was found.
-        model: the stiffness file beside it; None where none is written.
-        kinematics: the file of kinematic corrections, where one is written.
-        effect_on_job: what ``--toolpath`` gave; see ``job_effect``.
-        options: of this run.
-        inputs: hashes of the files read.
+        cell: Robot cell.
+        recording: Diagnosed recording; several if they were not merged.
+        diagnosis: Result of the diagnosis.
+        model: Name of the written stiffness file; None if none is written.
+        kinematics: Name of the written file of kinematic corrections; None if none is written.
+        effect_on_job: Comparison of plans for a toolpath; None if not requested.
+        options: Options of this run.
+        inputs: Hashes of the input files.
+
+    Returns:
+        The document.
     """
     d = diagnosis
     proof = d.proof
@@ -141,7 +151,7 @@ def _build_finding_entry(f: Finding) -> FindingEntry:
     return FindingEntry(
         effect=f.effect,
         location=f.location,
-        one_of=(own, *(name for name in f.one_of if name != own)),  # the named one first, always there
+        one_of=(own, *(name for name in f.one_of if name != own)),  # the reported one first
         parameters={name: EstimateSection.from_fields(e) for name, e in f.parameters.items()},
         heldout_rmse_before=f.before,
         heldout_rmse_after=f.after,
@@ -169,9 +179,9 @@ def _build_finding_entry(f: Finding) -> FindingEntry:
 
 
 def _build_recording_section(recording: Recording | Sequence[Recording], d: DiagnosisResult) -> RecordingSection:
-    """How it was measured and how far readings scattered, for whoever plans the next measurement.
+    """Return measurement set-up and scatter of the readings, used to plan the next measurement.
 
-    The scatter is what the findings leave on unseen readings, split into a reading's own and what a visit shares.
+    The scatter of held-out residuals is divided into a part of the single reading and a part shared by a visit.
     """
     parts = list_source_recordings(recording)
     first, residual = parts[0], d.errors.final
@@ -201,7 +211,7 @@ def _build_recording_section(recording: Recording | Sequence[Recording], d: Diag
 
 
 def _build_law_entry(fit: LawFit | None) -> FittedLawSection | None:
-    """What plan-poses needs to predict a law at poses not measured yet."""
+    """Return the fit that plan-poses needs to predict a law at other poses."""
     if fit is None:
         return None
     return FittedLawSection(
@@ -223,8 +233,24 @@ def _build_correction_entry(c: Correction | None) -> CorrectionSection | None:
 
 
 def list_source_recordings(recording: Recording | Sequence[Recording]) -> tuple[Recording, ...]:
+    """Return the recordings as a tuple.
+
+    Args:
+        recording: One recording or several.
+
+    Returns:
+        The recordings.
+    """
     return (recording,) if isinstance(recording, Recording) else tuple(recording)
 
 
 def format_recording_source(recording: Recording | Sequence[Recording]) -> str:
+    """Return the sources of the recordings, separated by commas.
+
+    Args:
+        recording: One recording or several.
+
+    Returns:
+        Text.
+    """
     return ", ".join(r.source for r in list_source_recordings(recording))

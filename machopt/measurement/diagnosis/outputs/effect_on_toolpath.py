@@ -1,10 +1,11 @@
-"""What the found physics changes for one toolpath: the choice so far, what becomes of it, and a better one.
+"""Effect of the findings on one toolpath: the plan with the previous model, its deflection with the new model, and a
+new plan.
 
 ::
 
-    the cell as it stands       ──plan──► old choice ──┬─► its deflection as the old model believes   (before)
-                                                       └─► its deflection under the new model         (unchanged)
-    refitted, with what was found ──plan──► new choice ───► its deflection under the new model         (after)
+    cell as stated            ──plan──► old plan ──┬─► deflection with the old model    (before)
+                                                   └─► deflection with the new model    (unchanged)
+    refitted, with findings   ──plan──► new plan ────► deflection with the new model    (after)
 """
 
 from __future__ import annotations
@@ -36,32 +37,32 @@ from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, explain_points
 
-TEST_FORCE = 1000.0  # N along the tool axis, where the cell's plan states no process force
+TEST_FORCE = 1000.0  # N along the tool axis, if the cell states no process force
 
 
 def compare_toolpath_plans(
     cell: Cell, stiffness_before: ArmStiffness, stiffness_after: ArmStiffness, toolpath: Toolpath, options: PlanOptions
 ) -> JobEffectSection:
-    """Plan a toolpath with the model as it was and with what was found, and compare.
+    """Plan a toolpath with the model before and after the diagnosis, and compare.
 
-    Deflections are those of the programmed path, without compensation; means are over the length cut. A force that the
-    plan does not state is taken as 1 kN along the tool axis, and ``force`` says so.
+    Deflections refer to the programmed path without compensation. Means are weighted by cut length. Without a stated
+    process force, 1 kN along the tool axis is used, and ``force`` states this.
 
     Args:
-        cell: the cell; its own stiffness is not used.
-        stiffness_before: of the cell as it stands; joint springs refitted alone where it states none.
-        stiffness_after: joint springs refitted together with the terms found.
-        toolpath: what is cut.
-        options: of planning.
+        cell: Robot cell; its own stiffness is not used.
+        stiffness_before: Stiffness of the cell; if it has none, the refitted joint springs alone.
+        stiffness_after: Joint springs refitted together with the found terms.
+        toolpath: Toolpath to plan.
+        options: Planning options.
 
     Returns:
-        the block ``compare_toolpath_plans`` of diagnosis.json.
+        The section of diagnosis.json.
     """
     try:
         old, new = (
             plan_path(replace(cell, stiffness=s), toolpath, options) for s in (stiffness_before, stiffness_after)
         )
-    except InputError as error:  # a cell that is not planned for, or springs that hold no load: nothing to compare
+    except InputError as error:  # planning is not possible, or the springs are unstable: nothing to compare
         return _build_empty_effect(toolpath.source, str(error))
     found = _compare_plans(old, new)
     if found is None:
@@ -74,27 +75,43 @@ def compare_toolpath_plans(
 
 @dataclass(frozen=True, kw_only=True)
 class _ComparedPlans:
-    """Both choices at the planning points that both reach."""
+    """Both plans at the planning points that both reach."""
 
-    both: NDArray[np.bool_]  # (P,) cut, and reached by both
-    is_point: NDArray[np.bool_]  # (P,) points of the toolpath itself
-    weight: Array  # (P,) of the length cut there, in all 1
-    rotation_change: Array  # (P,) rad, new less old rotation
-    deflection_before: Array  # (P,) m, old choice, old model
-    unchanged: Array  # (P,) m, old choice, new model
-    deflection_after: Array  # (P,) m, new choice, new model
+    both: NDArray[np.bool_]  # (P,) cutting points reached by both plans
+    is_point: NDArray[np.bool_]  # (P,) original points of the toolpath
+    weight: Array  # (P,) share of the cut length, sum 1
+    rotation_change: Array  # (P,) rad, new minus old rotation about the tool axis
+    deflection_before: Array  # (P,) m, old plan, old model
+    unchanged: Array  # (P,) m, old plan, new model
+    deflection_after: Array  # (P,) m, new plan, new model
 
     def mean(self, deflection: Array) -> float:
+        """Return the mean over the cut length.
+
+        Args:
+            deflection: (P,) deflections, m.
+
+        Returns:
+            Mean, m.
+        """
         return float(self.weight[self.both] @ deflection[self.both])
 
     def worst(self, deflection: Array) -> int:
-        """Row of the toolpath point that bends most; of any planning point where no point itself is compared."""
+        """Return the row of the toolpath point with the largest deflection, or of any planning point if none is
+        compared.
+
+        Args:
+            deflection: (P,) deflections, m.
+
+        Returns:
+            Row index.
+        """
         named = self.both & self.is_point
         return int(np.where(named if named.any() else self.both, deflection, -np.inf).argmax())
 
 
 def _compare_plans(old: Plan, new: Plan) -> _ComparedPlans | None:
-    """None where no point that is cut is reached with both models."""
+    """Return the comparison; None if no cutting point is reached with both models."""
     path = old.path
     before, unchanged, after = (
         _compute_deflection(old, old),
@@ -118,7 +135,7 @@ def _compare_plans(old: Plan, new: Plan) -> _ComparedPlans | None:
 
 
 def _compute_deflection(choice: Plan, model: Plan) -> Array:
-    """(P,) m, |d| of one plan's configurations under another's model; NaN where there is none."""
+    """Return |d| (P,) m of one plan's configurations with another's model; NaN for unreached points."""
     out = np.full(len(choice.path.index), np.nan)
     a, d = choice.chosen.assignment, model.directions
     ok = np.flatnonzero(a.reason == InfeasibilityReason.OK)
@@ -195,8 +212,11 @@ def _format_effect_sentence(
             f"; chosen anew, the rotation differs at {100.0 * share:.0f} % of the points (by {turned:.0f}° in the mean "
             f"over all) and leaves {mean['after']:.3f} mm in the mean and {worst['after']:.3f} mm at worst"
         )
-        kept = 1.0 - thresholds.RESTING.worth_turning
-        if mean["after"] > kept * mean["unchanged"] and worst["after"] > kept * worst["unchanged"]:
+        unchanged_points = 1.0 - thresholds.RESTING.worth_turning
+        if (
+            mean["after"] > unchanged_points * mean["unchanged"]
+            and worst["after"] > unchanged_points * worst["unchanged"]
+        ):
             out += ", hardly less" if mean["after"] < mean["unchanged"] else ", no less in the mean"
     else:
         out += "; the rotation stays as it is"
@@ -209,7 +229,7 @@ def _build_empty_effect(name: str, reason: str) -> JobEffectSection:
 
 
 def _explain_unreached_point(of: Plan) -> str:
-    """Why the first point that is cut and not reached is not; empty where all are."""
+    """Return why the first unreached cutting point is not reached; empty if all are reached."""
     a, path = of.chosen.assignment, of.path
     missing = np.flatnonzero(path.counted & (a.reason != InfeasibilityReason.OK))
     if not len(missing):

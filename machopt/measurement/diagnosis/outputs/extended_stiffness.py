@@ -1,4 +1,4 @@
-"""The stiffness that a diagnosis leaves: joints as refitted, and the terms with what was found."""
+"""Extended stiffness of a diagnosis: refitted joint springs, and terms including the findings."""
 
 from __future__ import annotations
 
@@ -29,49 +29,60 @@ JOINTS = 6
 
 @dataclass(frozen=True)
 class ExtendedStiffness:
-    """What a diagnosis makes of a cell's stiffness; None where fewer than six joints are known, or one slides."""
+    """Stiffness before and after the findings; None if fewer than six joints are known or one is prismatic."""
 
-    before: ArmStiffness | None  # joints refitted, without what was found
-    after: ArmStiffness | None  # with it
-    withheld: tuple[StiffnessTerm, ...] = ()  # terms that are not in it
-    notes: tuple[str, ...] = ()  # why, a sentence each
+    before: ArmStiffness | None  # joints refitted, without findings
+    after: ArmStiffness | None  # joints refitted, with findings
+    withheld: tuple[StiffnessTerm, ...] = ()  # found terms that are not included
+    notes: tuple[str, ...] = ()  # reasons, one sentence each
 
 
 def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bool = False) -> ExtendedStiffness:
-    """Joints as refitted and terms, without and with what was found; what the data do not show is the cell's.
+    """Build the stiffness from refitted joints and terms; unobservable joints keep the cell's springs.
 
-    Weight alone turns a joint by an amount that the angles fix, as geometry and waves of a gear do. A spring that is
-    far from the cell's in poses ``weight_alone`` is rather what is left of those, and stays out of the stiffness.
+    Under gravity alone a joint deflects by an amount that the joint angles determine, as geometry and harmonics do. A
+    spring far from the cell's is then probably an artefact of those and is not included. A fit does not guarantee a
+    positive joint compliance with all terms. A finding that would make it negative stays in the diagnosis but is not
+    included. Its joints then keep the springs that fit without it.
 
-    A fit knows no sign of a joint's compliance with all its terms. A finding that would turn the joint against its load
-    is named in the diagnosis and withheld from the stiffness; its joints keep the springs that fit without it.
+    Args:
+        cell: Robot cell.
+        d: Result of the diagnosis.
+        weight_alone: Whether the recording has measured poses without load.
+
+    Returns:
+        The stiffness with notes.
     """
     springs = {c.unknown.spring_joint: c for c in d.coefficients if c.unknown.spring_joint is not None}
     found = tuple(f.correction for f in d.findings if isinstance(f.correction, StiffnessTerm))
     known = () if cell.stiffness is None else cell.stiffness.terms
     if (cell.stiffness is None and len(springs) < JOINTS) or cell.arm_prismatic:
         return ExtendedStiffness(None, None)
-    impossible = {id(t): why for t in found if (why := _explain_implausible_term(cell, t)) is not None}
-    withheld = [t for t in found if id(t) in impossible]
+    rejected_terms = {id(t): why for t in found if (why := _explain_implausible_term(cell, t)) is not None}
+    withheld = [t for t in found if id(t) in rejected_terms]
     said = [
         f"{format_effect_in_sentence(t.effect, t.location)} is not in stiffness.yaml, and the joints keep the "
         f"springs that fit without "
-        f"it, since nothing that is built can be so: {impossible[id(t)]}"
+        f"it, since nothing that is built can be so: {rejected_terms[id(t)]}"
         for t in withheld
     ]
-    found = tuple(t for t in found if id(t) not in impossible)
+    found = tuple(t for t in found if id(t) not in rejected_terms)
     new = {_get_term_name(t) for t in found}
     terms = (*(t for t in known if _get_term_name(t) not in new), *found)
-    near = thresholds.RECORD.far_spring if weight_alone else np.inf
-    before = _build_stiffness(cell, springs, known, lambda c: c.before, near)
-    # a joint's own finding is withheld with the spring that was fitted beside it; a body's is beside all of them
-    bare = set(range(1, JOINTS + 1)) if withheld else set()
+    spring_limit = thresholds.RECORD.far_spring if weight_alone else np.inf
+    before = _build_stiffness(cell, springs, known, lambda c: c.before, spring_limit)
+    # with a joint's finding its jointly fitted spring is withheld too; for a body those of all joints
+    joints_without_findings = set(range(1, JOINTS + 1)) if withheld else set()
     after = _build_stiffness(
-        cell, springs, terms, lambda c: c.before if c.unknown.spring_joint in bare else c.value, near
+        cell,
+        springs,
+        terms,
+        lambda c: c.before if c.unknown.spring_joint in joints_without_findings else c.value,
+        spring_limit,
     )
     while found and (wrong := _check_stiffness(cell, after)) is not None:
         out = _find_wrong_term(terms, new, wrong)
-        bare.update(_list_joints(out) or range(1, JOINTS + 1))
+        joints_without_findings.update(_list_joints(out) or range(1, JOINTS + 1))
         withheld.append(out)
         said.append(
             f"{format_effect_in_sentence(out.effect, out.location)} is not in stiffness.yaml, and its joint "
@@ -80,29 +91,41 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
         )
         terms = tuple(t for t in terms if t is not out)
         after = _build_stiffness(
-            cell, springs, terms, lambda c: c.before if c.unknown.spring_joint in bare else c.value, near
+            cell,
+            springs,
+            terms,
+            lambda c: c.before if c.unknown.spring_joint in joints_without_findings else c.value,
+            spring_limit,
         )
-    told = [
+    observable_joints = [
         j for j, c in sorted(springs.items()) if cell.stiffness is not None and is_spring_observable(c.value, c.sigma)
     ]
     said += [
         f"joint {j} keeps the cell's spring in stiffness.yaml: poses bend under weight alone, where geometry that "
-        f"was not found looks like a spring more than {near:g} times off; the same poses with a load would tell"
-        for j in told
-        if _compute_spring_factor(cell, j, springs[j].value) > near
+        f"was not found looks like a spring more than {spring_limit:g} times off; the same poses with a load would tell"
+        for j in observable_joints
+        if _compute_spring_factor(cell, j, springs[j].value) > spring_limit
     ]
     return ExtendedStiffness(before, after, tuple(withheld), tuple(said))
 
 
-def add_withheld_notes(d: DiagnosisResult, made: ExtendedStiffness) -> DiagnosisResult:
-    """The diagnosis where what was withheld stays in it, and says so."""
+def add_withheld_notes(d: DiagnosisResult, extended_stiffness: ExtendedStiffness) -> DiagnosisResult:
+    """Return the diagnosis with withheld findings marked and noted.
+
+    Args:
+        d: Result of the diagnosis.
+        extended_stiffness: Extended stiffness with the withheld terms.
+
+    Returns:
+        The diagnosis.
+    """
     findings = tuple(
         replace(f, correction=RecordCorrection(f.correction.effect, f.correction.location, f.correction.parameters))
-        if any(f.correction is t for t in made.withheld) and f.correction is not None
+        if any(f.correction is t for t in extended_stiffness.withheld) and f.correction is not None
         else f
         for f in d.findings
     )
-    return replace(d, findings=findings, warnings=(*d.warnings, *made.notes))
+    return replace(d, findings=findings, warnings=(*d.warnings, *extended_stiffness.notes))
 
 
 def _build_stiffness(
@@ -112,9 +135,9 @@ def _build_stiffness(
     of: Callable[[BaseCoefficient], float],
     near: float,
 ) -> ArmStiffness:
-    """Joints by the springs that the data show within a factor ``near`` of the cell's, and terms."""
+    """Return joints with observable springs within a factor ``near`` of the cell's, and terms."""
     if not springs:
-        assert cell.stiffness is not None  # else six joints are shown
+        assert cell.stiffness is not None  # otherwise all six joints are observable
         return cell.stiffness if terms == cell.stiffness.terms else replace(cell.stiffness, terms=terms)
     prior, out = None if cell.stiffness is None else cell.stiffness.joints, []
     for j in range(JOINTS):
@@ -132,14 +155,14 @@ def _build_stiffness(
 
 
 def _compute_spring_factor(cell: Cell, joint: int, compliance: float) -> float:
-    """Factor between a compliance above zero and the cell's, to either side."""
+    """Return the ratio, at least 1, of a positive compliance and the cell's."""
     assert cell.stiffness is not None
     ratio = compliance * float(cell.stiffness.joints[joint - 1])
     return max(ratio, 1.0 / ratio)
 
 
 def _explain_implausible_term(cell: Cell, term: StiffnessTerm) -> str | None:
-    """Why no file may hold a term, by the law's own word; None where one may."""
+    """Return why a file may not state a term, according to its law; None if it may."""
     try:
         compile_terms((term,), load_robot(cell), cell.tool.T_flange_tcp, None)
     except InputError as error:
@@ -148,12 +171,12 @@ def _explain_implausible_term(cell: Cell, term: StiffnessTerm) -> str | None:
 
 
 def _check_stiffness(cell: Cell, stiffness: ArmStiffness) -> UnstableTerm | None:
-    """As the planner looks at it."""
+    """Check the stiffness as the planner does."""
     return find_unstable_term(stiffness, load_robot(cell), cell.tool.T_flange_tcp, cell.arm_limits)
 
 
 def _find_wrong_term(terms: Sequence[StiffnessTerm], new: set[tuple[str, str]], wrong: UnstableTerm) -> StiffnessTerm:
-    """The term that is said to be wrong, or what was found at its joint: the cell's own held before."""
+    """Return the unstable term, or the finding at its joint."""
     named = [t for t in terms if _get_term_name(t) == (wrong.effect, wrong.location)]
     beside = [t for t in terms if _get_term_name(t) in new and _list_joints(t) & _list_joints(wrong)]
     return next(t for t in (*(t for t in named if _get_term_name(t) in new), *beside, *named))

@@ -1,4 +1,4 @@
-"""How far an arm may be from the stiffness that a diagnosis writes: covariance of its springs, and what it may lack."""
+"""Uncertainty of the stiffness written by a diagnosis: covariance of the springs, and model discrepancy."""
 
 from __future__ import annotations
 
@@ -33,7 +33,16 @@ JOINTS = 6
 
 
 def add_model_uncertainty(cell: Cell, found: DiagnosedRecording, stiffness: ArmStiffness | None) -> ArmStiffness | None:
-    """The stiffness that a diagnosis makes of a cell's, with how sure it is."""
+    """Add covariance, position error and model discrepancy to a stiffness.
+
+    Args:
+        cell: Robot cell.
+        found: Diagnosis with its problem and recording.
+        stiffness: Extended stiffness, or None.
+
+    Returns:
+        The stiffness with uncertainty, or None.
+    """
     if stiffness is None:
         return None
     known = None if cell.stiffness is None else cell.stiffness.position
@@ -44,12 +53,21 @@ def add_model_uncertainty(cell: Cell, found: DiagnosedRecording, stiffness: ArmS
     out = replace(stiffness, covariance=_compute_spring_covariance(cell, found.diagnosis, stiffness))
     if found.recording.kind != "deflection":
         return out
-    doubt = _estimate_load_test_discrepancy(cell, found, stiffness)
-    return out if doubt is None else replace(out, covariance=_build_covariance(doubt), discrepancy=doubt)
+    discrepancy = _estimate_load_test_discrepancy(cell, found, stiffness)
+    return (
+        out if discrepancy is None else replace(out, covariance=_build_covariance(discrepancy), discrepancy=discrepancy)
+    )
 
 
 def estimate_position_error(found: DiagnosedRecording) -> PositionError | None:
-    """How far the TCP is from the extended model on poses that no fit saw; None where these are too few to hold out."""
+    """Estimate the TCP position error of the extended model from held-out poses.
+
+    Args:
+        found: Diagnosis with its problem and recording.
+
+    Returns:
+        The error; None if there are too few poses for cross-validation.
+    """
     d, recording = found.diagnosis, found.recording
     before, after = (compute_rms(e[d.used][:, :3]) for e in (d.errors.residual, d.errors.final))
     poses = len(np.unique(recording.pose[d.used]))
@@ -60,7 +78,7 @@ def estimate_position_error(found: DiagnosedRecording) -> PositionError | None:
 
 
 def _compute_spring_covariance(cell: Cell, d: DiagnosisResult, stiffness: ArmStiffness) -> Array | None:
-    """(6, 6) of the joints' compliances by the refit; a joint that kept the cell's value as unsure as that one was."""
+    """Return the covariance (6, 6) of the joint compliances; joints with the cell's value keep its uncertainty."""
     known = None if cell.stiffness is None else cell.stiffness.covariance
     variance = np.zeros(JOINTS)
     refitted = {c.unknown.spring_joint: c for c in d.coefficients if c.unknown.spring_joint is not None}
@@ -75,7 +93,7 @@ def _compute_spring_covariance(cell: Cell, d: DiagnosisResult, stiffness: ArmSti
 
 
 def _build_covariance(doubt: ModelDiscrepancy) -> Array:
-    """(6, 6) of the joints, of all that may be otherwise."""
+    """Return the covariance (6, 6) of the joints including the model discrepancy."""
     at = [doubt.parts.index(f"joint {j}") for j in range(1, JOINTS + 1)]
     ways = np.vstack([doubt.shift[at], doubt.modes[:, at]])
     return np.asarray(ways.T @ ways)
@@ -84,7 +102,7 @@ def _build_covariance(doubt: ModelDiscrepancy) -> Array:
 def _estimate_load_test_discrepancy(
     cell: Cell, found: DiagnosedRecording, stiffness: ArmStiffness
 ) -> ModelDiscrepancy | None:
-    """What the extended model leaves of the load tests, as a plan reads it."""
+    """Return the model discrepancy of the load tests with the model as a plan evaluates it."""
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = read_stated_masses(cell)
     tests = build_load_test_experiment(found.recording, robot, T)
@@ -120,11 +138,10 @@ def _predict_planned_deflection(
     stiffness: ArmStiffness,
     limits: tuple[Array, Array],
 ) -> Array:
-    """(N, D) what a plan makes of the same loads: it knows no history, so gears that remember come from rest.
+    """Return the deflection (N, D) that a plan predicts for the same loads: without history, gears start from rest.
 
-    A law with a memory may fit readings by what they did before and yet be another law; nothing of that comes back in
-    a job, and what the plan's reading of it leaves here is the least it leaves there. What only needs time is not off
-    by having had less of it.
+    A law with memory may fit the readings by their history and still be wrong. A job has another history, so the
+    residual without history is the least error to expect there. Time-dependent laws are excepted.
     """
     r = load_test_channel.build_load_test_readings(found.recording, tests, robot, T, masses, 1.0 / stiffness.joints)
     slow = {e.file_word for e in registry.select_joint_torque_effects() if is_time_dependent(e.joint_laws[0])}
@@ -135,7 +152,7 @@ def _predict_planned_deflection(
 
 
 def _compute_whitened_squares(residual: Array, V: Array, channel: int, used: Flags) -> Array:
-    """Squares of the residuals by their own covariance, a coordinate."""
+    """Return the squared residuals of a coordinate relative to their covariance."""
     part = residual[:, 3 * channel : 3 * channel + 3]
     return np.asarray(np.einsum("ni,nij,nj->n", part, np.linalg.inv(V[channel][used]), part) / 3.0)
 

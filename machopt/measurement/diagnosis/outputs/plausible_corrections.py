@@ -1,7 +1,7 @@
-"""A diagnosis whose files hold together: what no file may hold bends none of the corrections that are written.
+"""Consistent output files: a correction that cannot be written must not affect the others.
 
-Corrections of measured poses are fitted together, and often lean on each other. Where one of them is withheld, since
-nothing that is built can be so, the others were fitted beside it and mislead without it: so they are found again.
+Corrections of measured poses are fitted together and are correlated. If one is withheld as implausible, the others
+are biased without it. The search is therefore repeated without it.
 """
 
 from __future__ import annotations
@@ -16,23 +16,26 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import EffectLoca
 from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording
 from machopt.measurement.diagnosis.outputs.extended_stiffness import ExtendedStiffness, build_extended_stiffness
 
-MAX_SEARCHES = 3  # searches at most
+MAX_SEARCHES = 3  # most searches
 
 
 def diagnose_with_plausible_corrections(
     cell: Cell, look: Callable[[frozenset[EffectLocation]], DiagnosedRecording]
 ) -> tuple[DiagnosedRecording, ExtendedStiffness]:
-    """A diagnosis, and the stiffness that it leaves.
+    """Diagnose repeatedly until no correction is withheld.
 
     Args:
-        cell: the robot cell.
-        look: diagnoses without the explanations that are barred.
+        cell: Robot cell.
+        look: Function that diagnoses without the given effects and places.
+
+    Returns:
+        The diagnosis and its extended stiffness.
     """
     barred: frozenset[EffectLocation] = frozenset()
     for _ in range(MAX_SEARCHES):
         found = look(barred)
-        made = build_extended_stiffness(cell, found.diagnosis, weight_alone=found.weight_alone)
-        impossible = {(t.effect, t.location) for t in made.withheld} - barred
+        extended_stiffness = build_extended_stiffness(cell, found.diagnosis, weight_alone=found.weight_alone)
+        impossible = {(t.effect, t.location) for t in extended_stiffness.withheld} - barred
         beside = any(isinstance(f.correction, KinematicCorrection) for f in found.diagnosis.findings)
         if not impossible or not beside or found.recording.kind != "absolute":
             break
@@ -42,4 +45,6 @@ def diagnose_with_plausible_corrections(
         f"all else found without it"
         for name in sorted(barred)
     )
-    return replace(found, diagnosis=replace(found.diagnosis, notes=(*found.diagnosis.notes, *notes))), made
+    return replace(
+        found, diagnosis=replace(found.diagnosis, notes=(*found.diagnosis.notes, *notes))
+    ), extended_stiffness

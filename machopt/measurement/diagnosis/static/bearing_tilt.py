@@ -1,9 +1,8 @@
-"""A bearing that tilts across its joint's axis: no word of the catalogue means it, so a load test never names it.
+"""Tilt of a main bearing across its joint axis: no effect of the catalogue, so a load test never reports it by name.
 
-The catalogue's joints turn about their axes, and its bodies give way between bearings. A main bearing that gives way
-across the axis looks like a base or a link a little way off, and one with play like backlash of a joint that is not
-loose at all. It tilts by the moment that it bears across its axis, weight included: in proportion to it where it is
-seated, or freely, up to where it seats.
+Joints of the catalogue rotate about their axes, and bodies deform between bearings. A bearing that is compliant
+across the axis resembles a base or link nearby. One with clearance resembles backlash of a joint that has none. The
+tilt follows the moment across the axis, including gravity: proportional to it, or free up to a stop.
 """
 
 from __future__ import annotations
@@ -23,31 +22,43 @@ from machopt.measurement.diagnosis.model_selection.unmodelled_interfaces import 
 from machopt.numerics.array_types import Array
 
 ELASTIC_TILT_LAW, BACKLASH_TILT_LAW = "tilts across its axis", "tilts across its axis until it seats"
-MAX_BEARING_JOINTS = 3  # joints whose bearings are looked at: those of the wrist are short
-SEATING_SHARES = (0.05, 0.1, 0.2, 0.4)  # of the largest moment of the load
-TILT_DIRECTIONS: Shape = tuple(np.radians(np.arange(0.0, 180.0, 30.0)).tolist())  # rad, of the axis that it tilts about
-ANY_DIRECTION = -1.0  # it tilts wherever the moment points
+MAX_BEARING_JOINTS = 3  # number of joints considered: wrist bearings have short lever arms
+SEATING_SHARES = (0.05, 0.1, 0.2, 0.4)  # moment at the stop, relative to the largest load moment
+TILT_DIRECTIONS: Shape = tuple(np.radians(np.arange(0.0, 180.0, 30.0)).tolist())  # rad, direction of the tilt axis
+ANY_DIRECTION = -1.0  # tilt in the direction of the moment
 
 
 @dataclass(frozen=True)
 class _BearingLoad:
-    """What one bearing bears, base_link axes, SI; two ways across it turn with the arm before or behind the joint."""
+    """Load of one bearing, base_link axes, SI. The two directions across its axis move with the link before or behind
+    the joint.
+    """
 
     lever: Array  # (N, 3) from the joint to the TCP
     load: Array  # (N, 3) N·m of the recorded load
-    weight: Array  # (N, 3) N·m of all that it carries
-    across: Array  # (N, 2, 3)
+    weight: Array  # (N, 3) N·m of the carried weights
+    across: Array  # (N, 2, 3) unit vectors across the axis
 
     def lift_rotation(self, turn: Array) -> Array:
-        """(N, 6) m, rad at the TCP of a turn (N, 3)."""
+        """Return the TCP twist of a rotation of the bearing.
+
+        Args:
+            turn: (N, 3) rotation vector, rad.
+
+        Returns:
+            (N, 6) m, rad.
+        """
         return np.concatenate([np.cross(turn, self.lever), turn], axis=1)
 
 
 def build_bearing_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """Forms of the bearings of the first joints.
+    """Build the bearing tilts of the first joints.
 
     Args:
-        r: the readings of a load test.
+        r: Readings of a load test.
+
+    Returns:
+        The hypotheses.
     """
     out = []
     for j in range(MAX_BEARING_JOINTS):
@@ -61,7 +72,7 @@ def build_bearing_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def _build_bearing_load(r: StaticReadings, j: int, body: int) -> _BearingLoad:
-    """Of joint ``j``, from 0, its ways across fixed in a body."""
+    """Return the load of joint ``j`` (0-based), with directions across the axis fixed in a body."""
     state = r.state
     assert state.R_bodies is not None  # readings come with bodies
     assert state.p_bodies is not None
@@ -73,7 +84,7 @@ def _build_bearing_load(r: StaticReadings, j: int, body: int) -> _BearingLoad:
 
     carried = np.zeros((len(r), 6)) if r.masses is None else compute_weight_wrench(r, r.masses.body >= j + 1)
     R = state.R_bodies[:, body]
-    axis = R[0].T @ z[0]  # the same in every posture
+    axis = R[0].T @ z[0]  # constant in all poses
     u = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     u /= np.linalg.norm(u)
     across = np.stack([R @ u, R @ np.cross(axis, u)], axis=1)
@@ -81,7 +92,7 @@ def _build_bearing_load(r: StaticReadings, j: int, body: int) -> _BearingLoad:
 
 
 def _build_elastic_tilt(r: StaticReadings, j: int, bearing: _BearingLoad) -> EffectHypothesis:
-    """A seat that gives way in proportion, otherwise one way than another: three numbers of a symmetric matrix."""
+    """Build a direction-dependent elastic tilt: three coefficients of a symmetric matrix."""
     about = np.einsum("nwc,nc->nw", bearing.across, bearing.load)
     pairs = list(combinations_with_replacement(range(2), 2))
     turns = [
@@ -93,7 +104,7 @@ def _build_elastic_tilt(r: StaticReadings, j: int, bearing: _BearingLoad) -> Eff
 
 
 def _build_backlash_tilt(r: StaticReadings, j: int, bearing: _BearingLoad, ways: Shape) -> EffectHypothesis:
-    """Play, used up by a share of the largest moment: about one axis across the joint's, or about any."""
+    """Build a tilt clearance with a stop at a share of the largest moment, about one axis or about any."""
     moment = np.linalg.norm(_project_across_axis(bearing, bearing.load), axis=1)
     largest = float(np.quantile(moment, 1.0 - thresholds.RESTING.rare))
 
@@ -113,7 +124,7 @@ def _build_backlash_tilt(r: StaticReadings, j: int, bearing: _BearingLoad, ways:
 
 
 def _project_across_axis(bearing: _BearingLoad, moment: Array) -> Array:
-    """(N, 3) the part of a moment across the axis."""
+    """Return the part (N, 3) of a moment across the axis."""
     return np.asarray(np.einsum("nwc,nwk,nk->nc", bearing.across, bearing.across, moment))
 
 
@@ -122,13 +133,13 @@ def _keep_whole_moment(moment: Array) -> Array:
 
 
 def _build_moment_projection(bearing: _BearingLoad, way: float) -> Callable[[Array], Array]:
-    """The part of moments about one axis, ``way`` rad from the first."""
+    """Return the projection of moments on one axis, ``way`` rad from the first direction."""
     axis = np.cos(way) * bearing.across[:, 0] + np.sin(way) * bearing.across[:, 1]
     return lambda moment: axis * np.einsum("nc,nc->n", axis, moment)[:, None]
 
 
 def _compute_seated_share(moment: Array, seat: float) -> Array:
-    """(N, 3) of the play: in proportion to the moment, all of it from ``seat`` N·m on."""
+    """Return the share (N, 3) of the clearance: proportional to the moment up to ``seat`` N·m, then constant."""
     return np.asarray(moment / np.maximum(np.linalg.norm(moment, axis=1), seat)[:, None])
 
 

@@ -1,10 +1,9 @@
-"""An inclinometer on a link beside measured poses: two further equations a reading, of what turns that link.
+"""Inclinometer on a link together with measured poses: two further equations per reading.
 
-It reads how the link is turned about x and y of base_link beyond what the encoders say: base, joints up to the link's,
-links up to its own (at whose far end it is taken to sit). Nothing behind the link turns it, nor does where the tracker
-stands, so base and tracker frame are told apart. Its own level is refitted: two offsets a session.
-
-What the nominal arm does counts exactly, finite rotations and corrections of kinematics.yaml included.
+It measures the rotation of the link about x and y of base_link relative to the encoder model. Base, joints up to the
+link, and links up to its own contribute (the inclinometer is assumed at the link's far end). Neither bodies behind
+the link nor the tracker frame contribute, so base and tracker frame become separable. Two zero offsets per session
+are refitted. The nominal deflection is exact, with finite rotations and the corrections of kinematics.yaml.
 """
 
 from __future__ import annotations
@@ -27,24 +26,35 @@ from machopt.measurement.diagnosis.static.nominal_pose_model import FirstPoseFit
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import convert_to_rotation_vector
 
-ColumnAssignment = Callable[[Array], Array]  # two columns (n, 2) read otherwise
+ColumnAssignment = Callable[[Array], Array]  # alternative reading of two columns (n, 2)
 
 FAMILY = "tilt"
 AXES = "xy"
-UNITS = {"degrees": 180e-3 / np.pi, "rad": 1e-3, "arcsec": 648.0 / np.pi}  # numbers of these taken for mrad
+UNITS = {
+    "degrees": 180e-3 / np.pi,
+    "rad": 1e-3,
+    "arcsec": 648.0 / np.pi,
+}  # factors of values in these units read as mrad
 
 
 @dataclass(frozen=True)
 class InclinometerEquations:
-    """What the inclinometer adds to a problem."""
+    """Equations that an inclinometer adds to a problem."""
 
-    y: Array  # (N, 2) rad, zero where it was not read
-    columns: Array  # (N, 2, P) of the unknowns of the poses
-    levels: Array  # (N, 2, 2 S) of its own: the level of each session
-    unknowns: list[BaseUnknown]  # of the levels
+    y: Array  # (N, 2) rad, zero if not measured
+    columns: Array  # (N, 2, P) columns of the pose unknowns
+    levels: Array  # (N, 2, 2 S) columns of the zero offsets of each session
+    unknowns: list[BaseUnknown]  # the zero offsets
 
     def append_columns(self, base: Array) -> Array:
-        """(N, D + 2, P + 2 S) of columns (N, D, P) of poses."""
+        """Append the inclinometer's columns to base columns of poses.
+
+        Args:
+            base: (N, D, P) columns.
+
+        Returns:
+            (N, D + 2, P + 2 S) columns.
+        """
         none = np.zeros((*base.shape[:2], self.levels.shape[2]))
         return np.concatenate(
             [np.concatenate([base, none], axis=2), np.concatenate([self.columns, self.levels], axis=2)], axis=1
@@ -52,7 +62,14 @@ class InclinometerEquations:
 
 
 def find_inclinometer(recording: Recording, cell: Cell) -> InclinometerSetup | None:
-    """The link and the readings that have a tilt; None where none has.
+    """Find the link of the inclinometer and the readings that contain a tilt.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        cell: Robot cell.
+
+    Returns:
+        The set-up; None without tilts.
 
     Raises:
         InputError: ``tilt_link`` is no link of the arm.
@@ -65,13 +82,18 @@ def find_inclinometer(recording: Recording, cell: Cell) -> InclinometerSetup | N
 
 
 def find_inclinometer_link(name: str, cell: Cell, source: str = "") -> int:
-    """The joint, from 1, that moves a link; 0 for what stands with base_link.
+    """Find the joint (1-based) that moves a link; 0 for a body fixed to base_link.
 
     Args:
-        name: of the URDF, or that number itself ("3" or "link:3").
+        name: Link name of the URDF, or the joint number ("3" or "link:3").
+        cell: Robot cell.
+        source: Source of the recording, for error messages.
+
+    Returns:
+        Joint number.
 
     Raises:
-        InputError: no such link, or one that neither the arm moves nor base_link holds.
+        InputError: There is no such link, or it belongs neither to the arm nor to base_link.
     """
     at = parse_location(name)
     number = at.which if at.kind == LINK else name
@@ -101,7 +123,19 @@ def find_inclinometer_link(name: str, cell: Cell, source: str = "") -> int:
 
 
 def compute_link_sag(model: NominalPoseModel, state: ArmState, link: int) -> Array:
-    """(N, 3) rad, how far the nominal arm's link is from where the encoders say: corrections and sag."""
+    """Compute the rotation of a link of the nominal arm relative to the encoder model: corrections and deflection.
+
+    Args:
+        model: Nominal pose model.
+        state: State at the loaded equilibrium.
+        link: Joint number that moves the link.
+
+    Returns:
+        (N, 3) rotation vectors, rad.
+
+    Raises:
+        ValueError: The state has no body poses.
+    """
     plain = model.encoders.compute_state(model.recording.q, model.cell.tool.T_flange_tcp, bodies=True)
     if state.R_bodies is None or plain.R_bodies is None:
         raise ValueError("the state was made without its bodies")
@@ -110,7 +144,7 @@ def compute_link_sag(model: NominalPoseModel, state: ArmState, link: int) -> Arr
 
 
 def _check_tilt_columns(recording: Recording, inclined: InclinometerSetup, sag: Array, state: ArmState) -> None:
-    """Refuse tilts that are what weight does to the link, written down otherwise: no physics is to be made of that."""
+    """Raise an error if tilts equal the nominal deflection in another column order or unit."""
     if recording.tilt is None or state.R_bodies is None:
         return
     rows = inclined.present.all(axis=1)
@@ -144,7 +178,15 @@ def _check_tilt_columns(recording: Recording, inclined: InclinometerSetup, sag: 
 
 
 def mark_measured_coordinates(dimensions: int, inclined: InclinometerSetup) -> Flags:
-    """(N, D + 2) what was measured beside ``dimensions`` of the pose."""
+    """Return which coordinates were measured, including those of the inclinometer.
+
+    Args:
+        dimensions: Number of pose coordinates.
+        inclined: Inclinometer set-up.
+
+    Returns:
+        (N, D + 2) True if measured.
+    """
     poses = np.ones((len(inclined.present), dimensions), bool)
     return np.concatenate([poses, inclined.present], axis=1)
 
@@ -156,14 +198,17 @@ def build_inclinometer_equations(
     inclined: InclinometerSetup,
     unknowns: Sequence[BaseUnknown],
 ) -> InclinometerEquations:
-    """The inclinometer's equations about the first fit; coefficients of springs are totals, as in the poses'.
+    """Build the inclinometer's equations about the first fit. Spring coefficients are totals, as for the poses.
 
     Args:
-        model: of the poses.
-        frame: what the first fit found.
-        state: the arm in equilibrium there.
-        inclined: where the inclinometer sits.
-        unknowns: of the poses' columns.
+        model: Nominal pose model.
+        frame: Result of the first fit.
+        state: State at the loaded equilibrium.
+        inclined: Inclinometer set-up.
+        unknowns: Unknowns of the pose columns.
+
+    Returns:
+        The equations.
     """
     recording, k = model.recording, inclined.link
     assert recording.tilt is not None  # where checks it
@@ -185,7 +230,7 @@ def build_inclinometer_equations(
     of = [f" of session {name}" if len(names) > 1 else "" for name in names]
     own = [BaseUnknown(name=f"level {a}{words}", unit="rad", location="level") for words in of for a in AXES]
     levels = levels.reshape(len(there), 2, -1) * there[:, :, None]
-    read = levels.any(axis=(0, 1))  # a session without a reading of the inclinometer has no level
+    read = levels.any(axis=(0, 1))  # a session without inclinometer readings has no zero offset
     return InclinometerEquations(
         y * there,
         columns * there[:, :, None],

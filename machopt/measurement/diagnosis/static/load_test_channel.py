@@ -1,8 +1,8 @@
-"""Load tests: how far the TCP moves under a known load; the channel that shows elasticity of every kind.
+"""Channel of load tests: displacement of the TCP under a known load. It shows all kinds of compliance.
 
-y is the measured displacement less what is known beyond the linear law (K_C of load and weight, exact); the base is
-the six joint compliances and, from the second session on, a gain of the force per session, which no recording of a
-robot is free of.
+y is the measured displacement minus the known nonlinear part (K_C of load and weight, exact). The base has the six
+joint compliances and, from the second session on, a force gain per session, because every recording has such gain
+errors.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from machopt.stiffness.arm_stiffness import ArmElasticity
 
 Ints = NDArray[np.int64]
 GEOMETRIC = "K_C"
-RIGID = 1e18  # N·m/rad, of springs that give nothing
+RIGID = 1e18  # N·m/rad, numerically rigid springs
 UNKNOWN_MASS_REASON = "whose weight stiffens joints like a balancer does"
 
 
@@ -65,22 +65,26 @@ def build_load_test_problem(
     bodies: Array | None = None,
     down: Array | None = None,
 ) -> tuple[DiagnosisProblem, HypothesisCatalogue, StaticReadings]:
-    """Equations and hypotheses of a load test.
+    """Build equations and hypotheses of a load test.
 
     Args:
-        recording: kind "deflection", as corrected by the record checks.
-        tests: the same in base axes.
-        robot, T_flange_tcp: the arm.
-        masses: of links and tool; None where the URDF has none of the long links.
-        compliance: (6,) rad/(N·m) found before; None: by least absolute deviations.
-        memo: histories of an earlier call for the same tests.
-        terms: (N, 6) m, rad, what the cell's own terms explain; None: it has none.
-        alone: (6,) rad/(N·m) found with nothing beside the springs; None: ``compliance`` is.
-        bodies: (N, 6, 6) compliance at the TCP of bodies found before; None: none was.
-        down: (3,) m/s² in base_link, gravity; with it weight that no file tells is in the base model.
+        recording: Load tests after the corrections of the recording.
+        tests: Load-test experiment: the recording in base axes with arm states.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        masses: Link and tool masses; None if the URDF has none for the long links.
+        compliance: (6,) joint compliance found earlier, rad/(N·m); None: by least absolute deviations.
+        memo: Cache of load histories of the same tests.
+        terms: (N, 6) displacement by the cell's own terms, m and rad; None without terms.
+        alone: (6,) joint compliance fitted without other effects, rad/(N·m); None: ``compliance``.
+        bodies: (N, 6, 6) compliance at the TCP of bodies found earlier; None without bodies.
+        down: (3,) gravity in base_link, m/s²; with it unknown link weights enter the base model.
+
+    Returns:
+        Problem, hypotheses, and the prepared readings.
 
     Raises:
-        InputError: springs that hold no load at all.
+        InputError: The springs are unstable under the loads.
     """
     if terms is not None:
         tests = replace(tests, measured=tests.measured - terms[:, : tests.dimensions])
@@ -118,7 +122,7 @@ def build_load_test_problem(
         )
         for s in range(1, len(gains) + 1)
     ]
-    if curved is not None:  # known but for the compliances in it
+    if curved is not None:  # known except for the compliances that it depends on
         base = np.concatenate([base, curved[:, :, None]], axis=2)
         unknowns.append(BaseUnknown(name=GEOMETRIC, unit="1", location="arm", prior=thresholds.RESTING.known_to))
     if unknown_link_masses.list_links_without_mass(masses) and down is not None:
@@ -166,7 +170,17 @@ def build_load_test_problem(
 def compute_body_compliance(
     robot: Robot, T_flange_tcp: Array, q: Array, bodies: Sequence[StiffnessTerm]
 ) -> Array | None:
-    """(N, 6, 6) compliance at the TCP of bodies alone, at joints q (N, 6) rad; None without any."""
+    """Compute the compliance at the TCP of bodies alone.
+
+    Args:
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        q: (N, 6) joint angles, rad.
+        bodies: Body terms.
+
+    Returns:
+        (N, 6, 6); None without bodies.
+    """
     if not bodies:
         return None
     stiff = ArmStiffness(joints=np.full(6, RIGID), terms=tuple(bodies))
@@ -183,7 +197,20 @@ def build_load_test_readings(
     compliance: Array,
     memo: dict[str, GearLoadHistory] | None = None,
 ) -> StaticReadings:
-    """The readings of a load test with what gears may remember of it; see :func:`build_load_test_problem`."""
+    """Build the prepared readings of a load test; see :func:`build_load_test_problem`.
+
+    Args:
+        recording: Recording as read, or with earlier corrections applied.
+        tests: Load-test experiment: the recording in base axes with arm states.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        masses: Link and tool masses; None if unknown.
+        compliance: (6,) joint compliance, rad/(N·m).
+        memo: Cache of load histories of the same tests.
+
+    Returns:
+        The readings.
+    """
     _, visit = np.unique(np.stack([tests.pose, tests.session], axis=1), axis=0, return_inverse=True)
     _, session = np.unique(tests.session, return_inverse=True)
     return StaticReadings(
@@ -204,7 +231,15 @@ def build_load_test_readings(
 
 
 def build_load_test_catalogue(r: StaticReadings, curved: Array | None) -> HypothesisCatalogue:
-    """Every effect that load tests can show."""
+    """Build every hypothesis that load tests can show.
+
+    Args:
+        r: Prepared readings.
+        curved: (N, D) nonlinear displacement (K_C); None if the springs are unstable.
+
+    Returns:
+        The catalogue with untestable effects.
+    """
     out: list[EffectHypothesis] = []
     missing: list[UntestableEffect] = []
     drives = np.quantile(np.abs(r.load_torque), 0.9, axis=0)
@@ -252,7 +287,15 @@ def build_load_test_catalogue(r: StaticReadings, curved: Array | None) -> Hypoth
 
 
 def label_replicates(tests: LoadTestExperiment, recording: Recording) -> Ints:
-    """(N,) label of readings of the same pose, load and branch; −1 for a reading without a twin."""
+    """Label readings of equal pose, load and branch as replicates.
+
+    Args:
+        tests: Load-test experiment: the recording in base axes with arm states.
+        recording: Recording as read, or with earlier corrections applied.
+
+    Returns:
+        (N,) label; −1 for a reading without a replicate.
+    """
     out = np.full(len(tests), -1, np.int64)
     branch = np.zeros(len(tests)) if recording.branch is None else recording.branch
     if recording.branch is None:  # rising or falling: the order tells
@@ -269,23 +312,23 @@ def label_replicates(tests: LoadTestExperiment, recording: Recording) -> Ints:
         w /= load_resolution.compute_load_tolerance(
             np.array([force, moment]), thresholds.RESTING.same_load, recording.uncertainty
         )
-        free = np.ones(len(rows), bool)
+        is_unlabelled = np.ones(len(rows), bool)
         for k in range(len(rows)):
-            if not free[k]:
+            if not is_unlabelled[k]:
                 continue
-            near = free & (branch[rows] == branch[rows[k]]) & (np.abs(w - w[k]).max(axis=1) < 1.0)
-            free[near] = False
-            for times in _list_readings_by_cycle_position(
-                tests.cycle[rows[near]]
-            ):  # what is read again while it rests may have crept on
-                if len(times) > 1:
-                    out[rows[near][times]] = n
+            is_same_load = is_unlabelled & (branch[rows] == branch[rows[k]]) & (np.abs(w - w[k]).max(axis=1) < 1.0)
+            is_unlabelled[is_same_load] = False
+            for same_load_rows in _list_readings_by_cycle_position(
+                tests.cycle[rows[is_same_load]]
+            ):  # repeated readings within a cycle may differ by creep
+                if len(same_load_rows) > 1:
+                    out[rows[is_same_load][same_load_rows]] = n
                     n += 1
     return out
 
 
 def _list_readings_by_cycle_position(cycle: Ints) -> list[Ints]:
-    """Numbers of readings that are the first of their cycle, the second, …"""
+    """Return the readings that are the first of their cycle, the second, and so on."""
     seen: dict[int, int] = {}
     turns: list[list[int]] = []
     for k, label in enumerate(cycle.tolist()):

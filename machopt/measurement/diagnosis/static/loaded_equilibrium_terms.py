@@ -1,4 +1,4 @@
-"""What load and weight do to an arm beyond bending its springs: K_C, and which way a sensor on the tool points."""
+"""Nonlinear effects of load and weight: geometric stiffness K_C, and the orientation of a sensor on the tool."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ from machopt.numerics.array_types import Array
 def compute_nonlinear_displacement(
     tests: LoadTestExperiment, robot: Robot, T_flange_tcp: Array, masses: RobotMasses | None, compliance: Array
 ) -> Array | None:
-    """What the exact equilibrium adds to the linear law (K_C).
+    """Compute the difference between exact equilibrium and linear law (K_C).
 
     Args:
-        tests: in base axes.
-        robot, T_flange_tcp: the arm.
-        masses: of links and tool; None: unknown, the load alone bends it.
-        compliance: (6,) rad/(N·m).
+        tests: Load-test experiment: the recording in base axes with arm states.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        masses: Link and tool masses; None: the load alone deflects the arm.
+        compliance: (6,) joint compliance, rad/(N·m).
 
     Returns:
-        (N, D) m, rad; None where such springs hold no such load.
+        (N, D) m, rad; None if the springs are unstable under the loads.
     """
     try:
         d, _ = LoadedEquilibriumModel(tests, robot, T_flange_tcp, masses).predict(compliance)
@@ -42,17 +43,21 @@ def compute_nonlinear_displacement(
 def convert_wrench_at_loaded_pose(
     tests: LoadTestExperiment, recording: Recording, robot: Robot, T_flange_tcp: Array, masses: RobotMasses | None
 ) -> LoadTestExperiment:
-    """A wrench read in tool axes, in base axes by where load and weight put the tool, or by where encoders say it is.
+    """Convert a wrench from tool to base axes by the deflected tool orientation, or by that of the encoders.
 
-    R(q + c τ) instead of R(q): springs that sag by 5 mrad turn a sensor by as much, and its axes would seem askew. A
-    load that is known in base axes, a weight, is turned into tool axes by the encoders alone. No recording says which;
-    the springs do, which have to fit either.
+    R(q + c τ) instead of R(q): springs that deflect by 5 mrad rotate a sensor by the same angle, and its axes would
+    seem misaligned. A load known in base axes (a weight) is converted to tool axes by the encoders alone. The
+    recording does not tell which case applies, so the better fit of the springs decides.
 
     Args:
-        tests: of the recording.
-        recording: as mended.
-        robot, T_flange_tcp: the arm.
-        masses: of links and tool; None: unknown, the load alone turns the tool.
+        tests: Load-test experiment: the recording in base axes with arm states.
+        recording: Corrected recording.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        masses: Link and tool masses; None: the load alone rotates the tool.
+
+    Returns:
+        The experiment with the better conversion.
     """
     if recording.wrench_frame != "tool":
         return tests
@@ -72,10 +77,10 @@ def convert_wrench_at_loaded_pose(
 
 
 def _compute_misfit(tests: LoadTestExperiment, robot: Robot, T_flange_tcp: Array, masses: RobotMasses | None) -> float:
-    """m, mean of what refitted joints leave of the translations, so that many small differences count.
+    """Return the mean residual (m) of the translations after a fit of the joints, sensitive to many small
+    differences.
 
-    K_C is counted and a zero of the force is fitted too: either is as large as what a sag of the tool turns, and hid
-    which of the two readings is right.
+    K_C is included and a force zero offset is fitted: both are as large as the effect of the tool rotation.
     """
     load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
     A, y = tests.response()[:, :3], tests.measured
@@ -83,8 +88,6 @@ def _compute_misfit(tests: LoadTestExperiment, robot: Robot, T_flange_tcp: Array
     curved = compute_nonlinear_displacement(tests, robot, T_flange_tcp, masses, c)
     d = y[:, :3] if curved is None else y[:, :3] - curved[:, :3]
     J = tests.state.J
-    zero = (
-        (J[:, :3] * c) @ np.swapaxes(J[:, :3], 1, 2) @ tests.T_base_tcp[:, :3, :3]
-    )  # m per N along an axis of the tool
+    zero = (J[:, :3] * c) @ np.swapaxes(J[:, :3], 1, 2) @ tests.T_base_tcp[:, :3, :3]  # m per N along each tool axis
     X = np.concatenate([A, zero], axis=2)
     return float(np.mean(np.abs(d - X @ fit_least_absolute_deviations(X, d, load))))

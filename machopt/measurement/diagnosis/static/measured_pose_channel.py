@@ -1,12 +1,13 @@
-"""Measured TCP poses at known joints: where the arm is, not how far it gives; shows geometry, weight and heat.
+"""Channel of measured TCP poses at known joint angles: absolute position. It shows geometry, gravity and thermal
+effects.
 
-y is the measured TCP (or reflector) less what the encoders say, with what is known counted exactly: finite rotations,
-corrections that the cell's kinematics.yaml holds, the equilibrium under weight and load at a first fit (K_C and all).
-Columns of the base: joint compliances under weight and load; with ``registration: fit`` a small twist of each stand's
-tracker frame about the middle of the points; each target's place in the flange. Coefficients of compliances and targets
-are totals; the frame's twist is what a first robust fit left over.
+y is the measured TCP (or reflector) minus the encoder model. Known effects are exact: finite rotations, the
+corrections of the cell's kinematics.yaml, and the equilibrium under weight and load at a first fit (with K_C). Base
+columns: joint compliances under weight and load; with ``registration: fit`` a small twist of each tracker frame about
+the centroid of the points; the position of each target in the flange. Coefficients of compliances and targets are
+totals. The frame twist is relative to a first robust fit.
 
-The nominal model: :mod:`machopt.measurement.diagnosis.static.nominal_pose_model`. What may explain the rest:
+Nominal model: :mod:`machopt.measurement.diagnosis.static.nominal_pose_model`. Hypotheses:
 :mod:`machopt.measurement.diagnosis.static.measured_pose_hypotheses`.
 """
 
@@ -56,31 +57,32 @@ def build_measured_pose_problem(
     kept: frozenset[int] = frozenset(),
     about: tuple[KinematicCorrection, ...] = (),
 ) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[str, ...]]:
-    """Equations and hypotheses of measured TCP poses.
+    """Build equations and hypotheses of measured TCP poses: y = p_measured − p(q) ≈ B x, with base columns B.
 
-    y = p_measured − p(q), p(q) the TCP by the encoder's joints; y ≈ B x, B the columns of the base.
+    Not valid for a tracker frame rotated by more than some degrees relative to base_link; register it first.
 
     Args:
-        recording: kind "absolute", N readings, as corrected by the record checks.
-        cell: its TCP, stiffness (where the first fit starts) and kinematic corrections.
-        robot: the arm whose joints ``recording.q`` are.
-        masses: of links and tool; None where the URDF has none: then weight bends nothing.
-        rng: nothing here is drawn at random; part of every channel's signature.
-        terms: of the cell's stiffness, that count as known.
-        found: compliance rad/(N·m) of joints, from 1, beside what was found before; None: nothing was looked for yet.
-        kept: joints, from 1, whose springs are the cell's and not refitted.
-        about: corrections that were found beside the cell's: the model is made linear about them, and what they do
-            is part of y still, as the columns of their laws have it.
+        recording: N measured poses after the corrections of the recording.
+        cell: Cell with TCP, stiffness (start of the first fit) and kinematic corrections.
+        robot: Kinematic model for the joint angles ``recording.q``.
+        masses: Link and tool masses; None if the URDF has none: no deflection by weight.
+        rng: Not used; part of the common signature of channels.
+        terms: Terms of the cell's stiffness that count as known.
+        found: Compliance of joints (1-based) with the effects found so far, rad/(N·m); None before the first
+            search.
+        kept: Joints (1-based) with the cell's spring, not refitted.
+        about: Corrections found so far. The model is linearised about them, and their effect remains in y
+            through the columns of their laws.
 
     Returns:
-        Problem (D = 3, or 6 with rotation vectors in base axes where quaternions are recorded; 2 more where a tilt is),
-        catalogue, notes.
+        Problem (D = 3, or 6 with rotation vectors if quaternions are recorded, plus 2 with an inclinometer),
+        hypotheses, notes.
 
     Raises:
-        InputError: another kind of recording, or one without measured positions.
+        InputError: Another kind of recording, or no measured positions.
 
-    Source: Klimchik et al. arXiv 1311.6810 (elasto-static calibration: y = J Δπ + J C Jᵀ w).
-    Invalid: for a tracker frame turned by more than some degrees against base_link (register it first).
+    Source:
+        Klimchik et al. arXiv 1311.6810 (elasto-static calibration: y = J Δπ + J C Jᵀ w).
     """
     if recording.kind != "absolute" or recording.position is None:
         raise InputError(
@@ -165,7 +167,7 @@ def build_measured_pose_problem(
 
 
 def _build_corrected_arm(cell: Cell, found: tuple[KinematicCorrection, ...]) -> CorrectedArm | None:
-    """The cell's arm with corrections that were found; None where there are none."""
+    """Return the cell's arm with found corrections; None without corrections."""
     if not found:
         return None
     kinematics = extend_kinematics(cell.kinematics, found)
@@ -173,10 +175,10 @@ def _build_corrected_arm(cell: Cell, found: tuple[KinematicCorrection, ...]) -> 
 
 
 def _compute_stated_displacement(r: StaticReadings, found: tuple[KinematicCorrection, ...]) -> Array:
-    """(N, D) m, rad that corrections move the readings by, as the columns of their laws have it.
+    """Return the displacement (N, D) m, rad of corrections by the columns of their laws.
 
-    The slope of the nominal model is another one by what weight does to an arm that is turned (1 in 50 of an offset of
-    a large joint 2). The columns are what the numbers of the next fit multiply, so that y and they belong together.
+    The slope of the nominal model differs by the effect of weight on a rotated arm (2 % of an offset of a large joint
+    2). The next fit multiplies these columns, so y must be consistent with them.
     """
     frames = [c for c in found if c.effect == structure_link_geometry.EFFECT.name]
     turned = build_encoder_correction(KinematicCorrections(tuple(c for c in found if c not in frames)))
@@ -191,13 +193,13 @@ def _compute_stated_displacement(r: StaticReadings, found: tuple[KinematicCorrec
 
 
 def _build_visit_labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints]:
-    """Arrival of each reading (pose × cycle × session), and which readings repeat each other: same pose, same load."""
+    """Return the visit of each reading (pose × cycle × session), and replicate labels (same pose, same load)."""
     stand, target = (
         reflectors_and_tracker_frames.index_tracker_frames(recording),
         reflectors_and_tracker_frames.index_reflectors(recording),
     )
     cycle = recording.cycle
-    if recording.targets and "cycle" not in recording.stated_labels:  # reflectors are read one after the other
+    if recording.targets and "cycle" not in recording.stated_labels:  # reflectors are measured in sequence
         cycle = _count_previous_rows(np.stack([recording.session, recording.pose, stand, target], axis=1))
     key = np.stack([recording.session, recording.pose, cycle, stand], axis=1)
     visit = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
@@ -207,7 +209,7 @@ def _build_visit_labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints
         w = np.zeros_like(wrench)
     replicate = np.full(len(recording), -1, np.int64)
     n = 0
-    # from another stand too: its frame is fitted, and what differs then is the reading
+    # replicates may be from different tracker stations: the frame is fitted
     seen = np.unique(np.stack([recording.pose, target], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
     for pose in range(int(seen.max()) + 1):
         rows = np.flatnonzero(seen == pose)
@@ -221,7 +223,7 @@ def _build_visit_labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints
 
 
 def _count_previous_rows(key: Ints) -> Ints:
-    """(N,) how often the same row of ``key`` (N, K) came before."""
+    """Return how often the same row of ``key`` (N, K) occurred before."""
     same = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
     order = np.argsort(same, kind="stable")
     starts = np.flatnonzero(np.diff(same[order], prepend=-1))
@@ -233,7 +235,7 @@ def _count_previous_rows(key: Ints) -> Ints:
 def _describe_undetermined_frames(
     model: NominalPoseModel, base: Array, unknowns: Sequence[BaseUnknown]
 ) -> tuple[str, ...]:
-    """What these poses cannot tell of tracker frames and reflectors, which is held by nominal places."""
+    """Return notes on tracker frames and reflectors that only nominal positions determine."""
     count = model.count_undetermined_directions(base, unknowns)
     if not count or not model.recording.targets:
         return ()

@@ -1,8 +1,8 @@
-"""What measured TCP poses may show beyond the refitted base, and what they cannot.
+"""Hypotheses that measured TCP poses can show in addition to the base, and those that they cannot.
 
-A zero offset of joint 1 *is* a turn of the tracker frame, one of joint 6 a shift of the target where no orientation is
-measured: what the base takes up altogether is not offered but listed as untestable. A step with the sign of a torque
-that weight keeps on one side is a zero offset, and offered as such alone.
+A zero offset of joint 1 equals a rotation of the tracker frame. One of joint 6 equals a shift of the target if no
+orientation is measured. Effects that the base absorbs completely are listed as untestable. A step with the sign of a
+torque that gravity keeps on one side equals a zero offset and is offered as such only.
 """
 
 from __future__ import annotations
@@ -38,14 +38,22 @@ from machopt.measurement.diagnosis.effect_columns import (
 from machopt.measurement.diagnosis.static import unknown_link_masses, unmodelled_pose_errors
 from machopt.numerics.array_types import Array
 
-BODY = "body"  # family of what gives way
+BODY = "body"  # family of compliant bodies
 SLIDING_JOINT_REASON = "it slides: it is looked for by its geometry alone, and what gives along it is the base's"
-ROUNDING = 1e-8  # of a column's length: what is left of one that the base holds
+ROUNDING = 1e-8  # relative remainder of a column that lies in the span of the base
 
 
 def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) -> HypothesisCatalogue:
-    """Every effect that measured poses can show, without those that the base takes up altogether."""
-    offered: list[EffectHypothesis] = [
+    """Build every hypothesis that measured poses can show, without those that the base absorbs.
+
+    Args:
+        r: Prepared readings.
+        problem: Problem with the base columns.
+
+    Returns:
+        The catalogue with untestable effects.
+    """
+    candidates: list[EffectHypothesis] = [
         *joint_angle_errors.build_joint_angle_hypotheses(r),
         *joint_torque.build_pose_couplings(r),
         *link_geometry.build_geometry_hypotheses(r, problem.base),
@@ -64,9 +72,9 @@ def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) 
     slides = (
         [] if r.robot.slides is None else [format_joint_location(int(j) + 1) for j in np.flatnonzero(r.robot.slides)]
     )
-    offered = [
+    candidates = [
         h
-        for h in offered
+        for h in candidates
         if h.effect == structure_link_geometry.EFFECT.name or not _is_at_sliding_joint(h.location, slides)
     ]
     missing = [
@@ -84,29 +92,29 @@ def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) 
                 UntestableEffect(angle_dependent_stiffness.EFFECT.name, where, "neither weight nor load turns it")
             )
             continue
-        beside = _add_zero_offset(Q, r, j)
+        span_with_offset = _add_zero_offset(Q, r, j)
         for effect in sorted(kinds, key=lambda e: e.joint_laws[0].includes_weight):
             laws, _ = joint_torque.build_joint_hypotheses(r, j, effect)
             for law, h in ((law, h) for h in laws for law in effect.joint_laws if law.name == h.law):
                 shapes = h.shapes
                 if law.includes_weight:
-                    shapes = tuple(s for s in shapes if _is_distinct_from_offset(h.columns(s), Q, beside))
+                    shapes = tuple(s for s in shapes if _is_distinct_from_offset(h.columns(s), Q, span_with_offset))
                 if shapes:
-                    offered.append(replace(h, shapes=shapes))
+                    candidates.append(replace(h, shapes=shapes))
                 else:
                     why = "weight keeps its torque on one side: it is a zero offset"
                     missing.append(
                         UntestableEffect(effect.name, where, why, (joint_joint_angle_errors.ZERO.name, where))
                     )
     if r.recording.registration == "fixed":
-        offered += sensor_errors.build_pose_sensor_hypotheses(r)
-    kept = []
-    for h in offered:
+        candidates += sensor_errors.build_pose_sensor_hypotheses(r)
+    testable = []
+    for h in candidates:
         columns = h.columns(h.shapes[len(h.shapes) // 2])
         if h.family == BODY and _has_redundant_coefficients(columns, Q):
             continue
         if compute_remaining_share(columns, Q) > thresholds.RESTING.taken_up:
-            kept.append(h)
+            testable.append(h)
         elif (h.effect, h.location) not in {(m.effect, m.location) for m in missing}:
             missing.append(UntestableEffect(h.effect, h.location, _explain_absorbed_effect(h, r)))
     axes = {"session": r.session.astype(float)}
@@ -117,23 +125,30 @@ def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) 
             axes[name] = values
     p = r.state.T_base_tool[:, :3, 3]
     axes |= {name: p[:, k] for k, name in enumerate("xyz")} | {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
-    named = {(h.effect, h.location) for h in kept}
-    untestable = tuple(m for m in missing if (m.effect, m.location) not in named)
-    finer = tuple(h for h in joint_angle_errors.build_refined_harmonics(r) if h.name in named)
+    testable_names = {(h.effect, h.location) for h in testable}
+    untestable = tuple(m for m in missing if (m.effect, m.location) not in testable_names)
+    finer = tuple(h for h in joint_angle_errors.build_refined_harmonics(r) if h.name in testable_names)
     return HypothesisCatalogue(
-        tuple(kept), untestable, axes, finer, tuple(unmodelled_pose_errors.build_unmodelled_pose_hypotheses(r))
+        tuple(testable), untestable, axes, finer, tuple(unmodelled_pose_errors.build_unmodelled_pose_hypotheses(r))
     )
 
 
 def _is_at_sliding_joint(place: str, slides: list[str]) -> bool:
-    """Whether a law sits at joints of which one slides: laws of angles and torques do not hold there."""
+    """Return whether a law acts at a prismatic joint, where laws of angles and torques do not apply."""
     return parse_location(place).is_joint_location and any(
         format_joint_location(j + 1) in slides for j in parse_joint_location(place)
     )
 
 
 def compute_column_span(columns: Array) -> Array:
-    """(N D, K) orthonormal columns of what (N, D, P) can make up, rotations counted by ``calibrated.RESTING.lever``."""
+    """Compute an orthonormal basis of the column span; rotations are scaled by ``thresholds.RESTING.lever``.
+
+    Args:
+        columns: (N, D, P) columns.
+
+    Returns:
+        (N D, K) orthonormal columns.
+    """
     B = _flatten_columns(columns)
     sizes = np.linalg.norm(B, axis=0)
     U, s, _ = np.linalg.svd(B[:, sizes > 0] / sizes[sizes > 0], full_matrices=False)
@@ -141,17 +156,24 @@ def compute_column_span(columns: Array) -> Array:
 
 
 def compute_remaining_share(columns: Array, Q: Array) -> float:
-    """Share of a hypothesis' columns (N, D, p), by length, that the base's (:func:`compute_column_span`) cannot make
-    up."""
+    """Compute the share of a hypothesis' columns, by norm, outside of a span.
+
+    Args:
+        columns: (N, D, p) columns.
+        Q: Orthonormal basis, see :func:`compute_column_span`.
+
+    Returns:
+        0 to 1.
+    """
     A = _flatten_columns(columns)
     size = float(np.linalg.norm(A))
     return float(np.linalg.norm(A - Q @ (Q.T @ A))) / size if size > 0 else 0.0
 
 
 def _has_redundant_coefficients(columns: Array, Q: Array) -> bool:
-    """Whether the base takes up some numbers of a law but not all: a law of the same body goes without those.
+    """Return whether the base absorbs some but not all coefficients; then a law with fewer coefficients is used.
 
-    A plate that sinks under a weight that is always the same shifts everything, as a fitted tracker frame does.
+    A base that settles under a constant weight shifts all points like a fitted tracker frame.
     """
     each = [
         compute_remaining_share(columns[:, :, [k]], Q) > thresholds.RESTING.taken_up for k in range(columns.shape[2])
@@ -165,7 +187,7 @@ def _flatten_columns(columns: Array) -> Array:
 
 
 def _add_zero_offset(Q: Array, r: StaticReadings, j: int) -> Array:
-    """The span beside a zero offset of joint j; as it was where it holds one already."""
+    """Return the span including a zero offset of joint j; unchanged if it already contains one."""
     column = _flatten_columns(r.lift_joint_twist(j, np.ones(len(r))))[:, 0]
     rest = column - Q @ (Q.T @ column)
     rest = rest - Q @ (Q.T @ rest)
@@ -174,7 +196,7 @@ def _add_zero_offset(Q: Array, r: StaticReadings, j: int) -> Array:
 
 
 def _is_distinct_from_offset(columns: Array, Q: Array, beside: Array) -> bool:
-    """A law on a joint's torque shows more in these poses than a zero offset of the joint would."""
+    """Return whether a law of a joint's torque differs from a zero offset of the joint in these poses."""
     alone = compute_remaining_share(columns, Q)
     return (
         alone > thresholds.RESTING.taken_up

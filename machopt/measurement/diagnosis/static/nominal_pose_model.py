@@ -1,8 +1,7 @@
-"""The nominal model of measured poses: encoders → corrected angles → equilibrium → what the tracker reads.
+"""Nominal model of measured poses: encoders → corrected angles → equilibrium → tracker reading.
 
-A recording may be of several reflectors on the flange (each reading of one), and from several stands of the tracker: a
-reading's *point* is the reflector's place, or the TCP. States are at that point, and the recorded load is counted about
-it, so that every law sees the reading as it was taken.
+A recording may contain several reflectors on the flange (one per reading) and several tracker stations. The *point*
+of a reading is the reflector or the TCP. States refer to that point, and the recorded load is referred to it.
 """
 
 from __future__ import annotations
@@ -37,26 +36,24 @@ from machopt.numerics.rigid_transforms import (
     skew_matrix,
 )
 
-EQUILIBRIUM_STEPS = (
-    4  # fixed-point steps to the loaded equilibrium; each is a thousand times nearer than the one before
-)
-REPEATED_EQUILIBRIUM_STEPS = 2  # of them from the equilibrium of a fit before
-STEPS = 5  # of the robust first fit
+EQUILIBRIUM_STEPS = 4  # fixed-point iterations for the loaded equilibrium; each reduces the error a thousandfold
+REPEATED_EQUILIBRIUM_STEPS = 2  # iterations from the equilibrium of a previous fit
+STEPS = 5  # iterations of the robust first fit
 
 
 @dataclass(frozen=True)
 class FirstPoseFit:
-    """What the first fit found: each tracker frame in base_link (about the middle of the points), each target."""
+    """Result of the first fit: tracker frames in base_link (about the centroid of the points), targets, compliances."""
 
     shift: Array  # (F, 3) m
     turn: Array  # (F, 3) rad
-    target: Array  # (T, 3) m, in the flange's axes, beside its nominal place or the cell's TCP
+    target: Array  # (T, 3) m, flange axes, offset from the nominal position or the cell's TCP
     compliance: Array  # (6,) rad/(N·m)
 
 
 @dataclass(frozen=True)
 class CorrectedArm:
-    """The arm with corrections that were found, about which the model is made linear again."""
+    """Arm with found corrections about which the model is linearised."""
 
     robot: Robot
     kinematics: KinematicCorrections
@@ -64,16 +61,16 @@ class CorrectedArm:
 
 @dataclass(frozen=True)
 class BaseStep:
-    """One vector of unknowns of the base, in parts."""
+    """Vector of base unknowns, separated by kind."""
 
-    springs: dict[int, float]  # by joint, from 0
-    shift: Array  # (F, 3); zeros where frames are known
+    springs: dict[int, float]  # by joint, 0-based
+    shift: Array  # (F, 3) m; zero for known frames
     turn: Array  # (F, 3)
     target: Array  # (T, 3)
 
 
 class NominalPoseModel:
-    """The nominal model of a recording."""
+    """Nominal model of a recording of measured poses."""
 
     def __init__(
         self,
@@ -84,19 +81,28 @@ class NominalPoseModel:
         kept: frozenset[int],
         about: CorrectedArm | None = None,
     ) -> None:
-        """``about``: where the model is made linear, where that is not the cell's own kinematics."""
-        assert recording.position is not None  # build checks it
+        """Build the model.
+
+        Args:
+            recording: Measured poses.
+            cell: Robot cell.
+            robot: Kinematic model of the arm.
+            masses: Link and tool masses, or None.
+            kept: Joints (1-based) with the cell's spring, not refitted.
+            about: Corrected arm to linearise about; None: the cell's own kinematics.
+        """
+        assert recording.position is not None  # checked by the caller
         self.recording, self.cell, self.masses, self.kept_springs = recording, cell, masses, kept
-        self.encoders = robot  # as the cell has it: what inclinometers count from
+        self.encoders = robot  # uncorrected arm: reference of inclinometers
         self.robot = robot if about is None else about.robot
         known = build_encoder_correction(cell.kinematics if about is None else about.kinematics)
         self.angles = recording.q if known is None else known.compute_true_angles(recording.q)
         self.position = recording.position
         self.rotation = None if recording.quaternion is None else convert_quaternion_to_matrix(recording.quaternion)
         self.D = 3 if self.rotation is None else 6
-        self.settled: Array | None = None  # (N, 6) rad, the equilibrium of the last prediction
-        self.free = recording.registration == "fit"  # the frames
-        self.placed = self.free or bool(recording.targets)  # the targets' places are fitted
+        self.settled: Array | None = None  # (N, 6) rad, equilibrium of the last prediction
+        self.free = recording.registration == "fit"  # tracker frames are fitted
+        self.placed = self.free or bool(recording.targets)  # target positions are fitted
         self.frame_index, self.reflector_index = (
             reflectors_and_tracker_frames.index_tracker_frames(recording),
             reflectors_and_tracker_frames.index_reflectors(recording),
@@ -105,23 +111,26 @@ class NominalPoseModel:
         T = cell.tool.T_flange_tcp
         self.places = (
             reflectors_and_tracker_frames.list_reflector_positions(recording, T) - T[:3, 3]
-        )  # (T, 3) m in flange, from the TCP
+        )  # (T, 3) m, flange axes, relative to the TCP
         state = robot.compute_state(self.angles, T)
         self.wrench = _convert_wrench_to_base(recording, robot, T, self.angles, state)  # about the TCP
         self.middle = state.T_base_tool[:, :3, 3].mean(axis=0)
         nominal = None if cell.stiffness is None else 1.0 / cell.stiffness.joints
         self.nominal = np.full(6, thresholds.RESTING.usual_joint) if nominal is None else nominal
-        if robot.slides is not None:  # stiff along its way: a weight that it always bears shifts all, as a frame does
+        if robot.slides is not None:  # rigid along its axis: a constant weight shifts all points like a frame
             self.nominal = np.where(robot.slides, 0.0, self.nominal)
-        # weight alone turns a joint by what its angles fix, as frames and waves do: a fit of these bends any spring
+        # under gravity alone, joint deflections depend on the angles, as frames and harmonics do
         self.weight_alone = cell.stiffness is not None and float(np.abs(self.wrench).max()) == 0.0
 
     def find_undetermined_springs(self, frame: FirstPoseFit) -> frozenset[int]:
-        """Joints, from 1, whose springs nothing but weight bends, by less than tells them from the frames.
+        """Find joints (1-based) whose springs gravity alone deflects, indistinguishably from frame errors.
 
-        What weight does to a joint follows from the joints' angles, as what a frame elsewhere does. A spring of which
-        the frames of all joints leave next to nothing is free to be rubber, or to push back, for the sake of gears'
-        waves; it stays the cell's.
+        Joint deflection by gravity follows from the joint angles, as the effect of a displaced frame does. A spring
+        that the joint frames almost absorb could become very soft or negative to imitate gear harmonics. It keeps the
+        cell's value.
+
+        Args:
+            frame: Current fit of frames, targets and compliances.
         """
         if not self.weight_alone:
             return frozenset()
@@ -140,21 +149,36 @@ class NominalPoseModel:
         return frozenset(j + 1 for j in range(6) if shown[j] < least)
 
     def compute_load(self, state: ArmState) -> Array:
-        """(N, 6) recorded load about the points that are measured."""
+        """Return the recorded load (N, 6) N, N·m referred to the measured points.
+
+        Args:
+            state: Arm state at the loaded equilibrium.
+        """
         if not self.recording.targets or not self.wrench.any():
             return self.wrench
         lever = -np.einsum("nij,nj->ni", self._compute_flange_rotation(state), self.places[self.reflector_index])
         return np.concatenate([self.wrench[:, :3], self.wrench[:, 3:] + np.cross(lever, self.wrench[:, :3])], axis=1)
 
     def compute_torque(self, state: ArmState) -> Array:
-        """(N, 6) N·m of load and weight."""
+        """Return the joint torques (N, 6) N·m of load and weight.
+
+        Args:
+            state: Arm state at the loaded equilibrium.
+        """
         tau = np.einsum("nci,nc->ni", state.J, self.compute_load(state))
         return np.asarray(
             tau if self.masses is None else tau + compute_gravity_torque(self.robot, self.masses, state)[0]
         )
 
     def predict(self, frame: FirstPoseFit) -> tuple[ArmState, Array, Array]:
-        """State at the loaded equilibrium at the points, these (N, 3) and the TCP's rotation (N, 3, 3) in base_link."""
+        """Predict the arm state and the measured points at the loaded equilibrium.
+
+        Args:
+            frame: Current fit of frames, targets and compliances.
+
+        Returns:
+            State, points (N, 3) m and TCP orientations (N, 3, 3) in base_link.
+        """
         T = self.cell.tool.T_flange_tcp.copy()
         if not self.recording.targets:
             T[:3, 3] += frame.target[0]
@@ -167,7 +191,16 @@ class NominalPoseModel:
         return state, state.T_base_tool[:, :3, 3], state.T_base_tool[:, :3, :3]
 
     def residual(self, frame: FirstPoseFit, p: Array, R: Array) -> Array:
-        """(N, D) measured, brought to base_link, less predicted; m and rotation vectors in base axes."""
+        """Return measured (transformed to base_link) minus predicted values.
+
+        Args:
+            frame: Current fit of frames, targets and compliances.
+            p: (N, 3) predicted points, m, base_link.
+            R: (N, 3, 3) predicted TCP orientations.
+
+        Returns:
+            (N, D) m and rotation vectors in base axes, rad.
+        """
         Q = convert_vector_to_rotation(frame.turn)[self.frame_index]
         away = self.position - frame.shift[self.frame_index] - self.middle
         seen = self.middle + np.einsum("nji,nj->ni", Q, away)
@@ -177,7 +210,16 @@ class NominalPoseModel:
         return np.concatenate([seen - p, convert_to_rotation_vector(turned)], axis=1)
 
     def columns(self, state: ArmState, p: Array) -> tuple[Array, list[BaseUnknown]]:
-        """(N, D, P) of the base: springs, each frame's shift and turn, each target's place."""
+        """Return the base columns and unknowns: springs, translation and rotation of each frame, position of each
+        target.
+
+        Args:
+            state: Arm state at the loaded equilibrium.
+            p: (N, 3) predicted points, m, base_link.
+
+        Returns:
+            (N, D, P) columns, and the unknowns.
+        """
         parts, unknowns = [], []
         bend = state.J * self.compute_torque(state)[:, None, :]
         for j in range(6):
@@ -211,7 +253,12 @@ class NominalPoseModel:
         return np.concatenate(parts, axis=2) if parts else np.zeros((len(p), self.D, 0)), unknowns
 
     def split_unknowns(self, unknowns: Sequence[BaseUnknown], x: Array) -> BaseStep:
-        """What each number of ``columns`` is."""
+        """Separate a vector of base unknowns by kind.
+
+        Args:
+            unknowns: Base unknowns of the columns.
+            x: (P,) values, SI.
+        """
         springs = {u.spring_joint - 1: float(v) for u, v in zip(unknowns, x, strict=True) if u.spring_joint is not None}
         rest = x[len(springs) :]
         frames = rest[: 6 * self.frame_count].reshape(-1, 6) if self.free else np.zeros((self.frame_count, 6))
@@ -219,16 +266,21 @@ class NominalPoseModel:
         return BaseStep(springs, frames[:, :3], frames[:, 3:], target)
 
     def build_start_values(self, unknowns: Sequence[BaseUnknown], frame: FirstPoseFit) -> Array:
-        """(P,) totals of what is fitted as such, springs and targets; zero for frames, which are fitted as steps."""
+        """Return start values: totals for springs and targets, zero for frames, which are fitted as steps.
+
+        Args:
+            unknowns: Base unknowns of the columns.
+            frame: Current fit of frames, targets and compliances.
+        """
         springs = [frame.compliance[u.spring_joint - 1] for u in unknowns if u.spring_joint is not None]
         frames = np.zeros(6 * self.frame_count if self.free else 0)
         return np.concatenate([springs, frames, frame.target.reshape(-1) if self.placed else []])
 
     def fit_base(self, loose: float = 1.0) -> FirstPoseFit:
-        """Compliances, tracker frames and targets by Gauss–Newton with Huber weights; where the rest starts from.
+        """Fit compliances, tracker frames and targets by Gauss–Newton with Huber weights.
 
         Args:
-            loose: nominal places of targets are taken so many times less sure than they are.
+            loose: Factor on the uncertainty of nominal target positions.
         """
         frame = FirstPoseFit(
             np.zeros((self.frame_count, 3)),
@@ -241,13 +293,18 @@ class NominalPoseModel:
             r = self.residual(frame, p, R)
             B, unknowns = self.columns(state, p)
             totals = self.build_start_values(unknowns, frame)
-            now = np.where([u.spring_joint is not None for u in unknowns], totals, 0.0)  # others as steps
+            now = np.where([u.spring_joint is not None for u in unknowns], totals, 0.0)  # others are fitted as steps
             x = self._robust(r + B @ now, B, unknowns, totals, loose)
             frame = self._compute_displacement(frame, self.split_unknowns(unknowns, x))
         return frame
 
     def count_undetermined_directions(self, columns: Array, unknowns: Sequence[BaseUnknown]) -> int:
-        """Directions of frames and reflectors together that these poses do not show: what nominal places hold."""
+        """Count the directions of frames and reflectors that only nominal positions determine.
+
+        Args:
+            columns: (N, D, P) base columns.
+            unknowns: Base unknowns of the columns.
+        """
         rest = columns[:, :3, [u.spring_joint is None for u in unknowns]].reshape(3 * len(columns), -1)
         size = np.linalg.norm(rest, axis=0)
         if not rest.shape[1]:
@@ -256,10 +313,15 @@ class NominalPoseModel:
         return int(np.sum(s < thresholds.RESTING.seen_apart * s[0]))
 
     def build_readings(self, state: ArmState, frame: FirstPoseFit, springs: Array) -> StaticReadings:
-        """For the laws: bodies and Jacobian where the loaded arm stands, joints as the encoders say.
+        """Build the static readings for laws: bodies and Jacobian at the loaded arm, joint angles of the encoders.
 
-        Weights that nobody stated make springs soft in a fit that does not know of them, and what they do would then be
-        looked for through springs that are soft because of them. So none counts as far from the cell's.
+        Unstated weights make springs too soft in a fit, and would then be searched through these springs. The
+        compliances are therefore limited to a factor around the cell's.
+
+        Args:
+            state: Arm state at the loaded equilibrium.
+            frame: Current fit of frames, targets and compliances.
+            springs: (6,) joint compliances, rad/(N·m).
         """
         near = thresholds.RESTING.near_cell if self.cell.stiffness is not None else thresholds.RESTING.near_usual
         _, session = np.unique(self.recording.session, return_inverse=True)
@@ -285,7 +347,11 @@ class NominalPoseModel:
         )
 
     def build_notes(self, frame: FirstPoseFit) -> tuple[str, ...]:
-        """What was fitted in any case, and what could not be."""
+        """Return notes on the fitted frames and targets, and on missing masses.
+
+        Args:
+            frame: Current fit of frames, targets and compliances.
+        """
         out = []
         for n, name in enumerate(reflectors_and_tracker_frames.list_frame_labels(self.recording)) if self.free else ():
             shift, turn = (", ".join(f"{1e3 * v:.3f}" for v in a[n]) for a in (frame.shift, frame.turn))
@@ -317,7 +383,7 @@ class NominalPoseModel:
         return np.asarray(state.T_base_tool[:, :3, :3] @ self.cell.tool.T_flange_tcp[:3, :3].T)
 
     def _move_state_to_points(self, state: ArmState, frame: FirstPoseFit) -> ArmState:
-        """A state of the TCP, at the points that are measured."""
+        """Return a TCP state referred to the measured points."""
         if not self.recording.targets:
             return state
         beside = np.einsum(
@@ -370,7 +436,7 @@ class NominalPoseModel:
         lean = np.where(spring, 1.0 / thresholds.RESTING.spring_prior, 0.0)
         placed = [unknowns[k].prior or thresholds.RESTING.nest_placed for k in np.flatnonzero(nest).tolist()]
         lean[nest] = 1.0 / (loose * np.array(placed))
-        to = np.where(nest, -lean * totals, 0.0)  # steps that lead back to nominal places
+        to = np.where(nest, -lean * totals, 0.0)  # steps towards nominal positions
         lower = np.array([u.lower for u in unknowns])
         weight, x = np.ones(len(y)), np.zeros(len(unknowns))
         for _ in range(8):
@@ -378,7 +444,7 @@ class NominalPoseModel:
             sigma = compute_robust_spread((b - A @ x).reshape(-1, self.D)) if x.any() else compute_robust_spread(y)
             M = np.concatenate([A * size * rows[:, None] / sigma, np.diag(lean)])
             whole = np.column_stack([M, np.concatenate([b * rows / sigma, to])])
-            small = np.asarray(np.linalg.qr(whole, mode="r"))  # the same least squares in a few rows
+            small = np.asarray(np.linalg.qr(whole, mode="r"))  # equivalent least-squares problem with few rows
             x = size * lsq_linear(small[:, :-1], small[:, -1], (lower / size, np.inf)).x
             error = np.linalg.norm((b - A @ x).reshape(-1, self.D), axis=1)
             limit = thresholds.RESTING.heavy * compute_robust_spread((b - A @ x).reshape(-1, self.D)) * np.sqrt(self.D)
@@ -399,7 +465,14 @@ class NominalPoseModel:
 
 
 def compute_robust_spread(r: Array) -> float:
-    """Robust standard deviation of a coordinate of (N, D), m; never zero."""
+    """Compute the robust standard deviation of a coordinate.
+
+    Args:
+        r: (N, D) values, m.
+
+    Returns:
+        Standard deviation, m, above zero.
+    """
     return max(1.4826 * float(np.median(np.abs(r - np.median(r, axis=0)))), 1e-9)
 
 
@@ -410,7 +483,7 @@ def _format_mm(at: Array) -> str:
 def _convert_wrench_to_base(
     recording: Recording, robot: Robot, T_flange_tcp: Array, q: Array, state: ArmState
 ) -> Array:
-    """(N, 6) recorded wrench at the TCP in base axes; zero where none is recorded."""
+    """Return the recorded wrench (N, 6) at the TCP in base axes; zero if none is recorded."""
     if recording.wrench is None:
         return np.zeros((len(q), 6))
     wrench = recording.wrench.copy()

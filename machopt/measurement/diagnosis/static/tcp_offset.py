@@ -1,8 +1,7 @@
-"""A TCP that sits elsewhere in the tool than the cell says: once found, everything is looked at again from there.
+"""TCP offset from the cell: once found, the diagnosis is repeated about the corrected TCP.
 
-The law (:class:`machopt.effects.recording.sensor_errors.TcpOffset`) is linear in the offset. A tool that is a hand's
-breadth
-shorter turns the arm about another point: what is of second order in the offset looks like a tool that gives way.
+The law (:class:`machopt.effects.recording.sensor_errors.TcpOffset`) is linear in the offset. A tool that is 0.1 m
+shorter rotates the arm about another point, and the second-order part would imitate tool compliance.
 """
 
 from __future__ import annotations
@@ -19,21 +18,21 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import build_transform
 
 DiagnosedProblem = tuple[DiagnosisResult, DiagnosisProblem]
-STEPS = 3  # each is some tenth of the one before
+STEPS = 3  # iterations; each step is about a tenth of the previous one
 
 
 def diagnose_about_found_tcp(
     T_flange_tcp: Array, look: Callable[[Array], DiagnosedProblem]
 ) -> tuple[DiagnosedProblem, Finding | None]:
-    """A diagnosis of load tests, about the TCP that they show.
+    """Diagnose load tests about the TCP that they show.
 
     Args:
-        T_flange_tcp: (4, 4) the cell's.
-        look: diagnoses with a TCP.
+        T_flange_tcp: (4, 4) TCP of the cell.
+        look: Function that diagnoses with a given TCP.
 
     Returns:
-        the diagnosis with its problem, and the finding that it stands on: the law with the whole offset, and what the
-        readings leave from there. None: the TCP is the cell's, or what is seen from where it was found is no better.
+        The diagnosis with its problem, and the finding with the total offset; None if the cell's TCP fits as
+        well.
     """
     first = d, _ = look(T_flange_tcp)
     found = again = _find_tcp_finding(d)
@@ -54,7 +53,15 @@ def diagnose_about_found_tcp(
 
 
 def describe_tcp_correction(T_flange_tcp: Array, found: Sequence[Finding]) -> list[str]:
-    """What the cell needs, so that the stiffness of such a diagnosis holds in it."""
+    """Describe the TCP that the cell needs for the stiffness of such a diagnosis.
+
+    Args:
+        T_flange_tcp: (4, 4) TCP of the cell.
+        found: Findings with TCP offsets.
+
+    Returns:
+        One sentence per finding.
+    """
     out = []
     for f in found:
         offset = 1e-3 * np.array([e.value for e in _list_offset_estimates(f)])
@@ -76,7 +83,7 @@ def _list_offset_estimates(f: Finding) -> list[EstimatedValue]:
 
 
 def _combine_offset_estimates(offset: Array, last: Finding) -> Mapping[str, EstimatedValue]:
-    """(3,) mm as sure as its last step."""
+    """Return the total offset (3,) mm with the uncertainty of the last step."""
     size = float(np.linalg.norm(offset))
 
     def ends(level: str) -> list[tuple[float, float]]:

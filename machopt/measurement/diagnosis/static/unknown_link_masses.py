@@ -1,9 +1,10 @@
-"""Links whose masses no file tells: what their weight may do to a load test, as coefficients of the base model.
+"""Links without stated masses: the effect of their weight on load tests as coefficients of the base model.
 
-Weight turns with the arm. A load that bends joint l moves the weight's lever about joint i, which is a spring of its
-own beside the gear (K = ∂τ/∂q), and the sag at rest moves every lever arm of the load. Both are linear in the first
-moments of upper arm and forearm (kg·m, with what hangs behind them), so an arm whose file has no masses is told from
-one with a balancer by neither, and neither is named for it. What a file does state stays known beside them.
+Gravity acts on a moving arm. A load that deflects joint l changes the lever arm of the weight about joint i, which
+acts as a spring in parallel to the gear (K = ∂τ/∂q). The deflection at rest changes the lever arms of the load. Both
+are linear in the first moments of upper arm and forearm (kg·m, including all bodies behind them). An arm without
+stated masses cannot be distinguished from one with a gravity compensator, so neither is reported. Stated masses
+remain known.
 """
 
 from __future__ import annotations
@@ -19,27 +20,55 @@ from machopt.measurement.estimation.reading_covariance import compute_joint_sens
 from machopt.measurement.identification.data_quality.unit_checks import estimate_reach
 from machopt.numerics.array_types import Array
 
-LONG_LINKS = (2, 3)  # upper arm and forearm: their moments reach joints 2 and 3, the wrist's weight with them
+LONG_LINKS = (2, 3)  # upper arm and forearm: their moments, including the wrist's weight, act on joints 2 and 3
 
 
 def list_links_without_mass(masses: RobotMasses | None) -> tuple[int, ...]:
-    """The long links whose weight the file does not tell; a tool alone does not make an arm weigh."""
+    """List the long links without a stated mass; the mass of a tool alone does not count.
+
+    Args:
+        masses: Link and tool masses; None if unknown.
+
+    Returns:
+        Link numbers.
+    """
     known = set() if masses is None else set(masses.body[masses.mass > 0.0].tolist())
     return tuple(link for link in LONG_LINKS if link not in known)
 
 
 def has_link_mass(masses: RobotMasses | None) -> bool:
-    """Whether the file tells of any long link what it weighs."""
+    """Return whether the mass of any long link is stated.
+
+    Args:
+        masses: Link and tool masses; None if unknown.
+
+    Returns:
+        True if stated.
+    """
     return list_links_without_mass(masses) != LONG_LINKS
 
 
 def list_unknown_moments(masses: RobotMasses | None) -> tuple[int, ...]:
-    """Links whose moment is unknown: a link hangs on those before it, whose moments hold its weight at the elbow."""
+    """List the links with an unknown first moment; the moment of a link includes the links behind it.
+
+    Args:
+        masses: Link and tool masses; None if unknown.
+
+    Returns:
+        Link numbers.
+    """
     return tuple(link for link in LONG_LINKS if link <= max(list_links_without_mass(masses), default=0))
 
 
 def describe_missing_masses(masses: RobotMasses | None) -> str:
-    """What the URDF lacks, in words; not asked where it lacks nothing."""
+    """Describe the links without a stated mass; at least one must be missing.
+
+    Args:
+        masses: Link and tool masses; None if unknown.
+
+    Returns:
+        Text.
+    """
     links = list_links_without_mass(masses)
     return f"the URDF has no mass of link{'s' if len(links) > 1 else ''} {' and '.join(map(str, links))}"
 
@@ -47,17 +76,20 @@ def describe_missing_masses(masses: RobotMasses | None) -> str:
 def build_link_moment_columns(
     r: StaticReadings, gravity: Array, links: tuple[int, ...] = LONG_LINKS
 ) -> tuple[Array, tuple[BaseUnknown, ...]]:
-    """(N, D, P) displacement per kg·m of first moment of each link, and what they are called.
+    """Build the displacement per unit first moment of each link.
 
     Args:
-        r: of a load test.
-        gravity: (3,) m/s² in base_link.
-        links: long links, by the joint that moves them.
+        r: Readings of a load test.
+        gravity: (3,) gravity in base_link, m/s².
+        links: Long links, by the joint that moves them.
+
+    Returns:
+        (N, D, P) m, rad per kg·m, and the unknowns.
     """
-    assert r.state.R_bodies is not None  # load tests keep them
+    assert r.state.R_bodies is not None  # load-test states include bodies
     z = np.moveaxis(r.state.J[:, 3:], 2, 0)  # (6, N, 3) axes
     moved = compute_joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions]
-    bent = r.load_torque * r.compliance  # rad under the load
+    deflection = r.load_torque * r.compliance  # rad under the load
     prior = thresholds.RESTING.first_moment * estimate_reach(r.robot, r.T_flange_tcp) ** 4
     out, unknowns = [], []
     for link in links:
@@ -68,7 +100,7 @@ def build_link_moment_columns(
                 torque[:, i] = _compute_dot_products(z[i], np.cross(u, gravity))
                 for other in range(link):
                     a, b = z[min(i, other)], z[max(i, other)]
-                    extra[:, i] += _compute_dot_products(a, np.cross(np.cross(b, u), gravity)) * bent[:, other]
+                    extra[:, i] += _compute_dot_products(a, np.cross(np.cross(b, u), gravity)) * deflection[:, other]
             turned = r.state.J[:, : r.dimensions] * (extra * r.compliance)[:, None, :]
             column = turned.sum(axis=2) + np.einsum("ndj,nj->nd", moved, torque * r.compliance)
             if not column.any():

@@ -1,14 +1,12 @@
-"""What no word of the catalogue means in measured poses: tried where all that has a name leaves more than noise, and
-where several names say in more numbers what one of these says in few.
+"""Forms in measured poses that are no effect of the catalogue, tried if a mismatch remains or one form replaces
+several effects.
 
-Air that is warmer below than above bends a tracker's beam, so that points are seen higher or lower by where they are:
-no rigid frame does that. An axis that is none, because its bearing is out of round or its seat is bent, nods as its
-joint turns: the frame behind it moves by waves of the joint's own angle, and no other joint's constant frame does that.
-A hose or a cable on a spring pulls at a link by where that link is: through the joints before it, unlike a weight. A
-taut one is stiff along itself and hardly across, so that its force changes with the place by a symmetric matrix.
-
-Source: Estler, Edmundson, Peggs & Parker 2002 (refraction of a laser tracker's beam); ISO 230-7 (tilt and radial error
-motions of an axis of rotation, by orders of its turn).
+A vertical temperature gradient bends the tracker's beam: points shift depending on their position, unlike a rigid
+frame. The axis of a joint with an out-of-round bearing or bent seat wobbles: its frame moves by harmonics of the
+joint's own angle, unlike another joint's constant frame error. A hose or cable with a spring pulls at a link
+depending on its position, through the preceding joints, unlike a weight. A taut one is stiff along its direction and
+soft across, so that its stiffness is a symmetric matrix. Source: Estler, Edmundson, Peggs & Parker 2002 (refraction
+of a laser tracker's beam); ISO 230-7 (tilt and radial error motions of an axis of rotation, by harmonic orders).
 """
 
 from __future__ import annotations
@@ -32,19 +30,20 @@ REFRACTION_LAW, AXIS_WOBBLE_LAW, NEIGHBOUR_JOINT_LAW = (
     "nods into the next axes",
 )
 POINT_PULL_LAW, LINE_PULL_LAW = "pulls towards a place", "pulls along a line to a place"
-PULLED_LINKS = (2, 3, 4, 5)  # links whose ends a hose may be tied to
-ORDERS: tuple[Shape, ...] = ((1.0,), (2.0,), (3.0,))  # per turn of the joint
-MAX_READINGS = (
-    3000  # readings, from which on forms of more than ten numbers are left out: they would take the time and memory
-)
-NEIGHBOUR_JOINTS = 2  # axes before and behind that a nod of one shows as turns of
+PULLED_LINKS = (2, 3, 4, 5)  # links at whose ends a hose may be attached
+ORDERS: tuple[Shape, ...] = ((1.0,), (2.0,), (3.0,))  # harmonic orders per joint turn
+MAX_READINGS = 3000  # most readings for forms with more than ten coefficients, because of time and memory
+NEIGHBOUR_JOINTS = 2  # adjacent joints on either side whose rotations a wobble imitates
 
 
 def build_unmodelled_pose_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
-    """Forms that no effect of the catalogue has.
+    """Build the uncatalogued forms of measured poses.
 
     Args:
-        r: measured poses.
+        r: Measured poses.
+
+    Returns:
+        The hypotheses.
     """
     up, every = np.eye(3)[:, 2:], np.eye(3)
     large = len(r) > MAX_READINGS
@@ -80,7 +79,7 @@ def build_unmodelled_pose_hypotheses(r: StaticReadings) -> list[EffectHypothesis
 
 
 def _build_beam_refraction(r: StaticReadings, axes: Array) -> Callable[[Shape], Array]:
-    """Shifts along axes (3, A) of base_link by all products of places up to the second order, ten for each axis."""
+    """Build shifts along axes (3, A) of base_link as polynomials of the position up to second order, ten per axis."""
     p = r.state.T_base_tool[:, :3, 3]
     p = (p - p.mean(axis=0)) / max(float(p.std(axis=0).max()), 1e-9)
     x, y, z = p.T
@@ -88,12 +87,12 @@ def _build_beam_refraction(r: StaticReadings, axes: Array) -> Callable[[Shape], 
     products = np.stack([one, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=1)
     moved = np.zeros((len(p), 6, axes.shape[1] * products.shape[1]))
     moved[:, :3] = np.einsum("ca,nk->ncak", axes, products).reshape(len(p), 3, -1)
-    columns = r.project_to_measured(moved, BODY_BEHIND_FLANGE)  # no inclinometer looks along the beam
+    columns = r.project_to_measured(moved, BODY_BEHIND_FLANGE)  # an inclinometer does not depend on the tracker beam
     return lambda shape: columns
 
 
 def _compute_joint_waves(r: StaticReadings, j: int, shape: Shape) -> Array:
-    """(N, 2) of the angle of joint ``j``, from 0."""
+    """Return cosine and sine (N, 2) of the angle of joint ``j`` (0-based)."""
     angle = shape[0] * r.state.q[:, j]
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -118,7 +117,7 @@ def _build_axis_wobble(r: StaticReadings, j: int) -> Callable[[Shape], Array]:
 
 
 def _build_pull_force(r: StaticReadings, link: int, name: str) -> Callable[[Shape], Array]:
-    """A force at the end of a link, from 1: f = f₀ + K (p − p̄) by that end's place in base_link, K k 1 or symmetric."""
+    """Build a force at the end of a link (1-based): f = f₀ + K (p − p̄) with K = k·1 or symmetric."""
     assert r.state.R_bodies is not None  # readings come with bodies
     assert r.state.p_bodies is not None
     at = r.state.R_bodies[:, link] @ r.robot.point[link] + r.state.p_bodies[:, link]
@@ -131,7 +130,7 @@ def _build_pull_force(r: StaticReadings, link: int, name: str) -> Callable[[Shap
     )
     forces = [*np.broadcast_to(every[:, None], (3, *at.shape)), *(away @ K for K in ways)]
     moved = r.state.J[:, :, :link]
-    # of the end itself: what the TCP moves less what it turns about the end
+    # Jacobian of the link end: TCP motion minus rotation about the end
     J = moved[:, :3] - np.cross(moved[:, 3:], lever[:, :, None], axis=1)
     twists = [np.einsum("nci,nc,i->ni", J, f, r.compliance[:link]) for f in forces]
     columns = np.concatenate([sum(r.lift_joint_twist(i, t[:, i]) for i in range(link)) for t in twists], axis=2)

@@ -1,1 +1,1 @@
-"""What readings can carry: their noise, what is held out of them, and which of them are gross errors."""
+"""Statistics of readings: noise, cross-validation, outliers."""

@@ -1,4 +1,4 @@
-"""Residuals of readings whose group took no part in the coefficients that predict them, in SI."""
+"""Cross-validated residuals in SI: each reading is predicted by coefficients that were fitted without its group."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class PredictionNoise:
-    """What noise alone makes predictions of unseen readings err by, A √S x with white x, SI.
+    """Prediction error of held-out readings caused by noise alone, A √S x with white x, SI.
 
-    A are the readings' columns, S the covariance of the coefficients that the other folds give. Readings of one group
-    are predicted by the same coefficients: their held-out residuals share tr(A_i S Aᵀ_j), which is no mismatch.
+    A are the columns of the readings, S is the covariance of the coefficients from the other folds. Readings of one
+    group are predicted by the same coefficients. Their held-out residuals share tr(A_i S Aᵀ_j), which is no mismatch.
     """
 
     columns: Array  # (N, D, P) SI
@@ -32,35 +32,44 @@ class PredictionNoise:
     fold: NDArray[np.int64]  # (N,)
 
     def compute_mean_error(self, rows: NDArray[np.int64], coordinates: Sequence[int]) -> Array:
-        """(d P,) of some coordinates' mean over readings of one group; the product of two such is what they share."""
+        """Return the factor of the mean prediction error over readings of one group. The inner product of two is
+        their covariance.
+
+        Args:
+            rows: Readings of one group.
+            coordinates: Coordinates to include.
+
+        Returns:
+            (d P,) SI.
+        """
         mean = self.columns[rows][:, list(coordinates)].mean(axis=0)
         return np.asarray((mean @ self.root[self.fold[rows[0]]]).reshape(-1))
 
 
 @dataclass(frozen=True)
 class FittedModel:
-    """A model with its columns in SI."""
+    """Fitted model with its columns in SI."""
 
     model: WhitenedModel
     columns: Array  # (N, D, P) SI
-    unit: Array  # (P,) SI coefficient per fitted one
+    unit: Array  # (P,) SI value of one fitted unit
     y: Array  # (N, D)
 
     @property
     def x(self) -> Array:
-        """(P,) SI."""
+        """Coefficients (P,) SI."""
         return np.asarray(self.model.coefficients * self.unit)
 
     @property
     def residual(self) -> Array:
-        """(N, D) of the fit to all used readings."""
+        """Residuals (N, D) of the fit to all used readings."""
         return np.asarray(self.y - self.columns @ self.x)
 
     def heldout(self) -> Array:
-        """(N, D); readings that were put aside get the fit to all, and so do all of a single group."""
+        """Return cross-validated residuals (N, D); excluded readings and a single group use the fit to all."""
         m = self.model
         out = self.residual
-        if m.folds < 2:  # without its only group no fit is left to hold against it
+        if m.folds < 2:  # a single group cannot be cross-validated
             return out
         x = np.einsum("fij,fj->fi", invert_with_ridge(m.normal - m.XX), m.Xy.sum(axis=0) - m.Xy) * self.unit
         for f, of in enumerate(m.rows):
@@ -70,7 +79,7 @@ class FittedModel:
         return np.asarray(out)
 
     def compute_prediction_noise(self) -> PredictionNoise | None:
-        """How held-out predictions err; None where there is only one group, and nothing is held out."""
+        """Return the prediction noise; None for a single group."""
         m = self.model
         if m.folds < 2:
             return None
@@ -83,13 +92,31 @@ class FittedModel:
 
 
 def compute_rmse(problem: DiagnosisProblem, residual: Array, used: Flags) -> float:
-    """Per coordinate of the first family, in its report unit, outliers apart."""
+    """Compute the rmse per coordinate of the first family, without outliers.
+
+    Args:
+        problem: Regression problem.
+        residual: (N, D) residuals, SI.
+        used: (N,) True for readings that are used.
+
+    Returns:
+        rmse in the family's report unit.
+    """
     family = problem.families[0]
     return family.factor * compute_rms(residual[used][:, list(family.columns)])
 
 
 def compute_noise_floor(problem: DiagnosisProblem, noise: ReplicateNoise, used: Flags) -> float:
-    """What noise alone would leave in the first family, in its report unit."""
+    """Compute the rmse of the first family that noise alone would cause.
+
+    Args:
+        problem: Regression problem.
+        noise: Estimated noise.
+        used: (N,) True for readings that are used.
+
+    Returns:
+        rmse in the family's report unit.
+    """
     family = problem.families[0]
     gain = 0.0
     if problem.scale is not None:
@@ -98,7 +125,18 @@ def compute_noise_floor(problem: DiagnosisProblem, noise: ReplicateNoise, used: 
 
 
 def is_better_predicted(problem: DiagnosisProblem, before: Array, after: Array, used: Flags) -> bool:
-    """Whether groups are predicted better than before by more than chance, by any instrument of its own."""
+    """Return whether groups are predicted significantly better than before, in the first family or an independent
+    instrument.
+
+    Args:
+        problem: Regression problem.
+        before: (N, D) held-out residuals before, SI.
+        after: (N, D) held-out residuals after, SI.
+        used: (N,) True for readings that are used.
+
+    Returns:
+        True if significant.
+    """
     if _is_family_better(problem, before, after, used, problem.families[0]):
         return True
     return any(
@@ -111,12 +149,17 @@ def is_better_predicted(problem: DiagnosisProblem, before: Array, after: Array, 
 def describe_other_instruments(
     problem: DiagnosisProblem, before: Array, after: Array, noise: ReplicateNoise, used: Flags
 ) -> tuple[str, ...]:
-    """What instruments of their own say of readings that no fit saw, without and with what was found.
+    """Describe the held-out errors of independent instruments, without and with the findings.
 
     Args:
-        before, after: (N, D) held-out residuals, SI.
-        noise: as found.
-        used: (N,) readings that took part.
+        problem: Regression problem.
+        before: (N, D) held-out residuals without findings, SI.
+        after: (N, D) held-out residuals with findings, SI.
+        noise: Estimated noise.
+        used: (N,) True for readings that are used.
+
+    Returns:
+        One sentence per instrument.
     """
     out = []
     for n, f in enumerate(problem.families):
@@ -138,10 +181,10 @@ def _select_family(family: CoordinateFamily, residual: Array) -> Array:
 def _is_family_better(
     problem: DiagnosisProblem, before: Array, after: Array, used: Flags, family: CoordinateFamily
 ) -> bool:
-    """Paired, each group counting the same."""
+    """Return whether a family improves in a paired test with equal weight for each group."""
     errors, _ = compute_rmse_by_group(problem, (before, after), used, family)
     power = errors[np.isfinite(errors).all(axis=1)] ** 2
-    if len(power) < 2:  # nothing to compare with
+    if len(power) < 2:  # too few groups to compare
         return bool(np.sum(power[:, 1]) < np.sum(power[:, 0]))
     d = np.log(np.maximum(power[:, 0], 1e-300) / np.maximum(power[:, 1], 1e-300))
     error = float(d.std(ddof=1)) / np.sqrt(len(d))
@@ -154,7 +197,17 @@ def _is_family_better(
 def compute_rmse_by_group(
     problem: DiagnosisProblem, residuals: Sequence[Array], used: Flags, family: CoordinateFamily | None = None
 ) -> tuple[Array, NDArray[np.int64]]:
-    """(G, K) rmse of a family (the first) for each of K residuals, and the labels (G,)."""
+    """Compute the rmse of a family by group.
+
+    Args:
+        problem: Regression problem.
+        residuals: K residuals (N, D), SI.
+        used: (N,) True for readings that are used.
+        family: Coordinate family; None: the first one.
+
+    Returns:
+        (G, K) rmse in the report unit, and group labels (G,).
+    """
     family = family or problem.families[0]
     groups, of = np.unique(problem.group[used], return_inverse=True)
     every = np.unique(problem.group)

@@ -1,4 +1,4 @@
-"""What is left, or passes for noise, against what the recording states its instruments to be good for."""
+"""Comparison of residuals and estimated noise with the stated uncertainty of the instruments."""
 
 from __future__ import annotations
 
@@ -19,31 +19,48 @@ WEAKER_VERDICTS = {"consistent": "unexplained", "explained": "partly_explained"}
 
 
 def weaken_verdict(verdict: Verdict) -> Verdict:
-    """What can still be said where something is left: that all is well cannot."""
+    """Return the strongest verdict that is possible with an unexplained remainder.
+
+    Args:
+        verdict: Verdict without the remainder.
+
+    Returns:
+        The weaker verdict.
+    """
     return WEAKER_VERDICTS.get(verdict, verdict)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
 class ExcessNoise:
-    """Something is left that no such instrument makes."""
+    """Remainder that the stated instrument uncertainty does not explain."""
 
     words: str
 
     def verdict(self, verdict: Verdict) -> Verdict:
-        """What can still be said."""
+        """Return the strongest verdict that is possible with this remainder.
+
+        Args:
+            verdict: Verdict without the remainder.
+
+        Returns:
+            The weaker verdict.
+        """
         return weaken_verdict(verdict)
 
 
 def check_stated_uncertainty(
-    problem: DiagnosisProblem, left: Array, noise: ReplicateNoise, used: Flags
+    problem: DiagnosisProblem, residual: Array, noise: ReplicateNoise, used: Flags
 ) -> ExcessNoise | None:
-    """Whether noise or misfit is many times what the instruments are stated to make; None: not, or nothing is stated.
+    """Check whether noise or misfit is many times the stated uncertainty of the instruments.
 
     Args:
-        problem: its first family is judged.
-        left: (N, D) of unseen readings, SI; of all where poses are too few to leave any out.
-        noise: as found.
-        used: (N,) readings that count.
+        problem: Problem; its first family is checked.
+        residual: (N, D) held-out residuals, SI; fitted residuals if there are too few poses.
+        noise: Estimated noise.
+        used: (N,) True for readings that are used.
+
+    Returns:
+        The excess; None if there is none or no uncertainty is stated.
     """
     family = problem.families[0]
     if not family.stated_uncertainty or not used.any():
@@ -55,7 +72,7 @@ def check_stated_uncertainty(
     own = float(np.hypot(family.stated_uncertainty, gain / thresholds.PROOF.beyond_stated))
     floor, rest = (
         holdout_residuals.compute_noise_floor(problem, noise, used),
-        holdout_residuals.compute_rmse(problem, left, used),
+        holdout_residuals.compute_rmse(problem, residual, used),
     )
     most = thresholds.PROOF.beyond_stated * family.factor * own
     if max(floor, rest) <= most:

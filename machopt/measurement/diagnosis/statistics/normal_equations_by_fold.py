@@ -1,7 +1,7 @@
-"""Whitened equations summed up by fold: all that fits and what is held out of them need.
+"""Whitened normal equations by fold, sufficient for all fits and their cross-validation.
 
-A model is a set of whitened columns; its sums XᵀX, Xᵀy per fold are enough to refit it without any of them, and to hold
-that one against it.
+A model is a set of whitened columns. Its sums XᵀX and Xᵀy per fold are enough to refit it without any fold, and to
+predict that fold.
 """
 
 from __future__ import annotations
@@ -20,57 +20,57 @@ from machopt.numerics.array_types import Array
 
 Ints = NDArray[np.int64]
 Rows = tuple[Ints, ...]
-Products = WeakKeyDictionary[object, dict[int, tuple[Rows, Array]]]  # by part or law, and by shape
-RIDGE = 1e-9  # of each column's own square: keeps directions that no reading shows from exploding
+Products = WeakKeyDictionary[object, dict[int, tuple[Rows, Array]]]  # by column group or law, and by shape
+RIDGE = 1e-9  # relative to each column's squared norm: regularises unobservable directions
 MOST_FOLDS = 40
-MIN_COLUMN_SQUARE = 1e-3  # whitened square of a column that moves nothing
+MIN_COLUMN_SQUARE = 1e-3  # least whitened squared norm of a column
 
 
 @dataclass(frozen=True, eq=False)
 class ModelColumns:
-    """Columns of a model that came together."""
+    """Group of columns that were added to a model together."""
 
-    columns: Array | None  # (M, p); None: those of a law
+    columns: Array | None  # (M, p); None: the columns of ``law``
     law: WhitenedHypothesis | None = None  # at ``shape``
     shape: int = 0
 
     @cached_property
     def X(self) -> Array:
-        """(M, p)."""
+        """Columns (M, p)."""
         if self.columns is not None:
             return self.columns
-        assert self.law is not None  # a part is one or the other
+        assert self.law is not None  # a group has columns or a law
         return self.law.columns_at(self.shape)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SessionSums:
-    """Sums of a model's columns by session."""
+    """Normal equations of a model by session."""
 
     rows: Rows
-    groups: int  # of the session that has fewest
+    groups: int  # least number of groups in a session
     XX: Array  # (D, P, P)
     Xy: Array  # (D, P)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WhitenedModel:
-    """Columns that are fitted together, whitened; what follows of them is worked out once and never written to."""
+    """Whitened columns that are fitted together, with cached results. Immutable."""
 
     w: ErrorWhitening
     column_groups: tuple[ModelColumns, ...]
     y: Array  # (M,)
-    fold: Ints  # (V,) which visits are held out together
+    fold: Ints  # (V,) fold of each visit
     folds: int
     XX: Array  # (F, P, P)
     Xy: Array  # (F, P)
     yy: Array  # (F,)
-    prior: Array  # (P,) precision of what is known beforehand, zero for what is not
-    rows: Rows  # of each fold
+    prior: Array  # (P,) prior precision of the coefficients, zero without a prior
+    rows: Rows  # rows of each fold
 
     @cached_property
     def X(self) -> Array:
-        """(M, P)."""
+        """All columns (M, P)."""
         return (
             self.column_groups[0].X
             if len(self.column_groups) == 1
@@ -79,12 +79,12 @@ class WhitenedModel:
 
     @property
     def count(self) -> int:
-        """Columns."""
+        """Number of columns."""
         return len(self.prior)
 
     @cached_property
     def normal(self) -> Array:
-        """(P, P) of all readings and of what is known beforehand."""
+        """Normal matrix (P, P) of all readings, including priors."""
         return np.asarray(self.XX.sum(axis=0) + np.diag(self.prior))
 
     @cached_property
@@ -93,12 +93,12 @@ class WhitenedModel:
 
     @cached_property
     def coefficients(self) -> Array:
-        """(P,) of all readings."""
+        """Coefficients (P,) of the fit to all readings."""
         return np.asarray(self.inverse @ self.Xy.sum(axis=0))
 
     @cached_property
     def residual(self) -> Array:
-        """(M,) whitened, of the fit to all readings."""
+        """Whitened residuals (M,) of the fit to all readings."""
         x, at, out = self.coefficients, 0, self.y.copy()
         for part in self.column_groups:
             out -= part.X @ x[at : at + part.X.shape[1]]
@@ -111,12 +111,12 @@ class WhitenedModel:
 
     @cached_property
     def residual_variance(self) -> float:
-        """Variance of a whitened residual, at least 1: what the noise model leaves out makes every test stricter."""
+        """Variance of a whitened residual, at least 1. Noise beyond the noise model makes every test stricter."""
         return float(max(1.0, self.rss / max(len(self.y) - self.count, 1)))
 
     @cached_property
     def by_session(self) -> SessionSums:
-        """The same by session."""
+        """Normal equations by session."""
         w = self.w
         labels, day = np.unique(w.session, return_inverse=True)
         of = np.repeat(day, np.diff(w.visit_starts))
@@ -130,19 +130,24 @@ class WhitenedModel:
         )
 
     def with_columns(self, more: Array, held: Array | None = None) -> WhitenedModel:
-        """The model with further whitened columns (M, p), and the precision (p,) that they are known with."""
+        """Return the model with further whitened columns.
+
+        Args:
+            more: (M, p) whitened columns.
+            held: (p,) prior precision; None without a prior.
+        """
         C = np.concatenate([np.stack([more[r].T @ p.X[r] for r in self.rows]) for p in self.column_groups], axis=2)
         own = np.stack([x.T @ x for x in (more[r] for r in self.rows)])
         with_y = np.stack([more[r].T @ self.y[r] for r in self.rows])
         return self._grown(ModelColumns(more), C, (own, with_y), held)
 
     def with_law(self, law: WhitenedHypothesis, shape: int, held: bool = False) -> WhitenedModel:
-        """The same with a law at one shape, by the products that it keeps.
+        """Return the model with a law at one shape, using the cached products of the law.
 
         Args:
-            law: whitened and held out as this model is, against the same readings.
-            shape: which.
-            held: what is known of its coefficients counts.
+            law: Hypothesis whitened for the same readings and folds.
+            shape: Index of the shape.
+            held: Whether the prior of its coefficients is applied.
         """
         if law.y is not self.y:
             raise ValueError("a law keeps its products with other readings than this model's; with_columns would work")
@@ -160,22 +165,31 @@ class WhitenedModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WhitenedHypothesis:
-    """One hypothesis, whitened, at all its shapes; m = M, or fewer rows where it moves few coordinates of readings."""
+    """One whitened hypothesis at all its shapes; m = M, or fewer rows if it affects few coordinates."""
 
     hypothesis: EffectHypothesis
     X: Array  # (m, S, p)
-    unit: Array  # (S, p) SI coefficient per fitted one: columns are scaled to a whitened rms of one
+    unit: Array  # (S, p) SI value of one fitted unit: columns have a whitened rms of one
     XX: Array  # (F, S, p, p)
     Xy: Array  # (F, S, p)
     size: int  # M
-    y: Array  # (M,) what Xy was worked out with
-    rows: Ints | None = None  # (m,) ascending, which of the M rows; None: all
+    y: Array  # (M,) right-hand side used for Xy
+    rows: Ints | None = None  # (m,) ascending row indices; None: all
     index: int = 0
-    products: Products = field(init=False, default_factory=WeakKeyDictionary, repr=False)  # with columns met before
-    summed: list[Array] = field(init=False, default_factory=list, repr=False)  # residuals last met, sums by cluster
+    products: Products = field(
+        init=False, default_factory=WeakKeyDictionary, repr=False
+    )  # cached products with model columns
+    summed: list[Array] = field(init=False, default_factory=list, repr=False)  # cache: last residuals, sums by cluster
 
     def columns_at(self, shape: int) -> Array:
-        """(M, p) whitened columns of one shape."""
+        """Return the whitened columns of one shape.
+
+        Args:
+            shape: Index of the shape.
+
+        Returns:
+            (M, p).
+        """
         if self.rows is None:
             return np.asarray(self.X[:, shape])
         out = np.zeros((self.size, self.X.shape[2]))
@@ -183,16 +197,38 @@ class WhitenedHypothesis:
         return out
 
     def products_with(self, model: WhitenedModel) -> Array:
-        """(S, p, P) products with a model's columns."""
+        """Return the products with a model's columns.
+
+        Args:
+            model: Whitened model.
+
+        Returns:
+            (S, p, P).
+        """
         return np.asarray(self.products_by_fold(model).sum(axis=0))
 
     def products_by_fold(self, model: WhitenedModel) -> Array:
-        """(F, S, p, P) products with a model's columns, by its folds; worked out once for each part of it."""
+        """Return the products with a model's columns by fold, cached for each column group.
+
+        Args:
+            model: Whitened model.
+
+        Returns:
+            (F, S, p, P).
+        """
         each = [self.products_with_model(part, model.rows) for part in model.column_groups]
         return each[0] if len(each) == 1 else np.concatenate(each, axis=3)
 
     def products_with_model(self, part: ModelColumns, folds: Rows) -> Array:
-        """(F, S, p, P) products with one part of a model."""
+        """Return the products with one column group of a model by fold.
+
+        Args:
+            part: Column group.
+            folds: Rows of each fold.
+
+        Returns:
+            (F, S, p, P).
+        """
         known = self.products.setdefault(part if part.law is None else part.law, {})
         found = known.get(part.shape)
         if found is None or found[0] is not folds:
@@ -204,14 +240,29 @@ class WhitenedHypothesis:
         return found[1]
 
     def products_by_cluster(self, w: ErrorWhitening, residual: Array) -> Array:
-        """(C, S, p) products with a whitened residual (M,), by clusters of groups; of the last residual at no cost."""
+        """Return the products with a whitened residual by cluster of groups; cached for the last residual.
+
+        Args:
+            w: Whitening of the problem.
+            residual: (M,) whitened residuals.
+
+        Returns:
+            (C, S, p).
+        """
         if not self.summed or self.summed[0] is not residual:
             own = residual if self.rows is None else residual[self.rows]
             self.summed[:] = [residual, w.sum_by_cluster(self.X * own[:, None, None], self.rows)]
         return self.summed[1]
 
     def precision(self, shape: int) -> Array:
-        """(p,) of what is known of the fitted coefficients beforehand, zero where nothing is."""
+        """Return the prior precision of the fitted coefficients.
+
+        Args:
+            shape: Index of the shape.
+
+        Returns:
+            (p,), zero without a prior.
+        """
         known = self.hypothesis.prior_sigma
         return np.zeros(self.X.shape[2]) if known is None else np.asarray((self.unit[shape] / known) ** 2)
 
@@ -223,7 +274,16 @@ class WhitenedHypothesis:
 def build_whitened_model(
     w: ErrorWhitening, X: Array, y: Array, fold: Ints, prior: Array, rows: Rows | None = None
 ) -> WhitenedModel:
-    """Sum up whitened columns by fold."""
+    """Build a model from whitened columns.
+
+    Args:
+        w: Whitening of the problem.
+        X: (M, P) whitened columns.
+        y: (M,) whitened right-hand side.
+        fold: (V,) cross-validation fold of each visit.
+        prior: (P,) prior precision.
+        rows: Rows of each fold; None: derived from ``fold``.
+    """
     rows = list_rows_by_fold(w, fold) if rows is None else rows
     XX = np.stack([x.T @ x for x in (X[r] for r in rows)])
     Xy = np.stack([X[r].T @ y[r] for r in rows])
@@ -242,12 +302,25 @@ def build_whitened_model(
 
 
 def copy_folds(one: WhitenedModel, like: WhitenedModel) -> WhitenedModel:
-    """A model with the folds of another one."""
+    """Rebuild a model with the folds of another one.
+
+    Args:
+        one: Model to rebuild.
+        like: Model with the folds.
+    """
     return build_whitened_model(one.w, one.X, one.y, like.fold, one.prior, like.rows)
 
 
 def list_rows_by_fold(w: ErrorWhitening, fold: Ints) -> Rows:
-    """Rows of each fold, ascending."""
+    """List the rows of each fold in ascending order.
+
+    Args:
+        w: Whitening of the problem.
+        fold: (V,) cross-validation fold of each visit.
+
+    Returns:
+        Rows of each fold.
+    """
     of = np.repeat(fold, np.diff(w.visit_starts))
     order = np.argsort(of, kind="stable")
     return tuple(np.split(order, np.searchsorted(of[order], np.arange(1, int(fold.max()) + 1))))
@@ -256,7 +329,16 @@ def list_rows_by_fold(w: ErrorWhitening, fold: Ints) -> Rows:
 def build_base_model(
     problem: DiagnosisProblem, w: ErrorWhitening, rng: np.random.Generator
 ) -> tuple[WhitenedModel, Array]:
-    """The base alone, and the SI value of each fitted unit (P,)."""
+    """Build the model of the base alone.
+
+    Args:
+        problem: Regression problem.
+        w: Whitening of the problem.
+        rng: Random generator of the folds.
+
+    Returns:
+        The model, and the SI value of each fitted unit (P,).
+    """
     X = w.whiten(problem.base)
     unit = _compute_column_units(X)
     known = np.array([np.inf if u.prior is None else u.prior for u in problem.unknowns])
@@ -264,19 +346,22 @@ def build_base_model(
 
 
 def whiten_hypotheses(
-    base: WhitenedModel, hypotheses: Sequence[EffectHypothesis], told: Callable[[int], None] = lambda _: None
+    base: WhitenedModel, hypotheses: Sequence[EffectHypothesis], report_progress: Callable[[int], None] = lambda _: None
 ) -> list[WhitenedHypothesis]:
-    """Whiten every hypothesis at every shape; those without any column that moves a reading are left out.
+    """Whiten every hypothesis at every shape; those that change no reading are left out.
 
     Args:
-        base: beside which they will be fitted.
-        hypotheses: the laws.
-        told: how many are done, after each.
+        base: Whitened base model.
+        hypotheses: The hypotheses.
+        report_progress: Called with the number of finished hypotheses.
+
+    Returns:
+        The whitened hypotheses.
     """
     w, y = base.w, base.y
     out: list[WhitenedHypothesis] = []
     for done, h in enumerate(hypotheses):
-        told(done)
+        report_progress(done)
         raw, moved = _evaluate_columns(h, w)
         S, p = raw.shape[2:]
         flat = raw.reshape(*raw.shape[:2], S * p)
@@ -307,7 +392,7 @@ def whiten_hypotheses(
 
 
 def _evaluate_columns(h: EffectHypothesis, w: ErrorWhitening) -> tuple[Array, Ints | None]:
-    """Columns at all shapes, (N, D, S, p); or (N, d, S, p) of the few coordinates (d,) that they move, with these."""
+    """Return columns at all shapes, (N, D, S, p), or (N, d, S, p) with the few affected coordinates (d,)."""
     first = h.columns(h.shapes[0])
     N, D, p = first.shape
     moved = np.flatnonzero(np.any(first.any(axis=0), axis=1))
@@ -316,13 +401,13 @@ def _evaluate_columns(h: EffectHypothesis, w: ErrorWhitening) -> tuple[Array, In
     for k, shape in enumerate(h.shapes):
         columns = first if k == 0 else h.columns(shape)
         if alone and np.count_nonzero(columns) > np.count_nonzero(columns[:, moved]):
-            return np.stack([h.columns(s) for s in h.shapes], axis=2), None  # other shapes move other coordinates
+            return np.stack([h.columns(s) for s in h.shapes], axis=2), None  # shapes affect different coordinates
         out[:, :, k] = columns[:, moved] if alone else columns
     return out, moved if alone else None
 
 
 def _index_rows_by_fold(rows: Ints | None, size: int, folds: Rows) -> list[tuple[Ints, Ints]]:
-    """Rows of each fold among ``rows`` of all ``size``, as numbers among these and among all."""
+    """Return the rows of each fold as indices among ``rows`` and among all ``size`` rows."""
     if rows is None:
         return [(r, r) for r in folds]
     place = np.full(size, -1, np.int64)
@@ -331,19 +416,41 @@ def _index_rows_by_fold(rows: Ints | None, size: int, folds: Rows) -> list[tuple
 
 
 def compute_own_products(x: Array) -> Array:
-    """Σ_m x_msi x_msj of columns (m, S, p), (S, p, p); matmul, because einsum does not use BLAS here."""
+    """Compute Σ_m x_msi x_msj; by matmul, because einsum does not use BLAS here.
+
+    Args:
+        x: (m, S, p) columns.
+
+    Returns:
+        (S, p, p).
+    """
     t = x.transpose(1, 2, 0)
     return np.asarray(t @ x.transpose(1, 0, 2))
 
 
 def compute_cross_products(x: Array, y: Array) -> Array:
-    """Σ_m x_msi y_mp of columns (m, S, p) and (m, P), (S, p, P)."""
+    """Compute Σ_m x_msi y_mp.
+
+    Args:
+        x: (m, S, p) columns.
+        y: (m, P) columns.
+
+    Returns:
+        (S, p, P).
+    """
     m, S, p = x.shape
     return np.asarray(x.reshape(m, S * p).T @ y).reshape(S, p, -1)
 
 
 def invert_with_ridge(H: Array) -> Array:
-    """Inverse of one or many normal matrices with a relative ridge."""
+    """Invert one or many normal matrices with a small relative ridge.
+
+    Args:
+        H: (…, P, P) symmetric matrices.
+
+    Returns:
+        (…, P, P).
+    """
     d = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), MIN_COLUMN_SQUARE))
     scaled = H / (d[..., :, None] * d[..., None, :])
     scaled = scaled + RIDGE * np.eye(H.shape[-1])
@@ -358,7 +465,7 @@ def _build_folds(w: ErrorWhitening, rng: np.random.Generator) -> Ints:
 
 
 def _compute_column_units(X: Array, rows: int = 0) -> Array:
-    """(P,) that make the rms of each column over all rows one; ``rows`` where X has fewer, the others being zero."""
+    """Return factors (P,) that scale the rms of each column over all rows to one; ``rows`` if X omits zero rows."""
     size = np.sqrt(np.mean(X**2, axis=0))
     if rows > len(X):
         size = size * np.sqrt(len(X) / rows)
@@ -366,12 +473,19 @@ def _compute_column_units(X: Array, rows: int = 0) -> Array:
 
 
 def compute_cluster_robust_fit(model: WhitenedModel) -> tuple[Array, Array, float]:
-    """Coefficients, cluster-robust covariance (folds as clusters) and degrees of freedom."""
+    """Fit a model with cluster-robust covariance (folds as clusters).
+
+    Args:
+        model: Whitened model.
+
+    Returns:
+        Coefficients (P,), covariance (P, P), degrees of freedom.
+    """
     M, x = invert_with_ridge(model.normal), model.coefficients
     u = model.Xy - np.einsum("fij,j->fi", model.XX, x)
     G, P = model.folds, len(x)
     robust = M @ (u.T @ u) @ M * G / max(G - 1, 1)
-    # few groups: the robust part alone is noisy, and too small as often as too large
+    # with few groups the robust estimate is noisy: never below the model-based variance
     grow = np.sqrt(
         np.maximum(np.diag(M) * model.residual_variance / np.maximum(np.diag(robust), 1e-12 * np.diag(M)), 1.0)
     )

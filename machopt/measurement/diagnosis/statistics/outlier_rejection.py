@@ -1,4 +1,6 @@
-"""Which readings are gross errors: few, alone, each its own way, and not seen again; what a session does is none."""
+"""Outlier rejection: outliers are few, isolated, unsystematic and not repeatable. Deviations of a whole session are
+none.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +17,14 @@ Flags = NDArray[np.bool_]
 
 
 def find_inlier_readings(problem: DiagnosisProblem, residual: Array) -> Flags:
-    """(N,) readings that take part: no coordinate off by many robust standard deviations, or not for itself alone.
+    """Find the readings without a gross error, judged by robust standard deviations.
 
     Args:
-        problem: which readings are of one session, of one pose, of the same thing.
-        residual: (N, D) of a robust fit, SI.
+        problem: Problem with session, pose and replicate labels.
+        residual: (N, D) residuals of a robust fit, SI.
+
+    Returns:
+        (N,) True for readings that are used.
     """
     off = np.zeros(len(residual), bool)
     for family in problem.families:
@@ -43,7 +48,15 @@ def find_inlier_readings(problem: DiagnosisProblem, residual: Array) -> Flags:
 
 
 def find_mostly_outlying_groups(label: Ints, off: Flags) -> Flags:
-    """(N,) readings of a session or pose most of whose readings are off: a fault or an effect, never outliers."""
+    """Find deviating readings in groups where most readings deviate: a fault or an effect, no outliers.
+
+    Args:
+        label: (N,) group label.
+        off: (N,) True for deviating readings.
+
+    Returns:
+        (N,) True for such readings.
+    """
     _, part = np.unique(label, return_inverse=True)
     count = np.bincount(part.reshape(-1))
     share = np.bincount(part.reshape(-1), off) / count
@@ -52,9 +65,18 @@ def find_mostly_outlying_groups(label: Ints, off: Flags) -> Flags:
 
 
 def find_common_direction_groups(label: Ints, residual: Array, off: Flags) -> Flags:
-    """(N,) readings of a session that are off by the same way in space, and too many of it for accidents.
+    """Find deviating readings of a session that deviate in a common direction and are too many for outliers.
 
-    A tracker's gross errors point anywhere; a floor that gives way or a stand that was touched moves all one way.
+    Gross errors of a tracker have random directions. A settling floor or a moved stand shifts all readings in one
+    direction.
+
+    Args:
+        label: (N,) session label.
+        residual: (N, D) residuals, SI.
+        off: (N,) True for deviating readings.
+
+    Returns:
+        (N,) True for such readings.
     """
     out = np.zeros(len(off), bool)
     for one in np.unique(label[off]):
@@ -69,7 +91,16 @@ def find_common_direction_groups(label: Ints, residual: Array, off: Flags) -> Fl
 
 
 def find_repeated_deviations(problem: DiagnosisProblem, residual: Array, off: Flags) -> Flags:
-    """(N,) readings off whose twins of another visit are off by the same."""
+    """Find deviating readings whose replicates on another visit deviate equally.
+
+    Args:
+        problem: Regression problem.
+        residual: (N, D) residuals, SI.
+        off: (N,) True for deviating readings.
+
+    Returns:
+        (N,) True for such readings.
+    """
     e = residual if problem.channel == "torque" else residual[:, :3]
     out = np.zeros(len(problem), bool)
     rows = np.flatnonzero((problem.replicate >= 0) & np.isin(problem.replicate, problem.replicate[off]))

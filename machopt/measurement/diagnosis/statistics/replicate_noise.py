@@ -1,9 +1,9 @@
-"""How much of the scatter is noise, from readings that should agree: own, shared by a cycle, shared by a visit.
+"""Noise estimated from replicates: variance of a single reading, shared by a cycle, shared by a visit.
 
-A model that lacks physics leaves residuals that look like noise; readings of the same thing (same pose, same load, on
-another day) do not share that doubt. Each replicate is compared with the mean of its kind, so whatever the model
-misses cancels, and what is left is split by moments: per cycle a shift and a gain are fitted; what they leave is a
-reading's own error, their scatter is the cycle's and the visit's.
+Residuals of an incomplete model look like noise. Replicates (same pose, same load, another visit) are free of this.
+Each is compared with the mean of its replicates, so model errors cancel. The rest is split by moments: a shift and a
+gain are fitted per cycle. Their residuals give the error of a single reading; their scatter gives the errors of cycle
+and visit.
 """
 
 from __future__ import annotations
@@ -18,30 +18,41 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import Coordinat
 from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
-LEAST_SIGMA = 1e-9  # m, rad or N·m: exact readings, made up or rounded to nothing, must not divide by zero
+LEAST_SIGMA = 1e-9  # m, rad or N·m: avoids division by zero for exact (synthetic) readings
 
 
 @dataclass(frozen=True)
 class ReplicateNoise:
-    """1 sigma of each family's errors, SI."""
+    """Standard deviations of the errors of each family, SI."""
 
     reading: Array  # (F,)
     cycle: Array  # (F,)
     visit: Array  # (F,)
-    gain: float  # relative, shared by a cycle
-    replicated: bool  # from twins; False: from residuals, what a model misses among it
+    gain: float  # relative gain error, shared by a cycle
+    replicated: bool  # from replicates; False: from residuals, which include model errors
 
     def total(self, family: int) -> float:
+        """Return the total standard deviation of a family without gain error.
+
+        Args:
+            family: Index of the family.
+
+        Returns:
+            Standard deviation, SI.
+        """
         return float(np.sqrt(self.reading[family] ** 2 + self.cycle[family] ** 2 + self.visit[family] ** 2))
 
 
 def estimate_replicate_noise(problem: DiagnosisProblem, residual: Array, used: Flags) -> ReplicateNoise:
-    """Split the noise of a problem.
+    """Estimate the variance components of the noise.
 
     Args:
-        problem: groups, visits, cycles and replicates.
-        residual: (N, D) of any fit near the truth; only what differs between twins counts where there are twins.
-        used: (N,) False: put aside.
+        problem: Problem with group, visit, cycle and replicate labels.
+        residual: (N, D) residuals of an approximate fit, SI; with replicates only their differences matter.
+        used: (N,) True for readings that are used.
+
+    Returns:
+        The noise.
     """
     contrast, twins = compute_replicate_contrast(problem, residual, used)
     replicated = int(twins.sum()) >= thresholds.NOISE.least_twins
@@ -52,7 +63,7 @@ def estimate_replicate_noise(problem: DiagnosisProblem, residual: Array, used: F
         repeated = replicated and int((twins & there).sum()) >= thresholds.NOISE.least_twins
         e, rows = (contrast, twins & there) if repeated else (residual, used & there)
         own[f], cycle[f], visit[f], found = _split_variance(problem, family, e, rows)
-        if family.is_separate_instrument and family.stated_uncertainty:  # repeats do not show what errs alike each time
+        if family.is_separate_instrument and family.stated_uncertainty:  # replicates do not show systematic errors
             own[f] = max(own[f], family.stated_uncertainty) if repeated else family.stated_uncertainty
             cycle[f], visit[f] = (cycle[f], visit[f]) if repeated else (0.0, 0.0)
         if f == 0:
@@ -61,40 +72,55 @@ def estimate_replicate_noise(problem: DiagnosisProblem, residual: Array, used: F
 
 
 def compute_replicate_contrast(problem: DiagnosisProblem, residual: Array, used: Flags) -> tuple[Array, Flags]:
-    """Each reading less the mean of its kind, scaled to the variance of one reading; and which readings have a twin.
+    """Compute each reading minus the mean of its replicates, scaled to the variance of one reading.
 
-    Kinds count only with members in two visits or more.
+    Replicates count only if they occur on two visits or more.
+
+    Args:
+        problem: Regression problem.
+        residual: (N, D) residuals, SI.
+        used: (N,) True for readings that are used.
+
+    Returns:
+        (N, D) contrasts, and (N,) True for readings with a replicate.
     """
     rows = np.flatnonzero(used & (problem.replicate >= 0))
-    out, twins = np.zeros_like(residual), np.zeros(len(residual), bool)
+    out, has_replicate = np.zeros_like(residual), np.zeros(len(residual), bool)
     if not len(rows):
-        return out, twins
+        return out, has_replicate
     kinds, label = np.unique(problem.replicate[rows], return_inverse=True)
     pairs = np.unique(np.stack([label, problem.visit[rows]]), axis=1)
     visits = np.bincount(pairs[0], minlength=len(kinds))
     keep = visits[label] > 1
     rows, label = rows[keep], label[keep]
     if not len(rows):
-        return out, twins
+        return out, has_replicate
     count = np.bincount(label, minlength=len(kinds)).astype(float)
     mean = (
         np.stack([np.bincount(label, residual[rows, d], len(kinds)) for d in range(residual.shape[1])], axis=1)
         / np.maximum(count, 1.0)[:, None]
     )
     out[rows] = (residual[rows] - mean[label]) / np.sqrt(1.0 - 1.0 / count[label])[:, None]
-    twins[rows] = True
-    return out, twins
+    has_replicate[rows] = True
+    return out, has_replicate
 
 
 def compute_robust_sigma(values: Array) -> float:
-    """1 sigma from the median of |values|; 0 of nothing."""
+    """Compute the standard deviation from the median of absolute values.
+
+    Args:
+        values: Values with zero mean.
+
+    Returns:
+        Standard deviation; 0 without values.
+    """
     return float(1.4826 * np.median(np.abs(values))) if values.size else 0.0
 
 
 def _split_variance(
     problem: DiagnosisProblem, family: CoordinateFamily, e: Array, rows: Flags
 ) -> tuple[float, float, float, float]:
-    """Own, cycle, visit and gain of one family by moments."""
+    """Return the standard deviations of reading, cycle and visit and the gain of one family, by moments."""
     columns = list(family.columns)
     x = e[:, columns]
     typical = compute_robust_sigma(x[rows])
@@ -114,11 +140,11 @@ def _split_variance(
         if scale is not None and n > 2:
             s = scale[block] - scale[block].mean(axis=0)
             power = float(np.sum(s * s))
-            # one load read again and again: what its force seems to change by is the sensor's noise, which errs with it
+            # repeated readings of one load: the apparent force change is correlated sensor noise
             if power > float(np.sum((thresholds.RESTING.same_load * scale[block]) ** 2)):
                 b = float(np.sum(s * rest)) / power
                 rest = rest - b * s
-                # force noise errs along the displacement, where its gain would show: held against that direction's own
+                # force noise acts along the displacement, as a gain does: compare with the scatter in that direction
                 along += float(np.sum((rest @ np.linalg.svd(s, full_matrices=False)[2][0]) ** 2))
                 free += n - 2
                 slopes.append(b)
@@ -129,20 +155,20 @@ def _split_variance(
             freedom += n * len(columns) - lost
         shifts.append(mean)
         leverage.append(1.0 / n)
-        # what a gain error adds to the shift of its cycle
+        # contribution of a gain error to the shift of its cycle
         carried.append(0.0 if scale is None else float(np.mean(scale[block].mean(axis=0) ** 2)))
         visits.append(int(problem.visit[block[0]]))
     if not shifts:
         return max(typical, tiny), 0.0, 0.0, 0.0
     together = float(np.mean(x[good] ** 2)) if good.any() else typical**2
-    if freedom < thresholds.NOISE.least_freedom:  # one reading a cycle: nothing tells its error from the cycle's
+    if freedom < thresholds.NOISE.least_freedom:  # one reading per cycle: its error is not separable from the cycle's
         return max(float(np.sqrt(together)), tiny), 0.0, 0.0, 0.0
     own2 = max(squares / freedom, tiny**2)
     gain2 = 0.0
-    if len(slopes) > 3:  # by the power that gains take: so the parts add up to what twins differ by, and no more
+    if len(slopes) > 3:  # by the power of the gains, so that the components add up to the total
         taken = np.array(powers)
         squared, own_along2, weight = np.array(slopes) ** 2, max(own2, along / free), taken
-        if problem.visits_for_cycles:  # what cycles of a visit differ by lies along it too and is gain: nearly alike
+        if problem.visits_for_cycles:  # differences between cycles of a visit act like a gain
             own_along2 = own2
             weight = 1.0 / (own2 / taken + np.median(squared))
         gain2 = max(float(np.sum(weight * (squared - own_along2 / taken)) / np.sum(weight)), 0.0)
@@ -158,7 +184,7 @@ def _split_variance(
 
 
 def _compute_shared_variance(shifts: Array, visits: NDArray[np.int64]) -> float:
-    """Mean product of shifts of two different cycles of one visit: what they share."""
+    """Return the mean product of shifts of two cycles of one visit: their shared variance."""
     total = count = 0.0
     for v in np.unique(visits):
         own = shifts[visits == v]

@@ -1,8 +1,8 @@
-"""Readings with shared errors as independent ones: W such that W Σ Wᵀ = I, visit by visit.
+"""Whitening of readings with shared errors: W with W Σ Wᵀ = I, visit by visit.
 
-Σ = D + U Uᵀ in a visit: D the readings' own variances, U one column per shift that a cycle or the visit shares, per
-coordinate, and per gain error of a cycle. With Q s Rᵀ the singular values of D^(−½) U,
-W = (I − Q (1 − 1/√(1 + s²)) Qᵀ) D^(−½) exactly. Rows are sorted by group, so that sums over a group are slices.
+Within a visit Σ = D + U Uᵀ. D holds the variances of single readings. U has one column per coordinate for each shift
+that a cycle or the visit shares, and one per gain error of a cycle. With the singular values Q s Rᵀ of D^(−½) U, W =
+(I − Q (1 − 1/√(1 + s²)) Qᵀ) D^(−½) exactly. Rows are sorted by group, so that sums over a group are slices.
 """
 
 from __future__ import annotations
@@ -19,35 +19,42 @@ from machopt.numerics.array_types import Array
 
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-MOST_CLUSTERS = 500  # whose signs are flipped on their own: more make chance no sharper and take longer
+MOST_CLUSTERS = 500  # most clusters with individual signs: more do not improve the p-value and cost time
 
 
 @dataclass(frozen=True)
 class WhiteningBlock:
-    """One visit."""
+    """Whitening of one visit."""
 
-    rows: slice  # of the flattened, sorted rows
+    rows: slice  # position in the flattened, sorted rows
     Q: Array  # (n D, r)
     shrink: Array  # (r,)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorWhitening:
-    """Turns (N, D, …) columns into (M, …) rows with independent unit errors; M = what the used readings measured."""
+    """Transformation of (N, D, …) columns to (M, …) rows with independent unit errors; M used coordinates."""
 
     index: Ints  # (n,) used readings, sorted by group and visit
-    sigma: Array  # (D,) own 1 sigma of each coordinate, SI
+    sigma: Array  # (D,) standard deviation of a single reading, SI
     blocks: tuple[WhiteningBlock, ...]
     visit_starts: Ints  # (V + 1,) rows at which visits begin
     group_of_visit: Ints  # (V,) index of its group, ascending
     groups: Ints  # (G,) labels
-    session: Ints  # (V,) of each visit
+    session: Ints  # (V,) session of each visit
     reading: Ints  # (M,) reading of each row
-    used_rows: Ints | None = None  # (M,) of the n D coordinates of used readings, those that were measured; None: all
-    is_independent: bool = False  # no error is shared by two coordinates: each is whitened by itself
+    used_rows: Ints | None = None  # (M,) measured ones of the n D coordinates of used readings; None: all
+    is_independent: bool = False  # no error is shared between coordinates: each is whitened separately
 
     def whiten(self, x: Array) -> Array:
-        """(N, D) or (N, D, p) → (M,) or (M, p)."""
+        """Whiten values or columns.
+
+        Args:
+            x: (N, D) or (N, D, p), SI.
+
+        Returns:
+            (M,) or (M, p).
+        """
         flat = (x[self.index] / (self.sigma if x.ndim == 2 else self.sigma[:, None])).reshape(
             len(self.index) * len(self.sigma), *x.shape[2:]
         )
@@ -59,12 +66,27 @@ class ErrorWhitening:
         return out
 
     def rows_of(self, coordinates: Ints) -> Ints:
-        """(m,) rows of some coordinates (d,) where all were measured."""
+        """Return the rows of some coordinates, if all were measured.
+
+        Args:
+            coordinates: (d,) coordinate indices.
+
+        Returns:
+            (m,) row indices.
+        """
         D = len(self.sigma)
         return np.asarray((D * np.arange(len(self.index))[:, None] + coordinates).reshape(-1))
 
     def whiten_rows(self, x: Array, coordinates: Ints) -> Array:
-        """(N, d, p) of some coordinates → (m, p), the rows of :meth:`rows_of`; where coordinates are whitened apart."""
+        """Whiten columns of some coordinates, if coordinates are whitened separately.
+
+        Args:
+            x: (N, d, p) columns, SI.
+            coordinates: (d,) coordinate indices.
+
+        Returns:
+            (m, p), for the rows of :meth:`rows_of`.
+        """
         d, D, p = len(coordinates), len(self.sigma), x.shape[2]
         out = (x[self.index] / self.sigma[coordinates, None]).reshape(-1, p)
         for rows, Q, shrink in self._group_equal_blocks(tuple(coordinates.tolist())):
@@ -74,7 +96,9 @@ class ErrorWhitening:
         return np.asarray(out)
 
     def _group_equal_blocks(self, coordinates: tuple[int, ...]) -> Iterator[tuple[Ints, Array, Array]]:
-        """Blocks of one size together: first row of each reading (B, n), Q (B, n d, r) of some coordinates, shrink."""
+        """Yield blocks of equal size together: first row of each reading (B, n), Q (B, n d, r) of some coordinates,
+        shrink.
+        """
         D = len(self.sigma)
         sizes: dict[tuple[int, ...], list[WhiteningBlock]] = {}
         for b in self.blocks:
@@ -85,11 +109,14 @@ class ErrorWhitening:
             yield first, Q.reshape(len(blocks), -1, r), np.stack([b.shrink for b in blocks])
 
     def sum_by_cluster(self, values: Array, rows: Ints | None = None) -> Array:
-        """(C, …) sums of whitened rows over groups; over neighbouring ones together where there are very many.
+        """Sum whitened rows over groups; adjacent groups are merged if there are very many.
 
         Args:
-            values: (M, …), or (m, …) of ``rows``.
-            rows: (m,) ascending, all others being zero; None: all.
+            values: (M, …), or (m, …) for ``rows``.
+            rows: (m,) ascending row indices, all others being zero; None: all.
+
+        Returns:
+            (C, …) sums.
         """
         first = np.flatnonzero(np.diff(self.group_of_visit, prepend=-1))
         first = first[:: max(1, -(-len(first) // MOST_CLUSTERS))]
@@ -100,12 +127,15 @@ class ErrorWhitening:
 
 
 def build_whitening(problem: DiagnosisProblem, noise: ReplicateNoise, used: Flags) -> ErrorWhitening:
-    """Prepare a problem's readings.
+    """Build the whitening of a problem.
 
     Args:
-        problem: groups, visits and cycles.
-        noise: per family.
-        used: (N,) False: left out.
+        problem: Problem with group, visit and cycle labels.
+        noise: Estimated noise.
+        used: (N,) True for readings that are used.
+
+    Returns:
+        The whitening.
     """
     D = problem.dimensions
     family = np.zeros(D, np.int64)
@@ -153,7 +183,7 @@ def build_whitening(problem: DiagnosisProblem, noise: ReplicateNoise, used: Flag
 def _build_shared_error_columns(
     problem: DiagnosisProblem, noise: ReplicateNoise, family: Ints, sigma: Array, rows: Ints
 ) -> Array:
-    """(n D, r) what the errors of one visit share, per own 1 sigma."""
+    """Return the shared errors (n D, r) of one visit, relative to the standard deviation of a single reading."""
     D, n = len(family), len(rows)
     columns: list[Array] = []
 

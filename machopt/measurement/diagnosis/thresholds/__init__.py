@@ -1,8 +1,8 @@
-"""The thresholds that decide what a diagnosis says, by concern, each with the origin of its value.
+"""Decision thresholds of a diagnosis by topic, each with the origin of its value.
 
-Numbers that only set how finely something is computed stay in the module of the computation. Grids of shapes are in the
-effects. ``python benchmarks/thresholds.py`` prints this table, the rates of false alarms and misses on concealed cases,
-and the same rates with another value of a threshold.
+Numbers that only control the resolution of a computation are defined next to the computation, and shape grids in the
+effects. ``python benchmarks/thresholds.py`` prints the table with false-positive and false-negative rates on
+concealed cases, and the same rates with another value of a threshold.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ RESTING, MOTION = StaticThresholds(), MotionThresholds()
 
 @dataclass(frozen=True)
 class ThresholdEntry:
-    """One line of the table."""
+    """One row of the table of thresholds."""
 
     concern: str  # name of the table
     name: str
@@ -51,11 +51,11 @@ class ThresholdEntry:
 
     @property
     def key(self) -> str:
-        """As commands and tables name it."""
+        """Name in commands and tables."""
         return f"{self.concern.lower()}.{self.name}"
 
 
-TABLES = {  # concern: where the table stands
+TABLES = {  # topic: module that holds the table
     "DETECTION": sys.modules[__name__],
     "PROOF": sys.modules[__name__],
     "NOISE": sys.modules[__name__],
@@ -69,7 +69,7 @@ TABLES = {  # concern: where the table stands
 
 
 def list_thresholds() -> Iterator[ThresholdEntry]:
-    """All thresholds as they are in force, table by table; those of identification and estimation, too."""
+    """Iterate over all thresholds in force, including those of identification and estimation."""
     for concern, module in TABLES.items():
         table = getattr(module, concern)
         for f in fields(table):

@@ -1,4 +1,4 @@
-"""What an arm at rest, or in motion, can show at all; how two readings are the same."""
+"""Thresholds of channels: what static recordings and motions can show, and when two readings are equal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from machopt.measurement.threshold_origin import define_threshold as _set
 
 @dataclass(frozen=True, kw_only=True)
 class StaticThresholds:
-    """Load tests and poses."""
+    """Thresholds of load tests and measured poses."""
 
     same_load: float = _set(0.08, "of the largest load of a pose: readings so near are of the same load", JUDGEMENT)
     known_to: float = _set(0.2, "share of K_C that the compliances found leave open", JUDGEMENT)
@@ -145,7 +145,7 @@ class StaticThresholds:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionThresholds:
-    """Motions."""
+    """Thresholds of motions."""
 
     long_s: float = _set(600.0, "s; heat needs ten minutes to show", JUDGEMENT)
     under_way: float = _set(0.1, "of a joint's usual speed, above which it tells the clock of its torque", JUDGEMENT)

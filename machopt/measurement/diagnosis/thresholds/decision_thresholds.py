@@ -1,4 +1,4 @@
-"""What is named, what proves itself, which readings tell the noise, what is wrong with the record."""
+"""Decision thresholds: detection, validation, noise estimation, recording faults."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from machopt.measurement.threshold_origin import define_threshold as _set
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionThresholds:
-    """What is named, and what is said beside it."""
+    """Thresholds for reporting an effect and its alternatives."""
 
     chance: float = _set(0.01, "of naming anything in a recording without a mismatch", JUDGEMENT)
     gain: float = _set(
@@ -83,7 +83,7 @@ class DetectionThresholds:
 
 @dataclass(frozen=True, kw_only=True)
 class ProofThresholds:
-    """Whether anything is left out, and whether what was found proves itself."""
+    """Thresholds for a mismatch and for the validation of findings."""
 
     certain: float = _set(0.005, "chance of the repeatable power below which there is a mismatch", JUDGEMENT)
     restless: float = _set(
@@ -139,7 +139,7 @@ class ProofThresholds:
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseThresholds:
-    """Which readings tell the noise."""
+    """Thresholds of noise estimation and outlier rejection."""
 
     gross: float = _set(6.0, "robust standard deviations beyond which a residual takes no part", JUDGEMENT)
     mostly: float = _set(0.5, "share of a session's or a pose's readings beyond which they are no outliers", STATISTICS)
@@ -164,7 +164,7 @@ class NoiseThresholds:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingThresholds:
-    """What is wrong with the record."""
+    """Thresholds of recording faults."""
 
     ordinary: float = _set(
         0.08, "share of gross errors and heavy tails that trackers make now and then; more is worth a finding", DEV

@@ -1,1 +1,1 @@
-"""What is said of a diagnosis as a whole: its sentence, whether enough was read, which springs of the cell are off."""
+"""Summary of a diagnosis: verdict sentence, sufficiency of the data, deviating springs of the cell."""

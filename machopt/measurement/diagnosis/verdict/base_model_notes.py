@@ -1,7 +1,7 @@
-"""What is refitted in any case and is no part of any file: told where it is surely there, though it is no finding.
+"""Notes on significant base unknowns that no file can state, such as motor inertia or gradually reversing seal
+friction.
 
-A rotor behind its gear, seals that turn over gradually: every arm has them, and no URDF has a word for them. They leave
-nothing that comes back, so the verdict does not say that the model as it is stated lacks them.
+Every arm has them and no URDF states them. They leave no repeatable mismatch, so they are no findings.
 """
 
 from __future__ import annotations
@@ -14,14 +14,28 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import BaseCoeffi
 
 
 def describe_refitted_values(coefficients: Sequence[BaseCoefficient]) -> tuple[str, ...]:
-    """Notes for the reader."""
+    """Describe significant base unknowns that are unstated or deviate from their prior.
+
+    Args:
+        coefficients: Fitted base coefficients.
+
+    Returns:
+        Notes.
+    """
     there = describe_unstated_values(coefficients)
     nowhere = (f"refitted in any case, and stated nowhere: {there}",) if there else ()
     return nowhere + describe_deviating_values(coefficients)
 
 
 def describe_unstated_values(coefficients: Sequence[BaseCoefficient]) -> str:
-    """What is surely there and neither URDF nor cell states, with its place; empty: nothing is."""
+    """Describe significant base unknowns that neither URDF nor cell states, with their location.
+
+    Args:
+        coefficients: Fitted base coefficients.
+
+    Returns:
+        Text; empty if there are none.
+    """
     there = [c for c in coefficients if c.unknown.description_if_unstated and _is_significant(c.value, c.sigma)]
     return "; ".join(
         f"{c.unknown.description_if_unstated} {c.value:.3g} {c.unknown.unit} ({format_place(c.unknown.location)})"
@@ -30,17 +44,26 @@ def describe_unstated_values(coefficients: Sequence[BaseCoefficient]) -> str:
 
 
 def describe_deviating_values(coefficients: Sequence[BaseCoefficient]) -> tuple[str, ...]:
-    """Numbers that are held near what is stated, and yet came out far from it."""
-    far = [(c, abs(c.value) / c.unknown.prior) for c in coefficients if c.unknown.prior is not None]
-    told = [
-        f"{c.unknown.name} {c.value:+.2g}, {off:.1f} times what it may be off by"
-        for c, off in far
-        if off**2 >= thresholds.DETECTION.as_good
+    """Describe base unknowns that deviate strongly from their prior.
+
+    Args:
+        coefficients: Fitted base coefficients.
+
+    Returns:
+        Notes.
+    """
+    deviations = [(c, abs(c.value) / c.unknown.prior) for c in coefficients if c.unknown.prior is not None]
+    descriptions = [
+        f"{c.unknown.name} {c.value:+.2g}, {deviation:.1f} times what it may be off by"
+        for c, deviation in deviations
+        if deviation**2 >= thresholds.DETECTION.as_good
     ]
-    if not told:
+    if not descriptions:
         return ()
     return (
-        "far from what is stated, and not far enough to say that nothing else is: " + "; ".join(told) + ". What hangs "
+        "far from what is stated, and not far enough to say that nothing else is: "
+        + "; ".join(descriptions)
+        + ". What hangs "
         "on the arm and nobody stated may be taken up by that; the same motion with a known load more tells",
     )
 

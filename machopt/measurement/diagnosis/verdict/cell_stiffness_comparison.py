@@ -1,4 +1,4 @@
-"""Springs of a cell that lie far from what the readings say of them, joint by joint."""
+"""Joint springs of the cell that deviate strongly from the diagnosis."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from machopt.numerics.array_types import Array
 
 
 def describe_deviating_springs(d: DiagnosisResult, prior: Array | None) -> list[str]:
-    """A sentence for each joint whose refitted spring the cell misses by a large factor.
+    """Describe each joint whose refitted spring differs from the cell's by a large factor.
 
     Args:
-        d: with refitted compliances, rad/(N·m).
-        prior: (6,) N·m/rad of the cell; None: it has none.
+        d: Result with refitted compliances, rad/(N·m).
+        prior: (6,) stiffness of the cell, N·m/rad; None if it has none.
+
+    Returns:
+        One sentence per joint.
     """
     out: list[str] = []
     for c in d.coefficients if prior is not None else ():
         joint = c.unknown.spring_joint
         if joint is None or c.value <= 0.0 or c.sigma > thresholds.RECORD.sure_spring * c.value:
             continue
-        assert prior is not None  # the loop is empty then
+        assert prior is not None  # otherwise the loop is empty
         ratio = c.value * float(prior[joint - 1])
         if max(ratio, 1.0 / ratio) > thresholds.RECORD.far_spring:
             much = f"{max(ratio, 1.0 / ratio):.2g} times {'softer' if ratio > 1.0 else 'stiffer'}"
@@ -32,5 +35,5 @@ def describe_deviating_springs(d: DiagnosisResult, prior: Array | None) -> list[
 
 
 def _format_three_digits(value: float) -> str:
-    """Three digits, written out: 9120, 556000."""
+    """Format a number with three significant digits without exponent: 9120, 556000."""
     return f"{float(f'{value:.3g}'):.10g}"

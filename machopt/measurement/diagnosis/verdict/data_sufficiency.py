@@ -1,4 +1,4 @@
-"""Whether there are readings enough for a verdict that all is well."""
+"""Check whether there are enough readings for the verdict "consistent"."""
 
 from __future__ import annotations
 
@@ -18,24 +18,27 @@ REPLICATES_ADVICE = (
 
 
 def downgrade_if_insufficient(d: DiagnosisResult, problem: DiagnosisProblem) -> DiagnosisResult:
-    """The diagnosis; "insufficient" where nothing is named and too little was read to say that nothing is missing.
+    """Change the verdict to "insufficient" if nothing was found and the data are too few to exclude a mismatch.
 
-    Nothing tells noise from mismatch where no reading was repeated and no uncertainty is stated: then what is named
-    cannot be said to explain all either.
+    Without replicates and without a stated uncertainty, noise and mismatch cannot be separated. Then findings cannot
+    be said to explain everything either.
 
     Args:
-        d: of an arm at rest, whole.
-        problem: that it is of.
+        d: Complete result of a static recording.
+        problem: Its problem.
+
+    Returns:
+        The result.
     """
     poses = len(np.unique(problem.group[d.used]))
     unknown = bool(np.isnan(d.mismatch_p)) and not problem.families[0].stated_uncertainty
     if unknown and d.verdict == "explained":
-        said = (
+        text = (
             f"nothing was measured twice and no uncertainty is stated: what is left passes for noise; "
             f"{REPLICATES_ADVICE}"
         )
-        told = replace(d, verdict="partly_explained", notes=(*d.notes, said))
-        return replace(told, sentence=format_verdict(told))
+        notes = replace(d, verdict="partly_explained", notes=(*d.notes, text))
+        return replace(notes, sentence=format_verdict(notes))
     if d.verdict != "consistent":
         return d
     if poses < thresholds.PROOF.fewest_groups:

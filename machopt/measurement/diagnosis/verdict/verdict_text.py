@@ -1,4 +1,4 @@
-"""What an engineer reads: the sentence at the top, what to measure next."""
+"""Verdict sentence and proposal of the next measurement."""
 
 from __future__ import annotations
 
@@ -11,11 +11,18 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisR
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
 from machopt.measurement.diagnosis.verdict.base_model_notes import describe_unstated_values
 
-MOST_PLACES = 5  # named in the sentence, the largest shares first
+MOST_PLACES = 5  # most places in the sentence, the largest shares first
 
 
 def format_verdict(d: DiagnosisResult) -> str:
-    """How much, where, what, how sure, what is not excluded, what next."""
+    """Format the verdict: error size, location, effect, certainty, open alternatives, next step.
+
+    Args:
+        d: Result of the diagnosis.
+
+    Returns:
+        Text.
+    """
     error = f"{format_error_size(d.heldout_before, d.unit)} on {d.predicted or 'readings'} that no fit saw"
     if d.verdict == "consistent":
         after = f"{format_error_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"
@@ -35,7 +42,7 @@ def format_verdict(d: DiagnosisResult) -> str:
     if d.verdict == "unexplained":
         places = list(dict.fromkeys(format_place(s.axis) for s in d.mismatch if s.kind == "machine"))
         where = ", ".join(places[:MOST_PLACES]) + (" …" if len(places) > MOST_PLACES else "")
-        # without the range that the note has: that is in SI, the page gives it in the units of the file
+        # without the interval of the note: it is in SI, the report states it in file units
         told = (f"; in the data {100 * s.share:.0f} % gathers along {s.axis}" for s in d.mismatch if s.kind == "data")
         data = next(told, "")
         return (
@@ -45,7 +52,7 @@ def format_verdict(d: DiagnosisResult) -> str:
     parts = [_format_finding(f) for f in d.findings]
     if (
         d.verdict == "partly_explained" and has_record_findings_only(d) and not is_mismatch_closed(d)
-    ):  # what was put right is no part of the mismatch that is left
+    ):  # corrected faults are not part of the remaining mismatch
         return (
             f"Not explained, though the record is put right: {'; '.join(parts)}. The refitted model leaves "
             f"{format_error_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw (noise "
@@ -68,7 +75,7 @@ def format_verdict(d: DiagnosisResult) -> str:
 
 
 def _describe_remaining_mismatch(d: DiagnosisResult) -> str:
-    """What comes back beside an explanation that is as near the noise as one asks for."""
+    """Describe the repeatable remainder of a nearly complete explanation."""
     if d.verdict != "explained" or not d.repeatable_after > thresholds.PROOF.left_over * d.noise_floor:
         return ""
     return (
@@ -79,17 +86,38 @@ def _describe_remaining_mismatch(d: DiagnosisResult) -> str:
 
 
 def has_record_findings_only(d: DiagnosisResult) -> bool:
-    """Whether all that was found is of the record, nothing of the machine."""
+    """Return whether all findings concern the recording.
+
+    Args:
+        d: Result of the diagnosis.
+
+    Returns:
+        True if there are findings and none concerns the machine.
+    """
     return bool(d.findings) and all(f.record for f in d.findings)
 
 
 def is_mismatch_closed(d: DiagnosisResult) -> bool:
-    """Whether what was found closes as much of the mismatch as is written as 1 %."""
+    """Return whether the findings explain at least 0.5 % of the mismatch, which is displayed as 1 %.
+
+    Args:
+        d: Result of the diagnosis.
+
+    Returns:
+        True if so.
+    """
     return d.explained >= thresholds.PROOF.closes
 
 
 def suggest_next_experiment(d: DiagnosisResult) -> str:
-    """The next measurement worth making, in words."""
+    """Propose the next measurement in words.
+
+    Args:
+        d: Result of the diagnosis.
+
+    Returns:
+        Text.
+    """
     sets = [f for f in d.findings if len(f.one_of) > 1]
     if sets:
         f = sets[0]
@@ -109,15 +137,29 @@ def suggest_next_experiment(d: DiagnosisResult) -> str:
 
 
 def describe_withdrawn_findings(findings: Sequence[Finding]) -> list[str]:
-    """What came nearest without explaining enough to be named."""
+    """Describe findings that were withdrawn because they explain too little.
+
+    Args:
+        findings: Withdrawn findings.
+
+    Returns:
+        Notes.
+    """
     if not findings:
         return []
-    said = ", ".join(format_effect_in_sentence(f.effect, f.location) for f in findings)
-    return [f"nearest of the catalogue, but most of the mismatch stays with it: {said}; so it is not named"]
+    names = ", ".join(format_effect_in_sentence(f.effect, f.location) for f in findings)
+    return [f"nearest of the catalogue, but most of the mismatch stays with it: {names}; so it is not named"]
 
 
 def describe_session_contradictions(effects: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """That sessions contradict each other, by what would be named if one of them were all there is."""
+    """Describe contradictions between sessions by the effect that one session alone would support.
+
+    Args:
+        effects: Contradicted effects and places.
+
+    Returns:
+        Notes.
+    """
     return tuple(
         f"the sessions differ by more than noise: what {format_effect_in_sentence(*name)} would explain shows "
         f"in one of them and another "
@@ -127,7 +169,14 @@ def describe_session_contradictions(effects: Sequence[tuple[str, str]]) -> tuple
 
 
 def describe_noise_source(noise: ReplicateNoise) -> tuple[str, ...]:
-    """Where the noise was taken from."""
+    """Describe how the noise was estimated.
+
+    Args:
+        noise: Estimated noise.
+
+    Returns:
+        Notes.
+    """
     if noise.replicated:
         return ("noise is taken from readings of the same thing on different visits",)
     return (
@@ -143,7 +192,15 @@ def _format_finding(f: Finding) -> str:
 
 
 def format_error_size(value: float, unit: str) -> str:
-    """An error as read: micrometres where it is small."""
+    """Format an error; below 0.5 mm in micrometres.
+
+    Args:
+        value: Error in ``unit``.
+        unit: Unit of the error.
+
+    Returns:
+        Text.
+    """
     return (
         f"{_format_number(1e3 * value)} µm" if unit == "mm" and abs(value) < 0.5 else f"{_format_number(value)} {unit}"
     )

@@ -1,1 +1,1 @@
-"""How well the identified stiffness is known: covariance, identifiability, held-out error."""
+"""Assessment of an identification: covariance, identifiability, cross-validated errors."""

@@ -1,13 +1,13 @@
-"""Covariance and intervals of the coefficients: errors shared by a pose counted as shared.
+"""Covariance and confidence intervals of the coefficients, with errors shared within a pose.
 
-The covariance is the cluster-robust CR2 (Bell & McCaffrey 2002; Pustejovsky & Tipton 2018) with one cluster a pose and
-the fit's own weights as working covariance: it holds whatever the errors inside a pose look like, and where the weights
-are right it is unbiased. In the normal equations of the poses, H_g and h_g,
+The covariance is the cluster-robust CR2 estimate (Bell & McCaffrey 2002; Pustejovsky & Tipton 2018) with one cluster
+per pose and the weights of the fit as working covariance. It is valid for any correlation within a pose, and unbiased
+if the weights are right. In the normal equations of the poses, H_g and h_g,
 
-    u_g = (I − H_g M)^(−½) (h_g − H_g x),  M = (Σ H_g)⁻¹,  Cov x = M (Σ u_g u_gᵀ) M,
+    u_g = (I − H_g M)^(−½) (h_g − H_g x),   M = (Σ H_g)⁻¹,   Cov x = M (Σ u_g u_gᵀ) M,
 
-so it costs P × P matrices only. Its degrees of freedom are Satterthwaite's, per coefficient: few poses that carry one
-joint mean few degrees of freedom for that joint.
+which needs P × P matrices only. Degrees of freedom are Satterthwaite's, per coefficient. If few poses determine a
+joint, its degrees of freedom are few.
 """
 
 from __future__ import annotations
@@ -21,27 +21,28 @@ from machopt.measurement.estimation.bounded_least_squares import compute_profile
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.numerics.array_types import Array
 
-NULL = 1e-10  # eigenvalue of the scaled normal matrix per largest one: no data in that direction
-LEAST_FREEDOM = 1.0  # degrees of freedom below which a quantile of Student's t says nothing
+NULL = 1e-10  # relative eigenvalue of the scaled normal matrix below which a direction has no data
+LEAST_FREEDOM = 1.0  # least degrees of freedom for a quantile of Student's t
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoefficientUncertainty:
-    """How sure each coefficient of a fit is."""
+    """Uncertainty of each coefficient of a fit."""
 
-    level: float  # 0.9
-    sigma: Array  # (P,) standard error; inf where the data say nothing
+    level: float  # confidence level of the intervals, e.g. 0.9
+    sigma: Array  # (P,) standard error; inf without data
     freedom: Array  # (P,) degrees of freedom of sigma
-    interval: Array  # (P, 2) of coefficients, inside their bounds; may end in inf
-    covariance: Array  # (P, P) where the data speak; directions without data left out
-    unobserved_directions: Array  # (P, U) unit directions in scaled coefficients that no reading shows
-    condition: float  # of the weighted, scaled design
-    condition_plain: float  # of dumas2011's B as it stands (eq. 22)
+    interval: Array  # (P, 2) confidence intervals within the bounds; may be infinite
+    covariance: Array  # (P, P) without directions that have no data
+    unobserved_directions: Array  # (P, U) unobservable unit directions in scaled coefficients
+    condition: float  # condition number of the weighted, scaled design matrix
+    condition_plain: float  # condition number of B in dumas2011 eq. 22, unscaled
 
     def stiffness_interval(self) -> Array:
-        """(6, 2) N·m/rad of the joints; upper end inf where the compliance's interval reaches 0.
+        """Return the confidence intervals (6, 2) of the joint stiffnesses, N·m/rad.
 
-        The lower end claims no more than one standard error of compliance, should the interval end below that.
+        The upper end is infinite if the interval of the compliance includes zero. The lower end uses at least one
+        standard error of the compliance.
         """
         least = np.where(np.isfinite(self.sigma[:6]), self.sigma[:6], 0.0)
         low, high = self.interval[:6, 0], np.maximum(self.interval[:6, 1], least)
@@ -50,15 +51,20 @@ class CoefficientUncertainty:
 
 
 def compute_coefficient_uncertainty(fit: StiffnessFit, level: float = 0.9) -> CoefficientUncertainty:
-    """Standard errors and two-sided intervals.
+    """Compute standard errors and two-sided confidence intervals.
+
+    The intervals are too narrow if errors are shared by more than a pose, such as a common gain error of the force
+    sensor, which no replicate shows.
 
     Args:
-        fit: any fit; an unweighted one too, its readings of one pose still counting as dependent.
-        level: of the intervals.
+        fit: Any fit; in an unweighted one readings of a pose still count as dependent.
+        level: Confidence level.
+
+    Returns:
+        The uncertainty.
 
     Source:
-        Bell & McCaffrey 2002, Pustejovsky & Tipton 2018 (working-model CR2). Too narrow where errors are shared by
-        more than a pose, e.g. a gain error of the force sensor over all readings, which no replicate shows.
+        Bell & McCaffrey 2002, Pustejovsky & Tipton 2018 (working-model CR2).
     """
     H, _ = fit.normal.total()
     values, vectors = np.linalg.eigh(H)
@@ -68,7 +74,7 @@ def compute_coefficient_uncertainty(fit: StiffnessFit, level: float = 0.9) -> Co
     covariance, freedom = compute_cluster_robust_covariance(fit.normal.H, fit.normal.h, M)
     model = np.diag(M).copy()
     robust = np.diag(covariance).copy()
-    few = freedom < LEAST_FREEDOM  # one pose carries the coefficient: its own scatter cannot be seen
+    few = freedom < LEAST_FREEDOM  # a single pose determines the coefficient: its scatter is not observable
     left = float(fit.weighting.robust.sum()) - seen.sum()
     variance = np.where(few, np.maximum(model, robust), robust)
     freedom = np.where(few, max(LEAST_FREEDOM, min(left, fit.clusters.poses - 1.0)), freedom)
@@ -89,11 +95,12 @@ def compute_coefficient_uncertainty(fit: StiffnessFit, level: float = 0.9) -> Co
 
 
 def compute_cluster_robust_covariance(H: Array, h: Array, M: Array) -> tuple[Array, Array]:
-    """CR2 covariance and Satterthwaite's degrees of freedom of each coefficient.
+    """Compute the CR2 covariance and Satterthwaite's degrees of freedom of each coefficient.
 
     Args:
-        H: (G, P, P), h: (G, P) normal equations by cluster.
-        M: (P, P) (pseudo-)inverse of their sum.
+        H: (G, P, P) normal matrices by cluster.
+        h: (G, P) right-hand sides by cluster.
+        M: (P, P) (pseudo-)inverse of the sum of H.
 
     Returns:
         (P, P) covariance, (P,) degrees of freedom.
@@ -103,7 +110,7 @@ def compute_cluster_robust_covariance(H: Array, h: Array, M: Array) -> tuple[Arr
     root = (vectors * np.sqrt(values)) @ vectors.T  # M^½
     whitened = root @ H @ root  # (G, P, P), eigenvalues in [0, 1]: the cluster's leverage
     share, basis = np.linalg.eigh((whitened + np.swapaxes(whitened, 1, 2)) / 2)
-    with np.errstate(divide="ignore"):  # a direction that one cluster alone shows has no residual to be scaled up
+    with np.errstate(divide="ignore"):  # a direction that a single cluster determines has no residual to scale
         stretch = np.where(share < 1 - 1e-9, 1.0 / np.sqrt(np.maximum(1.0 - share, 1e-9)), 0.0)
     adjust = (basis * stretch[:, None, :]) @ np.swapaxes(basis, 1, 2)  # (I − M^½ H_g M^½)^(−½)
     x = M @ h.sum(axis=0)
@@ -112,7 +119,7 @@ def compute_cluster_robust_covariance(H: Array, h: Array, M: Array) -> tuple[Arr
     q = along @ root  # (G, P) M u_g
     covariance = q.T @ q
     # E[q_g q_h] under the working covariance: a_gᵀ (δ_gh H_g − H_g M H_h) a_h for each coefficient
-    a = np.einsum("gij,jk->gik", adjust, root)  # columns: one a coefficient, in M^½ coordinates
+    a = np.einsum("gij,jk->gik", adjust, root)  # one column per coefficient, in M^½ coordinates
     b = np.einsum("gij,gjk->gik", whitened, a)  # (G, P, P)
     own = np.einsum("gik,gik->gk", a, b)
     cross = np.einsum("gik,gik->gk", b, b)
@@ -124,7 +131,7 @@ def compute_cluster_robust_covariance(H: Array, h: Array, M: Array) -> tuple[Arr
 
 
 def _compute_intervals(fit: StiffnessFit, H: Array, sigma: Array, model: Array, freedom: Array, level: float) -> Array:
-    """(P, 2) in scaled coefficients: ± t σ, or the profile of the quadratic where a bound is near."""
+    """Return intervals (P, 2) of scaled coefficients: ± t σ, or the profile of the quadratic near a bound."""
     t = stdtrit(freedom, 0.5 + level / 2)
     lower = fit.lower / fit.column
     free, x = fit.free / fit.column, fit.x / fit.column
@@ -138,7 +145,7 @@ def _compute_intervals(fit: StiffnessFit, H: Array, sigma: Array, model: Array, 
     for j in range(len(x)):
         rise = float(t[j] ** 2 * wider[j])
         if np.isfinite(sigma[j]) and out[j, 0] > lower[j] and np.allclose(free, x, atol=1e-6 * np.abs(x).max()):
-            continue  # no bound is active: the quadratic's profile is the straight interval
+            continue  # no active bound: the profile equals the symmetric interval
         out[j] = [compute_profile_bound(H, h, lower, j, rise, sign) for sign in (-1, 1)]
     return out
 

@@ -1,4 +1,4 @@
-"""The error on poses that the fit has not seen."""
+"""Cross-validated errors: each pose is predicted by a fit without it."""
 
 from __future__ import annotations
 
@@ -11,44 +11,59 @@ from machopt.measurement.identification.assessment.identifiability import Settle
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.numerics.array_types import Array, Ints
 
-MAX_LEAVE_ONE_OUT_POSES = 60  # poses up to which each is left out by itself
-FOLDS = 20  # beyond
+MAX_LEAVE_ONE_OUT_POSES = 60  # up to this number of poses each is left out individually
+FOLDS = 20  # number of folds for more poses
 
 
 @dataclass(frozen=True)
 class HoldoutErrorSummary:
-    """Root mean square over coordinates, outliers apart."""
+    """Root mean square errors without outliers."""
 
-    rmse: float  # m, of the three translations
+    rmse: float  # m per coordinate, of the three translations
     axes: Array  # (D,) m, rad, base axes
-    rotation: float  # rad, of the three rotations; NaN where not measured
-    explained: float  # share of the translations' sum of squares that the model explains
-    by_pose: Array  # (G,) m, rmse of the translations of each pose; NaN where all are outliers
+    rotation: float  # rad per coordinate, of the three rotations; NaN if not measured
+    explained: float  # explained share of the sum of squares of the translations
+    by_pose: Array  # (G,) m, rmse of the translations by pose; NaN if all are outliers
 
 
 def summarise_residuals(fit: StiffnessFit, residual: Array) -> HoldoutErrorSummary:
-    """Sum up residuals (N, D) of a fit's readings."""
+    """Summarise the residuals of a fit.
+
+    Args:
+        fit: Weighted fit of the stiffness.
+        residual: (N, D) residuals, m and rad.
+
+    Returns:
+        The summary.
+    """
     counts = fit.weighting.robust > thresholds.IDENTIFIED.out
-    kept = np.where(counts, residual, np.nan)
+    inliers = np.where(counts, residual, np.nan)
     total = np.where(counts, fit.experiment.measured, np.nan)
     turned = residual.shape[1] == 6
     by_pose = np.full(fit.clusters.poses, np.nan)
     for g in range(fit.clusters.poses):
-        by_pose[g] = _compute_rms(kept[fit.clusters.readings(g), :3])
+        by_pose[g] = _compute_rms(inliers[fit.clusters.readings(g), :3])
     return HoldoutErrorSummary(
-        rmse=_compute_rms(kept[:, :3]),
-        axes=np.array([_compute_rms(column) for column in kept.T]),
-        rotation=_compute_rms(kept[:, 3:]) if turned else np.nan,
-        explained=_compute_explained_share(kept[:, :3], total[:, :3]),
+        rmse=_compute_rms(inliers[:, :3]),
+        axes=np.array([_compute_rms(column) for column in inliers.T]),
+        rotation=_compute_rms(inliers[:, 3:]) if turned else np.nan,
+        explained=_compute_explained_share(inliers[:, :3], total[:, :3]),
         by_pose=by_pose,
     )
 
 
 def compute_holdout_residuals(fit: StiffnessFit, settled: SettledCoefficients, rng: np.random.Generator) -> Array:
-    """(N, D) residuals of readings whose pose took no part in the coefficients that predict them.
+    """Compute cross-validated residuals: each reading is predicted by coefficients fitted without its pose.
 
-    Each pose is left out once (in 20 random groups beyond 60 poses); weights and outliers stay those of the whole fit.
-    NaN where there is one pose only.
+    Above 60 poses, 20 random groups of poses are left out. Weights and outliers are those of the whole fit.
+
+    Args:
+        fit: Weighted fit of the stiffness.
+        settled: Final coefficients with their identifiability.
+        rng: Random generator.
+
+    Returns:
+        (N, D) m and rad; NaN for a single pose.
     """
     H, h = fit.normal.total()
     out = np.full(fit.y.shape, np.nan)
@@ -61,7 +76,15 @@ def compute_holdout_residuals(fit: StiffnessFit, settled: SettledCoefficients, r
 
 
 def build_folds(poses: int, rng: np.random.Generator) -> list[Ints]:
-    """Groups of poses to be left out together."""
+    """Build groups of poses that are left out together.
+
+    Args:
+        poses: Number of poses.
+        rng: Random generator.
+
+    Returns:
+        Pose indices of each fold; empty for fewer than two poses.
+    """
     if poses < 2:
         return []
     if poses <= MAX_LEAVE_ONE_OUT_POSES:

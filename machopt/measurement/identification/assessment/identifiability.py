@@ -1,15 +1,15 @@
-"""What the readings can tell of each joint, and what stands in its place where they cannot.
+"""Identifiability of each joint, and the values of joints that are not identified.
 
-A joint is judged by the design first: the standard error that these loads and this noise promise, against the
-compliance the cell has for it. Not identified is
+A joint is judged by the design first: the standard error expected from loads and noise, relative to the cell's
+compliance. Not identified are:
 
-- a joint that the loads hardly turn (its error would be large even if it were the only unknown),
-- a joint that cannot be told from another unknown (its error is large because of the others),
-- a joint whose interval reaches zero compliance: only a lower bound of its stiffness is known.
+- a joint that the loads hardly deflect (its error would be large even as the only unknown),
+- a joint that is confounded with another unknown (its error is large because of the others),
+- a joint whose interval includes zero compliance: only a lower bound of its stiffness is known.
 
-Its value is then the cell's, moved into what the readings allow; without one in the cell, the lower bound of its
-stiffness. Combinations that the readings do show (two joints that always turn together) are kept: the values are drawn
-to the cell's by a weak pull that the data override wherever they speak.
+Such a joint gets the cell's value, limited to what the readings allow; without a cell's value, the lower bound of its
+stiffness. Identifiable combinations (two joints that always move together) are preserved: a weak prior pulls the
+values to the cell's, and the data override it where they are informative.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from machopt.measurement.identification.fitting.positive_semidefinite_fit import
 from machopt.measurement.identification.fitting.weighted_fit import FitCoefficient, StiffnessFit
 from machopt.numerics.array_types import Array
 
-MAX_SINGLE_COEFFICIENTS = 3  # coefficients of a term that are judged each by itself
-PRIOR_SIGMA = 0.1  # standard deviation per value of the pull towards the cell's compliance
-ZERO_SIGMA = 1e-6  # the same for what is taken as zero, in units of a typical effect
+MAX_SINGLE_COEFFICIENTS = 3  # up to this number the coefficients of a term are judged individually
+PRIOR_SIGMA = 0.1  # relative standard deviation of the prior at the cell's compliance
+ZERO_SIGMA = 1e-6  # the same for coefficients set to zero, relative to a typical effect
 
 
 @dataclass(frozen=True)
 class CoefficientStatus:
-    """What is known of one unknown."""
+    """Identifiability of one unknown."""
 
     identified: bool
-    reason: str  # empty where identified
-    expected: float  # standard error per compliance that the design promises; NaN where there is no reference
-    inflation: float  # variance against that of the same design with this unknown alone (VIF); inf where not told apart
-    torque: float  # N·m, the largest on the joint in any reading; NaN for terms
+    reason: str  # why it is not identified; else empty
+    expected: float  # relative standard error expected from the design; NaN without a reference
+    inflation: float  # variance inflation factor (VIF) caused by the other unknowns; inf if confounded
+    torque: float  # N·m, largest torque on the joint; NaN for terms
 
 
 @dataclass(frozen=True)
 class IdentifiableCombination:
-    """A sum of coefficients that is known although its parts are not."""
+    """Identifiable sum of coefficients that are not identified individually."""
 
     text: str
     value: float  # in the unit of its coefficients
@@ -60,25 +60,29 @@ class IdentifiableCombination:
 
 @dataclass(frozen=True, kw_only=True)
 class SettledCoefficients:
-    """The coefficients that are handed on, and how every refit has to treat those that are not identified."""
+    """Final coefficients, and the treatment of unidentified ones in every refit."""
 
     x: Array  # (P,)
     status: tuple[CoefficientStatus, ...]
     combinations: tuple[IdentifiableCombination, ...]
-    pull: Array  # (P,) weight of the pull, per scaled coefficient
-    target_values: Array  # (P,) scaled
-    replaced: NDArray[np.bool_]  # (P,) set to ``towards`` after solving
-    covariance: Array  # (6, 6) of the joints' compliances; one not identified is as uncertain as its own value
-    matrices: tuple[FittedMatrix, ...] = ()  # terms whose matrix must not give way against a load
-    has_projected_matrices: tuple[int, ...] = ()  # terms whose matrix did
+    pull: Array  # (P,) weight of the prior, for scaled coefficients
+    target_values: Array  # (P,) prior means, scaled
+    replaced: NDArray[np.bool_]  # (P,) set to ``target_values`` after solving
+    covariance: Array  # (6, 6) of the joint compliances; an unidentified one has 100 % uncertainty
+    matrices: tuple[FittedMatrix, ...] = ()  # terms whose matrix must be positive semidefinite
+    has_projected_matrices: tuple[int, ...] = ()  # terms whose fitted matrix was not and was projected
 
     def solve(self, fit: StiffnessFit, H: Array, h: Array, *, matrices: bool = False) -> Array:
-        """(P,) coefficients for other normal equations in the same scaled coefficients, e.g. without one pose.
+        """Solve other normal equations in the same scaled coefficients, for example without one pose.
 
         Args:
-            fit: bounds and scales.
-            H, h: the equations.
-            matrices: keep fitted matrices positive semidefinite, too; slow.
+            fit: Weighted fit of the stiffness.
+            H: (P, P) normal matrix.
+            h: (P,) right-hand side.
+            matrices: Whether to keep fitted matrices positive semidefinite; slow.
+
+        Returns:
+            (P,) coefficients.
         """
         H, h = H + np.diag(self.pull), h + self.pull * self.target_values
         x = minimise_bounded_quadratic(H, h, fit.lower / fit.column)
@@ -92,22 +96,23 @@ class SettledCoefficients:
 def settle_coefficients(
     fit: StiffnessFit, uncertainty: CoefficientUncertainty, prior: Array | None = None
 ) -> SettledCoefficients:
-    """Judge every unknown and fix the values of those that are not identified.
+    """Judge the identifiability of every unknown and set the values of unidentified ones.
 
     Args:
-        fit: with all unknowns free.
-        uncertainty: of that fit.
-        prior: (6,) N·m/rad, the cell's stiffness; None where it has none.
+        fit: Fit with all unknowns free.
+        uncertainty: Uncertainty of that fit.
+        prior: (6,) joint stiffness of the cell, N·m/rad; None if unknown.
+
+    Returns:
+        The final coefficients.
     """
     P = len(fit.unknowns)
     H, h = fit.normal.total()
     ridge = NULL * float(np.diag(H).max())
-    M: Array = np.asarray(
-        np.linalg.inv(H + ridge * np.eye(P)), float
-    )  # a direction without data gets a huge variance, not a missing one
+    M: Array = np.asarray(np.linalg.inv(H + ridge * np.eye(P)), float)  # an unobservable direction gets a huge variance
     correlation: Array = np.asarray(M / np.sqrt(np.outer(np.diag(M), np.diag(M))), float)
     reference = np.full(P, np.nan)
-    # what the readings certainly show counts, too, should the cell's value be far too stiff
+    # a value that the readings certainly show also counts, in case the cell's is far too stiff
     reference[:6] = np.abs(fit.x[:6]) if prior is None else np.maximum(1.0 / prior, uncertainty.interval[:6, 0])
     standing = tuple(_assess_coefficient(fit, uncertainty, H, M, correlation, reference, j) for j in range(P))
     standing = _check_term_significance(fit, uncertainty, standing)
@@ -116,7 +121,7 @@ def settle_coefficients(
     pull, towards, replaced = np.zeros(P), np.zeros(P), np.zeros(P, bool)
     blind = np.abs(uncertainty.unobserved_directions).max(axis=1, initial=0.0) > 1e-6
     for j in np.flatnonzero(~known):
-        if j >= 6:  # a term that is not found is none
+        if j >= 6:  # an unidentified term is set to zero
             pull[j], replaced[j] = ZERO_SIGMA**-2, True
             continue
         k_low, k_high = uncertainty.stiffness_interval()[j]
@@ -207,7 +212,7 @@ def _assess_coefficient(
 def _find_correlated_coefficient(
     unknowns: tuple[FitCoefficient, ...], correlation: Array, unseen: Array, j: int
 ) -> str:
-    """What coefficient j cannot be told from; empty where nothing stands out."""
+    """Return the unknown that coefficient j is confounded with; empty if none stands out."""
     others = np.abs(correlation[j]).copy()
     others[j] = 0.0
     k = int(np.argmax(others))
@@ -227,13 +232,13 @@ def _find_correlated_coefficient(
 def _find_identifiable_combinations(
     fit: StiffnessFit, H: Array, M: Array, correlation: Array, known: NDArray[np.bool_]
 ) -> tuple[IdentifiableCombination, ...]:
-    """Pairs of joints that are not identified each, but together."""
+    """Return pairs of joints that are identified only in combination."""
     out = []
     for i in range(6):
         for j in range(i + 1, 6):
             if known[i] or known[j] or correlation[i, j] > -thresholds.IDENTIFIED.told_apart or H[i, i] <= 0:
                 continue
-            weight = H[i, j] / H[i, i]  # of joint j's compliance in joint i's place, scaled
+            weight = H[i, j] / H[i, i]  # weight of joint j's compliance relative to joint i's, scaled
             ratio = weight * fit.column[i] / fit.column[j]
             variance = M[i, i] + weight**2 * M[j, j] + 2 * weight * M[i, j]
             value = float(fit.x[i] + ratio * fit.x[j])
@@ -253,7 +258,7 @@ def _find_identifiable_combinations(
 def _check_term_significance(
     fit: StiffnessFit, uncertainty: CoefficientUncertainty, standing: tuple[CoefficientStatus, ...]
 ) -> tuple[CoefficientStatus, ...]:
-    """A term of many coefficients needs one that is clearer of zero: of 21 intervals of 90 %, two miss by chance."""
+    """Require a more significant coefficient for terms with many: of 21 intervals at 90 %, two miss by chance."""
     out = list(standing)
     for t in range(len(fit.terms)):
         own = [p for p, u in enumerate(fit.unknowns) if u.term == t]
@@ -270,7 +275,7 @@ def _check_term_significance(
 
 
 def _keep_whole_terms(unknowns: tuple[FitCoefficient, ...], known: NDArray[np.bool_]) -> None:
-    """A term stands with all its coefficients where one of them is known, so that matrices stay whole."""
+    """Keep all coefficients of a term if one is identified, so that matrices stay complete."""
     for t in {u.term for u in unknowns if u.term is not None}:
         own = np.array([u.term == t for u in unknowns])
         if known[own].any():

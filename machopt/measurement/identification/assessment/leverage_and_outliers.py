@@ -1,4 +1,4 @@
-"""Which readings and poses decide the result, and which contradict the rest."""
+"""Leverage, influence and outliers: which readings and poses determine the result, and which contradict the others."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from machopt.numerics.array_types import Array, Ints
 
 @dataclass(frozen=True)
 class ReadingInfluence:
-    """Leverage and influence; leverages sum to the number of unknowns."""
+    """Leverage and influence. The leverages sum to the number of unknowns."""
 
-    leverage: Array  # (N,) share of the unknowns that each reading fixes
-    cook: Array  # (N,) how far the result moves without the reading, in its own covariance, per unknown (first order)
+    leverage: Array  # (N,) leverage of each reading
+    cook: Array  # (N,) Cook's distance of each reading (first order), per unknown
     pose: Ints  # (G,) label of each pose
     pose_leverage: Array  # (G,)
-    pose_cook: Array  # (G,) the same without the pose, exactly
+    pose_cook: Array  # (G,) Cook's distance of each pose, exact
 
 
 @dataclass(frozen=True)
 class ReadingOutlier:
-    """A coordinate that the fit put aside."""
+    """Coordinate that the fit rejected as an outlier."""
 
     reading: int  # 0-based
     place: str  # file and line
@@ -36,7 +36,15 @@ class ReadingOutlier:
 
 
 def compute_influence(fit: StiffnessFit, settled: SettledCoefficients) -> ReadingInfluence:
-    """Leverage h = tr(A M Aᵀ W) and Cook's distance of readings and poses."""
+    """Compute leverage h = tr(A M Aᵀ W) and Cook's distance of readings and poses.
+
+    Args:
+        fit: Weighted fit of the stiffness.
+        settled: Final coefficients with their identifiability.
+
+    Returns:
+        The influence.
+    """
     H, h = fit.normal.total()
     M = np.linalg.pinv(H + np.diag(settled.pull), hermitian=True)
     leverage, moved = np.zeros(len(fit.y)), np.zeros((len(fit.y), len(fit.x)))
@@ -59,7 +67,14 @@ def compute_influence(fit: StiffnessFit, settled: SettledCoefficients) -> Readin
 
 
 def list_outliers(fit: StiffnessFit) -> tuple[ReadingOutlier, ...]:
-    """Coordinates that the fit put aside, the worst first."""
+    """List the rejected coordinates, the worst first.
+
+    Args:
+        fit: Weighted fit of the stiffness.
+
+    Returns:
+        The outliers.
+    """
     found = []
     residual = fit.residual
     for c, (V, share) in enumerate(zip(fit.weighting.covariance, fit.weighting.components, strict=True)):

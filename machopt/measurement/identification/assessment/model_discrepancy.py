@@ -1,38 +1,35 @@
-"""What a stiffness leaves on poses it has not seen, as an uncertainty of what it may lack.
+"""Model discrepancy: the error of a stiffness on new poses, as a probabilistic model of missing effects.
 
-The readings less the model, r, are held against the springs' errors and everything that may be missing
+The residuals r of the readings are explained by the errors of the springs and by all effects that may be missing
 (:mod:`machopt.stiffness.discrepancy_columns`):
 
     r = A x + B u + e,   x free,   u ~ N(0, Λ),   Λ = (λ · size)²
 
-λ, one for what is elastic and one for gears whose softness depends on the load, is found by restricted maximum
-likelihood (Patterson & Thompson 1971), e from replicates beside all columns at once; both are weighed over a grid of λ
-(Kennedy & O'Hagan 2001 call such a part discrepancy; here it is no process over space but over the machine's own
-interfaces, so that two rotations of one job share what they really share). What is known of (x, u) afterwards, mean μ
-and covariance S, is what stiffness.yaml takes on: the file's numbers stay those of the model, and everything that is
-predicted from them is uncertain by μ and S.
+There is one λ for elastic effects and one for load-dependent gear stiffness. They are estimated by restricted maximum
+likelihood (Patterson & Thompson 1971), e from replicates together with all columns; both are averaged over a grid of
+λ. Kennedy & O'Hagan 2001 call such a part model discrepancy. Here it is no process over space but over the machine's
+interfaces, so that two redundancy angles of one job share what they physically share. The posterior of (x, u), mean μ
+and covariance S, is stored in stiffness.yaml. The values in the file stay those of the model; predictions get the
+uncertainty of μ and S.
 
-Two things keep S honest where the suspects are no exact law of what is missing: the readings' part of it is cluster-
-robust (one cluster a pose, as in :mod:`machopt.measurement.identification.assessment.coefficient_uncertainty`, where
-that is larger), and what regions of
-poses that are left out show beyond S and noise counts as ``local``, a compliance that any other pose has for itself,
-with how badly a handful of regions tells it.
+Two measures keep S realistic although the assumed effects are not exact. The data part of S is cluster-robust (one
+cluster per pose, as in :mod:`machopt.measurement.identification.assessment.coefficient_uncertainty`, if larger). What
+cross-validation over regions of poses shows beyond S and noise is added as ``local``, an independent compliance of
+every pose.
 
-Where springs explain the readings (twice the log-likelihood rises by less than ``IDENTIFIED.misfit``) no suspect stays,
-but one: what weight and load do to posture and lever arms (``loaded``) is no suspicion. It is there in every arm, to
-first order as written down, and small loads hide it from the readings without making it any smaller. Where masses are
-known it counts in full, 1 ± PRIOR_LOADED before the readings are asked, and the springs' own errors with what it took
-from them. A file with ``geometric_stiffness`` counts the load's own part already, without the weight; the rest is left
-to ``loaded``.
+If the springs explain the readings (twice the log-likelihood rises by less than ``IDENTIFIED.misfit``), all effects
+are dropped except one: the effect of weight and load on posture and lever arms (``loaded``). It is present in every
+arm, known to first order, and small loads hide it without reducing it. With known masses it is included in full with
+a prior of 1 ± PRIOR_LOADED. A file with ``geometric_stiffness`` already includes the load's part; the rest stays in
+``loaded``.
 
-Nor is the play of a gear a matter of what explains the readings: load tests whose torques never change sign, the weight
-counted, say nothing of it, and a job whose torques do meets all of it. So beside each model stands the same with the
-usual play in one gear, one time in four before the readings are asked; those that cross it soon rule it out.
-Whether springs explain the readings is asked without: plays, whose form is no knee's, would take in enough of one.
+Backlash is treated separately. Load tests whose total torques never change sign do not show it, but a job whose
+torques do is fully affected. Therefore each model is complemented by variants with typical backlash in one gear, with
+a prior probability of one in four. Readings with a torque reversal soon rule it out. The test whether springs explain
+the readings excludes these variants, because backlash would absorb part of a nonlinear stiffness.
 
-A gear whose law is named in the file was bent to these very readings, and some other law of it, or a second gear that
-the named one took in, would have fitted as well. There springs and laws that explain the readings prove less: every λ
-counts by its likelihood, however little that rises, and so does ``local``.
+A gear law in the file was fitted to these readings, and another law might have fitted as well. There the test proves
+less: every λ counts by its likelihood, and so does ``local``.
 """
 
 from __future__ import annotations
@@ -76,45 +73,46 @@ from machopt.stiffness.discrepancy_columns import (
     list_gear_columns,
 )
 
-GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as soft as the joints beside it
-UNKNOWN_COMPLIANCE_SIGMA = 1.0  # 1 sigma of a joint's compliance that no reading shows, as a share of the file's
-FITTED_COEFFICIENT_SIGMA = 3.0  # the same of a coefficient that was found: next to nothing is known before
-PRIOR_LOADED = 0.25  # 1 sigma of ``loaded``, known to be 1: masses in a URDF are good to 15 %, and it is of first order
-BACKLASH_PRIOR_ODDS = 1.0 / 3.0  # odds that a gear has some before the readings are asked
-MAX_DROPPED_VARIANCE = (
-    1e-6  # of the variance over the readings' poses that the modes left out may have; a job goes elsewhere
-)
-DIRECTIONS = 2  # along which poses are parted into regions: every pose is in one of each
-BLOCKS = 4  # regions along either direction
-LEAST_WEIGHT = 1e-3  # of a λ beside the best
+GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as compliant as the adjacent joints
+UNKNOWN_COMPLIANCE_SIGMA = 1.0  # relative 1 sigma of an unobserved joint's compliance
+FITTED_COEFFICIENT_SIGMA = 3.0  # relative prior 1 sigma of a fitted coefficient: nearly uninformative
+PRIOR_LOADED = 0.25  # prior 1 sigma of ``loaded`` about 1: URDF masses are good to 15 %, and it is a first-order effect
+BACKLASH_PRIOR_ODDS = 1.0 / 3.0  # prior odds of backlash
+MAX_DROPPED_VARIANCE = 1e-6  # share of the variance over the measured poses that omitted modes may have
+DIRECTIONS = 2  # directions along which poses are divided into regions
+BLOCKS = 4  # regions along each direction
+LEAST_WEIGHT = 1e-3  # least weight of a λ relative to the best one
 
 
-LambdaLikelihood = tuple[float, Array, float]  # log-likelihood, 1 sigma of every column beforehand, sum of both λ
+LambdaLikelihood = tuple[float, Array, float]  # log-likelihood, prior 1 sigma of every column, sum of both λ
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualReadings:
-    """What a model left of a recording."""
+    """Residuals of a model on a recording, with their weights."""
 
     residual: Array  # (N, D) m, rad
     wrench: Array  # (N, 6)
     clusters: ErrorClusters
-    precision: Array  # (C, N, 3, 3) inverse covariance of each reading's own error
-    robust: Array  # (N, D) in [0, 1]
-    components: tuple[VarianceComponents, ...]  # found beside the springs alone
-    stated: tuple[bool, ...]  # one a channel
+    precision: Array  # (C, N, 3, 3) inverse covariance of a single reading's error
+    robust: Array  # (N, D) outlier weights in [0, 1]
+    components: tuple[VarianceComponents, ...]  # estimated with the springs alone
+    stated: tuple[bool, ...]  # whether the uncertainty is stated, by channel
 
 
 def estimate_model_discrepancy(
     suspects: DiscrepancyColumns, state: ArmState, k: Array, readings: ResidualReadings
 ) -> ModelDiscrepancy:
-    """What a model may lack; of the model's own coefficients alone where readings say nothing against it.
+    """Estimate the model discrepancy; if the readings show none, that of the model's own coefficients.
 
     Args:
-        suspects: its ``names`` are those of the model's own coefficients.
-        state: ArmState of the readings, with bodies.
-        k: (6,) N·m/rad of the model.
-        readings: what it left.
+        suspects: Columns of possible effects; its ``names`` are those of the model's own coefficients.
+        state: Arm states of the readings, with bodies.
+        k: (6,) joint stiffness of the model, N·m/rad.
+        readings: Residuals of the model.
+
+    Returns:
+        The discrepancy.
     """
     own = len(suspects.names)
     weighed = suspects.masses is not None
@@ -127,9 +125,7 @@ def estimate_model_discrepancy(
     Z = Z * unit
     known = np.zeros(len(unit))
     known[own + len(more) - 1] = float(weighed)
-    readings = replace(
-        readings, residual=readings.residual - Z @ known
-    )  # from here on the deviation from what is known
+    readings = replace(readings, residual=readings.residual - Z @ known)  # from here on deviations from the prior mean
     group = np.array([0] * own + [{True: 2}.get(n in list_gear_columns(), 3 if n == LOADED else 1) for n in more])
     usual = np.array(
         [TYPICAL_PLAY_RAD if parse_discrepancy_name(n).kind == PLAY_COLUMN else 0.0 for n in whole.names]
@@ -140,9 +136,9 @@ def estimate_model_discrepancy(
     for elastic, gears in product(GRID, GRID):
         spread = np.array([UNKNOWN_COMPLIANCE_SIGMA, elastic, gears, PRIOR_LOADED])[group]
         best.append((_compute_log_likelihood(H, h, spread), spread, elastic + gears))
-    plain = next(b for b in best if b[2] == 0.0)  # springs, and the load's own doing
+    plain = next(b for b in best if b[2] == 0.0)  # springs and the effect of the load itself
     misfit = bool(2.0 * (max(b[0] for b in best) - plain[0]) >= thresholds.IDENTIFIED.misfit)
-    named = bool(suspects.terms)  # what a name leaves out is never known to be nothing
+    named = bool(suspects.terms)  # with fitted gear laws a remainder is always possible
     if not misfit and not named:
         best = [plain]
     top = max(b[0] for b in best)
@@ -181,7 +177,9 @@ def estimate_model_discrepancy(
 
 
 def _compute_displacement_metric(H: Array, names: Sequence[str]) -> Array:
-    """What columns move at the readings' poses; a play no less than its joint's spring, as where a job meets it."""
+    """Return the mean square displacement of columns at the measured poses; backlash counts at least as its joint's
+    spring.
+    """
     out = H + 1e-12 * np.trace(H) * np.eye(len(H))
     for n, part in enumerate(parse_discrepancy_name(name) for name in names):
         if part.kind == PLAY_COLUMN:
@@ -193,7 +191,7 @@ def _compute_displacement_metric(H: Array, names: Sequence[str]) -> Array:
 def _add_usual_backlash(
     H: Array, h: Array, model: LambdaLikelihood, names: Sequence[str], usual: Array
 ) -> list[LambdaLikelihood]:
-    """The same model with the usual play in one gear, gear by gear, by how likely that is beside it."""
+    """Return the model with typical backlash in one gear, for each gear, with its likelihood."""
     out = []
     for n, name in enumerate(names):
         if parse_discrepancy_name(name).kind == PLAY_COLUMN and usual[n] > model[1][n]:
@@ -204,7 +202,7 @@ def _add_usual_backlash(
 
 
 def _compute_log_likelihood(H: Array, h: Array, spread: Array) -> float:
-    """Logarithm, of the readings, but for what all models share."""
+    """Return the log-likelihood of the readings up to a constant common to all models."""
     use, P = _select_possible_columns(H, spread)
     L = np.linalg.cholesky(P)
     half = np.linalg.solve(L, h[use])
@@ -212,13 +210,13 @@ def _compute_log_likelihood(H: Array, h: Array, spread: Array) -> float:
 
 
 def _select_possible_columns(H: Array, spread: Array) -> tuple[NDArray[np.intp], Array]:
-    """Columns that may be there, and their precision by all readings and by what is known beforehand."""
+    """Return the indices of possible columns, and their precision including the prior."""
     use = np.flatnonzero(spread > 0)
     return use, np.asarray(H[np.ix_(use, use)] + np.diag(spread[use] ** -2.0))
 
 
 def _compute_prior_sigma(suspects: DiscrepancyColumns, k: Array) -> Array:
-    """(P,) 1 sigma of the model's own coefficients before the readings are asked; zero for one that is zero."""
+    """Return the prior standard deviations (P,) of the model's own coefficients; zero for a zero coefficient."""
     c = 1.0 / np.asarray(k, float)
     out = []
     for name in suspects.names:
@@ -232,7 +230,7 @@ def _compute_prior_sigma(suspects: DiscrepancyColumns, k: Array) -> Array:
 
 
 def _robustify_information(equations: NormalEquations, use: NDArray[np.intp], S: Array, x: Array) -> Array:
-    """S with the readings' part of it by the scatter of the poses' scores, where that is larger (never smaller)."""
+    """Return S with a cluster-robust data part where that is larger."""
     H, h = equations.H[:, use][:, :, use], equations.h[:, use]
     scores = h - H @ x[use]
     more = S @ (scores.T @ scores - H.sum(axis=0)) @ S
@@ -241,7 +239,7 @@ def _robustify_information(equations: NormalEquations, use: NDArray[np.intp], S:
 
 
 def _split_into_regions(r: ResidualReadings, q: Array) -> list[NDArray[np.intp]]:
-    """Poses in blocks along the two directions in which their joints differ most, to be left out together."""
+    """Return blocks of poses along the two principal directions of the joint angles, for cross-validation."""
     at = np.array([q[r.clusters.readings(g)[0]] for g in range(r.clusters.poses)])
     at = at - at.mean(axis=0)
     axes = np.linalg.svd(at, full_matrices=False)[2][:DIRECTIONS]
@@ -251,11 +249,11 @@ def _split_into_regions(r: ResidualReadings, q: Array) -> list[NDArray[np.intp]]
 def _estimate_local_discrepancy(
     Z: Array, q: Array, r: ResidualReadings, e: NormalEquations, found: tuple[NDArray[np.intp], Array], scatter: Array
 ) -> float:
-    """m/N of a coordinate that regions left out show beyond what the others, and noise, make of them.
+    """Return the excess error (m/N per coordinate) of left-out regions beyond prediction uncertainty and noise.
 
     Args:
-        found: columns in use and their precision by all poses.
-        scatter: (N,) m², variance of a reading's three translations together.
+        found: Columns in use, and their precision by all poses.
+        scatter: (N,) variance of the three translations of a reading together, m².
     """
     use, P = found
     H, h = e.H[:, use][:, :, use], e.h[:, use]
@@ -272,17 +270,20 @@ def _estimate_local_discrepancy(
 
 
 def estimate_pose_variance(left: Array, expected: Array, force: Array) -> float:
-    """(m/N)² that a pose has for itself, by regions left out whose squares are ``expected`` + variance · ``force``.
+    """Estimate the independent variance of a pose from left-out regions, whose squares are ``expected`` + variance ·
+    ``force``.
 
-    A region counts by one over what is expected of it, else one of which the others know little drowns all others
-    (first step of Paule & Mandel 1982). A handful of regions tells a variance badly, and the likeliest value, often
-    zero, is what a job is least safe with: taken is the mean of all that are not negative, under the standard error
-    that the regions' own scatter shows.
+    Regions are weighted by the inverse of their expectation (first step of Paule & Mandel 1982). Few regions
+    determine a variance poorly, and the most likely value, often zero, is not conservative. The result is the
+    posterior mean over non-negative values, with the standard error from the regions' scatter.
 
     Args:
-        left: (R,) m², sum of squares of a region's readings.
-        expected: (R,) m².
-        force: (R,) N².
+        left: (R,) sum of squares of a region's readings, m².
+        expected: (R,) expected sum of squares, m².
+        force: (R,) sum of squared forces, N².
+
+    Returns:
+        Variance, (m/N)².
     """
     told = (expected > 0) & (force > 0)
     if not told.any():
@@ -298,12 +299,15 @@ def estimate_pose_variance(left: Array, expected: Array, force: Array) -> float:
         return max(found, 0.0)
     away = found / error
     mean = found + error * float(np.exp(-0.5 * away**2 - log_ndtr(away)) / np.sqrt(2.0 * np.pi))
-    return max(mean, 0.0)  # rounding, far below zero
+    return max(mean, 0.0)  # guards against rounding for strongly negative estimates
 
 
 def _build_normal_equations(Z: Array, r: ResidualReadings) -> tuple[NormalEquations, float, Array]:
-    """Normal equations of all columns under the noise that replicates show; that noise, m a coordinate; and (N,) m² of
-    the three translations of each reading."""
+    """Return the normal equations of all columns with replicate noise, that noise (m per coordinate), and the
+    variance (N,) m²
+
+    of the three translations of each reading.
+    """
     out: NormalEquations | None = None
     noise, scatter = 0.0, np.zeros(len(Z))
     for c in range(len(r.precision)):
@@ -325,7 +329,15 @@ def _build_normal_equations(Z: Array, r: ResidualReadings) -> tuple[NormalEquati
 
 
 def select_significant_modes(covariance: Array, metric: Array) -> Array:
-    """(R, K) with Σ mᵀm the covariance, those left out that hardly move anything at the readings' poses."""
+    """Decompose a covariance into modes and drop those with a negligible effect at the measured poses.
+
+    Args:
+        covariance: (K, K) covariance of the coefficients.
+        metric: (K, K) mean square displacement per unit of the coefficients.
+
+    Returns:
+        (R, K) modes m with Σ mᵀm equal to the covariance.
+    """
     values, vectors = np.linalg.eigh(metric)
     root = (vectors * np.sqrt(np.maximum(values, 1e-15 * values[-1]))) @ vectors.T
     back = (vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1]))) @ vectors.T
@@ -345,15 +357,19 @@ def estimate_identification_discrepancy(
     masses: RobotMasses | None,
     limits: tuple[Array, Array] | None = None,
 ) -> ModelDiscrepancy:
-    """What an identified stiffness may lack.
+    """Estimate the model discrepancy of an identified stiffness.
 
     Args:
-        fit: how the readings count; their residual is taken anew, of what the file will say.
-        tests: the readings.
-        robot, T_flange_tcp: the arm.
-        stiffness: as it will be written.
-        masses: of links and tool; None where they are not known.
-        limits: lower and upper (6,) rad, where a term has to be a spring; None: at any angle.
+        fit: Fit with the weights of the readings; the residuals are recomputed with the final values.
+        tests: Load tests in base axes.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        stiffness: Stiffness as it will be written.
+        masses: Link and tool masses; None if unknown.
+        limits: Lower and upper joint limits (6,) rad, within which a term must be stable; None: any angle.
+
+    Returns:
+        The discrepancy.
     """
     arm = ArmElasticity(robot, T_flange_tcp, stiffness, limits, masses)
     said = arm.evaluate(tests.state.q).compute_twist(tests.wrench)[:, : tests.dimensions]
@@ -375,7 +391,16 @@ def estimate_identification_discrepancy(
 def list_coefficient_suspects(
     arm: ArmElasticity, tests: LoadTestExperiment, masses: RobotMasses | None
 ) -> DiscrepancyColumns:
-    """A model's own coefficients, as suspects."""
+    """Build the columns of a model's own coefficients.
+
+    Args:
+        arm: Elastic model of the arm.
+        tests: Load tests in base axes.
+        masses: Link and tool masses; None if unknown.
+
+    Returns:
+        The columns.
+    """
     torque = np.abs(np.einsum("nci,nc->ni", tests.state.J, tests.wrench))
     typical = np.quantile(torque, 0.9, axis=0)
     own = [format_joint_name(JOINT, j) for j in range(1, 7)]

@@ -1,4 +1,4 @@
-"""What the number of tests does, and what measurement errors do (dumas2011 sections 5.1 and 5.2)."""
+"""Effect of the number of tests and of measurement errors (dumas2011 sections 5.1 and 5.2)."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from machopt.measurement.identification.assessment.identifiability import Settle
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.numerics.array_types import Array, Ints
 
-SIZES = 24  # numbers of tests tried at most
+SIZES = 24  # most subset sizes
 SUBSETS = 60
 DRAWS = 200
 FEWEST_DRAWS = 20
-READINGS_AT_MOST = 100_000  # draws × readings of a Monte-Carlo study
+READINGS_AT_MOST = 100_000  # limit on draws × readings of a Monte-Carlo study
 
 
 @dataclass(frozen=True)
 class SubsetStudyResult:
-    """Joint stiffness from random subsets of the tests; NaN where a subset does not determine a joint."""
+    """Joint stiffness from random subsets of the tests; NaN if a subset does not determine a joint."""
 
     tests: Ints  # (S,) size of the subset
-    test_unit: str  # "readings" or "poses": what counts as a test
+    test_unit: str  # "readings" or "poses"
     k: Array  # (S, R, 6) N·m/rad, R random subsets of each size
 
     @property
     def spread(self) -> Array:
-        """(S, 6) standard deviation of the compliance over its mean, i.e. of k to first order."""
+        """Relative standard deviation (S, 6) of the compliance, equal to that of k to first order."""
         with np.errstate(invalid="ignore", divide="ignore"):
             c = 1.0 / self.k
         out = np.full((len(self.tests), 6), np.nan)
@@ -45,28 +45,31 @@ class SubsetStudyResult:
 
 @dataclass(frozen=True)
 class MonteCarloResult:
-    """Joint compliances under repeated errors of all measurements."""
+    """Joint compliances for randomly perturbed measurements."""
 
     compliance: Array  # (R, 6) rad/(N·m), without bounds; NaN for joints not identified
-    uncertainty: StandardUncertainty  # what was drawn
-    assumed: tuple[str, ...]  # channels whose uncertainty comes from the residuals, not from the recording
+    uncertainty: StandardUncertainty  # of the perturbations
+    assumed: tuple[str, ...]  # channels whose uncertainty was estimated from the residuals
 
     @property
     def spread(self) -> Array:
-        """(6,) standard deviation over mean: the relative error of k to first order."""
+        """Relative standard deviation (6,) of the compliance, equal to that of k to first order."""
         return np.asarray(self.compliance.std(axis=0, ddof=1) / np.abs(self.compliance.mean(axis=0)))
 
 
 def run_subset_study(
     fit: StiffnessFit, settled: SettledCoefficients, rng: np.random.Generator, *, of: str = "readings"
 ) -> SubsetStudyResult:
-    """Stiffness from n random tests, n from the fewest that can do to all; no test twice in a subset.
+    """Compute the stiffness from random subsets of n tests, from the fewest possible to all, without repetition.
 
     Args:
-        fit: its weights hold for every subset.
-        settled: which joints stand at the cell's value in every subset.
-        rng: of the subsets.
+        fit: Fit; its weights apply to every subset.
+        settled: Final coefficients; unidentified joints keep the cell's value.
+        rng: Random generator.
         of: "readings" (the tests of the paper) or "poses" (all readings of a pose at once).
+
+    Returns:
+        Stiffness by subset size.
 
     Source:
         Dumas et al. 2011, section 5.1 and fig. 7.
@@ -105,18 +108,25 @@ def run_monte_carlo(
     draws: int = DRAWS,
     uncertainty: StandardUncertainty | None = None,
 ) -> MonteCarloResult:
-    """Perturb displacements, loads and joint positions by their uncertainty and fit again.
+    """Repeat the fit with displacements, loads and joint angles perturbed by their uncertainty.
+
+    Errors are independent between readings, as in the paper.
 
     Args:
-        fit: its weights hold for every draw.
-        settled: joints that are not identified get NaN.
-        robot, T_flange_tcp: to compute the equations at perturbed joint positions.
-        rng: of the errors.
-        draws: at most; fewer for long recordings, so that draws × readings stays bounded.
-        uncertainty: None: as the recording states. A displacement that is not stated errs as the residuals do.
+        fit: Fit; its weights apply to every draw.
+        settled: Final coefficients; unidentified joints get NaN.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        rng: Random generator.
+        draws: Largest number of draws; fewer for long recordings.
+        uncertainty: Uncertainty of the perturbations; None: as stated. An unstated displacement uncertainty is
+            estimated from the residuals.
+
+    Returns:
+        Compliances of all draws.
 
     Source:
-        Dumas et al. 2011, section 5.2. Errors are independent from reading to reading, as there.
+        Dumas et al. 2011, section 5.2.
     """
     e = fit.experiment
     stated = e.uncertainty if uncertainty is None else uncertainty
@@ -159,7 +169,7 @@ def run_monte_carlo(
 
 
 def _build_equations_by_reading(fit: StiffnessFit) -> tuple[Array, Array]:
-    """Normal equations of each reading by itself: what it shares with others counts as its own error."""
+    """Return the normal equations of each reading; shared errors count as errors of the single reading."""
     N, P = len(fit.y), len(fit.x)
     H, h = np.zeros((N, P, P)), np.zeros((N, P))
     w = fit.weighting

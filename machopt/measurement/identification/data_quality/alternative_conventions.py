@@ -1,4 +1,6 @@
-"""Other readings of the same numbers: which frame, sign or reference point makes the load explain the displacement."""
+"""Alternative conventions of a recording: which frame, sign or reference point makes the load explain the
+displacement.
+"""
 
 from __future__ import annotations
 
@@ -16,30 +18,34 @@ from machopt.measurement.estimation.robust_weights import estimate_robust_scale,
 from machopt.numerics.array_types import Array
 
 STEPS = 12
-MOST_RADIANS = 6.3  # a turn; degrees within it would be an arm that hardly moved
-MOST_READINGS = 600  # enough to tell frames apart; more only cost time
+MOST_RADIANS = 6.3  # one turn; angles in degrees below it would mean an arm that hardly moved
+MOST_READINGS = 600  # sufficient to distinguish frames
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConventionCandidate:
-    """How well one way of reading the record explains it."""
+    """How well one convention explains the recording."""
 
     name: str
-    message: str  # what is wrong if this is right, and what would mend it
-    unexplained: float  # Σ|y − A x| / Σ|y| with compliances ≥ 0; 0 perfect, 1 nothing explained
-    by_pose: Array  # (G,) the same per pose
+    message: str  # what is wrong if this convention is right, and how to correct it
+    unexplained: float  # Σ|y − A x| / Σ|y| with compliances ≥ 0: 0 perfect, 1 nothing explained
+    by_pose: Array  # (G,) the same by pose
     compliance: Array  # (6,) rad/(N·m)
-    effect: Array  # (6,) mean size of what each joint does, per that of what was measured
+    effect: Array  # (6,) mean displacement by each joint relative to the measured one
 
 
 def build_convention_candidates(
     experiment: LoadTestExperiment, robot: Robot, T_flange_tcp: Array
 ) -> list[ConventionCandidate]:
-    """The record as stated, then its rivals.
+    """Evaluate the stated convention and its alternatives.
 
     Args:
-        experiment: as stated.
-        robot, T_flange_tcp: (4, 4), the arm.
+        experiment: Load tests as stated.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        The candidates, the stated one first.
     """
     e = experiment.select_readings(_select_spread_readings(len(experiment)))
     flange = robot.compute_fk(e.state.q)[:, :3, 3]
@@ -95,7 +101,7 @@ def build_convention_candidates(
                 e.measured,
             ),
         ]
-        for unit, newtons in FORCES.items():  # forces and moments that do not belong together
+        for unit, newtons in FORCES.items():  # forces and moments in inconsistent units
             as_newtons = np.concatenate(
                 [force * newtons, moment + (newtons - 1.0) * np.cross(e.lever_length, force)], axis=1
             )
@@ -116,7 +122,7 @@ def build_convention_candidates(
 def _interpret_joints_as_radians(
     e: LoadTestExperiment, robot: Robot, T_flange_tcp: Array
 ) -> ConventionCandidate | None:
-    """The columns q1_deg … as radians; None where they are too large for that."""
+    """Return the candidate with the columns q1_deg … in radians; None if the values are too large."""
     q = np.degrees(e.state.q)
     if np.abs(q).max() > MOST_RADIANS or not q.any():
         return None
@@ -156,7 +162,16 @@ def _evaluate_convention(
 
 
 def fit_bounded_absolute_deviations(A: Array, y: Array, load: Array) -> Array:
-    """Coefficients ≥ 0 by least absolute deviations of readings divided by their load (N,); see robust.start."""
+    """Fit non-negative coefficients by least absolute deviations of readings divided by their load.
+
+    Args:
+        A: (N, D, P) columns.
+        y: (N, D) displacements.
+        load: (N,) magnitude of each load.
+
+    Returns:
+        (P,) coefficients.
+    """
     free = fit_least_absolute_deviations(A, y, load)
     if (free >= 0).all():
         return free
@@ -176,5 +191,5 @@ def fit_bounded_absolute_deviations(A: Array, y: Array, load: Array) -> Array:
 
 
 def _select_spread_readings(count: int) -> NDArray[np.int64]:
-    """Readings evenly over the record."""
+    """Return evenly spaced reading indices."""
     return np.unique(np.linspace(0, count - 1, min(count, MOST_READINGS)).astype(np.int64))

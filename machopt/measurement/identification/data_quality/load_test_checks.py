@@ -1,8 +1,7 @@
-"""The record before the robot: units, frames, signs, rows that cannot be, too little data.
+"""Checks of a load-test recording before the fit: units, frames, signs, impossible rows, too few data.
 
-A broken record explains more published mismatches than exotic physics does. An *error* is refused (unless the user
-accepts it by its code), because its result would be wrong by a factor or by nature; a *warning* stands beside the
-result.
+Faulty recordings explain more published mismatches than rare physical effects. An *error* is refused unless the user
+accepts its code, because the result would be wrong by a factor or in kind. A *warning* is reported with the result.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from machopt.measurement.identification.data_quality.unit_checks import (
 )
 from machopt.numerics.array_types import Array
 
-CODES = (  # of errors that can be accepted
+CODES = (  # codes of errors that the user may accept
     "displacement_frame",
     "wrench_frame",
     "frames",
@@ -45,19 +44,20 @@ CODES = (  # of errors that can be accepted
 def check_experiment(
     experiment: LoadTestExperiment, robot: Robot, T_flange_tcp: Array, prior: Array | None = None, unknowns: int = 6
 ) -> list[RecordFault]:
-    """Look for what would spoil an identification.
+    """Check load tests for faults that would invalidate an identification.
 
     Args:
-        experiment: as the recording states it.
-        robot, T_flange_tcp: for reach and flange.
-        prior: (6,) N·m/rad, the cell's stiffness; None where it has none.
-        unknowns: coefficients to be fitted.
+        experiment: Load tests as stated.
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+        prior: (6,) joint stiffness of the cell, N·m/rad; None if unknown.
+        unknowns: Number of coefficients to fit.
 
     Returns:
-        errors first.
+        The faults, errors first.
 
     Raises:
-        InputError: no load or no displacement at all.
+        InputError: There is no load or no displacement.
     """
     e = experiment
     for values, what in ((e.wrench, "load"), (e.measured, "displacement")):
@@ -66,10 +66,10 @@ def check_experiment(
     reach = estimate_reach(robot, T_flange_tcp)
     lever = check_moment_units(e, reach, prior)
     found = []
-    if not any(f.severity == "error" for f in lever):  # with wrong units, frames mean nothing
+    if not any(f.severity == "error" for f in lever):  # frames cannot be judged with wrong units
         ways = build_convention_candidates(e, robot, T_flange_tcp)
         found = _check_conventions(ways)
-        if not any(f.severity == "error" for f in found):  # and in a wrong frame, sizes mean nothing
+        if not any(f.severity == "error" for f in found):  # magnitudes cannot be judged in a wrong frame
             found += check_displacement_units(e, ways[0], reach, prior)
     found += [
         *lever,
@@ -86,13 +86,18 @@ def check_experiment(
 def refuse_record_faults(
     experiment: LoadTestExperiment, findings: Sequence[RecordFault], accept: Collection[str] = ()
 ) -> list[str]:
-    """Raise on errors that are not accepted; the rest as sentences.
+    """Raise an error for faults that are not accepted; return the others as warnings.
 
     Args:
-        accept: codes of errors to be taken as warnings.
+        experiment: Load tests in base axes.
+        findings: Faults of the recording.
+        accept: Codes of errors that become warnings.
+
+    Returns:
+        Warnings.
 
     Raises:
-        InputError: names every error.
+        InputError: Lists every error.
     """
     errors = [f for f in findings if f.severity == "error" and f.code not in accept]
     if errors:
@@ -102,11 +107,11 @@ def refuse_record_faults(
 
 
 def _check_conventions(ways: list[ConventionCandidate]) -> list[RecordFault]:
-    """A frame, sign, unit or reference point that explains the record clearly better than the stated one.
+    """Report a frame, sign, unit or reference point that explains the recording clearly better than the stated one.
 
-    Clearly: by much in most poses, or by little in nearly all of them, or by so many standard errors of the mean over
-    poses that noise cannot do it. A model that lacks physics does not do it either: what the record states is then
-    still the better reading.
+    Clearly means much better in most poses, slightly better in nearly all poses, or better by so many standard errors
+    over poses that noise is excluded. Unmodelled physics does not cause this: the stated convention then still fits
+    better.
     """
     stated, rivals = ways[0], ways[1:]
     best = min(rivals, key=lambda r: r.unexplained)
@@ -141,13 +146,13 @@ def _check_conventions(ways: list[ConventionCandidate]) -> list[RecordFault]:
 
 
 def _compute_gain_per_standard_error(stated: ConventionCandidate, best: ConventionCandidate) -> float:
-    """Mean gain of a reading over poses, per its standard error."""
+    """Return the mean gain of a convention over poses, in standard errors."""
     gain = stated.by_pose - best.by_pose
     return float(gain.mean() / max(gain.std(ddof=1) / np.sqrt(len(gain)), 1e-12))
 
 
 def _compute_largest_change(stated: ConventionCandidate, best: ConventionCandidate) -> float:
-    """Factor by which the reading changes a compliance that matters."""
+    """Return the factor by which the convention changes a relevant compliance."""
     matter = np.maximum(stated.effect, best.effect) > thresholds.CHECKED.matters
     c = np.stack([stated.compliance, best.compliance])[:, matter]
     low, high = c.min(axis=0, initial=np.inf), c.max(axis=0, initial=0.0)
@@ -159,7 +164,7 @@ def _format_convention_message(way: ConventionCandidate) -> str:
 
 
 def _check_moment_along_force(e: LoadTestExperiment) -> list[RecordFault]:
-    """Moments along the force where all other readings are forces through a point (f · m = 0)."""
+    """Report moments along the force if all other readings are forces through a point (f · m = 0)."""
     force, moment = e.wrench[:, :3], e.wrench[:, 3:]
     size = np.linalg.norm(force, axis=1) * np.linalg.norm(moment, axis=1)
     there = (np.linalg.norm(moment, axis=1) > thresholds.CHECKED.least_moment) & (size > 0)
@@ -167,7 +172,7 @@ def _check_moment_along_force(e: LoadTestExperiment) -> list[RecordFault]:
         return []
     share = np.where(there, np.abs(np.einsum("nc,nc->n", force, moment)) / np.where(there, size, 1.0), 0.0)
     if np.quantile(share[there], 0.9) > thresholds.CHECKED.screw_usual:
-        return []  # couples were applied, or the noise hides it
+        return []  # couples were applied, or noise dominates
     rows = np.flatnonzero(share > thresholds.CHECKED.screw)
     if not len(rows):
         return []
@@ -184,7 +189,7 @@ def _check_moment_along_force(e: LoadTestExperiment) -> list[RecordFault]:
 
 
 def _check_repeated_rows(e: LoadTestExperiment) -> list[RecordFault]:
-    """Readings that are copies of others."""
+    """Report readings that are copies of others."""
     steps = e.measured[:, :3] / thresholds.CHECKED.coarse_step
     fine = bool(np.abs(steps - np.round(steps)).max() > thresholds.CHECKED.whole_step)
     keys = (
@@ -228,7 +233,7 @@ def _check_impossible_displacement(e: LoadTestExperiment, reach: float) -> list[
 
 
 def _check_unloaded_displacement(e: LoadTestExperiment) -> list[RecordFault]:
-    """Displacement without any load."""
+    """Report a displacement without load."""
     loaded = e.wrench.any(axis=1)
     if loaded.all():
         return []
@@ -249,7 +254,7 @@ def _check_unloaded_displacement(e: LoadTestExperiment) -> list[RecordFault]:
 
 
 def _check_joint_limits(e: LoadTestExperiment, robot: Robot) -> list[RecordFault]:
-    """Joint positions that the arm cannot take."""
+    """Report joint angles outside of the limits."""
     q = e.state.q
     outside = (q < robot.lower - thresholds.CHECKED.outside) | (q > robot.upper + thresholds.CHECKED.outside)
     if not outside.any():

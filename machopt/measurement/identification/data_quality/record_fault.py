@@ -1,4 +1,4 @@
-"""One thing that is wrong with a record, and how its readings are named in a message."""
+"""Fault of a recording, and the format of row locations in messages."""
 
 from __future__ import annotations
 
@@ -15,17 +15,25 @@ MAX_LISTED_ROWS = 6
 
 @dataclass(frozen=True, kw_only=True)
 class RecordFault:
-    """One thing that is wrong with a record."""
+    """One fault of a recording."""
 
     code: str
     severity: Literal["error", "warning"]
-    message: str  # what, and what would work
-    rows: tuple[int, ...] = ()  # 0-based readings it concerns; empty: all
-    column: str = ""  # first column of the group that is in another unit
-    factor: float = 1.0  # what its values as read have to be multiplied by
+    message: str  # what is wrong, and what would be accepted
+    rows: tuple[int, ...] = ()  # 0-based readings concerned; empty: all
+    column: str = ""  # first column of the group in another unit
+    factor: float = 1.0  # correction factor for its values
 
 
 def format_row_locations(e: LoadTestExperiment, rows: NDArray[np.int64]) -> str:
-    """``line 3, line 7 and 4 more``."""
-    shown = ", ".join(e.format_reading_location(int(r)) for r in rows[:MAX_LISTED_ROWS])
-    return shown + (f" and {len(rows) - MAX_LISTED_ROWS} more" if len(rows) > MAX_LISTED_ROWS else "")
+    """Format the locations of readings: ``line 3, line 7 and 4 more``.
+
+    Args:
+        e: Load tests in base axes.
+        rows: Reading indices, 0-based.
+
+    Returns:
+        Text.
+    """
+    listed = ", ".join(e.format_reading_location(int(r)) for r in rows[:MAX_LISTED_ROWS])
+    return listed + (f" and {len(rows) - MAX_LISTED_ROWS} more" if len(rows) > MAX_LISTED_ROWS else "")

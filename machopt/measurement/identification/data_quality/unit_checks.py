@@ -1,4 +1,4 @@
-"""Sizes in a record that point to another unit: displacement per load, rotation per translation, moment per force."""
+"""Unit checks by magnitude: displacement per load, rotation per translation, moment per force."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from machopt.measurement.identification.data_quality.alternative_conventions imp
 from machopt.measurement.identification.data_quality.record_fault import RecordFault, format_row_locations
 from machopt.numerics.array_types import Array
 
-GENERIC_STIFFNESS, GENERIC_REACH = 1e6, 2.5  # N·m/rad of a joint of an arm that reaches so far (m); grows with reach³
+GENERIC_STIFFNESS, GENERIC_REACH = 1e6, 2.5  # typical joint stiffness N·m/rad at this reach (m); proportional to reach³
 ROTATION_UNIT_FACTORS = {
     "rad": 1e-3,
     "degrees": float(np.degrees(1e-3)),
     "µrad": 1e3,
-}  # number read per number meant, for mrad
+}  # recorded number per true number, for mrad
 
 
 @dataclass(frozen=True)
 class UnitSuspect:
-    """A unit that columns may be in."""
+    """Unit that columns may be in."""
 
     words: str  # "displacements in inches"
-    column: str  # first of the group
-    factor: float  # what its values have to be multiplied by
+    column: str  # first column of the group
+    factor: float  # correction factor for its values
 
     @property
     def ratio(self) -> float:
-        """Displacement per load as read, per what it is."""
+        """Ratio of recorded to true displacement per load."""
         return self.factor if self.column == FORCE else 1.0 / self.factor
 
     @property
     def thousands(self) -> bool:
-        """Off by a thousand, which shows against any robot."""
+        """Whether it is wrong by a factor of 1000, which is detectable for any robot."""
         return self.factor in (1e3, 1e-3)
 
 
@@ -54,13 +54,16 @@ SUSPECTS = (
 def check_displacement_units(
     e: LoadTestExperiment, stated: ConventionCandidate, reach: float, prior: Array | None
 ) -> list[RecordFault]:
-    """Displacement per load against the cell's stiffness and against robots of this size.
+    """Check the displacement per load against the cell's stiffness and against robots of this size.
 
     Args:
-        e: as the recording states it.
-        stated: how well the joints explain it so.
-        reach: m.
-        prior: (6,) N·m/rad; None where the cell has no stiffness.
+        e: Load tests as stated.
+        stated: Evaluation of the stated convention.
+        reach: Reach of the arm, m.
+        prior: (6,) joint stiffness of the cell, N·m/rad; None if unknown.
+
+    Returns:
+        The faults.
     """
     generic = _compute_typical_stiffness(reach)
     s = _compute_displacement_ratio(e, generic, slice(0, 3))
@@ -87,7 +90,7 @@ def check_displacement_units(
     if wrong:
         near = [
             u for u in _find_near_units(seen) if u in _find_near_units(s)
-        ]  # by the cell's stiffness and by the robot's size
+        ]  # ratios to the cell's stiffness and to typical robots
         if near and not any(u.thousands for u in near):
             cause = f"{' or '.join(u.words for u in near)} would make it so; mm and N would work"
             column, factor = near[0].column, near[0].factor
@@ -112,7 +115,16 @@ def check_displacement_units(
 
 
 def check_moment_units(e: LoadTestExperiment, reach: float, prior: Array | None) -> list[RecordFault]:
-    """Moments far beyond what the forces can make on an arm of this size."""
+    """Check for moments far beyond what the forces can cause on an arm of this size.
+
+    Args:
+        e: Load tests in base axes.
+        reach: Reach of the arm, m.
+        prior: (6,) joint stiffness of the cell, N·m/rad; None if unknown.
+
+    Returns:
+        The faults.
+    """
     force, moment = np.linalg.norm(e.wrench[:, :3], axis=1), np.linalg.norm(e.wrench[:, 3:], axis=1)
     both = (force > 0) & (moment > thresholds.CHECKED.least_moment)
     if not both.any():
@@ -146,17 +158,24 @@ def check_moment_units(e: LoadTestExperiment, reach: float, prior: Array | None)
 
 
 def estimate_reach(robot: Robot, T_flange_tcp: Array) -> float:
-    """m, no more than the arm can stretch from its second axis, roughly."""
+    """Estimate the reach of the arm from its second axis.
+
+    Args:
+        robot: Kinematic model of the arm.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
+
+    Returns:
+        Reach, m.
+    """
     points = [*robot.point[1:], robot.T_base_flange_zero[:3, 3]]
     arm = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(points))
     return arm + float(np.linalg.norm(T_flange_tcp[:3, 3]))
 
 
 def _find_wrong_load_unit(e: LoadTestExperiment, reach: float, prior: Array | None) -> tuple[str, str, float]:
-    """Which of the two is in another unit: the one whose unit makes the displacements of a usual size.
+    """Find whether forces or moments are in another unit: the one whose correction gives typical displacements.
 
-    Returns:
-        words, first column of the group, factor to the right unit.
+    Returns a description, the first column of the group, and the correction factor.
     """
     from dataclasses import replace
 
@@ -174,7 +193,7 @@ def _find_wrong_load_unit(e: LoadTestExperiment, reach: float, prior: Array | No
 
 
 def _build_rotation_fault(ratio: float, displacement_doubtful: bool) -> RecordFault:
-    """Rotations and translations that do not belong together."""
+    """Return the fault of rotations that are inconsistent with the translations."""
     start = f"rotations are {_format_ratio(ratio)} what the translations of the same readings imply: "
     guess = min(ROTATION_UNIT_FACTORS, key=lambda unit: abs(np.log(ratio / ROTATION_UNIT_FACTORS[unit])))
     if _is_factor_off(ratio / ROTATION_UNIT_FACTORS[guess], thresholds.CHECKED.near_unit) or displacement_doubtful:
@@ -200,7 +219,7 @@ def _compute_typical_stiffness(reach: float) -> Array:
 
 
 def _compute_displacement_ratio(e: LoadTestExperiment, stiffness: Array, rows: slice) -> float:
-    """Measured displacement per displacement that a stiffness predicts, robustly; NaN where there is none."""
+    """Return the robust ratio of measured to predicted displacement; NaN if there is none."""
     predicted = e.response()[:, rows, :6] @ (1.0 / stiffness)
     load = np.linalg.norm(e.wrench[:, :3], axis=1) + np.linalg.norm(e.wrench[:, 3:], axis=1)
     if not predicted.any() or not e.measured[:, rows].any():
@@ -209,13 +228,16 @@ def _compute_displacement_ratio(e: LoadTestExperiment, stiffness: Array, rows: s
 
 
 def describe_common_stiffness_factor(found: Array, prior: Array) -> str | None:
-    """A warning where every joint differs from the cell's stiffness by one factor, and a unit makes that factor.
+    """Describe a common ratio of all joints to the cell's stiffness that a wrong unit would cause.
 
-    Joints that are softer or stiffer than believed differ each by its own; a load in pounds changes all alike.
+    True stiffness differences vary between joints; a load in pounds changes all alike.
 
     Args:
-        found: (n,) N·m/rad of the identified joints.
-        prior: (n,) the cell's.
+        found: (n,) identified joint stiffnesses, N·m/rad.
+        prior: (n,) stiffnesses of the cell, N·m/rad.
+
+    Returns:
+        A warning, or None.
     """
     if len(found) < thresholds.CHECKED.least_alike:
         return None
@@ -238,7 +260,7 @@ def _is_factor_off(ratio: float, factor: float) -> bool:
 
 
 def _find_near_units(ratio: float) -> list[UnitSuspect]:
-    """What could make that ratio, the nearest first."""
+    """Return units that would cause the ratio, the closest first."""
     off = {u: abs(float(np.log(ratio / u.ratio))) for u in SUSPECTS}
     return [u for u in sorted(off, key=lambda u: off[u]) if off[u] < np.log(thresholds.CHECKED.near_suspect)]
 
@@ -249,7 +271,7 @@ def _format_suspects(ratio: float) -> str:
 
 
 def _find_suspect_column(e: LoadTestExperiment, ratio: float) -> tuple[str, str, float]:
-    """Which column seems to be in another unit: words, first column of the group, factor to the right unit."""
+    """Return which column seems to be in another unit: description, first column of the group, correction factor."""
     force = float(np.median(np.linalg.norm(e.wrench[:, :3], axis=1)))
     moved = float(np.median(np.linalg.norm(e.measured[:, :3], axis=1)))
     if ratio < 1:

@@ -1,14 +1,13 @@
-"""Identification at the loaded equilibrium: what the load and the weight themselves do to the lever arms (K_C) counts.
+"""Identification at the loaded equilibrium, including the effect of load and weight on the lever arms (K_C).
 
-Joint springs turn until they bear what hangs on them, θ = θ_cmd + C τ(θ) with τ = J(θ)ᵀ w + g(θ) and C = diag(c). A
-reading is the difference of two such states, with the load and without it. Differentiated, (I − C H) ∂θ/∂c_j = τ_j e_j
-with H = ∂τ/∂θ, which is K_C of dumas2011 eqs. 8–10 and that of the weight beside it.
+Joint springs deflect to equilibrium: θ = θ_cmd + C τ(θ) with τ = J(θ)ᵀ w + g(θ) and C = diag(c). A reading is the
+difference of two such states, with and without load. Differentiation gives (I − C H) ∂θ/∂c_j = τ_j e_j with H =
+∂τ/∂θ: K_C of dumas2011 eqs. 8–10, together with that of the weight.
 
-A fit goes back and forth: :meth:`LoadedEquilibriumModel.linear` writes the readings as equations that are linear about
-the
-compliances so far, in the very form of :class:`~machopt.measurement.estimation.load_test_equations.LoadTestExperiment`,
-so that every method for
-linear equations (weights, bounds, covariance) serves here too, and the next solution is the next point.
+The fit iterates. :meth:`LoadedEquilibriumModel.linearise` writes the readings as equations linear about the current
+compliances, in the form of :class:`~machopt.measurement.estimation.load_test_equations.LoadTestExperiment`. All
+methods for linear equations (weights, bounds, covariance) apply, and the next solution is the next linearisation
+point.
 """
 
 from __future__ import annotations
@@ -29,23 +28,29 @@ from machopt.stiffness.kinetostatic_indices import compute_geometric_stiffness
 from machopt.stiffness.terms import LinearTerm
 
 EQUILIBRIUM_TOLERANCE = 1e-13  # rad
-MOST_STEPS = 30  # Newton from the commanded joints takes 3 to 5
-CONVERGENCE_TOLERANCE = (
-    1e-6  # change of a compliance, of the largest one, at which relinearising ends: iterated fits are no finer
-)
+MOST_STEPS = 30  # Newton's method typically needs 3 to 5 from the commanded joints
+CONVERGENCE_TOLERANCE = 1e-6  # relative change of a compliance at which the iteration ends
 MOST_ROUNDS = 20
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinearisedExperiment(LoadTestExperiment):
-    """The readings as equations linear about given compliances: ``measured`` has the rest of the law taken off.
+    """Readings as equations linear about given compliances; the nonlinear rest is subtracted from ``measured``.
 
-    y − (d(c₀) − S c₀) = S c + Σ_p x_p B_p w + error; residuals are those of the exact prediction at c₀.
+    y − (d(c₀) − S c₀) = S c + Σ_p x_p B_p w + error. Residuals equal those of the exact prediction at c₀.
     """
 
     sensitivity: Array  # (N, D, 6) ∂d/∂c, S
 
     def select_readings(self, rows: NDArray[np.bool_] | Ints) -> LoadTestExperiment:
+        """Return the selected readings.
+
+        Args:
+            rows: (N,) mask or indices of readings.
+
+        Returns:
+            The experiment with these readings.
+        """
         plain = LoadTestExperiment(
             **{f.name: getattr(self, f.name) for f in fields(LoadTestExperiment)}
         ).select_readings(rows)
@@ -54,32 +59,41 @@ class LinearisedExperiment(LoadTestExperiment):
         )
 
     def response(self, terms: Sequence[LinearTerm] = ()) -> Array:
+        """Return the response matrix: sensitivities to the joint compliances, then the columns of terms.
+
+        Args:
+            terms: Linear terms fitted together with the joints.
+
+        Returns:
+            (N, D, 6 + P) m, rad per unit of each coefficient.
+        """
         parts = [t.compute_response(self.state, self.wrench)[:, : self.dimensions] for t in terms]
         return np.concatenate([self.sensitivity, *parts], axis=-1)
 
 
 @dataclass(frozen=True)
 class LoadedEquilibriumModel:
-    """The readings and what is needed to let the arm settle under them."""
+    """Readings with the arm model needed to compute loaded equilibria."""
 
     experiment: LoadTestExperiment
     robot: Robot
     T_flange_tcp: Array  # (4, 4)
-    masses: RobotMasses | None = None  # None: weight does not matter
+    masses: RobotMasses | None = None  # None: weight is neglected
 
     def predict(self, compliance: Array) -> tuple[Array, Array]:
-        """Displacement under the recorded loads and its derivative.
+        """Predict the displacement under the recorded loads and its derivative, in base axes.
 
         Args:
-            compliance: (6,) rad/(N·m); zero is a rigid joint.
+            compliance: (6,) joint compliance, rad/(N·m); zero is a rigid joint.
 
         Returns:
-            d (N, D) m, rad: pose at rest with the load against that without, base axes; ∂d/∂c (N, D, 6).
+            Displacement (N, D) m, rad of the loaded relative to the unloaded pose, and its derivative (N, D, 6).
 
         Raises:
-            InputError: springs that do not hold a recorded load.
+            InputError: The springs are unstable under a recorded load.
 
-        Source: dumas2011 eqs. 3–10, solved instead of linearised.
+        Source:
+            dumas2011 eqs. 3–10, solved instead of linearised.
         """
         e, c = self.experiment, np.asarray(compliance, float)
         free, free_turn = self._settle(c, np.zeros_like(e.wrench))
@@ -97,10 +111,16 @@ class LoadedEquilibriumModel:
         return np.concatenate([p, phi], axis=1), np.concatenate([dp, dphi], axis=1)
 
     def linearise(self, compliance: Array) -> LinearisedExperiment:
-        """The readings as linear equations about ``compliance`` (6,), to be fitted like any experiment.
+        """Return the readings as linear equations about given compliances.
 
-        Terms beside the joints stay as they are, taken at the commanded joints; their product with the joints' turning
-        is of second order and left out.
+        Terms other than joints are evaluated at the commanded joints; their product with joint deflections is of
+        second order.
+
+        Args:
+            compliance: (6,) joint compliance, rad/(N·m).
+
+        Returns:
+            The linearised experiment.
         """
         e = self.experiment
         d, S = self.predict(compliance)
@@ -108,9 +128,9 @@ class LoadedEquilibriumModel:
         return LinearisedExperiment(**{**given, "measured": e.measured - d + S @ compliance}, sensitivity=S)
 
     def _settle(self, c: Array, wrench: Array) -> tuple[ArmState, Array]:
-        """State at rest and ∂θ/∂c (N, 6, 6)."""
+        """Return the equilibrium state and ∂θ/∂c (N, 6, 6)."""
         command = self.experiment.state.q
-        if self.masses is None and not wrench.any():  # nothing turns a joint
+        if self.masses is None and not wrench.any():  # no joint is loaded
             return self.experiment.state, np.zeros((len(command), 6, 6))
         theta, eye = command.copy(), np.eye(6)
         for _ in range(MOST_STEPS):
@@ -118,7 +138,7 @@ class LoadedEquilibriumModel:
             matrix = eye - c[:, None] * H
             step = np.linalg.solve(matrix, (command + c * tau - theta)[..., None])[..., 0]
             theta = theta + step
-            if not np.abs(theta - command).max() < 1.0:  # also NaN: bent by a radian, no spring of a machine holds it
+            if not np.abs(theta - command).max() < 1.0:  # also NaN: a deflection of a radian means instability
                 break
             if np.abs(step).max() < EQUILIBRIUM_TOLERANCE:
                 return state, np.linalg.inv(matrix) * tau[:, None, :]
@@ -145,28 +165,31 @@ class LoadedEquilibriumModel:
 
 @dataclass(frozen=True)
 class EquilibriumFit:
-    """Compliances that explain the readings at their equilibria, and how much that changed."""
+    """Compliances fitted at the loaded equilibria."""
 
     compliance: Array  # (6,) rad/(N·m)
-    linear: LinearisedExperiment  # about ``compliance``: what covariance and residuals are taken from
-    start: Array  # (6,) rad/(N·m) of the plain linear fit
-    influence: Array  # (N,) share of the translation that K_C, weight and finite turning change at ``compliance``
+    linear: LinearisedExperiment  # about ``compliance``; used for covariance and residuals
+    start: Array  # (6,) rad/(N·m), linear fit
+    influence: Array  # (N,) relative change of the translation by K_C, weight and finite rotations
     rounds: int
 
 
 def refine_at_equilibrium(
     equilibrium: LoadedEquilibriumModel, start: Array, fit: Callable[[LoadTestExperiment], Array] | None = None
 ) -> EquilibriumFit:
-    """Gauss–Newton: linearise at the equilibria, fit, repeat until the compliances stand.
+    """Fit by Gauss–Newton: linearise at the equilibria, fit, and repeat until convergence.
 
     Args:
-        equilibrium: readings and arm.
-        start: (6,) rad/(N·m) of the linear fit.
-        fit: a linear experiment to joint compliances (6,), at least zero; None for plain least squares, a rotation
-            weighing as much against a translation as it is smaller in the readings.
+        equilibrium: Readings and arm model.
+        start: (6,) compliance of the linear fit, rad/(N·m).
+        fit: Function that fits joint compliances (6,) ≥ 0 to a linear experiment; None: unweighted least
+            squares with rotations scaled to translations.
+
+    Returns:
+        The fit.
 
     Raises:
-        InputError: springs that do not hold a load; compliances that do not settle.
+        InputError: The springs are unstable, or the iteration does not converge.
     """
     solve = fit_unweighted_compliances if fit is None else fit
     c = np.maximum(np.asarray(start, float), 0.0)
@@ -185,9 +208,16 @@ def refine_at_equilibrium(
 
 
 def compute_nonlinear_share(equilibrium: LoadedEquilibriumModel, compliance: Array) -> Array:
-    """(N,) | |d| − |d_lin| | / max of both: how much of a translation the linear law J C Jᵀ w misses.
+    """Compute the relative error of the linear law J C Jᵀ w in the translation, | |d| − |d_lin| | / max of both.
 
-    The same ratio as ν_p of dumas2011 eq. 14, here with finite turning and, if there are masses, with weight.
+    The same ratio as ν_p of dumas2011 eq. 14, with finite rotations and, with masses, with weight.
+
+    Args:
+        equilibrium: Readings and arm model.
+        compliance: (6,) joint compliance, rad/(N·m).
+
+    Returns:
+        (N,) 0 to 1.
     """
     exact = np.linalg.norm(equilibrium.predict(compliance)[0][:, :3], axis=1)
     plain = np.linalg.norm(equilibrium.experiment.response()[:, :3] @ compliance, axis=1)
@@ -195,7 +225,14 @@ def compute_nonlinear_share(equilibrium: LoadedEquilibriumModel, compliance: Arr
 
 
 def fit_unweighted_compliances(experiment: LoadTestExperiment) -> Array:
-    """(6,) compliances by bounded least squares, unweighted but for the unlike units of translation and rotation."""
+    """Fit compliances by bounded least squares, unweighted except for the scale between translation and rotation.
+
+    Args:
+        experiment: Load tests in base axes.
+
+    Returns:
+        (6,) rad/(N·m).
+    """
     from scipy.optimize import lsq_linear
 
     A, y = experiment.response()[..., :6], experiment.measured

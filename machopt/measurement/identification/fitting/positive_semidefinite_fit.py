@@ -1,9 +1,9 @@
-"""Compliance that no load can push the wrong way: fitted matrices kept positive semidefinite.
+"""Positive semidefinite fits of compliance matrices.
 
 A 6 × 6 compliance with 21 free coefficients follows noise into directions in which the structure would move against
-its load. No elastic body does, and the planner refuses such a file. Where a fit ends there, the quadratic of the fit is
-minimised anew over C = S L Lᵀ S, which is positive semidefinite whatever L is (Burer & Monteiro 2003: with a square L
-there are no minima but the convex problem's); the other coefficients follow within their bounds.
+its load. No elastic body does, and the planner refuses such a file. In this case the quadratic of the fit is
+minimised again over C = S L Lᵀ S, which is positive semidefinite for any L (Burer & Monteiro 2003: with a square L
+there are only the minima of the convex problem). The other coefficients follow within their bounds.
 """
 
 from __future__ import annotations
@@ -18,22 +18,29 @@ from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.numerics.array_types import Array, Ints
 
 NEGATIVE = 1e-10  # eigenvalue of a matrix of unit diagonal below which it counts as negative; a file may have 1e-9
-START_SHARE = 1e-3  # of the largest eigenvalue, what a negative one starts from
+START_SHARE = 1e-3  # start value of a negative eigenvalue, relative to the largest
 STEPS = 2000
 CONVERGENCE_TOLERANCE = 1e-13  # relative change of the quadratic at which the search ends
 
 
 @dataclass(frozen=True)
 class FittedMatrix:
-    """Where one term's compliance matrix stands among the unknowns."""
+    """Position of a term's compliance matrix among the unknowns."""
 
     term: int  # index of the term
     first_coefficient: Ints  # (P,) indices of its coefficients
-    row: Ints  # (P,) element that each coefficient is
+    row: Ints  # (P,) matrix row of each coefficient
     column: Ints  # (P,)
 
     def matrix(self, x: Array) -> Array:
-        """(6, 6) from all coefficients."""
+        """Return the matrix from all coefficients.
+
+        Args:
+            x: Coefficients of the fit, SI.
+
+        Returns:
+            (6, 6).
+        """
         C = np.zeros((6, 6))
         C[self.row, self.column] = x[self.first_coefficient]
         C[self.column, self.row] = x[self.first_coefficient]
@@ -41,7 +48,14 @@ class FittedMatrix:
 
 
 def list_fitted_matrices(fit: StiffnessFit) -> tuple[FittedMatrix, ...]:
-    """The terms of a fit that are whole symmetric matrices."""
+    """List the terms of a fit that are complete symmetric matrices.
+
+    Args:
+        fit: Weighted fit of the stiffness.
+
+    Returns:
+        Their positions among the unknowns.
+    """
     out = []
     for t, term in enumerate(fit.terms):
         basis = getattr(term, "basis", None)
@@ -54,7 +68,14 @@ def list_fitted_matrices(fit: StiffnessFit) -> tuple[FittedMatrix, ...]:
 
 
 def has_negative_compliance(C: Array) -> bool:
-    """Whether a compliance (6, 6) moves against some load."""
+    """Return whether a compliance matrix is not positive semidefinite.
+
+    Args:
+        C: (6, 6) symmetric matrix.
+
+    Returns:
+        True if the structure would move against some load.
+    """
     d = np.diag(C)
     if (d < 0).any():
         return True
@@ -63,23 +84,24 @@ def has_negative_compliance(C: Array) -> bool:
 
 
 def fit_semidefinite_matrix(
-    fit: StiffnessFit, part: FittedMatrix, H: Array, h: Array, x: Array, held: NDArray[np.bool_]
+    fit: StiffnessFit, part: FittedMatrix, H: Array, h: Array, x: Array, is_fixed: NDArray[np.bool_]
 ) -> Array:
-    """The coefficients with the least ½ uᵀ H u − hᵀ u whose matrix is positive semidefinite.
+    """Minimise ½ uᵀ H u − hᵀ u subject to a positive semidefinite matrix.
 
     Args:
-        fit: bounds and scales.
-        part: the matrix.
-        H, h: normal equations in scaled coefficients u = x / column.
-        x: (P,) the minimum without this condition.
-        held: (P,) coefficients that stay as they are.
+        fit: Weighted fit of the stiffness.
+        part: Position of the matrix.
+        H: (P, P) normal matrix in scaled coefficients u = x / column.
+        h: (P,) right-hand side.
+        x: (P,) minimum without the condition.
+        is_fixed: (P,) True for fixed coefficients.
 
     Returns:
-        (P,).
+        (P,) coefficients.
     """
     inside = np.zeros(len(x), bool)
     inside[part.first_coefficient] = True
-    free = ~inside & ~held
+    free = ~inside & ~is_fixed
     diagonal = part.row == part.column
     S = np.empty(6)
     S[part.row[diagonal]] = np.sqrt(fit.column[part.first_coefficient[diagonal]])

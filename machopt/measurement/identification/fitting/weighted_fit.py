@@ -1,9 +1,9 @@
-"""Compliances from a recording: weighted, robust, bounded least squares; dumas2011 eq. 26 is its plain special case.
+"""Weighted, robust, bounded least squares of compliances; dumas2011 eq. 26 is the special case without these.
 
 ::
 
-    start (bounded leverage, L1) ─► reading covariance ─► outlier weights ─► variance components ─► coefficients ≥ bound
-                                         ▲──────────────────── repeated until it stands ──────────────────────┘
+    start (bounded leverage, L1) ─► reading covariance ─► outlier weights ─► variance components ─► bounded coefficients
+                                      ▲────────────────────── repeated until convergence ─────────────────────┘
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from machopt.numerics.array_types import Array
 from machopt.stiffness.terms import LinearTerm
 
 ROUNDS = 8
-CONVERGENCE_TOLERANCE = 1e-3  # change of a coefficient per its standard error between rounds
-MIN_COLUMN_EFFECT = 1e-7  # effect of a coefficient per the largest one; below it is rounding and counts as none
+CONVERGENCE_TOLERANCE = 1e-3  # change of a coefficient between rounds, in standard errors
+MIN_COLUMN_EFFECT = 1e-7  # relative effect of a coefficient below which it counts as rounding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,14 @@ class FitCoefficient:
 
 
 def list_fit_coefficients(terms: Sequence[LinearTerm] = ()) -> tuple[FitCoefficient, ...]:
-    """The six joint compliances, then the coefficients of the terms."""
+    """List the six joint compliances and then the coefficients of the terms.
+
+    Args:
+        terms: Linear terms.
+
+    Returns:
+        The coefficients.
+    """
     out = [FitCoefficient(name=f"joint {j}", unit="rad/(N·m)", lower=0.0, joint=j) for j in range(1, 7)]
     for t, term in enumerate(terms):
         for k, c in enumerate(term.coefficients):
@@ -72,15 +79,15 @@ def list_fit_coefficients(terms: Sequence[LinearTerm] = ()) -> tuple[FitCoeffici
 
 @dataclass(frozen=True)
 class ReadingWeights:
-    """How the readings count in a fit."""
+    """Weights of the readings in a fit."""
 
-    covariance: Array  # (C, N, 3, 3) of the readings' own errors for s² = 1; C channels: translation, rotation
-    components: tuple[VarianceComponents, ...]  # one a channel
+    covariance: Array  # (C, N, 3, 3) of a single reading's error for s² = 1; C channels: translation, rotation
+    components: tuple[VarianceComponents, ...]  # one per channel
     robust: Array  # (N, D) in [0, 1]
 
     @cached_property
     def precision(self) -> Array:
-        """(C, N, 3, 3) inverse covariance for s² = 1; a doubtful coordinate's variance is divided by its weight."""
+        """Inverse covariance (C, N, 3, 3) for s² = 1; the variance of a suspect coordinate is divided by its weight."""
         V = self.covariance.copy()
         for c in range(len(V)):
             w = np.maximum(self.robust[:, 3 * c : 3 * c + 3], 1e-9)
@@ -89,7 +96,14 @@ class ReadingWeights:
         return np.asarray(np.linalg.inv(V))
 
     def scatter(self, clusters: ErrorClusters) -> tuple[NoiseScatter, ...]:
-        """1 sigma of each channel's components."""
+        """Return the standard deviations of each channel's variance components.
+
+        Args:
+            clusters: Clusters with shared errors.
+
+        Returns:
+            One entry per channel.
+        """
         out = []
         for V, c in zip(self.covariance, self.components, strict=True):
             s = float(np.sqrt(c.scale))
@@ -101,18 +115,18 @@ class ReadingWeights:
 
 @dataclass(frozen=True, kw_only=True)
 class StiffnessFit:
-    """Coefficients with everything that uncertainty, held-out errors and influence are computed from.
+    """Fitted coefficients with all data for uncertainty, cross-validation and influence.
 
-    ``H``, ``h`` and ``column`` are of scaled coefficients x / column; displacements are A · x.
+    ``normal`` and ``column`` refer to scaled coefficients x / column. Displacements are A · x.
     """
 
     experiment: LoadTestExperiment
     terms: tuple[LinearTerm, ...]
     unknowns: tuple[FitCoefficient, ...]
     A: Array  # (N, D, P) m, rad per unit of each coefficient
-    y: Array  # (N, D) m, rad: measured less what fixed terms and corrections explain
+    y: Array  # (N, D) m, rad: measured minus fixed terms and corrections
     x: Array  # (P,) coefficients within their bounds
-    free: Array  # (P,) without bounds; directions without data at zero
+    free: Array  # (P,) unbounded solution; unobservable directions at zero
     column: Array  # (P,) unit of each scaled coefficient
     lower: Array  # (P,) bounds
     clusters: ErrorClusters
@@ -122,22 +136,30 @@ class StiffnessFit:
 
     @property
     def compliance(self) -> Array:
-        """(6,) rad/(N·m)."""
+        """Joint compliances (6,) rad/(N·m)."""
         return self.x[:6]
 
     @property
     def residual(self) -> Array:
-        """(N, D) m, rad."""
+        """Residuals (N, D) m, rad."""
         return np.asarray(self.y - self.A @ self.x)
 
     @property
     def outlier(self) -> NDArray[np.bool_]:
-        """(N,) readings with a coordinate that is put aside."""
+        """Readings (N,) with a rejected coordinate."""
         return np.asarray((self.weighting.robust < thresholds.IDENTIFIED.out).any(axis=1))
 
 
 def set_term_coefficients(terms: Sequence[LinearTerm], x: Array) -> tuple[LinearTerm, ...]:
-    """Terms with the coefficients that follow the six joints in x."""
+    """Set the coefficients of terms from a vector of all coefficients.
+
+    Args:
+        terms: Linear terms.
+        x: (6 + P,) coefficients; those of the terms follow the six joints.
+
+    Returns:
+        The terms.
+    """
     out, at = [], 6
     for term in terms:
         n = len(term.coefficients)
@@ -160,27 +182,30 @@ def fit_stiffness(
 ) -> StiffnessFit:
     """Identify joint compliances and the coefficients of further terms.
 
-    Least Σ over poses of (y − A x)ᵀ W (y − A x) with x ≥ bound, W the inverse covariance of the readings (their own
-    error, and the shifts that a load cycle or a visit to a pose shares), each coordinate's variance divided by its
-    outlier weight.
+    Minimises Σ over poses of (y − A x)ᵀ W (y − A x) subject to lower bounds. W is the inverse covariance of the
+    readings (error of a single reading, and shifts shared by a load cycle or a visit to a pose). The variance of each
+    coordinate is divided by its outlier weight. Not valid if the displacement is not proportional to the load.
 
     Args:
         experiment: N readings.
-        terms: physics to be fitted beside the joints; their values are not used.
-        fixed: physics with known values; what they explain is subtracted.
-        uncertainty: of the readings, 1 sigma; None: as the recording states.
-        robust: put gross outliers aside, where there are equations enough to tell; False: every coordinate counts.
-        weighted: weigh by the noise; False: every coordinate counts alike, metres beside radians, which with
-            ``robust=False, bounded=False`` is dumas2011 eq. 26.
-        bounded: keep compliances ≥ 0 (and every coefficient above its own bound).
-        groups: clusters made before, to save time in repeated fits.
-        weighting: of an earlier fit to the same readings, taken as it is.
+        terms: Terms to fit together with the joints; their values are not used.
+        fixed: Terms with known values; their contribution is subtracted.
+        uncertainty: Standard uncertainty of the readings; None: as stated in the recording.
+        robust: Whether to reject gross outliers, if there are enough equations.
+        weighted: Whether to weight by the noise. False weights all coordinates equally, metres and radians
+            alike; with ``robust=False, bounded=False`` this is dumas2011 eq. 26.
+        bounded: Whether to keep compliances ≥ 0 and every coefficient above its bound.
+        groups: Precomputed clusters, for repeated fits.
+        weighting: Weights of an earlier fit to the same readings, used unchanged.
+
+    Returns:
+        The fit.
 
     Raises:
-        InputError: no more coordinates than unknowns (nothing to judge errors by), or no load at all.
+        InputError: No more coordinates than unknowns, or no load.
 
     Source:
-        Dumas et al. 2011, eqs. 16–26. Invalid where the displacement is not proportional to the load.
+        Dumas et al. 2011, eqs. 16–26.
     """
     what = list_fit_coefficients(terms)
     A = experiment.response(terms)
@@ -200,7 +225,7 @@ def fit_stiffness(
     groups = build_error_clusters(experiment) if groups is None else groups
     lower = np.array([u.lower for u in what]) if bounded else np.full(len(what), -np.inf)
     column, seen = _scale_columns(A, y)
-    scaled = A * np.where(seen, column, 0.0)  # what is rounding only must not be fitted
+    scaled = A * np.where(seen, column, 0.0)  # columns with rounding only are excluded
     problem = _FitIteration(
         experiment=experiment,
         terms=tuple(terms),
@@ -236,7 +261,7 @@ def fit_stiffness(
 
 
 def _scale_columns(A: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Unit of each coefficient, which explains a displacement of typical size, and whether any reading shows it."""
+    """Return the unit of each coefficient, which causes a typical displacement, and whether any reading shows it."""
     channels = range(0, A.shape[1], 3)
     size = np.repeat([max(estimate_robust_scale(y[:, c : c + 3]), 1e-12) for c in channels], 3)
     rms = np.sqrt(np.mean((A / size[:, None]) ** 2, axis=(0, 1)))
@@ -246,7 +271,7 @@ def _scale_columns(A: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 @dataclass(frozen=True, kw_only=True)
 class _FitIteration:
-    """One fit on the way: scaled equations, and how their weights are found."""
+    """State of the iteration: scaled equations and the computation of weights."""
 
     experiment: LoadTestExperiment
     terms: tuple[LinearTerm, ...]
@@ -260,18 +285,18 @@ class _FitIteration:
 
     @property
     def load(self) -> Array:
-        """(N,) size of each load; a metre of lever arm is typical."""
+        """Magnitude (N,) of each load; moments divided by a lever arm of 1 m."""
         w = self.experiment.wrench
         return np.asarray(np.linalg.norm(w[:, :3], axis=1) + np.linalg.norm(w[:, 3:], axis=1))
 
     @property
     def stated(self) -> tuple[bool, bool]:
-        """Whether the errors of translations and rotations are stated."""
+        """Whether the uncertainties of translations and rotations are stated."""
         given = self.experiment.uncertainty if self.uncertainty is None else self.uncertainty
         return given.displacement is not None, given.rotation is not None
 
     def equal_weights(self) -> ReadingWeights:
-        """Every coordinate with the same variance, that of the residuals."""
+        """Return equal variances for all coordinates, estimated from the residuals."""
         N, D = self.y.shape
         V = np.broadcast_to(np.eye(3), (D // 3, N, 3, 3))
         doubt = np.ones((N, D))
@@ -290,7 +315,7 @@ class _FitIteration:
         return ReadingWeights(V, (VarianceComponents(common),) * (D // 3), doubt)
 
     def update_weights(self) -> ReadingWeights:
-        """Covariance, outlier weights, components and coefficients, in turn until they stand."""
+        """Update covariance, outlier weights, components and coefficients until convergence."""
         stated = self.experiment.uncertainty if self.uncertainty is None else self.uncertainty
         N, D = self.y.shape
         x = fit_least_absolute_deviations(self.A, self.y, self.load)
@@ -326,13 +351,13 @@ class _FitIteration:
         return weighting
 
     def _compute_covariance(self, residual: Array, V: Array, before: ReadingWeights | None) -> Array:
-        """Outlier weights: of the residual at first, later of what the shared shifts leave of it."""
+        """Return outlier weights, first of the residuals, later of residuals without shared shifts."""
         out = np.empty_like(residual)
         for c in range(len(V)):
             part = residual[:, 3 * c : 3 * c + 3]
             own = np.sqrt(V[c][:, [0, 1, 2], [0, 1, 2]])
             if before is None:
-                least = 1.0 if self.stated[c] else 1e-12  # not stricter than what is stated
+                least = 1.0 if self.stated[c] else 1e-12  # not below the stated uncertainty
                 typical = max(estimate_robust_scale(part / own, self.A.shape[2]), least)
                 out[:, 3 * c : 3 * c + 3] = compute_robust_weights(part / own, np.full(part.shape, typical))
                 continue
@@ -342,6 +367,14 @@ class _FitIteration:
         return out
 
     def sums(self, weighting: ReadingWeights) -> list[ClusterSums]:
+        """Return the equations of each channel, summed by cluster.
+
+        Args:
+            weighting: Weights of the readings.
+
+        Returns:
+            One entry per channel.
+        """
         Q = weighting.precision
         out = []
         for c in range(len(Q)):
@@ -351,6 +384,14 @@ class _FitIteration:
         return out
 
     def equations(self, weighting: ReadingWeights) -> NormalEquations:
+        """Return the normal equations by pose.
+
+        Args:
+            weighting: Weights of the readings.
+
+        Returns:
+            The equations.
+        """
         return self._normal(self.sums(weighting), weighting.components)
 
     def _normal(self, parts: Sequence[ClusterSums], found: Sequence[VarianceComponents]) -> NormalEquations:

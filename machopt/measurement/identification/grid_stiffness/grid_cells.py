@@ -1,4 +1,6 @@
-"""Geometry of a grid of cubes: where it lies, which cells a place touches, what unmeasured cells are expected to be."""
+"""Geometry of a grid of cubes: its position, the cells that a position touches, and interpolation to unmeasured
+cells.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +12,14 @@ from scipy.sparse import csr_matrix
 from machopt.errors import InputError
 from machopt.numerics.array_types import Array, Bools, Ints
 
-SITE = 0.05  # of a cell's edge; positions rounded alike are one site
+SITE = 0.05  # of a cell's edge; positions equal after rounding to it form one site
 
-MOST_CELLS_IN_ALL = 8000  # each has a row in stiffness.yaml and on the page
+MOST_CELLS_IN_ALL = 8000  # most cells: each has a row in stiffness.yaml and in the report
 
 
 @dataclass(frozen=True)
 class GridRegion:
-    """Cubes of equal size, numbered x fastest (as :class:`machopt.data_types.stiffness.StiffnessGrid`)."""
+    """Grid of equal cubes, numbered with x fastest (as :class:`machopt.data_types.stiffness.StiffnessGrid`)."""
 
     origin: Array  # (3,) m, lowest corner in base_link
     cell: float  # m
@@ -27,23 +29,38 @@ class GridRegion:
         return int(np.prod(self.shape))
 
     def centres(self) -> Array:
-        """(G, 3) m."""
+        """Return the cell centres (G, 3) m."""
         index = np.stack(np.unravel_index(np.arange(len(self)), self.shape, order="F"), axis=1)
         return np.asarray(self.origin + self.cell * (index + 0.5))
 
     def corners(self) -> Array:
-        """(G, 8, 3) m."""
+        """Return the cell corners (G, 8, 3) m."""
         offset = np.array(list(np.ndindex(2, 2, 2))) - 0.5
         return np.asarray(self.centres()[:, None] + self.cell * offset)
 
     def contains(self, position: Array, on_face: float) -> Bools:
-        """(M,) whether positions (M, 3) lie inside or within ``on_face`` m of the outside faces."""
+        """Return which positions are inside of the grid or on its outer faces.
+
+        Args:
+            position: (M, 3) positions, m, base_link.
+            on_face: Tolerance within which a position counts as on a face, m.
+
+        Returns:
+            (M,) True inside.
+        """
         x = position - self.origin
         return np.asarray(((x >= -on_face) & (x <= self.cell * np.array(self.shape) + on_face)).all(axis=1))
 
     def cells(self, position: Array, on_face: float) -> Ints:
-        """(M, 8) cells that positions (M, 3) touch, −1 for none; a position nearer than ``on_face`` m to a face touches
-        the cells on both sides, each once."""
+        """Return the cells that positions touch. A position on a face touches the cells on both sides.
+
+        Args:
+            position: (M, 3) positions, m, base_link.
+            on_face: Tolerance within which a position counts as on a face, m.
+
+        Returns:
+            (M, 8) cell indices, −1 for none.
+        """
         x = (position - self.origin) / self.cell
         eps = on_face / self.cell
         low, high = np.floor(x - eps).astype(int), np.floor(x + eps).astype(int)
@@ -60,10 +77,21 @@ class GridRegion:
 def build_grid_region(
     position: Array, cell: float, origin: Array | None, shape: tuple[int, int, int] | None, on_face: float, source: str
 ) -> GridRegion:
-    """The grid asked for; where origin or shape are not given, whole cells about the positions (M, 3).
+    """Build the requested grid; without origin or shape, whole cells around the positions.
+
+    Args:
+        position: (M, 3) positions, m, base_link.
+        cell: Edge length of a cell, m.
+        origin: (3,) lowest corner in base_link, m; None: centred on the positions.
+        shape: Number of cells along x, y, z; None: as many as needed.
+        on_face: Tolerance within which a position counts as on a face, m.
+        source: Source of the recording, for error messages.
+
+    Returns:
+        The grid.
 
     Raises:
-        InputError: sizes that make no grid.
+        InputError: The sizes do not define a valid grid.
     """
     if not (np.isfinite(cell) and cell > 2 * on_face):
         raise InputError(
@@ -96,27 +124,29 @@ def build_grid_region(
 
 @dataclass(frozen=True)
 class MeasuredCells:
-    """Which cells have readings. A site is a position, a place the set of cells that sites touch."""
+    """Cells with readings. A site is a position; a place is the set of cells that a site touches."""
 
-    cells: Ints  # (C,) of the region, in order
-    site: Ints  # (M,) of each position; neighbours of a twentieth of a cell are one site
-    place: Ints  # (S,) of each site
-    members: Ints  # (L, 8) of each place, indices into ``cells``, −1 for none
-    distance: Array  # (C, C) between cells' centres, in cells
+    cells: Ints  # (C,) ascending cell indices
+    site: Ints  # (M,) site of each position
+    place: Ints  # (S,) place of each site
+    members: Ints  # (L, 8) cells of each place as indices into ``cells``, −1 for none
+    distance: Array  # (C, C) distance between cell centres, in cell lengths
 
     @property
     def share(self) -> Array:
-        """(L, C) 1/m for each of the m cells of a place."""
+        """Weights (L, C): 1/m for each of the m cells of a place."""
         out = np.zeros((len(self.members), len(self.cells)))
         row, slot = np.nonzero(self.members >= 0)
         out[row, self.members[row, slot]] = 1.0
         return np.asarray(out / out.sum(axis=1, keepdims=True))
 
     def linear(self, z: Array, extra: int) -> tuple[csr_matrix, Array]:
-        """Relative compliance ρ = m / Σ_g exp(−z_g) of each place about z, with ``extra`` unknowns passed on.
+        """Linearise the relative compliance ρ = m / Σ_g exp(−z_g) of each place about z; ``extra`` unknowns are
+        passed through.
 
         Args:
-            z: (C, F) log relative compliance of the cells.
+            z: (C, F) log relative compliances of the cells.
+            extra: Number of further unknowns.
 
         Returns:
             E (L·R, C·F + extra) and u (L, R), R = F + extra: ρ ≈ u + E β with ∂ρ/∂z_g = ρ² exp(−z_g) / m.
@@ -140,7 +170,16 @@ class MeasuredCells:
 
 
 def find_measured_cells(region: GridRegion, position: Array, on_face: float) -> MeasuredCells:
-    """Cells, sites and places of positions (M, 3), all inside the region."""
+    """Find the cells, sites and places of positions inside the grid.
+
+    Args:
+        region: The grid.
+        position: (M, 3) positions, m, base_link.
+        on_face: Tolerance within which a position counts as on a face, m.
+
+    Returns:
+        The cells with readings.
+    """
     cells = np.sort(region.cells(position, on_face), axis=1)
     near = np.round((position - region.origin) / max(2 * on_face, SITE * region.cell)).astype(np.int64)
     found, site = np.unique(np.concatenate([cells, near], axis=1), axis=0, return_inverse=True)
@@ -155,16 +194,15 @@ def find_measured_cells(region: GridRegion, position: Array, on_face: float) -> 
 
 
 def interpolate_by_kriging(region: GridRegion, used: Ints, range_: float) -> tuple[Array, Array, Array, float]:
-    """How all cells follow from those with readings, the mean estimated along (universal kriging).
+    """Compute the weights that predict all cells from those with readings (universal kriging with an estimated mean).
 
     Args:
-        region: G cells.
+        region: Grid with G cells.
         used: (C,) cells with readings.
-        range_: of the correlation exp(−d/ℓ), in cells; 0 for none.
+        range_: Range ℓ of the correlation exp(−d/ℓ), in cell lengths; 0 for none.
 
     Returns:
-        weights (G, C), the variance left (G,) in units of s², the mean's own weights (C,), its
-        variance in s².
+        Weights (G, C), remaining variance (G,) in units of s², weights of the mean (C,), its variance in s².
     """
     every = region.centres() / region.cell
     d = np.linalg.norm(every[:, None] - every[used][None], axis=-1)

@@ -1,4 +1,6 @@
-"""The constant fit's readings as equations of a grid: relative compliances of the joints that vary, then the terms."""
+"""Equations of a grid: relative compliances of the varying joints, then the terms, from the readings of the constant
+fit.
+"""
 
 from __future__ import annotations
 
@@ -24,21 +26,21 @@ from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood 
 )
 from machopt.numerics.array_types import Array, Bools
 
-SHIFT_START = 0.3  # variance of a shared shift per reading's: away from none, where the likelihood is flat
+SHIFT_START = 0.3  # start value of the relative shift variance: away from zero, where the likelihood is flat
 
 
 @dataclass(frozen=True, kw_only=True)
 class GridEquations:
-    """M readings inside the grid, y = A r of their place + error, r = (relative compliances, scaled terms)."""
+    """M readings inside the grid: y = A r of their place + error, with r = (relative compliances, scaled terms)."""
 
     constant: StiffnessFit
     rows: Bools  # (N,) readings inside the grid
     places: MeasuredCells
     varying_joints: Bools  # (6,)
-    reference: Array  # (6,) rad/(N·m) that relative compliances are of; held joints: their value
-    A: Array  # (M, D, R) of the readings inside
+    reference: Array  # (6,) rad/(N·m), reference of relative compliances; for fixed joints their value
+    A: Array  # (M, D, R) response of the readings inside
     y: Array  # (M, D)
-    kept_columns: Bools  # (T,) terms fitted along; the others stay at their bound
+    kept_columns: Bools  # (T,) coefficients of terms that are fitted; the others stay at their bound
     groups: ErrorClusters
     smooth: bool
 
@@ -46,7 +48,19 @@ class GridEquations:
     def from_fit(
         cls, constant: StiffnessFit, rows: Bools, places: MeasuredCells, vary: Bools, reference: Array, smooth: bool
     ) -> GridEquations:
-        """Rewrite the equations of ``constant`` for the readings ``rows`` (N,)."""
+        """Build the grid equations from the constant fit.
+
+        Args:
+            constant: Fit of the constant model.
+            rows: (N,) True for readings inside the grid.
+            places: Cells, sites and places of these readings.
+            vary: (6,) True for joints that vary by cell.
+            reference: (6,) reference compliance, rad/(N·m).
+            smooth: Whether neighbouring cells may be correlated.
+
+        Returns:
+            The equations.
+        """
         A = constant.A[rows]
         joints = A[..., :6] * reference
         keep = constant.x[6:] > constant.lower[6:]
@@ -73,7 +87,7 @@ class GridEquations:
         return int(self.kept_columns.sum())
 
     def start(self) -> ReadingWeights:
-        """The constant fit's weights; where it had none, variances of the size of its residuals."""
+        """Return the weights of the constant fit; without weights, variances from its residuals."""
         w = self.constant.weighting
         V, robust = w.covariance[:, self.rows], w.robust[self.rows]
         if self.constant.weighted:
@@ -85,7 +99,15 @@ class GridEquations:
         return ReadingWeights(V * np.array(size)[:, None, None, None], w.components, robust)
 
     def prior(self, weighting: ReadingWeights, spread: Array | None) -> GridPrior:
-        """Where the search for the prior begins; with ``spread`` (6,) given, cells that are that and nothing else."""
+        """Return the start values of the prior.
+
+        Args:
+            weighting: Weights of the readings.
+            spread: (6,) fixed standard deviations of log compliance; None: estimated.
+
+        Returns:
+            The prior.
+        """
         start = GridPrior.start(int(self.varying_joints.sum()), self.smooth)
         if spread is not None:
             start = replace(start, spread=np.asarray(spread, float)[self.varying_joints], site_spread_share=0.0)
@@ -96,7 +118,14 @@ class GridEquations:
         return replace(start, noise=noise)
 
     def evidence(self, weighting: ReadingWeights) -> GridLikelihood:
-        """The readings as sums, under given weights."""
+        """Sum the readings by cluster for the marginal likelihood.
+
+        Args:
+            weighting: Weights of the readings.
+
+        Returns:
+            The likelihood.
+        """
         Q, V = weighting.precision, weighting.covariance
         parts = []
         for c in range(len(Q)):
@@ -121,25 +150,48 @@ class GridEquations:
         )
 
     def first_unknowns(self) -> Array:
-        """(n,) log relative compliances of the cells, cell by cell, then the scaled terms: the constant model."""
+        """Return the unknowns (n,) of the constant model: log relative compliances by cell, then scaled terms."""
         terms = (self.constant.x[6:] / self.constant.column[6:])[self.kept_columns]
         return np.concatenate([np.zeros(len(self.places.cells) * int(self.varying_joints.sum())), terms])
 
     def linear(self, beta: Array) -> LinearisedResponse:
-        """Responses of the places about unknowns (n,)."""
+        """Linearise the responses of the places about given unknowns.
+
+        Args:
+            beta: (n,) unknowns.
+
+        Returns:
+            The linearised responses.
+        """
         C = len(self.places.cells)
         return LinearisedResponse(
             *self.places.linear(beta[: C * int(self.varying_joints.sum())].reshape(C, -1), self.terms)
         )
 
     def residual(self, response: Array) -> Array:
-        """(M, D) of responses per pose (G, R)."""
+        """Return the residuals for given responses.
+
+        Args:
+            response: (G, R) responses by pose.
+
+        Returns:
+            (M, D) m, rad.
+        """
         return np.asarray(self.y - np.einsum("ndr,nr->nd", self.A, response[self.groups.pose]))
 
     def compute_reading_covariance(
         self, before: ReadingWeights, prior: GridPrior, posterior: GridPosterior
     ) -> ReadingWeights:
-        """Outlier weights of what cells and shared shifts leave of the readings."""
+        """Update the outlier weights from residuals without shared shifts.
+
+        Args:
+            before: Current weights.
+            prior: Prior of the cells.
+            posterior: Posterior of the cells.
+
+        Returns:
+            The updated weights.
+        """
         found = ReadingWeights(before.covariance, prior.noise, before.robust)
         residual = self.residual(posterior.site_response[self.places.site])
         out = np.empty_like(residual)

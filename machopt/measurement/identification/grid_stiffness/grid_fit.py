@@ -1,15 +1,14 @@
-"""Joint stiffness per cell of a grid of TCP positions (jiao2022 section 2), shrunk to one set of values by the data.
+"""Joint stiffness for each cell of a grid of TCP positions (jiao2022 section 2), shrunk towards a constant model.
 
-Space is cut into cubes and each has its own six stiffnesses; on a face, edge or corner they are averaged, as
-:func:`machopt.stiffness.arm_stiffness.compute_joint_stiffness` does, so a reading there informs every cell that it
-touches. A cell alone
-would follow its readings' noise, with few readings wildly. Here the cells' log compliances are drawn from one
-distribution per joint, whose width the data choose
-(:mod:`~machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood`): a cell is moved away from
-the constant model as far as its readings warrant, one without readings stays there with the width as its uncertainty,
-and where nothing varies the grid is the constant model. Logarithms keep every stiffness positive.
+Space is divided into cubes, each with its own six stiffnesses. On a face, edge or corner they are averaged, as in
+:func:`machopt.stiffness.arm_stiffness.compute_joint_stiffness`, so a reading there informs every cell that it
+touches. A cell alone would follow the noise of its readings. Therefore the log compliances of the cells have a common
+distribution per joint, whose width is estimated
+(:mod:`~machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood`). A cell deviates from the
+constant model as far as its readings support. A cell without readings stays there, with the width as its uncertainty.
+If nothing varies, the grid equals the constant model. Logarithms keep every stiffness positive.
 
-Harmonic mean and logarithm are not linear, so cells, prior, noise and outlier weights are found in a few rounds of
+Harmonic mean and logarithm are nonlinear. Cells, prior, noise and outlier weights are found in a few rounds of
 linearised problems.
 """
 
@@ -41,18 +40,18 @@ from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood 
 )
 from machopt.numerics.array_types import Array, Bools, Ints
 
-FACE_TOLERANCE = 1e-3  # m; a pose meant to be on a face is that near it, by the arm's own repeatability
-MIN_COLUMN_EFFECT = 1e-6  # of the largest reading: less than this is no reading of a joint, whatever its compliance
-MOST_CELLS = 1000  # that readings touch; their unknowns are solved together
+FACE_TOLERANCE = 1e-3  # m; tolerance for a pose on a face, about the repeatability of an arm
+MIN_COLUMN_EFFECT = 1e-6  # relative to the largest response; a joint with less is not observed
+MOST_CELLS = 1000  # most cells with readings; their unknowns are solved jointly
 ROUNDS = 6
-STEPS = (30, 10)  # of the likelihood in the first round, in later ones
+STEPS = (30, 10)  # optimiser steps in the first round and in later ones
 DRAFT_STEPS = 5
-CONVERGENCE_TOLERANCE = 0.15  # change of a log compliance per its standard error between rounds, root mean square
+CONVERGENCE_TOLERANCE = 0.15  # rms change of log compliances between rounds, in standard errors
 
 
 @dataclass(frozen=True)
 class GridHoldoutErrors:
-    """Errors at readings of poses that the prediction did not see; prior and noise are those of all poses."""
+    """Cross-validated errors by pose; prior and noise are those of all poses."""
 
     grid: Array  # (N, D) m, rad
     constant: Array  # (N, D)
@@ -61,13 +60,13 @@ class GridHoldoutErrors:
 
     @property
     def rmse(self) -> tuple[float, float]:
-        """Root mean square of a translation's coordinate in m: grid, constant."""
+        """Root mean square error per translation coordinate in m: grid, constant model."""
         rows = self.counts
         return tuple(float(np.sqrt(np.mean(e[rows, :3] ** 2))) for e in (self.grid, self.constant))  # type: ignore[return-value]
 
     @property
     def gain(self) -> tuple[float, float]:
-        """Constant's mean square less the grid's, per pose, in m², and the standard error of that mean."""
+        """Mean square of the constant model minus that of the grid, per pose, in m², and its standard error."""
         rows = self.counts
         _, pose = np.unique(self.pose[rows], return_inverse=True)
         square = np.mean(self.constant[rows, :3] ** 2 - self.grid[rows, :3] ** 2, axis=1)
@@ -77,25 +76,23 @@ class GridHoldoutErrors:
 
 @dataclass(frozen=True, kw_only=True)
 class GridFit:
-    """A grid of joint stiffness, what it was shrunk to, and how much each cell learned."""
+    """Grid of joint stiffness with prior, uncertainty and cross-validated errors."""
 
     grid: StiffnessGrid  # with std
-    covariance: Array  # (G, 6, 6) of each cell's joint compliances, (rad/(N·m))²
-    centre: Array  # (6,) N·m/rad: the joints' mean over cells, in log compliance, that cells shrink to
-    centre_covariance: Array  # (6, 6) of the compliances of a cell that nobody measured: mean's error and spread
-    constant: Array  # (6,) N·m/rad of the constant model the comparison is with; inf where its compliance is 0
-    spread: Array  # (6,) 1 sigma of log compliance between cells; 0 for held joints
-    place_spread: Array  # (6,) 1 sigma of log compliance at one TCP about its cell's value; not in ``grid.std``
-    range: float  # m, distance at which cells' correlation has fallen to 1/e; 0 where cells are independent
-    constant_joints: tuple[int, ...]  # joints (1 … 6) with the same value in every cell, for want of data
-    readings: Array  # (G,) that inform a cell: shared among the cells touched, outliers by their weight
-    information_gain: (
-        Array  # (G, 6) in 0 … 1: share of a cell's prior variance that the readings removed; 0 for held joints
-    )
-    terms: Array  # (T,) coefficients of the terms beside the joints
+    covariance: Array  # (G, 6, 6) covariance of each cell's joint compliances, (rad/(N·m))²
+    centre: Array  # (6,) N·m/rad, mean over cells (in log compliance) that cells are shrunk to
+    centre_covariance: Array  # (6, 6) covariance of an unmeasured cell's compliances: error of the mean and spread
+    constant: Array  # (6,) N·m/rad of the constant model; inf if its compliance is 0
+    spread: Array  # (6,) 1 sigma of log compliance between cells; 0 for fixed joints
+    place_spread: Array  # (6,) 1 sigma of log compliance of a site about its cell; not in ``grid.std``
+    range: float  # m, correlation length (1/e); 0 for independent cells
+    constant_joints: tuple[int, ...]  # joints (1 … 6) with a constant value, for lack of data
+    readings: Array  # (G,) effective number of readings of a cell
+    information_gain: Array  # (G, 6) 0 … 1, reduction of a cell's prior variance by the readings; 0 for fixed joints
+    terms: Array  # (T,) coefficients of the terms
     heldout: GridHoldoutErrors
     weighting: ReadingWeights  # of the readings inside the grid
-    inside: Bools  # (N,) readings inside the grid, the only ones used
+    inside: Bools  # (N,) True for readings inside the grid; only these are used
     rounds: int
 
 
@@ -112,33 +109,35 @@ def fit_grid(
     spread: Array | None = None,
     draft: bool = False,
 ) -> GridFit:
-    """Identify grid-variable joint stiffness.
+    """Identify joint stiffness that varies over a grid.
 
-    z_g,j = log c_g,j ~ N(μ_j, s_j²); at a place touching m cells, c_j = m / Σ_g k_g,j; displacements as in the constant
-    model. s, correlation range and noise by restricted maximum likelihood, cells by their conditional mean.
+    z_g,j = log c_g,j ~ N(μ_j, s_j²); at a place touching m cells c_j = m / Σ_g k_g,j; displacements as in the
+    constant model. s, correlation range and noise by restricted maximum likelihood, cells by their conditional mean.
+    Not valid if stiffness depends on the arm configuration at a place rather than on the place.
 
     Args:
-        constant: fit of the constant model to the same readings, with its terms, weights and groups.
-        cell: edge in m.
-        origin: (3,) m in base_link, lowest corner; None: whole cells about the measured TCPs.
-        shape: cells along x, y, z; None: as many as hold the measured TCPs.
-        smooth: let the data choose a correlation between neighbouring cells; False: cells are independent.
-        robust: find outliers anew with the cells' residuals; False: keep the constant fit's weights.
-        on_face: m; a pose this near a face counts as on it.
-        hold: (6,) N·m/rad of joints that shall be the same everywhere, NaN for the others. Of those, one whose constant
-            compliance is below two standard errors is held too, at that compliance or one standard error.
-        spread: (6,) s_j up to 1 to be taken instead of estimated, and a cell's value holding all over it; 1 leaves the
-            cells to themselves, as the paper does.
-        draft: one round of a few steps, enough to see whether a grid predicts unseen poses better at all.
+        constant: Fit of the constant model to the same readings, with terms, weights and clusters.
+        cell: Edge length of a cell, m.
+        origin: (3,) lowest corner in base_link, m; None: whole cells around the measured TCPs.
+        shape: Number of cells along x, y, z; None: as many as needed.
+        smooth: Whether to estimate a correlation between neighbouring cells; False: independent cells.
+        robust: Whether to update the outliers with the cells' residuals; False: weights of the constant fit.
+        on_face: Tolerance within which a position counts as on a face, m.
+        hold: (6,) N·m/rad of joints with a constant value, NaN for others. A varying joint with an
+            insignificant compliance (below two standard errors) is fixed too.
+        spread: (6,) fixed s_j up to 1 instead of estimated ones, without variation within a cell; 1 leaves
+            cells independent, as in the paper.
+        draft: Whether to run only one short round, sufficient to see whether a grid improves the
+            cross-validated error.
 
     Returns:
-        The grid with standard deviations, and held-out errors by pose against the constant model.
+        The grid with standard deviations and cross-validated errors.
 
     Raises:
-        InputError: no reading inside the grid; too many cells; a joint that no reading moves and nothing holds.
+        InputError: No reading inside of the grid, too many cells, or an unobserved joint without a value.
 
     Source:
-        jiao2022 sections 2.2, 2.3. Invalid where stiffness depends on the posture at a place rather than on the place.
+        jiao2022 sections 2.2, 2.3.
     """
     position, pose_of = _compute_pose_positions(constant)
     region = build_grid_region(position, cell, origin, shape, on_face, constant.experiment.source)
@@ -180,7 +179,7 @@ def fit_grid(
 
 
 def _compute_pose_positions(fit: StiffnessFit) -> tuple[Array, Ints]:
-    """(G, 3) m of each pose, the mean over its readings, and the pose (N,) of each reading."""
+    """Return the mean position (G, 3) m of each pose, and the pose index (N,) of each reading."""
     pose = fit.clusters.pose
     count = np.bincount(pose)
     at = fit.experiment.T_base_tcp[:, :3, 3]
@@ -188,14 +187,14 @@ def _compute_pose_positions(fit: StiffnessFit) -> tuple[Array, Ints]:
 
 
 def _select_varying_joints(fit: StiffnessFit, hold: Array | None) -> tuple[Bools, Array]:
-    """(6,) which joints vary by cell, and their reference compliance (6,); of the others, their value."""
+    """Return which joints vary (6,), and the reference compliance (6,); for fixed joints their value."""
     c = fit.compliance
-    held = np.full(6, np.nan) if hold is None else np.asarray(hold, float)
+    is_fixed = np.full(6, np.nan) if hold is None else np.asarray(hold, float)
     M = np.linalg.pinv(fit.normal.total()[0], hermitian=True)
     sigma = np.sqrt(np.maximum(np.diag(M)[:6], 0.0)) * fit.column[:6]
     seen = np.abs(fit.A[..., :6]).max(axis=(0, 1)) * c.max() > MIN_COLUMN_EFFECT * np.abs(fit.y).max()
-    vary = ~np.isfinite(held) & seen & (c > thresholds.IDENTIFIED.varies * sigma)
-    blind = ~np.isfinite(held) & ~seen
+    vary = ~np.isfinite(is_fixed) & seen & (c > thresholds.IDENTIFIED.varies * sigma)
+    blind = ~np.isfinite(is_fixed) & ~seen
     if blind.any():
         raise InputError(
             f"no reading moves joint {_format_joint_list(blind)}, so that a grid needs its stiffness from "
@@ -208,7 +207,7 @@ def _select_varying_joints(fit: StiffnessFit, hold: Array | None) -> tuple[Bools
             "nothing to vary by cell. More readings, or larger loads, would work",
             file=fit.experiment.source,
         )
-    value = np.where(np.isfinite(held), 1.0 / np.where(np.isfinite(held), held, 1.0), np.maximum(c, sigma))
+    value = np.where(np.isfinite(is_fixed), 1.0 / np.where(np.isfinite(is_fixed), is_fixed, 1.0), np.maximum(c, sigma))
     return vary, np.where(vary, c, value)
 
 
@@ -233,7 +232,7 @@ def _build_grid_fit(
     z, cov = posterior.beta[: C * F].reshape(C, F), posterior.covariance[: C * F, : C * F].reshape(C, F, C, F)
     every = weight @ z  # (G, F)
     spread2 = prior.spread**2
-    # a cell's covariance: what the measured cells' errors carry to it, and what they leave open
+    # covariance of a cell: propagated errors of the measured cells plus the kriging variance
     full = np.einsum("gc,cidj,gd->gij", weight, cov, weight, optimize=True)
     full += left[:, None, None] * np.diag(spread2)
     centre_cov = np.einsum("c,cidj,d->ij", mean, cov, mean, optimize=True) + unsure * np.diag(spread2)
@@ -247,7 +246,7 @@ def _build_grid_fit(
     centre *= work.reference
     around[np.ix_(vary, vary)] = centre_cov + np.diag(spread2)
     learned, spread, keep = np.zeros((G, 6)), np.zeros(6), work.kept_columns
-    # the prior variance of one cell about the estimated mean; a lone cell has nothing to be compared with
+    # prior variance of a cell about the estimated mean; undefined for a single cell
     apart = spread2 + np.diag(centre_cov)
     learned[:, vary] = np.clip(1.0 - np.diagonal(full, axis1=1, axis2=2) / apart, 0.0, 1.0)
     spread[vary] = prior.spread
@@ -284,11 +283,11 @@ def _build_grid_fit(
 def _predict_left_out_poses(
     work: GridEquations, evidence: GridLikelihood, weighting: ReadingWeights, prior: GridPrior, posterior: GridPosterior
 ) -> GridHoldoutErrors:
-    """Each pose predicted from the others, in closed form.
+    """Predict each pose from the others in closed form.
 
-    What a pose adds to its site's equations, ΔH and Δh with the site's own part integrated out, is taken out of the
-    posterior N(r, W) of the responses there: r₋ = (I − W ΔH)⁻¹ (r − W Δh). The constant model's coefficients solve
-    (H − H_p) x = h − h_p within their bounds.
+    The contribution ΔH, Δh of a pose to its site's equations, with the site's own part integrated out, is removed
+    from the posterior N(r, W) of the responses: r₋ = (I − W ΔH)⁻¹ (r − W Δh). The constant model solves (H − H_p) x =
+    h − h_p within bounds.
     """
     each = [
         build_normal_equations(evidence.clusters, s, c) for s, c in zip(evidence.channel_sums, prior.noise, strict=True)

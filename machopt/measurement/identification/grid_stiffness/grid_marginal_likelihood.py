@@ -1,18 +1,17 @@
-"""How much joints vary from cell to cell: the marginal likelihood of a grid's prior, and the cells that follow.
+"""Marginal likelihood of a grid's prior: how much joints vary between cells, and the resulting cell values.
 
-Log compliances z of the cells are drawn around their joint's mean, z_g,j ~ N(μ_j, s_j²), with correlation
-exp(−d/ℓ) between cells d apart (ℓ → 0: independent). Given s, ℓ and the readings' noise the cells are the best linear
-unbiased prediction; s, ℓ and the noise themselves maximise what is left when all cells and means are integrated out
-(restricted likelihood, Patterson & Thompson 1971; Harville 1977). A joint without variation gets s → 0, and its cells
-fall together to the constant model: that is the shrinkage, and nobody has to choose how strong.
+Log compliances z of the cells are distributed about their joint's mean, z_g,j ~ N(μ_j, s_j²), with correlation
+exp(−d/ℓ) between cells at distance d (ℓ → 0: independent). For given s, ℓ and noise, the cells follow as best linear
+unbiased prediction. s, ℓ and the noise maximise the restricted likelihood, with all cells and means integrated out
+(Patterson & Thompson 1971; Harville 1977). A joint without variation gets s → 0, and its cells shrink to the constant
+model.
 
-A cell is one value for a piece of space in which the joint varies too. What a site (a position of the TCP) is off its
-cell is a further random part, η s_j for all joints, integrated out site by site; without it many readings at few sites
-would make a cell look far better known than it is.
+Within a cell the joint varies too. The deviation of a site (a TCP position) from its cell is a further random effect
+with standard deviation η s_j, integrated out for each site. Without it, many readings at few sites would make a cell
+seem far better known than it is.
 
-Everything rests on sums by pose (:mod:`~machopt.measurement.estimation.error_clusters`), so a step costs one dense
-factorisation of the
-cells' unknowns and nothing that grows with the readings but those sums.
+All computations use sums by pose (:mod:`~machopt.measurement.estimation.error_clusters`). A step costs one dense
+factorisation of the cells' unknowns and nothing that grows with the number of readings.
 """
 
 from __future__ import annotations
@@ -40,34 +39,44 @@ from machopt.measurement.estimation.tiled_linear_algebra import (
 from machopt.measurement.estimation.variance_components import LEAST, MOST
 from machopt.numerics.array_types import Array, Ints
 
-SPREADS = (1e-3, 1.0)  # least and largest s in log compliance: at a thousandth the cells are one
-WITHIN = (1e-3, 1.0)  # of a site about its cell: at most as much as cells differ
-RANGE_LEAST = 0.15  # ℓ in cells: neighbours correlate by exp(−6.7), that is not at all
-LIKELIHOOD_TOLERANCE = 0.2  # of −2 log likelihood: a gain no interval notices
+SPREADS = (1e-3, 1.0)  # bounds of s in log compliance; at the lower bound all cells are equal
+WITHIN = (1e-3, 1.0)  # bounds of η: a site deviates at most as much as cells do
+RANGE_LEAST = 0.15  # ℓ in cell lengths: the correlation of neighbours, exp(−6.7), is negligible
+LIKELIHOOD_TOLERANCE = 0.2  # of −2 log likelihood: negligible for any interval
 MODE_STEPS, HALVINGS = 12, 8
-RIDGE = 1e-10  # of a unit diagonal
-STEP = 1e-5  # of a logarithm, for differences of the noise's part: rounding is 1e-6 there, the curvature's share less
+RIDGE = 1e-10  # relative to a unit diagonal
+STEP = 1e-5  # finite-difference step of a logarithm: balances rounding and curvature
 
 
 @dataclass(frozen=True)
 class GridPrior:
-    """What the likelihood chooses. ``noise`` as in
-    :class:`~machopt.measurement.estimation.error_clusters.VarianceComponents`."""
+    """Parameters estimated by the likelihood. ``noise`` as in
+
+    :class:`~machopt.measurement.estimation.error_clusters.VarianceComponents`.
+    """
 
     spread: Array  # (F,) s of each varying joint, in log compliance
-    range: float  # ℓ in cells
+    range: float  # ℓ in cell lengths
     site_spread_share: float  # η: 1 sigma of a site about its cell, as a share of the spread
-    noise: tuple[VarianceComponents, ...] = ()  # one a channel
+    noise: tuple[VarianceComponents, ...] = ()  # one per channel
 
     @classmethod
     def start(cls, joints: int, smooth: bool) -> GridPrior:
-        """A tenth of variation, neighbours alike, sites a third of it off: from where the search goes either way."""
+        """Return start values: 10 % variation, correlated neighbours, sites with 30 % of the variation.
+
+        Args:
+            joints: Number of varying joints.
+            smooth: Whether neighbouring cells may be correlated.
+
+        Returns:
+            The prior.
+        """
         return cls(np.full(joints, 0.1), 1.0 if smooth else RANGE_LEAST, 0.3)
 
 
 @dataclass(frozen=True)
 class LinearisedResponse:
-    """Responses r = u + E β of the places about the cells' values so far; β: cells × joints, then terms."""
+    """Responses r = u + E β of the places about the current values of the cells; β: cells × joints, then terms."""
 
     E: csr_matrix  # (L·R, n)
     u: Array  # (L, R)
@@ -75,45 +84,53 @@ class LinearisedResponse:
 
 @dataclass(frozen=True, kw_only=True)
 class GridPosterior:
-    """The unknowns given prior and readings."""
+    """Posterior of the unknowns."""
 
     beta: Array  # (n,)
     covariance: Array  # (n, n)
-    response: Array  # (L, R) r of each place
+    response: Array  # (L, R) response of each place
     response_covariance: Array  # (L, R, R)
-    site_response: Array  # (S, R) r of each site, with its own part
+    site_response: Array  # (S, R) response of each site, with its own deviation
     value: float  # −2 log restricted likelihood, up to a constant
 
 
 @dataclass(frozen=True, kw_only=True)
 class MarginalEquations:
-    """Equations of places and sites with the sites' own parts integrated out."""
+    """Equations of places and sites with the sites' deviations integrated out."""
 
     H: Array  # (L, R, R)
     h: Array  # (L, R)
     H_site: Array  # (S, R, R)
     h_site: Array  # (S, R)
-    T: Array  # (R, R) covariance of a site's own part
+    T: Array  # (R, R) covariance of a site's deviation
     yy: float
     logdet: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class GridLikelihood:
-    """The readings as sums, and the geometry of cells and places."""
+    """Readings as sums by cluster, and the geometry of cells and places."""
 
     clusters: ErrorClusters
-    channel_sums: Sequence[ClusterSums]  # one a channel, of unit noise
+    channel_sums: Sequence[ClusterSums]  # one per channel, for unit noise
     unit: Sequence[float]  # m² or rad²: typical variance of a reading's coordinate at s² = 1
     stated: Sequence[bool]  # whether a channel's uncertainty is stated
-    site: Ints  # (G,) of each pose
-    place: Ints  # (S,) of each site
-    cells: int  # cells that a reading touches
-    joints: int  # that vary
-    distance: Array  # (cells, cells) between centres, in cells
+    site: Ints  # (G,) site of each pose
+    place: Ints  # (S,) place of each site
+    cells: int  # number of cells with readings
+    joints: int  # number of varying joints
+    distance: Array  # (cells, cells) distance between centres, in cell lengths
     smooth: bool
 
     def prior(self, x: Array) -> GridPrior:
+        """Convert a parameter vector to a prior.
+
+        Args:
+            x: Logarithms of the parameters, see :meth:`parameters`.
+
+        Returns:
+            The prior.
+        """
         noise, at = [], 0
         for unit in self.unit:
             scale, at = float(np.exp(x[at])), at + 1
@@ -127,6 +144,14 @@ class GridLikelihood:
         return GridPrior(spread, range_, float(np.exp(x[at + self.joints])), tuple(noise))
 
     def parameters(self, prior: GridPrior) -> Array:
+        """Convert a prior to a parameter vector of logarithms.
+
+        Args:
+            prior: Prior of the cells.
+
+        Returns:
+            The vector.
+        """
         x: list[float] = []
         for unit, c in zip(self.unit, prior.noise, strict=True):
             x.append(np.log(c.scale))
@@ -148,7 +173,7 @@ class GridLikelihood:
         return out
 
     def _units(self) -> Array:
-        """Of the logarithms: root of how many things inform each, so that the likelihood is about equally curved."""
+        """Return scales of the logarithms so that the curvature of the likelihood is similar in all of them."""
         out: list[float] = []
         for s in self.channel_sums:
             out.append(s.count)
@@ -159,7 +184,17 @@ class GridLikelihood:
         return np.sqrt(np.array(out) / 2.0)
 
     def maximise(self, start: GridPrior, linear: LinearisedResponse, steps: int, *, fixed: bool = False) -> GridPrior:
-        """The most likely prior from ``start``; ``fixed`` keeps all but the noise."""
+        """Maximise the likelihood over the prior.
+
+        Args:
+            start: Start values.
+            linear: Linearised responses of the places.
+            steps: Most optimiser steps.
+            fixed: Whether to optimise the noise only.
+
+        Returns:
+            The most likely prior.
+        """
         bounds = self.bounds()
         x = np.clip(self.parameters(start), *np.array(bounds).T)
         if fixed:
@@ -179,10 +214,15 @@ class GridLikelihood:
         )
 
     def mode(self, prior: GridPrior, linearise: Callable[[Array], LinearisedResponse], beta: Array) -> Array:
-        """The most likely unknowns under a prior, from ``beta`` (n,) on: Gauss–Newton with steps halved as needed.
+        """Find the most likely unknowns under a prior by Gauss–Newton with step halving.
 
         Args:
-            linearise: responses about given unknowns; there, and only there, u + E β is exact.
+            prior: Prior of the cells.
+            linearise: Function that linearises the responses about given unknowns, where u + E β is exact.
+            beta: (n,) start values.
+
+        Returns:
+            (n,) unknowns.
         """
         m = self.marginal(prior, self._equations(prior))
         H, h = m.H, m.h
@@ -200,7 +240,7 @@ class GridLikelihood:
             P, b = self._system(H, h, Q, prior, linear)
             d = 1.0 / np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
             step = d * multiply_vector(_invert_with_ridge(P * d[:, None] * d)[0], d * b) - beta
-            step /= max(float(np.abs(step[z]).max(initial=0.0)), 1.0)  # a factor e a step at most
+            step /= max(float(np.abs(step[z]).max(initial=0.0)), 1.0)  # at most a factor of e per step
             before = value
             for _ in range(HALVINGS):
                 there = linearise(beta + step)
@@ -216,7 +256,15 @@ class GridLikelihood:
         return beta
 
     def posterior(self, prior: GridPrior, linear: LinearisedResponse) -> GridPosterior:
-        """Cells and terms under a prior."""
+        """Compute the posterior of cells and terms under a prior.
+
+        Args:
+            prior: Prior of the cells.
+            linear: Linearised responses of the places.
+
+        Returns:
+            The posterior.
+        """
         m = self.marginal(prior, self._equations(prior))
         H, h = m.H, m.h
         L, R = h.shape
@@ -244,7 +292,15 @@ class GridLikelihood:
         )
 
     def misfit(self, prior: GridPrior, linear: LinearisedResponse) -> tuple[float, Array]:
-        """−2 log restricted likelihood and its gradient in the logarithms of :meth:`parameters`."""
+        """Compute −2 log restricted likelihood and its gradient in the logarithms of :meth:`parameters`.
+
+        Args:
+            prior: Prior of the cells.
+            linear: Linearised responses of the places.
+
+        Returns:
+            Value and gradient.
+        """
         post = self.posterior(prior, linear)
         slope: list[float] = []
         r, W = post.response, post.response_covariance
@@ -298,7 +354,7 @@ class GridLikelihood:
     def _system(
         self, H: Array, h: Array, Q: Array, prior: GridPrior, linear: LinearisedResponse
     ) -> tuple[Array, Array]:
-        """P β = b of the unknowns: the places' equations through E, and the prior's precision of the cells."""
+        """Return P β = b: equations of the places through E, and the prior precision of the cells."""
         L, R = h.shape
         blocks = bsr_matrix((H, np.arange(L), np.arange(L + 1)), shape=(L * R, L * R))
         P = (linear.E.T @ (blocks @ linear.E).tocsr()).toarray()
@@ -311,7 +367,7 @@ class GridLikelihood:
         return np.exp(-self.distance / range_) if self.smooth else np.eye(self.cells)
 
     def _contrast(self, range_: float) -> tuple[Array, float]:
-        """Precision of the cells with their mean integrated out, for s = 1, and log|K| + log(1ᵀ K⁻¹ 1)."""
+        """Return the precision of the cells with their mean integrated out, for s = 1, and log|K| + log(1ᵀ K⁻¹ 1)."""
         K = self._kernel(range_)
         inverse, log_K = _invert_with_ridge(K)
         ones = inverse.sum(axis=1)
@@ -319,9 +375,16 @@ class GridLikelihood:
         return inverse - np.outer(ones, ones) / total, log_K + float(np.log(total))
 
     def marginal(self, prior: GridPrior, each: Sequence[NormalEquations]) -> MarginalEquations:
-        """The poses' equations, sites' own parts integrated out, summed to places.
+        """Integrate out the sites' deviations and sum the equations by place.
 
-        With r_site = r + ε, ε ~ N(0, T): H → (I + H T)⁻¹ H, h → (I + H T)⁻¹ h, yᵀWy → less hᵀ T (I + H T)⁻¹ h.
+        With r_site = r + ε, ε ~ N(0, T): H → (I + H T)⁻¹ H, h → (I + H T)⁻¹ h, yᵀWy → yᵀWy − hᵀ T (I + H T)⁻¹ h.
+
+        Args:
+            prior: Prior of the cells.
+            each: Normal equations of each channel.
+
+        Returns:
+            The marginal equations.
         """
         S, L = len(self.place), int(self.place.max()) + 1
         H = sum_by_group(self.site, add_normal_equations([e.H for e in each]), S)
@@ -346,7 +409,7 @@ class GridLikelihood:
 
     @staticmethod
     def _spread_to_places(E: csr_matrix, covariance: Array, L: int, R: int) -> Array:
-        """E_l Cov E_lᵀ (L, R, R) without the products between places."""
+        """Return E_l Cov E_lᵀ (L, R, R) without the products between places."""
         EC = np.asarray(E @ covariance).reshape(L, R, -1)
         entries = E.tocoo()
         place, row = entries.row // R, entries.row % R
@@ -357,18 +420,35 @@ class GridLikelihood:
 
 
 def sum_by_group(group: Ints, x: Array, groups: int) -> Array:
-    """Sum of x (M, …) over the members of each group."""
+    """Sum values over the members of each group.
+
+    Args:
+        group: (M,) group index.
+        x: (M, …) values.
+        groups: Number of groups.
+
+    Returns:
+        (groups, …) sums.
+    """
     out = np.zeros((groups, *x.shape[1:]))
     np.add.at(out, group, x)
     return out
 
 
 def add_normal_equations(parts: Sequence[Array]) -> Array:
+    """Add arrays of equal shape.
+
+    Args:
+        parts: Arrays to add.
+
+    Returns:
+        The sum.
+    """
     return np.asarray(np.sum(parts, axis=0))
 
 
 def _invert_with_ridge(A: Array) -> tuple[Array, float]:
     try:
         return invert_positive_definite(A)
-    except np.linalg.LinAlgError:  # a direction that neither readings nor prior hold, but for rounding
+    except np.linalg.LinAlgError:  # a direction determined by neither readings nor prior
         return invert_positive_definite(A + RIDGE * np.eye(len(A)))

@@ -1,1 +1,1 @@
-"""Checks that keep an effect from being named for what another one causes."""
+"""Checks that prevent an effect from being reported for a mismatch that another one causes."""

@@ -1,9 +1,9 @@
-"""A name only for a law that explains more than what nothing explains.
+"""Attribution guard: an effect is reported only if it explains more than remains unexplained.
 
-The best of a catalogue is the nearest shape to whatever is there, and takes much of it. Where the noise is known, so is
-what the whole sum leaves beyond it; a law that takes little more than that may well be one more side of the very thing
-that is not understood. So may a law whose numbers nothing built has, or whose size may be none. Each stays in the fit,
-so that no other takes its place, and is said with its place, not named.
+The best law of a catalogue approximates any mismatch and takes much of it. If the noise is known, the remainder
+beyond the noise is known too. A law that explains little more than this remainder may be another projection of the
+same unmodelled cause. The same holds for a law with implausible parameters or a size that may be zero. Such a law
+stays in the fit, so that no other takes its place, but it is reported by its location only.
 """
 
 from __future__ import annotations
@@ -43,16 +43,19 @@ SMALL_GAIN_REASON = "explains little more than what is left beside it"
 IMPLAUSIBLE_REASON = "would need numbers that nothing built has"
 ZERO_SIZE_REASON = "may as well be of no size at all"
 UNCATALOGUED_REASON = "is no better than a form without a name"
-MIN_COEFFICIENTS = 4  # numbers of a form of measured poses
+MIN_COEFFICIENTS = 4  # least number of coefficients of an uncatalogued form in measured poses
 TIME_VARYING_REASON = "comes and goes with the hours"
 
 
 def withhold_unsupported_names(state: SearchState, rng: np.random.Generator) -> SearchState:
-    """The state, with the laws that what is left outweighs as things without a name.
+    """Replace unsupported effects by uncatalogued ones with the same columns.
 
     Args:
-        state: of the search.
-        rng: of the sign flips that judge what is left.
+        state: State of the search.
+        rng: Random generator of the sign flips.
+
+    Returns:
+        The state with the remaining effects.
     """
     state = replace(
         state, chosen=tuple(c if _is_plausible(c) else _remove_name(c, IMPLAUSIBLE_REASON) for c in state.chosen)
@@ -99,7 +102,7 @@ def withhold_unsupported_names(state: SearchState, rng: np.random.Generator) -> 
             continue
         without = state.fit_effects([o for o in chosen if o is not c]).heldout()
         taken = _compute_repeatable_power(state, without) - _compute_repeatable_power(state, whole)
-        # a frame leaves nothing of itself: what is left is something else, and has to be clearly more
+        # a frame law is exact: the remainder has another cause and must be clearly larger
         frame = c.whitened.hypothesis.effect == link_geometry.EFFECT.name
         most = thresholds.PROOF.outweighs_exact if frame else thresholds.PROOF.outweighs
         if left > most * taken:
@@ -108,7 +111,14 @@ def withhold_unsupported_names(state: SearchState, rng: np.random.Generator) -> 
 
 
 def find_contradicted_effect(state: SearchState) -> ScoredHypothesis | None:
-    """The effect that would be named by one session and that another contradicts: the best of them, if any."""
+    """Find the best effect that one session supports and another session contradicts.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The effect, or None.
+    """
     model = add_selected_effects(state.base, state.chosen)
     taken = {c.whitened.hypothesis.name for c in state.chosen}
     scored = score_hypotheses(model, [t for t in state.catalogue_hypotheses if t.hypothesis.name not in taken])
@@ -119,9 +129,9 @@ def find_contradicted_effect(state: SearchState) -> ScoredHypothesis | None:
 
 
 def _withhold_session_dependent(state: SearchState, chosen: tuple[SelectedEffect, ...]) -> tuple[SelectedEffect, ...]:
-    """What may be another each day is no name where the days of a load test differ by more of something else.
+    """Withhold session-dependent effects if the sessions of a load test differ more by another cause.
 
-    Twins then differ by that, too, and what is left hides in what passes for their noise.
+    Replicates then differ by that cause too, and the remainder is hidden in the noise estimate.
     """
     if state.problem.channel != "deflection" or not any(
         c.whitened.hypothesis.family in SESSION_DEPENDENT_FAMILIES for c in chosen
@@ -140,27 +150,28 @@ def _withhold_session_dependent(state: SearchState, chosen: tuple[SelectedEffect
 
 
 def _is_subject_to_guard(c: SelectedEffect) -> bool:
-    """A clock or a lag is what it is, however much else is there; a frame takes in whatever moves with its joint."""
+    """Return whether the guard applies: clock errors and lags are exact, frames absorb any motion of their joint."""
     h = c.whitened.hypothesis
     return h.is_in_catalogue and (not h.is_exact or h.family == "kinematic")
 
 
 def _has_many_effects(state: SearchState) -> bool:
-    """Whether poses show so many waves and frames that each of them is a small part of the whole."""
+    """Return whether the poses show so many harmonics and frames that each is a small part of the mismatch."""
     return state.problem.channel == "position" and len(state.chosen) > thresholds.RESTING.crowded
 
 
 def _compute_unexplained_power(state: SearchState, residual: Array, fitted: Array, rng: np.random.Generator) -> float:
-    """What comes back of held-out residuals (N, D) and lies above the noise, SI² per coordinate; 0: nothing for sure.
+    """Return the repeatable power of held-out residuals (N, D) above the noise, SI² per coordinate; 0 if
+    insignificant.
 
-    The one needs no level of noise, the other no repeats of the same thing; a name is kept back where both say so.
-    Unseen groups err by as much more than noise, for the coefficients' own error, as ``fitted`` ones (N, D) do by less.
+    One estimate needs no noise level, the other no replicates; both must agree. Held-out residuals exceed the noise
+    by the coefficient errors by as much as fitted residuals (N, D) fall below it.
     """
     problem = state.problem
     rest = repeatable_mismatch.measure_repeatable_mismatch(problem, residual, state.used_rows, state.noise, rng)
-    if rest.p_value > thresholds.PROOF.certain:  # not a number where nothing was repeated
+    if rest.p_value > thresholds.PROOF.certain:  # NaN without replicates
         return 0.0
-    if rest.is_over_time:  # it comes and goes, so that visits differ by it, and hides in what passes for their noise
+    if rest.is_over_time:  # it varies with time, so that visits differ by it and it enters the noise estimate
         return rest.power
     floor = holdout_residuals.compute_noise_floor(problem, state.noise, state.used_rows) / problem.families[0].factor
     power = 0.5 * (_compute_repeatable_power(state, residual) + _compute_repeatable_power(state, fitted))
@@ -178,14 +189,14 @@ def _is_plausible(c: SelectedEffect) -> bool:
 
 
 def _withhold_if_size_uncertain(state: SearchState, k: int) -> SelectedEffect:
-    """The k-th, without a name where the interval of its size holds zero: one number of a law is sure, not the law."""
+    """Return the k-th effect, withheld if the confidence interval of its size contains zero."""
     c = state.chosen[k]
     sure = not c.whitened.hypothesis.is_in_catalogue or is_size_significant(state.base, state.chosen, k)
     return c if sure else _remove_name(c, ZERO_SIZE_REASON)
 
 
 def _list_comparable_uncatalogued(state: SearchState) -> list[tuple[WhitenedHypothesis, ...]]:
-    """Forms without a name that have no more numbers than each law: one law of many is any of several things."""
+    """Return for each law the uncatalogued forms with at most as many coefficients."""
     laws = [c.whitened for c in state.chosen]
     most = [t.X.shape[2] + len(t.shapes[0]) if t.hypothesis.is_in_catalogue else 0 for t in laws]
     most = [m if m >= MIN_COEFFICIENTS else 0 for m in most]
@@ -201,7 +212,7 @@ def _list_comparable_uncatalogued(state: SearchState) -> list[tuple[WhitenedHypo
 
 
 def _list_uncatalogued_at_joint(state: SearchState, k: int) -> tuple[WhitenedHypothesis, ...]:
-    """Forms without a name at the joint of a torque by angle alone, which many things are that pull at a joint."""
+    """Return the uncatalogued forms at the joint of an angle-dependent torque law."""
     h = state.chosen[k].whitened.hypothesis
     if h.effect not in {e.file_word for e in registry.select_parallel_torque_effects()}:
         return ()
@@ -213,24 +224,25 @@ def _list_uncatalogued_at_joint(state: SearchState, k: int) -> tuple[WhitenedHyp
 def _withhold_if_uncatalogued_fits(
     state: SearchState, k: int, more: Sequence[WhitenedHypothesis] = ()
 ) -> SelectedEffect:
-    """The k-th, without a name where what is only like something without one says as much in no more numbers.
+    """Return the k-th effect, withheld if an uncatalogued form with no more coefficients fits as well.
 
-    A hose between column and forearm is nearly a balancer. The true law is beaten by no likeness.
+    A hose between column and forearm resembles a gravity compensator. The true law is not outperformed by an
+    approximation.
     """
     c = state.chosen[k]
     rough = [*(t for t in state.whitened_hypotheses if t.hypothesis.is_approximate), *more]
     if not c.whitened.hypothesis.is_in_catalogue or not rough:
         return c
-    beside = add_selected_effects(state.base, [o for i, o in enumerate(state.chosen) if i != k])
-    own = score_hypotheses(beside, [c.whitened])[0]
+    model_without = add_selected_effects(state.base, [o for i, o in enumerate(state.chosen) if i != k])
+    own = score_hypotheses(model_without, [c.whitened])[0]
 
     def worth(s: ScoredHypothesis) -> float:
         numbers = s.whitened.X.shape[2] + len(s.whitened.shapes[s.shape])
-        return float(s.gain / beside.residual_variance - thresholds.DETECTION.per_coefficient * numbers)
+        return float(s.gain / model_without.residual_variance - thresholds.DETECTION.per_coefficient * numbers)
 
-    # those that are tried for this alone are dozens, and the best of so many is good by chance
+    # dozens of forms are tried for this purpose only: the best of many is good by chance
     most = worth(own) + (thresholds.DETECTION.shorter if more else 0.0)
-    better = [s for s in score_hypotheses(beside, rough) if worth(s) > most]
+    better = [s for s in score_hypotheses(model_without, rough) if worth(s) > most]
     return (
         c
         if not better

@@ -1,9 +1,9 @@
-"""A balancer is no wave of its gear.
+"""Distinction between a gravity compensator and gear harmonics at a joint with a small angle range.
 
-Where a joint with a spring beside it turns little, waves of which it shows less than a turn fit any smooth curve, and a
-loud balancer falls between the few lengths of springs that are searched: the wave is better by that alone. There the
-spring is settled by its own lengths, and has the name unless these data exclude it; what was named beside the wave
-at the same joint goes with it. Poses over more of the joint's range tell them apart.
+Harmonics with less than one period in the range fit any smooth curve. A strong compensator lies between the few
+spring geometries of the search grid, so that the harmonic fits better. Here the spring geometry is refined. The
+compensator is reported unless the data exclude it, and harmonics found in addition at the same joint are removed.
+Poses over a larger range of the joint separate both.
 """
 
 from __future__ import annotations
@@ -32,15 +32,22 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
 )
 from machopt.numerics.array_types import Array
 
-RATIOS = (0.1, 0.15, 0.2, 0.28, 0.35, 0.45, 0.55, 0.7, 0.85)  # of a spring's levers
+RATIOS = (0.1, 0.15, 0.2, 0.28, 0.35, 0.45, 0.55, 0.7, 0.85)  # lever ratios a/L that are tried
 ANGLES = np.radians(np.arange(0.0, 360.0, 4.0))
-SIDE, MOST = 0.08, 150  # of a simplex, by ratio and rad, and how often it asks
-ZERO_SINGULAR_VALUE = 1e-9  # of the largest singular value: a direction that no reading shows
-MAX_READINGS = 3000  # readings, up to which there is the time for it
+SIDE, MOST = 0.08, 150  # size of the initial simplex (ratio, rad), and most evaluations
+ZERO_SINGULAR_VALUE = 1e-9  # relative to the largest singular value: unobservable direction
+MAX_READINGS = 3000  # most readings for which the refinement is affordable
 
 
 def rename_harmonics_as_compensator(state: SearchState) -> SearchState:
-    """The state, with springs beside joints in place of what is a part of a wave there."""
+    """Replace partial waves by gravity compensators where the data allow it.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state with the replaced effects.
+    """
     if state.problem.channel != "position":
         return state
     for place in dict.fromkeys(place for e in registry.select_parallel_torque_effects() for place in e.places):
@@ -77,7 +84,7 @@ def _is_parallel_torque(t: WhitenedHypothesis) -> bool:
 
 
 def _is_partial_wave(state: SearchState, c: SelectedEffect) -> bool:
-    """A wave of which the joint's angles show less than a turn."""
+    """Return whether the joint's range covers less than one period of a harmonic."""
     h = c.whitened.hypothesis
     angle = state.catalogue.axes.get(f"q{parse_joint_location(h.location)[0] + 1}")
     if h.name[0] != WAVES.file_word or angle is None:
@@ -86,45 +93,47 @@ def _is_partial_wave(state: SearchState, c: SelectedEffect) -> bool:
 
 
 def _compute_amplitude_excess(c: SelectedEffect) -> float:
-    """How far waves are beyond those of gears, as a gain."""
+    """Return by how much amplitudes exceed those of gears, as a gain."""
     return float(c.whitened.precision(c.scored.shape) @ c.scored.x**2)
 
 
 def _fit_spring_geometry(
     state: SearchState, others: Sequence[SelectedEffect], law: WhitenedHypothesis
 ) -> tuple[SelectedEffect, float]:
-    """A spring by its own lengths, and the whitened squares that it leaves; valleys between lengths are narrow."""
-    h, beside = law.hypothesis, add_selected_effects(state.base, others)
-    assert h.refinement is not None  # _at asks
+    """Return a compensator with refined geometry and its whitened residual sum of squares."""
+    h, model_without = law.hypothesis, add_selected_effects(state.base, others)
+    assert h.refinement is not None  # checked by the caller
 
     def at(*shapes: Shape) -> WhitenedHypothesis:
         return replace(whiten_hypotheses(state.base, [replace(h, shapes=shapes)])[0], index=law.index)
 
-    left = _build_residual_function(state, beside, h)
+    left = _build_residual_function(state, model_without, h)
     found: list[tuple[float, Shape]] = []
     for ratio in RATIOS:
         each = at(*((ratio, float(a)) for a in ANGLES))
-        shape = _minimise_by_simplex(left, each.shapes[int(np.argmax(compute_gain_by_shape(beside, each)))])
+        shape = _minimise_by_simplex(left, each.shapes[int(np.argmax(compute_gain_by_shape(model_without, each)))])
         found.append((left(shape), shape))
     least, best = min(found)
-    c = refine_law_shape(state.base, beside, SelectedEffect(score_hypotheses(beside, [at(best)])[0], 1.0), h.refinement)
-    return c, min(least, beside.with_law(c.whitened, c.scored.shape).rss)
+    c = refine_law_shape(
+        state.base, model_without, SelectedEffect(score_hypotheses(model_without, [at(best)])[0], 1.0), h.refinement
+    )
+    return c, min(least, model_without.with_law(c.whitened, c.scored.shape).rss)
 
 
 def _build_residual_function(
-    state: SearchState, beside: WhitenedModel, h: EffectHypothesis
+    state: SearchState, model_without: WhitenedModel, h: EffectHypothesis
 ) -> Callable[[Shape], float]:
-    """The whitened sum of squares that a shape leaves beside a model, by one projection of the model's own columns."""
-    X = np.concatenate([beside.X, np.diag(np.sqrt(beside.prior))])
+    """Return a function from a shape to the whitened residual sum of squares together with a model."""
+    X = np.concatenate([model_without.X, np.diag(np.sqrt(model_without.prior))])
     size = np.linalg.norm(X, axis=0)
     U, s, _ = np.linalg.svd(X[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    Q, none = U[:, s > ZERO_SINGULAR_VALUE * s[0]], np.zeros(beside.count)
-    y = np.concatenate([beside.y, none])
+    Q, none = U[:, s > ZERO_SINGULAR_VALUE * s[0]], np.zeros(model_without.count)
+    y = np.concatenate([model_without.y, none])
     y = y - Q @ (Q.T @ y)
 
     def left(shape: Shape) -> float:
         A = state.whitening.whiten(h.columns(shape))
-        A = np.concatenate([A / np.linalg.norm(A, axis=0), np.zeros((beside.count, A.shape[1]))])
+        A = np.concatenate([A / np.linalg.norm(A, axis=0), np.zeros((model_without.count, A.shape[1]))])
         A = A - Q @ (Q.T @ A)
         return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 
@@ -132,7 +141,7 @@ def _build_residual_function(
 
 
 def _minimise_by_simplex(left: Callable[[Shape], float], start: Shape) -> Shape:
-    """The shape that leaves least near one, by a simplex: ratio and angle lean on each other along a valley."""
+    """Return the best shape near a start by the simplex method; ratio and angle are strongly correlated."""
     from scipy.optimize import minimize  # takes a second to load, and few need it
 
     def lost(x: Array) -> float:

@@ -1,9 +1,9 @@
-"""A law at the end of its grid where it turns into another law: that one has the name, unless these data exclude it.
+"""Laws at the end of their grid where they become another law. The limiting law is reported unless the data exclude
+it.
 
-A gear that is softer up to a knee below every load is a gear with backlash; creep of which nothing fades for as long
-as anything was watched is a twist that stays, whatever the time: hysteresis. The plainer name is given, the other stays
-in ``one_of``; smaller loads, or longer rests, tell them apart. What a law turns into says nearly all that it said:
-where a further slope takes much more than play does, the slopes are what is there.
+A gear that is softer below a knee smaller than every load is a gear with backlash. Creep with a time constant beyond
+the observed time is a permanent twist, that is hysteresis. The simpler name is reported, and the other stays in
+``one_of``. Smaller loads or longer rests separate them. The limiting law must reach nearly the same gain.
 """
 
 from __future__ import annotations
@@ -27,7 +27,14 @@ from machopt.measurement.diagnosis.model_selection.search.search_state import Se
 
 
 def rename_limiting_cases(state: SearchState) -> SearchState:
-    """The state, with laws at such an end under the name of what they turn into there."""
+    """Replace laws at such an end by their limiting law.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state with the replaced effects.
+    """
     out = list(state.chosen)
     for k, c in enumerate(out):
         other = _find_limiting_effect(c)
@@ -48,23 +55,23 @@ def _find_limiting_effect(c: SelectedEffect) -> str | None:
 def _find_best_replacement(
     state: SearchState, chosen: list[SelectedEffect], k: int, effect: str
 ) -> ScoredHypothesis | None:
-    """The best law of an effect in place of the k-th; None where none holds by itself and says as much."""
-    beside = add_selected_effects(state.base, chosen[:k] + chosen[k + 1 :])
+    """Return the best law of an effect in place of the k-th; None if none is supported and equally good."""
+    model_without = add_selected_effects(state.base, chosen[:k] + chosen[k + 1 :])
     place = chosen[k].whitened.hypothesis.location
-    least = (1.0 - thresholds.DETECTION.beside) * score_hypotheses(beside, [chosen[k].whitened])[0].gain
+    least = (1.0 - thresholds.DETECTION.beside) * score_hypotheses(model_without, [chosen[k].whitened])[0].gain
     laws = [t for t in state.catalogue_hypotheses if t.hypothesis.name == (effect, place)]
-    found = [s for s in score_hypotheses(beside, laws) if is_supported(beside, s) and s.gain >= least]
+    found = [s for s in score_hypotheses(model_without, laws) if is_supported(model_without, s) and s.gain >= least]
     return max(found, key=lambda s: s.total) if found else None
 
 
 def _is_knee_below_loads(c: SelectedEffect) -> bool:
-    """Softer below the least knee that is tried."""
+    """Return whether the gear is softer below the smallest knee of the grid."""
     shapes, shape = c.whitened.shapes, c.whitened.shapes[c.scored.shape]
     return bool(shape and c.scored.x[0] > 0.0 and shape[0] <= min(s[0] for s in shapes))
 
 
 def _is_time_constant_at_limit(c: SelectedEffect) -> bool:
-    """One time constant, and the longest that is tried."""
+    """Return whether a single time constant is the largest of the grid."""
     shapes, shape = c.whitened.shapes, c.whitened.shapes[c.scored.shape]
     return len(c.scored.x) == 1 and shape[0] >= max(s[0] for s in shapes)
 

@@ -1,7 +1,7 @@
-"""Whether what is named as standing somewhere stands there all the time.
+"""Check that effects which must be constant in time are constant.
 
-A frame, a zero offset and the place of a tracker are numbers that do not change while poses are measured. What the sun
-or a knock does to an arm has a mean that is as good a frame as any, and the rest of it comes and goes.
+A frame, a zero offset and the position of a tracker do not change during the measurement. Solar heating or a shock
+has a mean that a frame fits, but the remainder varies with time.
 """
 
 from __future__ import annotations
@@ -21,16 +21,26 @@ TIME_CONSTANT_EFFECTS = (link_geometry.EFFECT.name, joint_angle_errors.ZERO.name
 
 
 def is_time_constant(h: EffectHypothesis) -> bool:
-    """Whether the law is one of a thing that stands where it stands."""
+    """Return whether a law describes something that does not change with time.
+
+    Args:
+        h: Hypothesis.
+
+    Returns:
+        True for frames, zero offsets and tracker positions.
+    """
     return h.effect in TIME_CONSTANT_EFFECTS
 
 
 def is_time_varying(state: SearchState, c: SelectedEffect) -> bool:
-    """Whether a law of measured poses is there at some hours more than at others, by a large part of what it takes.
+    """Return whether the strength of a law in measured poses varies with time by a large part of its gain.
 
     Args:
-        state: of the search, with ``c`` among what was chosen.
-        c: one law.
+        state: State of the search.
+        c: One of the selected effects.
+
+    Returns:
+        True if it varies significantly.
     """
     problem = state.problem
     if problem.channel != "position" or problem.time is None or not is_time_constant(c.whitened.hypothesis):
@@ -45,7 +55,7 @@ def is_time_varying(state: SearchState, c: SelectedEffect) -> bool:
 
 
 def _build_slow_time_functions(time: Array, session: Ints) -> Array:
-    """(M, 3) slow functions of the time in a row's session, each of which is zero on average."""
+    """Return slow functions (M, 3) of the session time of each row, each with zero mean."""
     share = np.zeros(len(time))
     for s in np.unique(session):
         own = session == s

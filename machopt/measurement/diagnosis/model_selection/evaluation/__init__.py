@@ -1,1 +1,1 @@
-"""What a selected model is worth: held-out validation, findings, detection limits."""
+"""Evaluation of a selected model: holdout validation, findings, detection limits."""

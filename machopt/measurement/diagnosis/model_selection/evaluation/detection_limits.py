@@ -1,7 +1,8 @@
-"""The least size of each effect that this recording would have shown, and what it could not be told from.
+"""Detection limits: the smallest size of each effect that this recording would have shown, and its confounded
+effects.
 
-An effect is named from a gain of ``least_gain`` on; noncentrality √gain + 1.28 reaches that in nine of ten repeats. The
-design decides how large an effect that takes: its columns, with the base refitted beside them.
+An effect is reported from a gain of ``least_gain`` on. A noncentrality of √gain + 1.28 reaches that with 90 %
+probability. The required size follows from the design: the effect's columns after projection by the base.
 """
 
 from __future__ import annotations
@@ -28,13 +29,16 @@ MOST_SHAPES = 6
 def compute_detection_limits(
     model: WhitenedModel, tried: Sequence[WhitenedHypothesis], rng: np.random.Generator, of: Collection[EffectLocation]
 ) -> list[DetectionLimit]:
-    """One limit per effect and place, of its first law.
+    """Compute one detection limit per effect and place, for its first law.
 
     Args:
-        model: the base (with what was found).
-        tried: every hypothesis.
-        rng: directions of laws with several coefficients.
-        of: effects and places that limits are wanted for; the others are what they may be confused with.
+        model: Base model, including the findings.
+        tried: All whitened hypotheses.
+        rng: Random generator of coefficient directions.
+        of: Effects and places with a limit; the others are only candidates for confusion.
+
+    Returns:
+        The limits.
     """
     M = invert_with_ridge(model.normal)
     first: dict[EffectLocation, tuple[WhitenedHypothesis, int]] = {}
@@ -61,7 +65,7 @@ def compute_detection_limits(
             C = t.products_with(model)[s]
             rest = t.columns_at(s) - model.X @ (M @ C.T)
             own = t.XX[:, s].sum(axis=0)
-            S, whole = own - C @ M @ C.T, np.diag(own)  # as a search sees it: what is held near a statement gives less
+            S, whole = own - C @ M @ C.T, np.diag(own)  # as in the search: unknowns with a prior absorb less
             if np.all(np.diag(S) < thresholds.DETECTION.absorbed * whole):
                 continue
             for x in _draw_coefficient_directions(t, s, rng):
@@ -99,7 +103,7 @@ def compute_detection_limits(
 def _find_confounded_effects(
     model: WhitenedModel, M: Array, tried: Sequence[WhitenedHypothesis], signals: dict[EffectLocation, Array]
 ) -> dict[EffectLocation, list[EffectLocation]]:
-    """For each effect at twice its limit, the others that leave nothing of it."""
+    """Return for each effect at twice its limit the other effects that absorb it."""
     names = list(signals)
     V = 2.0 * np.stack([signals[n] for n in names], axis=1)  # (M, K), orthogonal to the base
     whole = np.einsum("mk,mk->k", V, V)
@@ -126,7 +130,7 @@ def _select_spread_indices(count: int) -> list[int]:
 
 
 def _draw_coefficient_directions(t: WhitenedHypothesis, shape: int, rng: np.random.Generator) -> Array:
-    """(K, p) coefficients that limits are stated of: as such a thing mostly has them, else any."""
+    """Return coefficient directions (K, p) for limits: typical ones if known, otherwise random."""
     p, lower = t.X.shape[2], t.hypothesis.lower
     if p == 1:
         return np.ones((1, 1))

@@ -1,4 +1,4 @@
-"""From a chosen law to a finding: its numbers with intervals, its rivals, and what these data cannot tell it from."""
+"""Estimates of a finding: parameters with confidence intervals, rival explanations, and indistinguishable effects."""
 
 from __future__ import annotations
 
@@ -31,28 +31,34 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
 from machopt.numerics.array_types import Array
 
 MAX_LISTED = 10
-MAX_INTERVAL_RATIO = 1000  # times a size of a body, from which on the end of its interval says no more than infinity
+MAX_INTERVAL_RATIO = 1000  # ratio of interval end to size from which on the interval of a body counts as unbounded
 
 
 def find_rival_explanations(
     model: WhitenedModel, chosen: Sequence[SelectedEffect], k: int, tried: Sequence[WhitenedHypothesis]
 ) -> tuple[list[RivalExplanation], list[EffectLocation]]:
-    """What else could stand in place of the k-th effect, the others being there.
+    """Find the effects that could replace the k-th effect, with all other effects present.
+
+    Args:
+        model: Whitened base model.
+        chosen: Selected effects, each fitted together with the others.
+        k: Index of the effect in ``chosen``.
+        tried: All whitened hypotheses.
 
     Returns:
-        rivals, the closest first; names not excluded, the chosen one first.
+        Rivals, the best first, and the effects that are not excluded, the selected one first.
     """
     others = [c for i, c in enumerate(chosen) if i != k]
-    beside = add_selected_effects(model, others)
+    model_without = add_selected_effects(model, others)
     taken = {c.whitened.hypothesis.name for c in others}
     mine = chosen[k].whitened.hypothesis
-    scored = score_hypotheses(beside, [t for t in tried if t.hypothesis.name not in taken])
+    scored = score_hypotheses(model_without, [t for t in tried if t.hypothesis.name not in taken])
     best: dict[EffectLocation, ScoredHypothesis] = {}
     for s in scored:
         name = s.whitened.hypothesis.name
         if name not in best or s.total > best[name].total:
             best[name] = s
-    own = next(s for s in scored if s.whitened is chosen[k].whitened)
+    selected_score = next(s for s in scored if s.whitened is chosen[k].whitened)
 
     def fit(s: ScoredHypothesis) -> LawFit:
         x, shape = s.x * s.whitened.unit[s.shape], s.whitened.shapes[s.shape]
@@ -66,24 +72,24 @@ def find_rival_explanations(
         if name == mine.name:
             continue
         h = s.whitened.hypothesis
-        d = own.heldout - s.heldout
+        d = selected_score.heldout - s.heldout
         p = _compute_paired_p_value(d)
         close = (
             float(d.sum()) / spread < thresholds.DETECTION.as_good
-            or (own.gain - s.gain) / spread < thresholds.DETECTION.as_good
+            or (selected_score.gain - s.gain) / spread < thresholds.DETECTION.as_good
         )
-        maybe = s.total > 0 and (
-            close or (p > thresholds.DETECTION.paired and s.total > thresholds.DETECTION.most_of * own.total)
+        is_open = s.total > 0 and (
+            close or (p > thresholds.DETECTION.paired and s.total > thresholds.DETECTION.most_of * selected_score.total)
         )
-        if maybe:
+        if is_open:
             names.append(name)
         out.append(
             RivalExplanation(
                 effect=h.effect,
                 location=h.location,
                 law=h.law,
-                closed=float(np.clip(s.total / max(own.total, 1e-12), -1.0, 2.0)),
-                standing="not excluded" if maybe else "rejected",
+                closed=float(np.clip(s.total / max(selected_score.total, 1e-12), -1.0, 2.0)),
+                standing="not excluded" if is_open else "rejected",
                 p_value=p,
                 placebo=h.effect == mine.effect,
                 fit=fit(s),
@@ -96,16 +102,19 @@ def find_rival_explanations(
 def estimate_parameters(
     model: WhitenedModel, chosen: Sequence[SelectedEffect], k: int, tried: Sequence[WhitenedHypothesis]
 ) -> dict[str, EstimatedValue]:
-    """The parameters of the k-th effect with 90 and 95 % intervals, over the shapes and laws of it that are as likely.
+    """Estimate the parameters of the k-th effect with 90 and 95 % intervals over all equally likely shapes and laws.
 
     Args:
-        model: the base.
-        chosen: all effects.
-        k: which of them.
-        tried: every law, among them those of the same effect at the same place.
+        model: Whitened base model.
+        chosen: Selected effects, each fitted together with the others.
+        k: Index of the effect in ``chosen``.
+        tried: All hypotheses, including other laws of the same effect at the same place.
+
+    Returns:
+        Estimates by name; the first one is the size.
     """
     c = chosen[k]
-    beside = add_selected_effects(model, [o for i, o in enumerate(chosen) if i != k])
+    model_without = add_selected_effects(model, [o for i, o in enumerate(chosen) if i != k])
     h = c.whitened.hypothesis
     value: Mapping[str, Quantity] = h.quantities(
         c.scored.x * c.whitened.unit[c.scored.shape], c.whitened.shapes[c.scored.shape]
@@ -113,12 +122,12 @@ def estimate_parameters(
     ends: dict[str, list[Array]] = {name: [] for name in value}
     own: dict[str, Array] = {}
     doubt = _compute_model_uncertainty(chosen, k)
-    best = _compute_residual_squares(beside, c)
-    most = best + _compute_likelihood_margin(beside, c, best)
+    best = _compute_residual_squares(model_without, c)
+    most = best + _compute_likelihood_margin(model_without, c, best)
     for t in [o for o in tried if o.hypothesis.name == h.name and o is not c.whitened] + [c.whitened]:
         p = t.X.shape[2]
         for s in range(len(t.shapes)):
-            m = beside.with_law(t, s, held=True)
+            m = model_without.with_law(t, s, held=True)
             if m.rss > most and (t is not c.whitened or s != c.scored.shape):
                 continue
             x, covariance, freedom = compute_cluster_robust_fit(m)
@@ -134,13 +143,11 @@ def estimate_parameters(
     out = {}
     for name in _order_by_significance(own, list(value)):
         q = value[name]
-        if name in own and _excludes_zero(
-            own[name]
-        ):  # a form with coefficients that nothing holds does not say otherwise
+        if name in own and _excludes_zero(own[name]):  # an implausible form does not widen the interval
             ends[name] = [i for i in ends[name] if _excludes_zero(i)]
         both = np.array(ends[name]) if ends[name] else np.full((1, 2, 2), q.value)
         low, high = both[:, :, 0].min(axis=0), both[:, :, 1].max(axis=0)
-        if h.family == "body":  # a size: nothing gives way against its load
+        if h.family == "body":  # a size: compliances are not negative
             low = np.maximum(low, 0.0)
             high = np.where((high > MAX_INTERVAL_RATIO * q.value) & (q.value > 0.0), np.inf, high)
         out[name] = EstimatedValue(
@@ -153,11 +160,20 @@ def estimate_parameters(
 
 
 def is_size_significant(model: WhitenedModel, chosen: Sequence[SelectedEffect], k: int) -> bool:
-    """Whether a size of the k-th effect, at its own law and shape beside the others, has zero outside of its 95 %."""
+    """Return whether a size of the k-th effect differs from zero at the 95 % level, at its own law and shape.
+
+    Args:
+        model: Whitened base model.
+        chosen: Selected effects, each fitted together with the others.
+        k: Index of the effect in ``chosen``.
+
+    Returns:
+        True if significant.
+    """
     c = chosen[k]
-    beside = add_selected_effects(model, [o for i, o in enumerate(chosen) if i != k])
+    model_without = add_selected_effects(model, [o for i, o in enumerate(chosen) if i != k])
     x, covariance, freedom = compute_cluster_robust_fit(
-        beside.with_columns(c.columns, c.whitened.precision(c.scored.shape))
+        model_without.with_columns(c.columns, c.whitened.precision(c.scored.shape))
     )
     p, at, h = len(c.scored.x), c.scored.shape, c.whitened.hypothesis
     x, covariance = x[-p:], covariance[-p:, -p:]
@@ -170,7 +186,7 @@ def is_size_significant(model: WhitenedModel, chosen: Sequence[SelectedEffect], 
 
 
 def _order_by_significance(intervals: Mapping[str, Array], names: list[str]) -> list[str]:
-    """The names with a size first that is sure, where the first is not and another is."""
+    """Return the names with a significant size first if the first one is not significant."""
     sure = _list_significant_sizes(intervals)
     if not sure or names[0] in sure:
         return names
@@ -178,12 +194,12 @@ def _order_by_significance(intervals: Mapping[str, Array], names: list[str]) -> 
 
 
 def _list_significant_sizes(intervals: Mapping[str, Array]) -> list[str]:
-    """Those that are sure; numbers of a shape are none."""
+    """Return the significant sizes, without shape parameters."""
     return [n for n, i in intervals.items() if i[1, 0] < i[1, 1] and _excludes_zero(i)]
 
 
 def _excludes_zero(interval: Array) -> bool:
-    """Whether zero is outside of its 95 %."""
+    """Return whether the 95 % interval excludes zero."""
     return not bool(interval[1, 0] <= 0.0 <= interval[1, 1])
 
 
@@ -193,9 +209,10 @@ def _apply_coefficient_prior(
     fit: tuple[Array, Array, float, float],
     told: tuple[Mapping[str, Quantity], dict[str, Array]],
 ) -> tuple[Mapping[str, Quantity], dict[str, Array]]:
-    """Sizes of a body and their intervals; one that may be none is what the coefficients that are held make of it.
+    """Return sizes of a body and their intervals; insignificant ones are replaced by those of significant
+    coefficients.
 
-    The largest of several ways to give way is otherwise the one that no reading holds, and its interval says nothing.
+    Otherwise the largest of several compliances would be the one that no reading determines.
     """
     (x, covariance, freedom, doubt), (value, intervals) = fit, told
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -208,15 +225,15 @@ def _apply_coefficient_prior(
     return {**value, **{n: sizes[n] for n in taken}}, {**intervals, **{n: again[n] for n in taken}}
 
 
-def _compute_likelihood_margin(beside: WhitenedModel, c: SelectedEffect, best: float) -> float:
-    """Whitened sum of squares by which another shape may be worse.
+def _compute_likelihood_margin(model_without: WhitenedModel, c: SelectedEffect, best: float) -> float:
+    """Return the whitened sum of squares by which another shape may be worse and still be accepted.
 
-    Where the noise was measured and the law leaves more than noise its form is not quite the true one: then a form
-    that is worse by no more than that, or by what laws are held to leave of an effect, may be as near to the truth.
+    If the noise is measured and the law leaves more than noise, its form is not exact. A shape that is worse by no
+    more than this excess may be equally close to the truth.
     """
-    m = beside.with_law(c.whitened, c.scored.shape, held=True)
+    m = model_without.with_law(c.whitened, c.scored.shape, held=True)
     freedom = len(m.y) - m.count
-    beyond = best - freedom - 2.0 * np.sqrt(2.0 * freedom)  # than noise by chance
+    beyond = best - freedom - 2.0 * np.sqrt(2.0 * freedom)  # excess over noise at two standard deviations
     form = 0.0 if c.whitened.hypothesis.is_exact else min(beyond, thresholds.DETECTION.beside * c.scored.gain)
     return max(compute_likelihood_margin(c.whitened.hypothesis) * m.residual_variance, form)
 
@@ -227,9 +244,10 @@ def _get_form_uncertainty(effect: str) -> float:
 
 
 def _compute_model_uncertainty(chosen: Sequence[SelectedEffect], k: int) -> float:
-    """Relative 1 sigma of the k-th effect for the forms of the others: what their laws leave, an exact one takes up.
+    """Return the relative 1σ of the k-th effect caused by the form of the other laws: an exact law absorbs their
+    remainder.
 
-    Beside bodies and gears a zero and a frame came out 11 and 13 % off, of which their own noise told 3.
+    Next to bodies and gears a zero offset and a frame were 11 and 13 % off; their own noise accounted for 3 %.
     """
     others = (o.whitened.hypothesis.effect for i, o in enumerate(chosen) if i != k)
     return (
@@ -240,13 +258,15 @@ def _compute_model_uncertainty(chosen: Sequence[SelectedEffect], k: int) -> floa
 def _compute_quantity_intervals(
     law: WhitenedHypothesis, at: int, x: Array, covariance: Array, freedom: float, doubt: float = 0.0
 ) -> dict[str, Array]:
-    """(2, 2) ends of the 90 and 95 % intervals of each quantity, by its slope and its bend in the coefficients.
+    """Return the 90 and 95 % intervals (2, 2) of each quantity, by first and second derivatives in the coefficients.
 
     Args:
-        law: of the effect.
-        at: which of its shapes.
-        x, covariance, freedom: fitted coefficients.
-        doubt: least relative 1 sigma of its form.
+        law: Whitened hypothesis.
+        at: Index of its shape.
+        x: Fitted coefficients.
+        covariance: Their covariance.
+        freedom: Degrees of freedom.
+        doubt: Least relative 1σ of the law's form.
     """
     h, shape, unit = law.hypothesis, law.shapes[at], law.unit[at]
     centre = h.quantities(x * unit, shape)
@@ -261,7 +281,7 @@ def _compute_quantity_intervals(
     out = {}
     form = max(_get_form_uncertainty(h.effect), doubt)
     for name, q in centre.items():
-        if not np.isfinite(q.value):  # a share of a compliance that was found to be zero
+        if not np.isfinite(q.value):  # relative to a compliance that is zero
             out[name] = np.full((2, 2), q.value)
             continue
         g = np.nan_to_num(np.array(slopes[name]), posinf=0.0, neginf=0.0)
@@ -274,7 +294,7 @@ def _compute_quantity_intervals(
 
 
 def _compute_noise_bias(h: EffectHypothesis, x: Array, covariance: Array, at: tuple[Array, Shape]) -> dict[str, float]:
-    """What noise adds to each quantity in the mean: a length of several coefficients grows by what lies across it."""
+    """Return the bias of each quantity by noise: the norm of several coefficients is biased upwards."""
     unit, shape = at
     power, axes = np.linalg.eigh(covariance)
     middle = h.quantities(x * unit, shape)
@@ -287,12 +307,12 @@ def _compute_noise_bias(h: EffectHypothesis, x: Array, covariance: Array, at: tu
     return out
 
 
-def _compute_residual_squares(beside: WhitenedModel, c: SelectedEffect) -> float:
-    return beside.with_law(c.whitened, c.scored.shape, held=True).rss
+def _compute_residual_squares(model_without: WhitenedModel, c: SelectedEffect) -> float:
+    return model_without.with_law(c.whitened, c.scored.shape, held=True).rss
 
 
 def _compute_paired_p_value(d: Array) -> float:
-    """One-sided chance of a mean difference so large, Student's t over folds."""
+    """Return the one-sided p-value of a mean difference over folds (Student's t)."""
     n = len(d)
     error = float(d.std(ddof=1)) / np.sqrt(n) if n > 1 else 0.0
     return float(stdtr(n - 1, -float(d.mean()) / error)) if error > 0 else float(d.mean() <= 0)

@@ -1,4 +1,4 @@
-"""K_C: known physics that is counted from the start, and named where the recording shows it."""
+"""Geometric stiffness K_C as a finding: always included in the model, reported if the recording shows it."""
 
 from __future__ import annotations
 
@@ -21,17 +21,20 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class GeometricStiffnessFinding:
-    """The finding, and what the base leaves on unseen groups without it."""
+    """Finding on K_C, with the residuals of the base without it."""
 
     finding: Finding
     residual_without: Array  # (N, D) SI
 
     def add_to_shares(self, shares: Sequence[MismatchShare], floor: float) -> list[MismatchShare]:
-        """Shares of the whole mismatch: what K_C takes alone, and of the rest what the others take.
+        """Add the share of K_C to the shares of the mismatch and rescale the others.
 
         Args:
-            shares: of what is left beside K_C.
-            floor: noise, in the finding's unit.
+            shares: Shares of the mismatch that remains with K_C.
+            floor: Noise floor in the finding's unit.
+
+        Returns:
+            Shares of the whole mismatch.
         """
         power, left = (max(e**2 - floor**2, 0.0) for e in (self.finding.before, self.finding.after))
         rest = min(left / power, 1.0) if power > 0.0 else 1.0
@@ -41,7 +44,14 @@ class GeometricStiffnessFinding:
 
 
 def find_geometric_stiffness(state: SearchState) -> GeometricStiffnessFinding | None:
-    """K_C as a finding where leaving it out would cost as much as any effect must bring; None elsewhere."""
+    """Build the finding on K_C if leaving it out would cost as much as the least gain of a finding.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The finding, or None.
+    """
     problem = state.problem
     if problem.subtracted_displacement is None or not problem.subtracted_displacement.any():
         return None
@@ -56,18 +66,18 @@ def find_geometric_stiffness(state: SearchState) -> GeometricStiffnessFinding | 
     model = copy_folds(model, state.base)
     alone = FittedModel(model, bare.base, unit, bare.y)
     without, best = model, add_selected_effects(state.base, state.chosen)
-    for c in state.chosen:  # by their columns: what laws keep of themselves are products with other readings
+    for c in state.chosen:  # by columns: cached products of laws belong to another whitening
         without = without.with_columns(c.columns, c.whitened.precision(c.scored.shape))
     gain = (without.rss - best.rss) / best.residual_variance
     if gain < max(thresholds.DETECTION.gain, thresholds.DETECTION.named * len(state.base.y)):
         return None
-    own = np.sqrt(gain)
+    noncentrality = np.sqrt(gain)
     share = 100.0 * float(
         np.linalg.norm(problem.subtracted_displacement[state.used_rows]) / np.linalg.norm(bare.y[state.used_rows])
     )
     before = alone.heldout()
     after = state.fit_effects(()).heldout()
-    wide = share / own
+    sigma = share / noncentrality
     return GeometricStiffnessFinding(
         Finding(
             effect="geometric_stiffness",
@@ -78,12 +88,15 @@ def find_geometric_stiffness(state: SearchState) -> GeometricStiffnessFinding | 
             one_of=(("geometric_stiffness", "arm"),),
             parameters={
                 "share": EstimatedValue(
-                    share, "%", (share - 1.645 * wide, share + 1.645 * wide), (share - 1.96 * wide, share + 1.96 * wide)
+                    share,
+                    "%",
+                    (share - 1.645 * sigma, share + 1.645 * sigma),
+                    (share - 1.96 * sigma, share + 1.96 * sigma),
                 )
             },
             before=holdout_residuals.compute_rmse(problem, before, state.used_rows),
             after=holdout_residuals.compute_rmse(problem, after, state.used_rows),
-            p_value=float(2 * ndtr(-own)),
+            p_value=float(2 * ndtr(-noncentrality)),
             correction=StiffnessTerm("geometric_stiffness", "arm", {}),
         ),
         before,

@@ -1,4 +1,4 @@
-"""The one evaluation on groups that no step saw: the whole search again without them, then its predictions of them."""
+"""Validation on held-out groups: the whole search is repeated without them, and then predicts them."""
 
 from __future__ import annotations
 
@@ -17,18 +17,23 @@ FLIPS = 4096
 
 
 def validate_on_holdout(state: SearchState, most: int, rng: np.random.Generator) -> HoldoutProof | None:
-    """Lock some groups away, search among the rest, predict what was locked away.
+    """Hold out some groups, search on the rest, and predict the held-out groups.
+
+    Args:
+        state: State of the search.
+        most: Largest number of effects.
+        rng: Random generator of the sign flips.
 
     Returns:
-        None where there are too few groups to spare any.
+        The validation; None if there are too few groups.
     """
     problem = state.problem
     groups = np.unique(problem.group)
     if len(groups) < thresholds.PROOF.fewest_groups:
         return None
     locked = np.sort(rng.choice(groups, max(2, round(thresholds.PROOF.locked * len(groups))), replace=False))
-    away = np.isin(problem.group, locked)
-    used = state.used_rows & ~away
+    is_locked = np.isin(problem.group, locked)
+    used = state.used_rows & ~is_locked
     w = build_whitening(problem, state.noise, used)
     base, unit = build_base_model(problem, w, rng)
     fits = 1.0 if state.noise.replicated else np.nan
@@ -38,18 +43,24 @@ def validate_on_holdout(state: SearchState, most: int, rng: np.random.Generator)
     x = add_selected_effects(base, chosen).coefficients * scale
     before = problem.y - problem.base @ (base.coefficients * unit)
     after = problem.y - np.concatenate(parts, axis=2) @ x
-    seen = state.used_rows & away
-    each = holdout_residuals.compute_rmse_by_group(problem, (before, after), seen)[0][np.isin(groups, locked)]
-    won = each[:, 0] ** 2 - each[:, 1] ** 2
-    won = won[np.isfinite(won)]
-    signs = rng.choice([-1.0, 1.0], (FLIPS, len(won)))
-    p = float((1 + np.sum(signs @ won >= won.sum())) / (FLIPS + 1)) if len(won) else float("nan")
+    holdout_rows = state.used_rows & is_locked
+    group_errors = holdout_residuals.compute_rmse_by_group(problem, (before, after), holdout_rows)[0][
+        np.isin(groups, locked)
+    ]
+    improvement = group_errors[:, 0] ** 2 - group_errors[:, 1] ** 2
+    improvement = improvement[np.isfinite(improvement)]
+    signs = rng.choice([-1.0, 1.0], (FLIPS, len(improvement)))
+    p = (
+        float((1 + np.sum(signs @ improvement >= improvement.sum())) / (FLIPS + 1))
+        if len(improvement)
+        else float("nan")
+    )
     return HoldoutProof(
         groups=locked,
-        before=holdout_residuals.compute_rmse(problem, before, seen),
-        after=holdout_residuals.compute_rmse(problem, after, seen),
-        noise_floor=holdout_residuals.compute_noise_floor(problem, state.noise, seen),
-        wins=int((won > 0).sum()),
-        of=len(won),
+        before=holdout_residuals.compute_rmse(problem, before, holdout_rows),
+        after=holdout_residuals.compute_rmse(problem, after, holdout_rows),
+        noise_floor=holdout_residuals.compute_noise_floor(problem, state.noise, holdout_rows),
+        wins=int((improvement > 0).sum()),
+        of=len(improvement),
         p_value=p,
     )

@@ -1,10 +1,9 @@
-"""Is there a mismatch that comes back, and where does it live.
+"""Repeatable mismatch: is there one, and where in the machine or the data.
 
-Repeatable power S = mean of r⁽¹⁾·r⁽²⁾ over pairs of readings of the same thing on two visits: independent noise
-cancels, what the model misses stays. Its chance is judged by flipping the signs of whole visits.
-
-Both visits of a pose are held out together, and predicted by the same coefficients: the prediction's own error comes
-back in both. Of few poses and many unknowns it is as large as noise, so what is expected of it is taken off.
+Repeatable power S = mean of r⁽¹⁾·r⁽²⁾ over pairs of replicates on two visits. Independent noise cancels, and model
+errors remain. Its p-value comes from flipping the signs of whole visits. Both visits of a pose are held out together
+and predicted by the same coefficients. The prediction error is common to both, and for few poses and many unknowns as
+large as noise. Its expectation is therefore subtracted.
 """
 
 from __future__ import annotations
@@ -32,11 +31,11 @@ BINS = 3
 
 @dataclass(frozen=True)
 class RepeatableMismatch:
-    """What comes back in repeats."""
+    """Repeatable power of residuals."""
 
     power: float  # SI², per coordinate of the first family; may be slightly negative by chance
     p_value: float
-    is_over_time: bool = False  # what comes back does so over time, not over poses
+    is_over_time: bool = False  # the mismatch is correlated over time, not over poses
 
 
 def measure_repeatable_mismatch(
@@ -47,18 +46,21 @@ def measure_repeatable_mismatch(
     rng: np.random.Generator,
     own: PredictionNoise | None = None,
 ) -> RepeatableMismatch:
-    """Measure it.
+    """Measure the repeatable power and its p-value.
 
-    Where time matters, what visits share with the next one (of another pose) comes back, too: heat, a tracker that
-    moved. Where nothing was measured twice, power is what exceeds the noise, and chance is not judged (NaN).
+    If time matters, errors shared by successive visits (of other poses) count too: heat, a moved tracker. Without
+    replicates the power is the excess over the noise, without a p-value (NaN).
 
     Args:
-        problem: what was measured twice, and when.
-        residual: (N, D) SI.
-        used: (N,) readings that took part.
-        noise: as found.
-        rng: draws signs.
-        own: of held-out residuals, what noise alone makes their predictions err by.
+        problem: Regression problem.
+        residual: (N, D) residuals, SI.
+        used: (N,) True for readings that are used.
+        noise: Estimated noise.
+        rng: Random generator of the sign flips.
+        own: Covariance of the held-out predictions; None for fitted residuals.
+
+    Returns:
+        The repeatable mismatch.
     """
     e = residual[:, list(problem.families[0].columns)]
     again = _compute_replicate_product(problem, residual, used, noise, rng, own)
@@ -71,7 +73,7 @@ def measure_repeatable_mismatch(
 def _compute_visit_correlation(
     problem: DiagnosisProblem, e: Array, used: Flags, time: Array, rng: np.random.Generator
 ) -> RepeatableMismatch:
-    """Mean product of the mean residuals of visits that follow each other; chance by shuffling their order."""
+    """Return the mean product of successive visits' mean residuals; p-value by permutation of their order."""
     rows = np.flatnonzero(used)
     visits, label = np.unique(problem.visit[rows], return_inverse=True)
     count = np.bincount(label).astype(float)
@@ -84,7 +86,7 @@ def _compute_visit_correlation(
         return RepeatableMismatch(0.0, 1.0)
     mean, session = mean[order], session[order]
     spans = np.split(np.arange(len(order)), np.flatnonzero(np.diff(session)) + 1)
-    # a shift of a whole session is noise of the set-up
+    # a shift of a whole session is set-up noise
     own = np.concatenate([mean[s] - mean[s].mean(axis=0) for s in spans])
     inside = np.diff(session) == 0
 
@@ -106,7 +108,7 @@ def _compute_replicate_product(
     rng: np.random.Generator,
     own: PredictionNoise | None,
 ) -> RepeatableMismatch:
-    """What twins on different visits share in the first family."""
+    """Return the power that replicates on different visits share in the first family."""
     columns = problem.families[0].columns
     sums, weight = _sum_products_by_visit_pair(problem, residual, columns, used, own)
     if weight <= 0:
@@ -125,8 +127,21 @@ def has_repeatable_instrument_error(
     rng: np.random.Generator,
     own: PredictionNoise | None,
 ) -> bool:
-    """Whether an instrument of its own shows something that comes back, beyond its noise; as in
-    :func:`measure_repeatable_mismatch`."""
+    """Return whether an independent instrument shows a repeatable error beyond its noise.
+
+    The test is that of :func:`measure_repeatable_mismatch`.
+
+    Args:
+        problem: Regression problem.
+        residual: (N, D) residuals, SI.
+        used: (N,) True for readings that are used.
+        noise: Estimated noise.
+        rng: Random generator of the sign flips.
+        own: Covariance of the held-out predictions; None for fitted residuals.
+
+    Returns:
+        True if significant and relevant.
+    """
     for n, family in enumerate(problem.families):
         if not family.is_separate_instrument:
             continue
@@ -144,22 +159,22 @@ def has_repeatable_instrument_error(
 def _compute_sign_flip_chance(
     pairs: Array, products: Array, weight: float, rng: np.random.Generator
 ) -> RepeatableMismatch:
-    """Mean product, and its chance by flipping the signs of whole visits."""
+    """Return the mean product and its p-value by flipping the signs of whole visits."""
     power = float(products.sum() / weight)
     visits, label = np.unique(pairs, return_inverse=True)
     label = label.reshape(pairs.shape)
     signs = rng.choice([-1.0, 1.0], (FLIPS, len(visits)))
-    # a long motion repeats so often that pairs × flips would fill the memory
+    # limits memory: a long motion has many pairs
     of_pairs = coo_array((products, (label[0], label[1])), shape=(len(visits), len(visits))).tocsr()
     drawn = np.sum(signs * (of_pairs @ signs.T).T, axis=1) / weight
     return RepeatableMismatch(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)))
 
 
 def _compute_allowed_power(problem: DiagnosisProblem, used: Flags, noise: ReplicateNoise) -> float:
-    """SI², what unseen readings may err by where nothing was measured twice.
+    """Return the power (SI²) that held-out residuals may have without replicates.
 
-    Noise is then what the fit leaves, and says nothing against the model; unseen groups err by more, as there are few
-    of them for so many unknowns. Only what the recording itself states its readings to be good for speaks against it.
+    The noise is then estimated from the residuals and is no evidence against the model. Held-out groups have larger
+    errors because of few groups and many unknowns. Only a stated uncertainty is evidence.
     """
     family = problem.families[0]
     if family.stated_uncertainty is not None:
@@ -173,14 +188,14 @@ def _compute_allowed_power(problem: DiagnosisProblem, used: Flags, noise: Replic
 def _sum_products_by_visit_pair(
     problem: DiagnosisProblem, residual: Array, columns: Sequence[int], used: Flags, own: PredictionNoise | None
 ) -> tuple[tuple[Array, Array], float]:
-    """Sums of products by pair of visits ((2, K), (K,)), and the number of coordinates behind them.
+    """Return sums of products by pair of visits ((2, K), (K,)), and the number of coordinates.
 
     Args:
-        problem: which readings repeat each other.
-        residual: (N, D) SI.
-        columns: coordinates that count.
-        used: (N,) readings that took part.
-        own: what twins of one group share by it is taken off.
+        problem: Problem with replicate labels.
+        residual: (N, D) residuals, SI.
+        columns: Coordinates that count.
+        used: (N,) True for readings that are used.
+        own: Its expected product within a group is subtracted.
     """
     e = residual[:, list(columns)]
     rows = np.flatnonzero(used & (problem.replicate >= 0))
@@ -200,7 +215,7 @@ def _sum_products_by_visit_pair(
             group = problem.group[[k[0] for k in among]]
             shared = np.stack([own.compute_mean_error(k, columns) for k in among])
             product = product - np.where(group[:, None] == group, shared @ shared.T, 0.0)
-        share = 1.0 / (len(names) - 1)  # each kind counts with its number of visits
+        share = 1.0 / (len(names) - 1)  # each replicate label is weighted by its number of visits
         for a, one in enumerate(names):
             for b, two in enumerate(names[a + 1 :], a + 1):
                 found[one, two] = found.get((one, two), 0.0) + share * float(product[a, b])
@@ -210,11 +225,14 @@ def _sum_products_by_visit_pair(
 
 
 def locate_in_machine(scored: Sequence[ScoredHypothesis], power: float) -> list[MismatchShare]:
-    """Share of the whitened mismatch that each place can explain by itself, best law, on unseen groups.
+    """Compute the share of the whitened mismatch that each place can explain alone, by its best law, cross-validated.
 
     Args:
-        scored: every hypothesis beside the base.
-        power: whitened sum of squares beyond the noise.
+        scored: All hypotheses, scored with the base.
+        power: Whitened sum of squares beyond the noise.
+
+    Returns:
+        Shares by place, descending.
     """
     best: dict[str, ScoredHypothesis] = {}
     for s in scored:
@@ -232,7 +250,18 @@ def locate_in_machine(scored: Sequence[ScoredHypothesis], power: float) -> list[
 def locate_in_data(
     problem: DiagnosisProblem, residual: Array, used: Flags, noise: ReplicateNoise, axes: Mapping[str, Array]
 ) -> list[MismatchShare]:
-    """Where along load, branch, time, joints … the power beyond the noise is higher than on average."""
+    """Find intervals of load, branch, time or joint angles with more than average power beyond the noise.
+
+    Args:
+        problem: Regression problem.
+        residual: (N, D) residuals, SI.
+        used: (N,) True for readings that are used.
+        noise: Estimated noise.
+        axes: Name → (N,) values.
+
+    Returns:
+        Shares by axis, descending.
+    """
     columns = list(problem.families[0].columns)
     power = np.mean(residual[:, columns] ** 2, axis=1) - noise.total(0) ** 2
     total = float(power[used].sum())

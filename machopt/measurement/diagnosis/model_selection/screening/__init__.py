@@ -1,1 +1,1 @@
-"""Which hypotheses are worth a fit: significance, transfer between sessions."""
+"""Screening of hypotheses: significance and transfer between sessions."""

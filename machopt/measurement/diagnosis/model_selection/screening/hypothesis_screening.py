@@ -1,8 +1,8 @@
-"""What each hypothesis adds to a model: on all readings, on groups that no fit saw, and by chance.
+"""Screening: the gain of each hypothesis on all readings, cross-validated, and by chance.
 
-The gain of a hypothesis is the whitened sum of squares that it takes away once the model is refitted beside it: the
-squared noncentrality of its contribution. Chance is judged for the whole search at once: signs of whole groups are
-flipped (wild cluster bootstrap), and the largest gain of any hypothesis at any shape counts (max-T).
+The gain is the reduction of the whitened residual sum of squares when the model is refitted with the hypothesis. It
+is the squared noncentrality of the effect. The p-value is corrected for the whole search: signs of whole groups are
+flipped (wild cluster bootstrap), and the largest gain of any hypothesis and shape counts (max-T).
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ FLIPS = 499
 
 @dataclass(frozen=True)
 class FittedHypothesis:
-    """One hypothesis beside one model, on all readings."""
+    """One hypothesis fitted together with one model on all readings."""
 
     whitened: WhitenedHypothesis
     shape: int  # best on all readings
-    x: Array  # (p,) scaled coefficients, bounds kept
-    gain: float  # taken off the whitened sum of squares
-    visible: float  # share of the columns' square that the model does not explain itself, best shape
+    x: Array  # (p,) scaled coefficients within their bounds
+    gain: float  # reduction of the whitened sum of squares
+    visible: float  # share of the columns' squared norm outside of the model's span, best shape
 
 
 @dataclass(frozen=True)
 class ScoredHypothesis(FittedHypothesis):
-    """The same with what unseen folds say of it."""
+    """Fitted hypothesis with its cross-validated gain."""
 
-    heldout: Array  # (F,) gain per fold, model and shape chosen without it
+    heldout: Array  # (F,) gain per fold; model and shape are selected without the fold
 
     @property
     def total(self) -> float:
@@ -49,7 +49,15 @@ class ScoredHypothesis(FittedHypothesis):
 
 
 def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) -> list[ScoredHypothesis]:
-    """Score hypotheses beside a model."""
+    """Score hypotheses together with a model, with cross-validation.
+
+    Args:
+        model: Whitened model.
+        tried: All whitened hypotheses.
+
+    Returns:
+        Scored hypotheses.
+    """
     H, h = model.normal, model.Xy.sum(axis=0)
     M = model.inverse
     XX, Xy, yy = model.XX, model.Xy, model.yy
@@ -60,23 +68,39 @@ def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) 
 
 
 def fit_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) -> list[FittedHypothesis]:
-    """Hypotheses beside a model on all readings: what chance is judged by, at a fraction of what unseen folds cost."""
+    """Fit hypotheses together with a model on all readings, without cross-validation; used for p-values.
+
+    Args:
+        model: Whitened model.
+        tried: All whitened hypotheses.
+
+    Returns:
+        Fitted hypotheses.
+    """
     h = model.Xy.sum(axis=0)
     return [_fit_on_all_readings(t, _compute_mixed_products(model, t), h, model.inverse) for t in tried]
 
 
 def _compute_mixed_products(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
-    """(F, S, p, P) products of a hypothesis' columns with the model's, by fold."""
+    """Return products (F, S, p, P) of a hypothesis' columns with the model's, by fold."""
     return t.products_by_fold(model)
 
 
 def _build_prior_precision(t: WhitenedHypothesis) -> Array:
-    """(S, p, p) precision of what is known of the coefficients beforehand."""
+    """Return the prior precision (S, p, p) of the coefficients."""
     return np.stack([np.diag(t.precision(s)) for s in range(len(t.shapes))])
 
 
 def compute_gain_by_shape(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
-    """(S,) gain of each shape of a hypothesis beside a model, on all readings."""
+    """Compute the gain of each shape of a hypothesis on all readings.
+
+    Args:
+        model: Whitened model.
+        t: Whitened hypothesis.
+
+    Returns:
+        (S,) gains.
+    """
     return _fit_every_shape(t, t.products_with(model), model.Xy.sum(axis=0), model.inverse)[1]
 
 
@@ -87,7 +111,7 @@ def _fit_on_all_readings(t: WhitenedHypothesis, mixed: Array, h: Array, M: Array
 
 
 def _fit_every_shape(t: WhitenedHypothesis, C: Array, h: Array, M: Array) -> tuple[Array, Array, Array]:
-    """Of every shape its coefficients (S, p), gain (S,), and what is visible (S,)."""
+    """Return for every shape its coefficients (S, p), gain (S,) and visible share (S,)."""
     XX, Xy = t.XX.sum(axis=0), t.Xy.sum(axis=0)
     S, u = XX - (C @ M) @ np.swapaxes(C, 1, 2), Xy - C @ (M @ h)
     S, visible = _regularise_absorbed_directions(S, XX)
@@ -101,7 +125,7 @@ def _score_hypothesis(
     mixed, known = _compute_mixed_products(model, t), _build_prior_precision(t)
     whole = _fit_on_all_readings(t, mixed, h, M)
     C, XXc, Xyc = mixed.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
-    # the same without each fold
+    # the same, fitted without each fold
     XX, Xy, yy, M_fold, x_fold, loss = folds
     C_f, XX_f, Xy_f = mixed, t.XX, t.Xy
     C_r, XX_r, Xy_r = C - C_f, XXc - XX_f, Xyc - Xy_f
@@ -128,11 +152,12 @@ def _score_hypothesis(
 
 
 def minimise_bounded_quadratics(S: Array, u: Array, lower: tuple[float, ...]) -> tuple[Array, Array]:
-    """Least ½ xᵀSx − uᵀx with x ≥ lower (0 or −∞), for many at once.
+    """Minimise ½ xᵀSx − uᵀx subject to x ≥ lower (0 or −∞) for a batch of problems.
 
     Args:
-        S: (B, p, p) positive definite; u: (B, p).
-        lower: (p,), empty for no bounds.
+        S: (B, p, p) positive definite matrices.
+        u: (B, p) linear terms.
+        lower: (p,) lower bounds; empty for none.
 
     Returns:
         x (B, p), and the gain 2 uᵀx − xᵀSx (B,).
@@ -160,15 +185,18 @@ def compute_chance_probability(
     rng: np.random.Generator,
     flips: int = FLIPS,
 ) -> Array:
-    """(K,) probability that the largest gain of the whole search reaches a hypothesis' own by chance.
+    """Compute the probability that the largest gain of the whole search reaches each hypothesis' gain by chance.
 
     Args:
-        model: beside which the hypotheses were scored.
-        scored: all of them.
-        residual: (M,) whitened, of a model that holds every effect that may be there; with a large effect among the
-            residuals chance would look as large as the effect.
-        rng: of the flips.
-        flips: how many.
+        model: Model that the hypotheses were fitted with.
+        scored: All hypotheses.
+        residual: (M,) whitened residuals of a model with all possible effects. A remaining large effect would
+            inflate the chance level.
+        rng: Random generator of the sign flips.
+        flips: Number of sign flips.
+
+    Returns:
+        (K,) p-values.
     """
     if not scored:
         return np.zeros(0)
@@ -193,18 +221,18 @@ def compute_chance_probability(
         largest = np.maximum(largest, _convert_to_normal_deviate((drawn**2).sum(axis=2), p).max(axis=1))
         own[k] = _convert_to_normal_deviate(
             np.array(s.gain), p
-        )  # as drawn: both carry whatever variance the noise leaves out
+        )  # unscaled: gains and flips contain the same excess variance
     return np.asarray((1.0 + (largest[None, :] >= own[:, None]).sum(axis=1)) / (flips + 1.0))
 
 
 def _convert_to_normal_deviate(gain: Array, p: int) -> Array:
-    """A χ² of p degrees of freedom as a normal deviate (Wilson & Hilferty 1931)."""
+    """Convert a χ² of p degrees of freedom to a normal deviate (Wilson & Hilferty 1931)."""
     v = 2.0 / (9.0 * p)
     return np.asarray(((np.maximum(gain, 0.0) / p) ** (1.0 / 3.0) - (1.0 - v)) / np.sqrt(v))
 
 
 def _regularise_absorbed_directions(S: Array, whole: Array) -> tuple[Array, Array]:
-    """S with directions that the model absorbs made heavy, and the visible share (B,) of the best column."""
+    """Return S with regularised absorbed directions, and the visible share (B,) of the best column."""
     d = np.maximum(np.diagonal(whole, axis1=-2, axis2=-1), MIN_COLUMN_SQUARE)
     left = np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0) / d
     heavy = np.maximum(thresholds.DETECTION.absorbed - left, 0.0) * d

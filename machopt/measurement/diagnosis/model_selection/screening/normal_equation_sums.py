@@ -1,6 +1,4 @@
-"""Normal equations of the base and of every law at every shape, summed up once: what any set of them leaves is small
-linear algebra from there on, however many the readings are.
-"""
+"""Normal equations of the base and of all laws at all shapes, computed once: subsets are small linear algebra."""
 
 from __future__ import annotations
 
@@ -20,46 +18,46 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
 )
 from machopt.numerics.array_types import Array
 
-MOST_SHAPES = 8  # of a law that is no wave
+MOST_SHAPES = 8  # most shapes of a law that is no harmonic
 FOLDS = 10
 
 
 @dataclass(frozen=True)
 class LawColumnGroup:
-    """One law at one shape."""
+    """Columns of one law at one shape."""
 
     law: WhitenedHypothesis
     shape: int
-    columns: slice  # of all
+    columns: slice  # position among all columns
 
 
 @dataclass(frozen=True)
 class NormalEquationSums:
-    """Normal equations of the base's columns, all groups' columns, and y, in this order."""
+    """Normal equations of the base columns, the columns of all groups, and y, in this order."""
 
     total: Array  # (C + 1, C + 1)
     folds: tuple[Array, ...]
     groups: tuple[LawColumnGroup, ...]
-    base: int  # columns of it
+    base: int  # number of base columns
     rows: int
 
 
 class CachedSums:
-    """Sums of a base and laws, worked out once where anything asks for them; of many shapes of a law, some."""
+    """Lazily computed sums of a base and laws, with a limited number of shapes per law."""
 
     def __init__(self, model: WhitenedModel, laws: Sequence[WhitenedHypothesis]) -> None:
-        """Nothing is summed up yet.
+        """Store base and laws; nothing is computed yet.
 
         Args:
-            model: the base.
-            laws: where some are sums of waves, other waves of the same effect and place are left out: the pursuit takes
-                an order and its double one by one.
+            model: Whitened base model.
+            laws: Hypotheses. If some are sums of harmonics, other harmonics of the same effect and place are left
+                out: the pursuit selects orders one by one.
         """
         self.model, self.laws = model, laws
 
     @cached_property
     def sum_all(self) -> NormalEquationSums:
-        """Of the base and of all laws."""
+        """Sums of the base and all laws."""
         model, groups, at = self.model, [], self.model.count
         waves = {t.hypothesis.name for t in self.laws if t.hypothesis.sum_name}
         for t in self.laws:
@@ -84,11 +82,11 @@ class CachedSums:
     def select_groups(
         self, first: Sequence[tuple[WhitenedHypothesis, int]], among: Callable[[WhitenedHypothesis], bool]
     ) -> NormalEquationSums:
-        """Of the base, of some laws at a shape each, and of those among all that fulfil something.
+        """Return sums of the base, of given laws, and of further laws that fulfil a condition.
 
         Args:
-            first: the first groups, in this order.
-            among: which of the others.
+            first: Laws with a shape index, in this order.
+            among: Condition on the other laws.
 
         Returns:
             Sums without folds.
@@ -124,12 +122,12 @@ class CachedSums:
 
 
 def _add_symmetric_block(total: Array, rows: slice, columns: slice, block: Array) -> None:
-    """Both halves of a symmetric matrix."""
+    """Add a block and its transpose to a symmetric matrix."""
     total[rows, columns], total[columns, rows] = block, block.T
 
 
 def _add_priors(total: Array, model: WhitenedModel | None, groups: Sequence[LawColumnGroup]) -> None:
-    """What is known beforehand of a base and of groups, on the diagonal."""
+    """Add the prior precisions of base and groups to the diagonal."""
     if model is not None:
         k = np.arange(model.count)
         total[k, k] += model.prior
@@ -139,13 +137,29 @@ def _add_priors(total: Array, model: WhitenedModel | None, groups: Sequence[LawC
 
 
 def eliminate_columns(sums: Array, columns: Array) -> Array:
-    """What is left of normal equations once columns are fitted."""
+    """Eliminate columns from normal equations (Schur complement).
+
+    Args:
+        sums: (C, C) normal equations.
+        columns: Indices of the fitted columns.
+
+    Returns:
+        (C, C) reduced normal equations.
+    """
     C = sums[columns]
     return np.asarray(sums - C.T @ invert_with_ridge(C[:, columns]) @ C)
 
 
 def compute_group_gains(left: Array, sums: NormalEquationSums) -> Array:
-    """Sum of squares that each group takes beside what was fitted; directions that nothing is left of take none."""
+    """Compute the gain of each group in addition to the eliminated columns; absorbed directions contribute nothing.
+
+    Args:
+        left: Reduced normal equations, see :func:`eliminate_columns`.
+        sums: Complete normal equations.
+
+    Returns:
+        (G,) gains.
+    """
     out = np.zeros(len(sums.groups))
     size = np.sqrt(np.maximum(np.diag(sums.total), MIN_COLUMN_SQUARE))
     width = np.array([g.columns.stop - g.columns.start for g in sums.groups])

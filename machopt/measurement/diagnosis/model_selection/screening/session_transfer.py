@@ -1,4 +1,4 @@
-"""Whether what one session shows, the others show too: physics of a robot does not stay away for a day."""
+"""Transfer between sessions: a robot effect found in one session must be present in the others."""
 
 from __future__ import annotations
 
@@ -9,30 +9,37 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
 from machopt.numerics.array_types import Array
 
-SESSION_DEPENDENT_FAMILIES = ("environment",)  # families that may well be another each day
+SESSION_DEPENDENT_FAMILIES = ("environment",)  # families that may differ between sessions
 
 
 def compute_session_transfer(model: WhitenedModel, s: ScoredHypothesis) -> float:
-    """Gain of a law on each session with model and coefficients from the others, per gain on all; NaN: not to be told.
+    """Compute the gain of a law on each session with model and coefficients of the other sessions, relative to its
+    gain.
 
-    It cannot be told of a single session, nor where one has too few groups to fit anything by. What of the base only
-    the session itself can tell, as the stand of a tracker that was moved for it, is fitted to it with and without the
-    law alike: the others say nothing of it.
+    Base unknowns that only one session determines, such as a moved tracker, are fitted to that session with and
+    without the law.
+
+    Args:
+        model: Whitened model.
+        s: Scored hypothesis.
+
+    Returns:
+        Ratio of gains; NaN for a single session, or if a session has too few groups.
     """
-    days = model.by_session
-    if len(days.rows) < 2 or days.groups < thresholds.PROOF.fewest_groups or s.gain <= 0.0:
+    session_sums = model.by_session
+    if len(session_sums.rows) < 2 or session_sums.groups < thresholds.PROOF.fewest_groups or s.gain <= 0.0:
         return float("nan")
     XX, Xy = _add_law_columns(model, s.whitened.columns_at(s.shape))
     H, h = XX.sum(axis=0), Xy.sum(axis=0)
     P = model.count
     H[:P, :P] += np.diag(model.prior)
-    there = np.diagonal(days.XX, axis1=1, axis2=2) > 0.0
+    is_present = np.diagonal(session_sums.XX, axis1=1, axis2=2) > 0.0
     total = 0.0
     for d in range(len(XX)):
-        own = np.flatnonzero(there[d] & (there.sum(axis=0) == 1))
-        # what is left of a session beside what it alone can tell
-        B = XX[d][:, own] @ invert_with_ridge(XX[d][np.ix_(own, own)])
-        SS, Sy = XX[d] - B @ XX[d][own], Xy[d] - B @ Xy[d][own]
+        session_unknowns = np.flatnonzero(is_present[d] & (is_present.sum(axis=0) == 1))
+        # eliminate the unknowns that only this session determines
+        B = XX[d][:, session_unknowns] @ invert_with_ridge(XX[d][np.ix_(session_unknowns, session_unknowns)])
+        SS, Sy = XX[d] - B @ XX[d][session_unknowns], Xy[d] - B @ Xy[d][session_unknowns]
         losses = []
         for k in (P, len(h)):
             x = invert_with_ridge((H - XX[d])[:k, :k]) @ (h - Xy[d])[:k]
@@ -42,7 +49,7 @@ def compute_session_transfer(model: WhitenedModel, s: ScoredHypothesis) -> float
 
 
 def _add_law_columns(model: WhitenedModel, law: Array) -> tuple[Array, Array]:
-    """Sums by session (D, P + p, P + p) and (D, P + p) of a model's columns and a law's (M, p)."""
+    """Return sums by session (D, P + p, P + p) and (D, P + p) of a model's columns and a law's (M, p)."""
     days = model.by_session
     own = [law[r] for r in days.rows]
     C = np.stack([x.T @ model.X[r] for x, r in zip(own, days.rows, strict=True)])
@@ -53,7 +60,15 @@ def _add_law_columns(model: WhitenedModel, law: Array) -> tuple[Array, Array]:
 
 
 def is_consistent_between_sessions(model: WhitenedModel, s: ScoredHypothesis) -> bool:
-    """False where a law holds on one day and not on another."""
+    """Return whether a law is present in all sessions.
+
+    Args:
+        model: Whitened model.
+        s: Scored hypothesis.
+
+    Returns:
+        False if another session contradicts it.
+    """
     if s.whitened.hypothesis.family in SESSION_DEPENDENT_FAMILIES or s.whitened.hypothesis.varies_between_sessions:
         return True
     share = compute_session_transfer(model, s)

@@ -1,4 +1,4 @@
-"""A finding none of whose numbers is beyond zero is none, however much it seems to gain."""
+"""Significance of coefficients: a law without any significant coefficient or size is rejected whatever its gain."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from machopt.numerics.array_types import Array
 
 
 def find_insignificant_laws(model: WhitenedModel, laws: Sequence[tuple[WhitenedHypothesis, int]]) -> list[int]:
-    """Which laws have no coefficient, and no size that is said, whose 95 % interval excludes zero.
+    """Find laws without a coefficient or size whose 95 % interval excludes zero.
 
-    Of a body only what gives way counts: what couples two directions that do not is nothing built.
+    For a body only diagonal compliances count, not the coupling of two rigid directions.
 
     Args:
-        model: with the columns of all laws, in their order, after those of the base.
-        laws: each with the index of its shape.
+        model: Model with the columns of all laws, in order, after those of the base.
+        laws: Laws with the index of their shape.
+
+    Returns:
+        Indices of the insignificant laws.
     """
     if not laws:
         return []
@@ -41,15 +44,16 @@ def find_insignificant_laws(model: WhitenedModel, laws: Sequence[tuple[WhitenedH
 def project_to_plausible_coefficients(
     model: WhitenedModel, law: WhitenedHypothesis, shape: int, x: Array
 ) -> tuple[Array, float]:
-    """The coefficients that something built can have and that lose the least, and what they lose.
+    """Compute the plausible coefficients with the least loss, and the loss.
 
     Args:
-        model: beside which the law was fitted; its coefficients adapt.
-        law, shape: with its whitened columns.
-        x: (p,) its best coefficients, in the law's own scale.
+        model: Model that the law was fitted with; its coefficients adapt.
+        law: Whitened hypothesis.
+        shape: Index of the shape.
+        x: (p,) best coefficients in the law's own scale.
 
     Returns:
-        (p,) in the same scale; the whitened sum of squares beyond that of ``x``.
+        (p,) coefficients in the same scale, and the increase of the whitened sum of squares.
     """
     if law.hypothesis.project_to_plausible is None:
         return x, 0.0
@@ -61,7 +65,7 @@ def project_to_plausible_coefficients(
 
 
 def _has_significant_size(law: WhitenedHypothesis, shape: int, x: Array, V: Array, t: float) -> bool:
-    """Whether one of the effect's sizes is beyond zero, by its slope in the coefficients."""
+    """Return whether one of the effect's sizes is significant, by its derivative with respect to the coefficients."""
     h, unit = law.hypothesis, law.unit[shape]
     counts = np.isfinite(h.lower) if h.lower else np.full(len(x), h.project_to_plausible is None)
     if h.lower:

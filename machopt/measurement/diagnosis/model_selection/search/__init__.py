@@ -1,1 +1,1 @@
-"""Search over sets of effects: forward selection, joint selection, shapes."""
+"""Search over sets of effects: forward selection, joint selection, shape refinement."""

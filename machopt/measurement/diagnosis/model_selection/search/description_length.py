@@ -1,14 +1,13 @@
-"""The same with fewer numbers: explanations of measured poses exchanged as sets, by description length.
+"""Comparison of sets of effects in measured poses by description length (Bayesian evidence).
 
-A search one by one takes what gains most at each step. A frame of six numbers gains as much as the two zero offsets
-that it holds among its directions, and is taken first; no later step would miss a number. So what was found is held
-against other sets in place of one, two or three of its parts: several laws of a number each, or one law of six.
+Forward selection takes the largest gain at each step. A frame with six coefficients gains as much as the two zero
+offsets that it contains and is selected first, and no later step corrects this. Therefore one, two or three of the
+selected effects are exchanged for other sets: several laws with one coefficient each, or one law with six.
 
-The length of a set is −2 log of its evidence: what it leaves, what its numbers cost by what makers hold of them, and
-log(1 + λ) for each direction that the readings tell λ times better than was known before (the Occam factor). Of numbers
-of which nothing is known beforehand one reading's worth is (the unit information prior), which makes it the BIC.
-
-Source: MacKay 1992 (Occam factors); Kass & Wasserman 1995 (unit information); Kass & Raftery 1995 (the scale).
+The description length of a set is −2 log of its evidence. It contains the residual, the prior penalty of the
+coefficients, and log(1 + λ) for each direction that the readings determine λ times better than the prior (Occam
+factor). Coefficients without a prior get a unit-information prior, which gives the BIC. Source: MacKay 1992 (Occam
+factors); Kass & Wasserman 1995 (unit information); Kass & Raftery 1995 (the scale).
 """
 
 from __future__ import annotations
@@ -46,36 +45,39 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     invert_with_ridge,
 )
 
-MAX_EXCHANGED = 3  # of what was found, exchanged at once
-MAX_CANDIDATES = 8  # laws whose description length is worked out in each step: those that gain most
-MAX_COEFFICIENTS = 2  # coefficients of a law that is one of several in place of a frame
-FAMILY = "kinematic"  # what stands without weight: frames, offsets, waves, couplings
+MAX_EXCHANGED = 3  # most effects exchanged at once
+MAX_CANDIDATES = 8  # laws with the largest gains whose description length is computed per step
+MAX_COEFFICIENTS = 2  # most coefficients of a law in a set that replaces a frame
+FAMILY = "kinematic"  # effects without load: frames, offsets, harmonics, couplings
 WEIGHT_FAMILIES = ("joint", "compensator", "body")
 
-GroupIndices = tuple[int, ...]  # numbers of groups
+GroupIndices = tuple[int, ...]  # indices of column groups
 
 
 def find_shortest_description(
     model: WhitenedModel, chosen: Sequence[SelectedEffect], tried: CachedSums, most: int
 ) -> list[SelectedEffect]:
-    """What was found, or what says as much in clearly fewer numbers.
+    """Find a set of effects with a clearly shorter description than the selected one.
 
     Args:
-        model: the base.
-        chosen: what a search found, each beside the others.
-        tried: sums of all laws; those of measured poses that need no weight take part.
-        most: effects at most.
+        model: Whitened base model.
+        chosen: Selected effects, each fitted together with the others.
+        tried: Sums of all laws; the load-independent laws of measured poses are considered.
+        most: Largest number of effects.
+
+    Returns:
+        The selected effects, or the shorter set.
     """
     if not any(len(c.scored.x) > 1 for c in chosen if _is_exchangeable(c.whitened)):
         return list(chosen)
-    # a wave and its double, too: sets are told by the groups' numbers
+    # including a harmonic and its double: sets are identified by group indices
     sums = tried.select_groups([(c.whitened, c.scored.shape) for c in chosen], _is_exchangeable)
     start = tuple(range(len(chosen)))
     view = _DescriptionSearch(sums, len(chosen), add_selected_effects(model, chosen).residual_variance, most)
     best = view.shortest(start)
     if best == start:
         return list(chosen)
-    chance = max(c.p_value for c in chosen)  # of the search that found the same in more numbers
+    chance = max(c.p_value for c in chosen)  # p-value of the search that found the longer description
     while True:
         parts = []
         for g in best:
@@ -98,16 +100,18 @@ def find_shortest_description(
 def exchange_for_weight_laws(
     model: WhitenedModel, chosen: Sequence[SelectedEffect], laws: Sequence[WhitenedHypothesis], rng: np.random.Generator
 ) -> list[SelectedEffect]:
-    """What was found, with a law of weight in place of an offset, a frame or a wave where it is clearly shorter.
+    """Replace an offset, frame or harmonic by a weight-dependent law if the description becomes clearly shorter.
 
-    Sets of what stands without weight were held against each other alone: a balancer's torque was left as an offset of
-    its joint.
+    The previous comparison covers load-independent laws only; it would leave a compensator torque as a zero offset.
 
     Args:
-        model: the base.
-        chosen: what was found, each beside the others.
-        laws: all that was tried.
-        rng: of the sign flips that judge a law in the place of another.
+        model: Whitened base model.
+        chosen: Selected effects, each fitted together with the others.
+        laws: All whitened hypotheses.
+        rng: Random generator of the sign flips.
+
+    Returns:
+        The effects.
     """
     out = list(chosen)
     for k, c in enumerate(out):
@@ -117,26 +121,28 @@ def exchange_for_weight_laws(
         near = [t for t in near if t.hypothesis.name not in names and _is_weight_law(t)]
         if not _is_exchangeable(c.whitened) or not near:
             continue
-        spread, beside = add_selected_effects(model, out).residual_variance, add_selected_effects(model, others)
+        spread, model_without = add_selected_effects(model, out).residual_variance, add_selected_effects(model, others)
 
         def length(s: ScoredHypothesis, spread: float = spread) -> float:
             numbers = len(s.x) + len(s.whitened.shapes[s.shape])
             return numbers * float(np.log(len(model.y))) - s.gain / spread
 
-        own = score_hypotheses(beside, [_select_shape(c.whitened, c.scored.shape)])[0]
+        own = score_hypotheses(model_without, [_select_shape(c.whitened, c.scored.shape)])[0]
         most = length(own) - thresholds.DETECTION.shorter
-        better = [s for s in score_hypotheses(beside, near) if length(s) < most and is_supported(beside, s)]
+        better = [
+            s for s in score_hypotheses(model_without, near) if length(s) < most and is_supported(model_without, s)
+        ]
         if better:
             best = min(better, key=length)
             residual = add_selected_effects(model, [*others, SelectedEffect(best, 1.0)]).residual
-            among = fit_hypotheses(beside, [t for t in laws if t.hypothesis.name not in names])
-            chance = float(compute_chance_probability(beside, [best, *among], residual, rng)[0])
+            among = fit_hypotheses(model_without, [t for t in laws if t.hypothesis.name not in names])
+            chance = float(compute_chance_probability(model_without, [best, *among], residual, rng)[0])
             out[k] = SelectedEffect(best, chance) if chance <= thresholds.DETECTION.chance else c
     return sorted(out, key=lambda c: -c.scored.total)
 
 
 def _is_covered_by_compliance(found: Sequence[SelectedEffect], k: int) -> bool:
-    """Whether the k-th takes no more than the law of what gives way leaves of that."""
+    """Return whether the k-th effect gains no more than the model error of a compliant body."""
     bodies = [c for n, c in enumerate(found) if n != k and c.whitened.hypothesis.family == BODY]
     return found[k].scored.gain <= compute_law_error(found[k].scored, bodies, thresholds.DETECTION.beside_body)
 
@@ -161,15 +167,22 @@ class _DescriptionPart:
 
 @dataclass(frozen=True)
 class _DescriptionSearch:
-    """All laws as sums; sets of them are compared by description length."""
+    """Comparison of sets of laws by description length, based on precomputed sums."""
 
     sums: NormalEquationSums
-    found_count: int  # groups that were found; the same laws stand among the others again
-    residual_variance: float  # variance of a whitened residual, the same for all sets
-    max_effects: int  # effects in a set
+    found_count: int  # number of selected groups, which come first
+    residual_variance: float  # whitened residual variance, common to all sets
+    max_effects: int  # most effects in a set
 
     def shortest(self, found: GroupIndices) -> GroupIndices:
-        """The set that exchanges lead to, each for a clearly shorter one."""
+        """Exchange groups as long as the description becomes clearly shorter.
+
+        Args:
+            found: Indices of the initial groups.
+
+        Returns:
+            Indices of the final groups.
+        """
         while True:
             now = self.length(found)
             each = [(self.length(s), s) for s in self._exchanges(found)]
@@ -179,7 +192,14 @@ class _DescriptionSearch:
             found = least[1]
 
     def length(self, some: GroupIndices) -> float:
-        """Description length beside the base: −2 log evidence, up to what all sets share."""
+        """Compute the description length in addition to the base: −2 log evidence up to a constant.
+
+        Args:
+            some: Indices of the groups of a set.
+
+        Returns:
+            Description length.
+        """
         base, n = np.arange(self.sums.base), self.sums.rows
         at = np.array([c for g in some for c in self._columns(g)], int)
         H = self.sums.total
@@ -201,7 +221,7 @@ class _DescriptionSearch:
         return range(self.sums.groups[g].columns.start, self.sums.groups[g].columns.stop)
 
     def _orders(self, g: int) -> int:
-        """Numbers of a law that its shape holds: the order of a wave."""
+        """Return the number of harmonic orders that the shape of a group contains."""
         law = self.sums.groups[g].law
         return len(law.shapes[self.sums.groups[g].shape])
 
@@ -212,7 +232,7 @@ class _DescriptionSearch:
         return _is_exchangeable(self.sums.groups[g].law)
 
     def _exchanges(self, found: GroupIndices) -> Iterator[GroupIndices]:
-        """Sets with other laws in place of some parts: any laws, or several of few numbers each."""
+        """Yield sets in which other laws replace some groups: single laws, or several with few coefficients."""
         parts = [g for g in found if self._kinematic(g)]
         for n in range(1, min(MAX_EXCHANGED, len(parts)) + 1):
             for some in combinations(parts, n):
@@ -223,7 +243,7 @@ class _DescriptionSearch:
                         yield new
 
     def _find_small_law_set(self, kept: GroupIndices, most: int) -> GroupIndices:
-        """Laws of so many numbers at most, while the description gets shorter; none that it can nearly do without."""
+        """Add laws with few coefficients while the description becomes shorter; drop nearly unnecessary ones."""
         out, now = kept, self.length(kept)
         wide = np.array([len(self._columns(g)) > most for g in range(len(self.sums.groups))])
         while True:
@@ -244,7 +264,7 @@ class _DescriptionSearch:
         return self._drop_unneeded(kept, out)
 
     def _drop_unneeded(self, kept: GroupIndices, some: GroupIndices) -> GroupIndices:
-        """Without what makes the set longer by next to nothing when it is left out: no name for that."""
+        """Drop groups whose removal hardly changes the description length."""
         while len(some) > len(kept) + 1:
             each = [(self.length(w), w) for w in (tuple(o for o in some if o != g) for g in some if g not in kept)]
             if min(each)[0] >= self.length(some) + thresholds.DETECTION.shorter:
@@ -254,15 +274,15 @@ class _DescriptionSearch:
 
 
 def _score_together(model: WhitenedModel, parts: Sequence[_DescriptionPart]) -> list[SelectedEffect] | None:
-    """Each scored beside the others, in their order; None where a new one would not stand by itself."""
+    """Return each law scored together with the others, in order; None if a new one is not supported."""
     out = []
     for part in parts:
         others = [o for o in parts if o is not part]
-        beside = model
+        model_without = model
         for o in others:
-            beside = beside.with_law(o.law, o.shape, held=True)
-        s = score_hypotheses(beside, [_select_shape(part.law, part.shape)])[0]
-        if part.is_new and not is_supported_without_session_check(beside, s):
+            model_without = model_without.with_law(o.law, o.shape, held=True)
+        s = score_hypotheses(model_without, [_select_shape(part.law, part.shape)])[0]
+        if part.is_new and not is_supported_without_session_check(model_without, s):
             return None
         out.append(SelectedEffect(replace(s, whitened=part.law, shape=part.shape), part.p_value))
     return out

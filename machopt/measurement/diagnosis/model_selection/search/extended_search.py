@@ -1,7 +1,8 @@
-"""A second look where what was found leaves more than noise, or says in several parts what one law says in few numbers.
+"""Extended search if the selected effects leave more than noise, or if they need more coefficients than one other
+law.
 
-First among laws of more shapes than noise lets be tried, then among forms that have no name. What was found stands
-where none of these is taken.
+It tries first the laws with larger shape grids, then forms that are no effect of the catalogue. The selection stays
+if none of these is accepted.
 """
 
 from __future__ import annotations
@@ -22,21 +23,24 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
 
 SearchOutcome = tuple[
     tuple[WhitenedHypothesis, ...], tuple[SelectedEffect, ...]
-]  # laws that rivals are taken from, what was found
+]  # hypotheses for rivals, selected effects
 
 
 def search_extended_hypotheses(
     base: WhitenedModel, catalogue: HypothesisCatalogue, found: SearchOutcome, most: int, seed: int, fits: float
 ) -> SearchOutcome:
-    """What was found, or what the same search finds among further laws, too.
+    """Repeat the search with the extended hypotheses.
 
     Args:
-        base: the base.
-        catalogue: with further laws, and forms without a name.
-        found: what a search among the others found.
-        most: effects at most.
-        seed: of the sign flips.
-        fits: whitened variance of what noise alone would leave; NaN: nobody measured it.
+        base: Whitened base model.
+        catalogue: Catalogue of hypotheses.
+        found: Outcome of the regular search.
+        most: Largest number of effects.
+        seed: Seed of the sign flips.
+        fits: Whitened residual variance that noise alone would leave; NaN if the noise was not measured.
+
+    Returns:
+        The new outcome, or the regular one.
     """
     if _has_remaining_mismatch(base, found[1], fits):
         found = _search_again(base, catalogue.extended_hypotheses, found, most, np.random.default_rng([seed, 5]), fits)
@@ -51,13 +55,20 @@ def search_extended_hypotheses(
 
 
 def compute_mismatch_threshold(base: WhitenedModel) -> float:
-    """Variance of whitened residuals beyond 1 from which on there is a mismatch; more where visits are few."""
+    """Compute the excess variance of whitened residuals that counts as a mismatch; larger for few visits.
+
+    Args:
+        base: Whitened base model.
+
+    Returns:
+        Excess variance over 1.
+    """
     error = float(np.sqrt(2.0 / len(base.w.group_of_visit)))
     return max(thresholds.PROOF.restless, thresholds.PROOF.restless_errors * error)
 
 
 def _has_remaining_mismatch(base: WhitenedModel, chosen: Sequence[SelectedEffect], fits: float) -> bool:
-    """Whether what was found one by one leaves more than noise."""
+    """Return whether the selected effects leave more than noise."""
     few = len(chosen) <= thresholds.RESTING.crowded
     return (
         few
@@ -74,7 +85,7 @@ def _search_again(
     rng: np.random.Generator,
     fits: float,
 ) -> SearchOutcome:
-    """What the search finds once more among further laws, too; ``found`` where none of these is taken."""
+    """Return the outcome of a search with further laws; ``found`` if none of them is accepted."""
     more = whiten_hypotheses(base, laws)
     if not more:
         return found
@@ -83,7 +94,7 @@ def _search_again(
 
 
 def _is_shorter_description(base: WhitenedModel, new: Sequence[SelectedEffect], old: Sequence[SelectedEffect]) -> bool:
-    """Whether what was found anew says as much in clearly fewer numbers, or clearly more: by the BIC of both."""
+    """Return whether the new set explains as much with clearly fewer coefficients, or clearly more, by the BIC."""
     models = [add_selected_effects(base, c) for c in (new, old)]
     spread = min(m.residual_variance for m in models)
     numbers = [sum(len(c.scored.x) + len(c.whitened.shapes[c.scored.shape]) for c in some) for some in (new, old)]

@@ -1,7 +1,8 @@
-"""Which effects together: forward by the gain on unseen groups, each step judged against the whole search by chance.
+"""Forward selection of effects by cross-validated gain; each step is tested against the chance level of the whole
+search.
 
-After every step what was chosen before may be exchanged or dropped, and pairs among the leading hypotheses are tried
-exhaustively, because one effect can stand in for two.
+After every step earlier effects may be exchanged or dropped. Pairs among the best hypotheses are tried exhaustively,
+because one effect can imitate two.
 """
 
 from __future__ import annotations
@@ -32,17 +33,17 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import Wh
 from machopt.numerics.array_types import Array
 
 PAIR_CANDIDATES = 6
-BODY = "body"  # family of what gives way
-SENSOR = "sensor"  # of what is wrong in the record
+BODY = "body"  # family of compliant bodies
+SENSOR = "sensor"  # family of recording errors
 RELATIVE_UNITS = {"%": 0.01, "deg": np.pi / 180.0}  # relative size of a gain, of an angle
-JOINTS_BEFORE_WRIST = 3  # joints before the wrist
+JOINTS_BEFORE_WRIST = 3  # number of joints before the wrist
 
 
 @dataclass(frozen=True)
 class SelectedEffect:
-    """One effect in the final model."""
+    """One effect of the selected model."""
 
-    scored: ScoredHypothesis  # beside the others
+    scored: ScoredHypothesis  # scored together with the other effects
     p_value: float
 
     @property
@@ -55,7 +56,15 @@ class SelectedEffect:
 
 
 def compute_least_gain(model: WhitenedModel, s: ScoredHypothesis) -> float:
-    """Gain that a hypothesis has to reach, per unit of the residual's variance."""
+    """Compute the gain that a hypothesis must reach, relative to the residual variance.
+
+    Args:
+        model: Whitened base model.
+        s: Scored hypothesis.
+
+    Returns:
+        Required gain.
+    """
     h = s.whitened.hypothesis
     p = s.whitened.X.shape[2]
     least: float = thresholds.DETECTION.gain + thresholds.DETECTION.per_coefficient * (p - 1) + h.penalty
@@ -63,12 +72,28 @@ def compute_least_gain(model: WhitenedModel, s: ScoredHypothesis) -> float:
 
 
 def is_supported(model: WhitenedModel, s: ScoredHypothesis) -> bool:
-    """Whether a hypothesis is large enough, on readings that did not choose it, not in one group or session alone."""
+    """Return whether a hypothesis is large enough, cross-validated, and not limited to one group or session.
+
+    Args:
+        model: Whitened base model.
+        s: Scored hypothesis.
+
+    Returns:
+        True if supported.
+    """
     return is_supported_without_session_check(model, s) and is_consistent_between_sessions(model, s)
 
 
 def is_supported_without_session_check(model: WhitenedModel, s: ScoredHypothesis) -> bool:
-    """The same, whatever the sessions say of each other."""
+    """Return whether a hypothesis is supported, without the comparison between sessions.
+
+    Args:
+        model: Whitened base model.
+        s: Scored hypothesis.
+
+    Returns:
+        True if supported.
+    """
     if s.gain / model.residual_variance < compute_least_gain(model, s) or not _has_plausible_sizes(s):
         return False
     return (
@@ -81,7 +106,7 @@ def is_supported_without_session_check(model: WhitenedModel, s: ScoredHypothesis
 
 
 def _is_supported_by_several_groups(model: WhitenedModel, s: ScoredHypothesis) -> bool:
-    """Whether a law does not hang on one group: the others bear their share, or would be enough by themselves."""
+    """Return whether a law does not depend on a single group: the others contribute their share or suffice alone."""
     others = s.total - float(s.heldout.max())
     return (
         others > thresholds.DETECTION.without_best * s.total
@@ -103,14 +128,17 @@ def select_effects(
     rng: np.random.Generator,
     grown: Callable[[list[SelectedEffect]], list[SelectedEffect]] = lambda chosen: chosen,
 ) -> list[SelectedEffect]:
-    """Choose up to ``most`` effects.
+    """Select up to ``most`` effects.
 
     Args:
-        model: the base.
-        tried: all hypotheses.
-        most: effects at most.
-        rng: of the sign flips.
-        grown: what was chosen with more of the same at each place, after every step.
+        model: Whitened base model.
+        tried: All whitened hypotheses.
+        most: Largest number of effects.
+        rng: Random generator of the sign flips.
+        grown: Function that extends the selection after every step, for example by further harmonic orders.
+
+    Returns:
+        The selected effects.
     """
     search = _SelectionStep(
         tuple(tried), _select_greedily(model, tried, most).residual, rng, compute_body_error_share(tried)
@@ -126,12 +154,12 @@ def select_effects(
             chosen = _search_pairs(model, tried, chosen)
         chosen = grown(search.exchange(model, chosen))
         first = first or list(chosen)
-    # of two that half explain the same neither may hold beside the other: then the one that was found alone stands
+    # two effects that explain the same may both fail together: then the one selected alone is kept
     return _eliminate_backward(model, chosen) or _eliminate_backward(model, first)
 
 
 def _select_greedily(model: WhitenedModel, tried: Sequence[WhitenedHypothesis], most: int) -> WhitenedModel:
-    """The model with the best hypotheses that hold, whatever chance may say of them."""
+    """Return the model with the best supported hypotheses, without a chance level."""
     taken: set[tuple[str, str]] = set()
     for _ in range(most):
         scored = [
@@ -153,25 +181,30 @@ def prune_joint_effects(
     tried: Sequence[WhitenedHypothesis],
     rng: np.random.Generator,
 ) -> list[SelectedEffect]:
-    """Effects that were found together, each beside the others, without those that the others can do without.
+    """Refit jointly selected effects and drop those that the others make unnecessary.
 
-    Where the noise was taken from residuals of a poorer model it says nothing yet of what is needed: then all stay
-    that chance does not find, in a search among all laws beside the whole sum.
+    If the noise was estimated from residuals of a poorer model, it does not tell which effects are needed. Then all
+    effects stay whose gain exceeds the chance level of a search with the whole sum.
 
     Args:
-        model: the base.
-        laws: what was found, of one shape each.
-        tried: all that was looked among.
-        rng: of the sign flips.
+        model: Whitened base model.
+        laws: Selected laws with one shape each.
+        tried: All laws of the search.
+        rng: Random generator of the sign flips.
+
+    Returns:
+        The remaining effects.
     """
     chosen = [SelectedEffect(score_hypotheses(model, [t])[0], 1.0) for t in laws]
     known = add_selected_effects(model, chosen).rss > thresholds.RESTING.noise_known * len(model.y)
     while True:
-        beside = [add_selected_effects(model, [o for o in chosen if o is not c]) for c in chosen]
-        chosen = [replace(c, scored=score_hypotheses(m, [c.whitened])[0]) for m, c in zip(beside, chosen, strict=True)]
+        model_without = [add_selected_effects(model, [o for o in chosen if o is not c]) for c in chosen]
+        chosen = [
+            replace(c, scored=score_hypotheses(m, [c.whitened])[0]) for m, c in zip(model_without, chosen, strict=True)
+        ]
         needed = [
             s.gain / m.residual_variance - compute_least_gain(m, s)
-            for m, s in zip(beside, [c.scored for c in chosen], strict=True)
+            for m, s in zip(model_without, [c.scored for c in chosen], strict=True)
         ]
         if known and chosen and min(needed) < 0.0:
             del chosen[int(np.argmin(needed))]
@@ -184,10 +217,10 @@ def prune_joint_effects(
 
 
 def _refit_together(model: WhitenedModel, chosen: Sequence[SelectedEffect]) -> list[SelectedEffect]:
-    """Each with its coefficients in the fit of the whole sum, which is what the error on unseen readings is of.
+    """Return each effect with its coefficients from the joint fit, to which the cross-validated error refers.
 
-    Scored beside the others a direction that a neighbour nearly holds too counts as absorbed and comes out as nothing;
-    the sum needs it at one of them. Laws with bounds keep the coefficients that respect these.
+    Scored individually, a direction shared by two effects counts as absorbed in both and would vanish. Bounded laws
+    keep coefficients within their bounds.
     """
     x, at, out = add_selected_effects(model, chosen).coefficients, model.count, []
     for c in chosen:
@@ -204,7 +237,7 @@ def _compute_chances(
     tried: Sequence[WhitenedHypothesis],
     rng: np.random.Generator,
 ) -> list[SelectedEffect]:
-    """Each with the chance that the largest gain among all laws beside the whole sum reaches its own."""
+    """Return each effect with the probability that the largest gain of the search reaches its own by chance."""
     whole = add_selected_effects(model, chosen)
     chance = compute_chance_probability(
         whole, [*(c.scored for c in chosen), *fit_hypotheses(whole, tried)], whole.residual, rng
@@ -213,7 +246,15 @@ def _compute_chances(
 
 
 def add_selected_effects(model: WhitenedModel, chosen: Sequence[SelectedEffect]) -> WhitenedModel:
-    """The model with the columns of what was chosen."""
+    """Return the model with the columns of selected effects.
+
+    Args:
+        model: Whitened base model.
+        chosen: Selected effects, each fitted together with the others.
+
+    Returns:
+        The extended model.
+    """
     for c in chosen:
         model = model.with_law(c.whitened, c.scored.shape, held=True)
     return model
@@ -221,15 +262,23 @@ def add_selected_effects(model: WhitenedModel, chosen: Sequence[SelectedEffect])
 
 @dataclass(frozen=True)
 class _SelectionStep:
-    """What every step of the search shares."""
+    """Data common to all steps of the search."""
 
     whitened_hypotheses: tuple[WhitenedHypothesis, ...]
-    residual: Array  # (M,) whitened, of a model with everything that may be there
+    residual: Array  # (M,) whitened residuals of a model with all possible effects
     rng: np.random.Generator
-    body_error_share: float  # see law_error
+    body_error_share: float  # see compute_law_error
 
     def find_next_effect(self, model: WhitenedModel, chosen: Sequence[SelectedEffect]) -> SelectedEffect | None:
-        """The best further effect beside what was chosen; None where nothing holds."""
+        """Find the best further effect.
+
+        Args:
+            model: Whitened base model.
+            chosen: Selected effects, each fitted together with the others.
+
+        Returns:
+            The effect; None if none is supported.
+        """
         taken = {c.whitened.hypothesis.name for c in chosen}
         scored = score_hypotheses(model, [t for t in self.whitened_hypotheses if t.hypothesis.name not in taken])
         chance = compute_chance_probability(model, scored, self.residual, self.rng)
@@ -246,11 +295,19 @@ class _SelectionStep:
         return SelectedEffect(best, float(chance[[s is best for s in scored].index(True)]))
 
     def exchange(self, model: WhitenedModel, chosen: list[SelectedEffect]) -> list[SelectedEffect]:
-        """Each effect once more beside the others: another may take its place."""
+        """Re-select each effect with the others fixed.
+
+        Args:
+            model: Whitened base model.
+            chosen: Selected effects, each fitted together with the others.
+
+        Returns:
+            The effects.
+        """
         out = list(chosen)
         for k in range(len(out) if len(out) > 1 else 0):
             if not any(t is out[k].whitened for t in self.whitened_hypotheses):
-                continue  # grown out of several, any of which would take its place
+                continue  # a sum of several laws, each of which would replace it
             others = out[:k] + out[k + 1 :]
             again = self.find_next_effect(add_selected_effects(model, others), others)
             if again is not None:
@@ -259,12 +316,15 @@ class _SelectionStep:
 
 
 def compute_law_error(s: ScoredHypothesis, chosen: Sequence[SelectedEffect], of_body: float = 0.0) -> float:
-    """Gain that the laws chosen so far may leave because they are not quite the true ones.
+    """Compute the gain that the selected laws may leave because their form is not exact.
 
     Args:
-        s: a further law.
-        chosen: what stands beside it.
-        of_body: share of the gain of what gives way under weight that its law leaves at least.
+        s: Further law.
+        chosen: Selected effects, each fitted together with the others.
+        of_body: Least relative model error of compliant bodies under weight.
+
+    Returns:
+        Gain that is not evidence for the further law.
     """
 
     def share(c: SelectedEffect) -> float:
@@ -282,9 +342,10 @@ def compute_law_error(s: ScoredHypothesis, chosen: Sequence[SelectedEffect], of_
 
 
 def _compute_second_order_share(c: SelectedEffect) -> float:
-    """Share of its power that the column of a gain or of turned axes leaves: the square of its size; others: all.
+    """Return the remainder of a gain or axis-rotation column as a share of its power: the square of its size.
 
-    A load cell that reads 7 % too much is loud, and its law leaves 0.5 % of that, not what gears and bodies leave.
+    A load cell with a gain error of 7 % has a large effect, but its linear law leaves only 0.5 %, less than laws of
+    gears.
     """
     h, s = c.whitened.hypothesis, c.scored
     size = next(iter(h.quantities(s.x * c.whitened.unit[s.shape], c.whitened.shapes[s.shape]).values()))
@@ -292,13 +353,20 @@ def _compute_second_order_share(c: SelectedEffect) -> float:
 
 
 def compute_body_error_share(tried: Sequence[WhitenedHypothesis]) -> float:
-    """Share of the gain of a body that its law leaves at least, in the channel whose laws these are."""
+    """Return the least relative model error of compliant bodies in this channel.
+
+    Args:
+        tried: All whitened hypotheses.
+
+    Returns:
+        Share of the gain.
+    """
     poses = any(t.hypothesis.effect == link_geometry.EFFECT.name for t in tried)
     return thresholds.DETECTION.beside_body if poses else 0.0
 
 
 def _is_behind_body(a: EffectHypothesis, body: EffectHypothesis) -> bool:
-    """Whether a law stands at a joint behind a body and the arm's first three, which turn with the body's weight."""
+    """Return whether a law acts at one of the first three joints behind a body, which rotate with the body's weight."""
     place, of = parse_location(a.location), parse_location(body.location)
     return place.is_joint_location and min(place.numbers, default=0) > max(
         n + 1 for n in (JOINTS_BEFORE_WRIST - 1, *of.numbers)
@@ -306,7 +374,7 @@ def _is_behind_body(a: EffectHypothesis, body: EffectHypothesis) -> bool:
 
 
 def _is_neighbour(a: EffectHypothesis, b: EffectHypothesis) -> bool:
-    """Whether what one law leaves of its effect looks like the other: the same place, or the next body."""
+    """Return whether the remainder of one law resembles the other: the same place or an adjacent body."""
     if a.location == b.location:
         return True
     bodies = {"base": 0, "tool": 6} | {format_link_location(i): i for i in range(1, 7)}
@@ -315,10 +383,17 @@ def _is_neighbour(a: EffectHypothesis, b: EffectHypothesis) -> bool:
 
 
 def select_simplest_law(model: WhitenedModel, scored: Sequence[ScoredHypothesis]) -> ScoredHypothesis:
-    """The best on unseen groups, or a law with fewer coefficients that is hardly worse.
+    """Select the best law by cross-validation, or one with fewer coefficients that is hardly worse.
 
-    A loud effect is itself most of what the model leaves: measured by that, a coefficient that is there for sure seems
-    worth nothing. So none costs more than what excludes a rival, measured by what the best of the laws leaves.
+    A strong effect dominates the residual variance; relative to it, a significant coefficient seems worthless. The
+    cost of a coefficient is therefore limited by the threshold that rejects a rival.
+
+    Args:
+        model: Whitened base model.
+        scored: Hypotheses to select from.
+
+    Returns:
+        The selected hypothesis.
     """
     left = model.rss - max(s.gain for s in scored)
     quiet = max(1.0, left / max(len(model.y) - model.count, 1))
@@ -335,7 +410,7 @@ def select_simplest_law(model: WhitenedModel, scored: Sequence[ScoredHypothesis]
 def _search_pairs(
     model: WhitenedModel, tried: Sequence[WhitenedHypothesis], chosen: list[SelectedEffect]
 ) -> list[SelectedEffect]:
-    """All pairs among the leading hypotheses; taken where they beat what was found one by one."""
+    """Try all pairs among the best hypotheses; accept a pair that outperforms the selection."""
     scored = sorted(score_hypotheses(model, tried), key=lambda s: -s.total)
     leading: list[ScoredHypothesis] = []
     for s in scored:
@@ -362,7 +437,7 @@ def _search_pairs(
 
 
 def _compute_joint_gain(model: WhitenedModel, chosen: Sequence[SelectedEffect]) -> float:
-    """Gain of several effects on unseen groups, one after the other."""
+    """Return the cross-validated gain of several effects together."""
     total = 0.0
     for c in chosen:
         total += score_hypotheses(model, [c.whitened])[0].total
@@ -371,13 +446,13 @@ def _compute_joint_gain(model: WhitenedModel, chosen: Sequence[SelectedEffect]) 
 
 
 def _eliminate_backward(model: WhitenedModel, chosen: list[SelectedEffect]) -> list[SelectedEffect]:
-    """Leave out what is not needed beside the others; the rest with their gains beside each other."""
+    """Drop unnecessary effects and score the rest together."""
     out = list(chosen)
     while True:
         again = []
         for k, c in enumerate(out):
-            beside = add_selected_effects(model, out[:k] + out[k + 1 :])
-            again.append((beside, score_hypotheses(beside, [c.whitened])[0]))
+            model_without = add_selected_effects(model, out[:k] + out[k + 1 :])
+            again.append((model_without, score_hypotheses(model_without, [c.whitened])[0]))
         weak = [k for k, (m, s) in enumerate(again) if not is_supported(m, s)] or find_insignificant_laws(
             add_selected_effects(model, out), [(c.whitened, c.scored.shape) for c in out]
         )

@@ -1,8 +1,8 @@
-"""Several orders of one gear: a joint's waves as one law, order by order, each refined with all others beside it.
+"""Several harmonic orders of one gear: a joint's harmonics as one law, each order refined together with the others.
 
-A search names one law a place; a gear runs ahead and behind in the orders of its input, its cam and its output at once.
-Once a wave stands, further ones of the same place are taken as long as they hold beside everything chosen (orthogonal
-matching pursuit), and orders that the others make needless leave again: what was named first may have stood for two.
+Forward selection reports one law per place. A gear has errors in the orders of its input, cam and output at once.
+Once a harmonic is selected, further ones at the same place are added while they are supported (orthogonal matching
+pursuit). Orders that become unnecessary are dropped again.
 """
 
 from __future__ import annotations
@@ -33,20 +33,23 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
 )
 from machopt.numerics.array_types import Array
 
-MOST = 6  # orders of a joint, a safety
-NARROWER = (1.0, 0.2, 0.04)  # of the way to neighbouring orders, in turn
+MOST = 6  # most orders of a joint, as a safeguard
+NARROWER = (1.0, 0.2, 0.04)  # successive search widths relative to the grid spacing
 
 
 def add_harmonic_orders(
     model: WhitenedModel, chosen: Sequence[SelectedEffect], laws: Sequence[WhitenedHypothesis], rng: np.random.Generator
 ) -> list[SelectedEffect]:
-    """What was chosen, with all orders of each joint that has a wave.
+    """Extend each harmonic law of the selection by all supported orders of its joint.
 
     Args:
-        model: the base.
-        chosen: one law a place.
-        laws: all that is tried; single waves among them have a word for their sum and are settled finely.
-        rng: of the sign flips.
+        model: Whitened base model.
+        chosen: Selected effects, one law per place.
+        laws: All hypotheses; single harmonics among them have a name for their sum and a refinement.
+        rng: Random generator of the sign flips.
+
+    Returns:
+        The effects.
     """
     out = list(chosen)
     for k, c in enumerate(chosen):
@@ -57,7 +60,14 @@ def add_harmonic_orders(
 
 
 def count_parts(chosen: Sequence[SelectedEffect]) -> int:
-    """How many parts explanations say a thing in: each order of a motion's waves is one."""
+    """Count the parts of an explanation; each harmonic order of a motion counts as one.
+
+    Args:
+        chosen: Selected effects, each fitted together with the others.
+
+    Returns:
+        Number of parts.
+    """
     return sum(
         len(c.whitened.shapes[c.scored.shape]) if c.whitened.hypothesis.refinement and _is_wave_series(c) else 1
         for c in chosen
@@ -65,12 +75,12 @@ def count_parts(chosen: Sequence[SelectedEffect]) -> int:
 
 
 def _is_wave_series(c: SelectedEffect) -> bool:
-    """Whether a law has a cosine and a sine of each of its orders."""
+    """Return whether a law has a cosine and a sine for each of its orders."""
     return bool(2 * len(c.whitened.shapes[c.scored.shape]) == c.whitened.X.shape[2])
 
 
 def _is_single_wave(h: EffectHypothesis) -> bool:
-    """Whether a law is one wave, whose order a motion settles."""
+    """Return whether a law is a single harmonic with a refinable order."""
     return bool(h.sum_name) and h.refinement is not None
 
 
@@ -81,17 +91,17 @@ def _fit_joint_orders(
     single: Sequence[WhitenedHypothesis],
     rng: np.random.Generator,
 ) -> SelectedEffect:
-    """The k-th effect with all its orders."""
+    """Return the k-th effect with all its orders."""
     first = chosen[k]
-    beside = add_selected_effects(model, [c for n, c in enumerate(chosen) if n != k])
+    model_without = add_selected_effects(model, [c for n, c in enumerate(chosen) if n != k])
     law = single[0].hypothesis
     assert law.refinement is not None  # of a wave
     orders = tuple(first.whitened.shapes[first.scored.shape])
     added = False
     while len(orders) < MOST:
-        refined = _refine_orders(model, beside, law, orders)
+        refined = _refine_orders(model, model_without, law, orders)
         one = _find_next_order(
-            beside.with_columns(_build_order_columns(model, law, refined).columns_at(0)), single, rng
+            model_without.with_columns(_build_order_columns(model, law, refined).columns_at(0)), single, rng
         )
         if one is None:
             break
@@ -99,16 +109,19 @@ def _fit_joint_orders(
     if not added:
         return first
     orders = _drop_unneeded_orders(
-        model, beside, law, _merge_unresolved_orders(model, beside, law, _refine_orders(model, beside, law, orders))
+        model,
+        model_without,
+        law,
+        _merge_unresolved_orders(model, model_without, law, _refine_orders(model, model_without, law, orders)),
     )
-    own = score_hypotheses(beside, [_build_order_columns(model, _combine_waves(law, orders), orders)])[0]
+    own = score_hypotheses(model_without, [_build_order_columns(model, _combine_waves(law, orders), orders)])[0]
     return replace(first, scored=own)
 
 
 def _find_next_order(
     model: WhitenedModel, single: Sequence[WhitenedHypothesis], rng: np.random.Generator
 ) -> float | None:
-    """The order of one more wave that holds beside the others; None: there is none."""
+    """Return the order of one more supported harmonic; None if there is none."""
     scored = [s for s in score_hypotheses(model, single) if is_supported(model, s)]
     if not scored:
         return None
@@ -120,15 +133,15 @@ def _find_next_order(
     return float(best.whitened.shapes[best.shape][0])
 
 
-def _refine_orders(model: WhitenedModel, beside: WhitenedModel, law: EffectHypothesis, orders: Shape) -> Shape:
-    """Each order where the others want it; a whole one where it is no worse."""
+def _refine_orders(model: WhitenedModel, model_without: WhitenedModel, law: EffectHypothesis, orders: Shape) -> Shape:
+    """Refine each order with the others fixed; integer orders are preferred if they are no worse."""
     assert law.refinement is not None  # of a wave
     out = list(orders)
     for share in NARROWER:
         for n, order in enumerate(out):
-            m = beside
+            m = model_without
             if len(out) > 1:
-                m = beside.with_columns(
+                m = model_without.with_columns(
                     _build_order_columns(model, law, tuple(v for i, v in enumerate(out) if i != n)).columns_at(0)
                 )
             about = tuple(dict.fromkeys(((order,), *law.refinement.shapes_around((order,), share))))
@@ -140,12 +153,12 @@ def _refine_orders(model: WhitenedModel, beside: WhitenedModel, law: EffectHypot
 
 
 def _merge_unresolved_orders(
-    model: WhitenedModel, beside: WhitenedModel, law: EffectHypothesis, orders: Shape
+    model: WhitenedModel, model_without: WhitenedModel, law: EffectHypothesis, orders: Shape
 ) -> Shape:
-    """Orders of which the range of the joint tells each from the next, each of the rest refined again.
+    """Merge orders that the range of the joint cannot resolve, and refine the rest.
 
-    Two that beat less often over the range than that are one wave to these data, whatever their amplitudes: such come
-    out large and cancel, for the sake of a wave that swells or of noise.
+    Two orders with less than a fraction of a beat in the range are one harmonic to these data. Fitted separately they
+    get large cancelling amplitudes.
     """
     assert law.refinement is not None  # of a wave
     while len(orders) > 1:
@@ -155,23 +168,29 @@ def _merge_unresolved_orders(
         if orders[pair[1]] - orders[pair[0]] >= law.refinement.minimum_separation:
             break
         ways = [orders[:n] + orders[n + 1 :] for n in pair]
-        kept = min(ways, key=lambda way: beside.with_columns(_build_order_columns(model, law, way).columns_at(0)).rss)
-        orders = _refine_orders(model, beside, law, kept)
+        kept = min(
+            ways, key=lambda way: model_without.with_columns(_build_order_columns(model, law, way).columns_at(0)).rss
+        )
+        orders = _refine_orders(model, model_without, law, kept)
     return orders
 
 
-def _drop_unneeded_orders(model: WhitenedModel, beside: WhitenedModel, law: EffectHypothesis, orders: Shape) -> Shape:
-    """Orders without those that the others can do without, each of the rest refined again."""
+def _drop_unneeded_orders(
+    model: WhitenedModel, model_without: WhitenedModel, law: EffectHypothesis, orders: Shape
+) -> Shape:
+    """Drop orders that the others make unnecessary, and refine the rest."""
     while len(orders) > 1:
         need = []
         for n in range(len(orders)):
-            rest = beside.with_columns(_build_order_columns(model, law, orders[:n] + orders[n + 1 :]).columns_at(0))
+            rest = model_without.with_columns(
+                _build_order_columns(model, law, orders[:n] + orders[n + 1 :]).columns_at(0)
+            )
             s = score_hypotheses(rest, [_build_order_columns(model, law, (orders[n],))])[0]
             need.append(s.gain / rest.residual_variance - compute_least_gain(rest, s))
         worst = int(np.argmin(need))
         if need[worst] >= 0.0:
             break
-        orders = _refine_orders(model, beside, law, orders[:worst] + orders[worst + 1 :])
+        orders = _refine_orders(model, model_without, law, orders[:worst] + orders[worst + 1 :])
     return orders
 
 
@@ -180,7 +199,7 @@ def _build_order_columns(model: WhitenedModel, law: EffectHypothesis, orders: Sh
 
 
 def _combine_waves(law: EffectHypothesis, orders: Shape) -> EffectHypothesis:
-    """Several waves as one law, whose orders are settled each by itself."""
+    """Combine several harmonics into one law with individually refined orders."""
     assert law.refinement is not None  # of a wave
     if len(orders) == 1:
         return law
@@ -190,7 +209,7 @@ def _combine_waves(law: EffectHypothesis, orders: Shape) -> EffectHypothesis:
 
 
 def _build_order_refinement(one: ShapeRefinement) -> ShapeRefinement:
-    """Of several orders: about each of them in turn, the others as they are."""
+    """Build the refinement of several orders: one after the other, with the others fixed."""
 
     def about(shape: Shape, share: float) -> tuple[Shape, ...]:
         out = []

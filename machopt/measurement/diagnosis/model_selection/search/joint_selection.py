@@ -1,9 +1,9 @@
-"""Many effects at once: a sparse sum over every joint's waves, every frame and every other law.
+"""Joint selection of many effects: a sparse sum over harmonics of every joint, every frame and every other law.
 
-A calibrated arm with a tracker in front of it shows more than a search one by one gets through: waves of several orders
-in each gear, and frames a tenth of a millimetre off. Here the normal equations of all laws are summed up once, and
-groups of columns are taken one after the other, each refitted with all before it (group orthogonal matching pursuit,
-Lozano, Swirszcz & Abe 2009), as long as the next one predicts folds that it was not fitted to.
+A calibrated arm with a laser tracker shows more effects than forward selection can handle: harmonics of several
+orders in each gear, and frames that are 0.1 mm off. The normal equations of all laws are computed once. Column groups
+are selected one by one, each refitted with all before it (group orthogonal matching pursuit, Lozano, Swirszcz & Abe
+2009), as long as the next one improves the cross-validated error.
 """
 
 from __future__ import annotations
@@ -40,30 +40,30 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     whiten_hypotheses,
 )
 
-DEFAULT_MAX_EFFECTS = 3  # effects that a search one by one is asked for as a rule
-MAX_RIVAL_SHAPES = 24  # shapes of a law that is held against what was found together
-MOST = 96  # groups, a safety
-LEADING_GROUPS = 3  # groups whose gain on unseen folds is looked at in each step
+DEFAULT_MAX_EFFECTS = 3  # default number of effects of forward selection
+MAX_RIVAL_SHAPES = 24  # most shapes of a rival of jointly selected effects
+MOST = 96  # most groups, as a safeguard
+LEADING_GROUPS = 3  # groups that are cross-validated in each step
 UNLOADED_FAMILIES = (
     "kinematic",
     "sensor",
-)  # families of what is there without any weight: frames, waves, the tracker's stand
+)  # load-independent families: frames, harmonics, tracker frames
 
 
 def search_effects(
     model: WhitenedModel, laws: Sequence[WhitenedHypothesis], most: int, rng: np.random.Generator, fits: float
 ) -> tuple[tuple[WhitenedHypothesis, ...], tuple[SelectedEffect, ...]]:
-    """What may explain a recording and what does: found one by one, or together where there is much.
+    """Search the effects by forward selection, or jointly if there are many.
 
     Args:
-        model: the base.
-        laws: all that is tried.
-        most: effects of a search one by one; fewer than three are a wish for few.
-        rng: of the sign flips.
-        fits: whitened variance of what noise alone would leave; NaN: nobody measured it.
+        model: Whitened base model.
+        laws: All whitened hypotheses.
+        most: Largest number of effects of forward selection; fewer than three requests few effects.
+        rng: Random generator of the sign flips.
+        fits: Whitened residual variance that noise alone would leave; NaN if the noise was not measured.
 
     Returns:
-        The laws that rivals are taken from, those that were found among them; what was found.
+        Hypotheses for rivals (including the selected ones), and the selected effects.
     """
     sums = CachedSums(model, laws)
     found = select_many_effects(model, laws, fits, sums) if most >= DEFAULT_MAX_EFFECTS else []
@@ -82,23 +82,23 @@ def search_effects(
 
 
 def _has_frame_laws(laws: Sequence[WhitenedHypothesis]) -> bool:
-    """Whether laws of frames are among them, which measured poses alone have."""
+    """Return whether frame laws are among the hypotheses, as in measured poses only."""
     return any(t.hypothesis.effect == link_geometry.EFFECT.name for t in laws)
 
 
 def select_many_effects(
     model: WhitenedModel, laws: Sequence[WhitenedHypothesis], fits: float, sums: CachedSums | None = None
 ) -> list[WhitenedHypothesis]:
-    """The effects of a crowded recording, each as one law of one shape: a joint's waves are one effect.
+    """Select the effects of a recording with many effects jointly; the harmonics of a joint are one effect.
 
     Args:
-        model: the base.
-        laws: all that is tried.
-        fits: whitened variance of what noise alone would leave; NaN: nobody measured it.
-        sums: of base and laws, where they are needed elsewhere, too.
+        model: Whitened base model.
+        laws: All whitened hypotheses.
+        fits: Whitened residual variance that noise alone would leave; NaN if the noise was not measured.
+        sums: Sums of base and laws if they already exist.
 
     Returns:
-        Empty where few effects, or none, are there.
+        One law with one shape for each effect; empty if there are few effects or none.
     """
     if not _has_frame_laws(laws):
         return []
@@ -112,7 +112,7 @@ def select_many_effects(
 
 
 def _select_groups_greedily(sums: NormalEquationSums, fits: float) -> list[LawColumnGroup]:
-    """Groups in the order in which they were taken."""
+    """Return groups in the order of their selection."""
     taken: list[LawColumnGroup] = []
     columns = list(range(sums.base))
     left = eliminate_columns(sums.total, np.array(columns, int))
@@ -165,7 +165,7 @@ def _compute_least_gain(g: LawColumnGroup, rows: int) -> float:
 
 
 def _compute_holdout_squares(sums: NormalEquationSums, columns: Sequence[int]) -> float:
-    """Sum of squares left on folds that no fit saw."""
+    """Return the cross-validated residual sum of squares."""
     at, out = np.array(columns, int), 0.0
     of = np.append(at, -1)
     whole = sums.total[np.ix_(at, of)]
@@ -178,7 +178,7 @@ def _compute_holdout_squares(sums: NormalEquationSums, columns: Sequence[int]) -
 
 
 def _combine_joint_waves(picked: Sequence[LawColumnGroup]) -> list[EffectHypothesis]:
-    """One law a joint, with all the orders that were taken there."""
+    """Return one law per joint with all orders selected there."""
     orders: dict[tuple[str, str], list[float]] = {}
     laws: dict[tuple[str, str], EffectHypothesis] = {}
     for g in picked:

@@ -1,15 +1,15 @@
-"""How far a long step is and how fast it goes, said now and then."""
+"""Progress messages of a long step: fraction and rate."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from time import perf_counter
 
-REPORT_INTERVAL = 2.0  # s between two words about it
+REPORT_INTERVAL = 2.0  # s between two messages
 
 
 class ProgressRate:
-    """Says what is done of how many, and how many a second."""
+    """Reports progress and rate of a counted step."""
 
     def __init__(self, say: Callable[[str], None], words: str, of: int, things: str) -> None:
         self._say, self._words, self._of, self._things = say, words, of, things

@@ -1,4 +1,4 @@
-"""The search, and the search again: about what was found, without outliers, by the noise that is left."""
+"""Iterated search: repeated at the found effects, without outliers, with the noise of the new residuals."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
 ROUNDS = 3
-MAX_EXTRA_ROUNDS = 2  # further ones, while the base is fitted to what nothing built has
+MAX_EXTRA_ROUNDS = 2  # additional rounds while base unknowns are implausible
 CLIPS = 4
 
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """What was found and what the next search is about, beside its base."""
+    """Found effects about which the next iteration is linearised."""
 
-    corrections: tuple[KinematicCorrection, ...] = ()  # needs no load
-    bodies: tuple[StiffnessTerm, ...] = ()  # give way beside the springs
+    corrections: tuple[KinematicCorrection, ...] = ()  # load-independent corrections
+    bodies: tuple[StiffnessTerm, ...] = ()  # compliant bodies
 
 
 Rebuild = Callable[[Array, frozenset[int], LinearisationPoint], tuple[DiagnosisProblem, HypothesisCatalogue]]
@@ -48,9 +48,22 @@ def search_iteratively(
     rebuild: Rebuild | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> SearchState:
-    """Search, and search again with noise, outliers and known physics about what was found."""
+    """Repeat the search with updated noise, outliers and linearisation point until the selection does not change.
+
+    Args:
+        problem: Regression problem.
+        catalogue: Catalogue of hypotheses.
+        most: Largest number of effects of forward selection.
+        seed: Seed of all random choices.
+        rebuild: Function that rebuilds problem and catalogue about base coefficients and found effects; None
+            keeps them.
+        progress: Called with progress messages.
+
+    Returns:
+        The final state with refined shapes.
+    """
     residual, used = _fit_robust_base(problem)
-    before: list[tuple[str, str, str]] | None = None
+    previous_names: list[tuple[str, str, str]] | None = None
     number = 0
     while True:
         number += 1
@@ -60,17 +73,21 @@ def search_iteratively(
         state = _run_search_iteration(problem, catalogue, most, seed, residual, used, rate)
         fitted = state.fit_effects(state.chosen)
         residual = fitted.residual
-        again = outlier_rejection.find_inlier_readings(problem, residual) & _find_allowed_rows(problem)
-        same = before == _list_effect_names(state.chosen) and np.array_equal(again, used)
+        inliers = outlier_rejection.find_inlier_readings(problem, residual) & _find_allowed_rows(problem)
+        is_unchanged = previous_names == _list_effect_names(state.chosen) and np.array_equal(inliers, used)
         x = fitted.x[: problem.base.shape[2]]
-        doubted = _find_implausible_unknowns(problem, x, state.chosen)
-        settles = (rebuild is None or not doubted) and (same or number >= ROUNDS)
-        if settles or number == ROUNDS + MAX_EXTRA_ROUNDS:
+        implausible_unknowns = _find_implausible_unknowns(problem, x, state.chosen)
+        is_converged = (rebuild is None or not implausible_unknowns) and (is_unchanged or number >= ROUNDS)
+        if is_converged or number == ROUNDS + MAX_EXTRA_ROUNDS:
             return refine_chosen_shapes(state)
-        used, before, found = again, _list_effect_names(state.chosen), _build_linearisation_point(state.chosen)
-        del state, fitted  # the columns of all laws are most of the memory
+        used, previous_names, linearisation_point = (
+            inliers,
+            _list_effect_names(state.chosen),
+            _build_linearisation_point(state.chosen),
+        )
+        del state, fitted  # the columns of all laws use most of the memory
         if rebuild is not None:
-            problem, catalogue = rebuild(x, doubted, found)
+            problem, catalogue = rebuild(x, implausible_unknowns, linearisation_point)
 
 
 def _run_search_iteration(
@@ -82,7 +99,7 @@ def _run_search_iteration(
     used: Flags,
     rate: Callable[[int], None] = lambda _: None,
 ) -> SearchState:
-    """One search, by the noise that the residuals (N, D) of the last fit show."""
+    """Run one search with the noise of the previous residuals (N, D)."""
     found = replicate_noise.estimate_replicate_noise(problem, residual, used)
     w = build_whitening(problem, found, used)
     base, unit = build_base_model(problem, w, np.random.default_rng([seed, 2]))
@@ -104,10 +121,11 @@ def _run_search_iteration(
 
 
 def _build_linearisation_point(chosen: Sequence[SelectedEffect]) -> LinearisationPoint:
-    """Corrections without load and bodies that give way among what was chosen, where it is not a crowd.
+    """Return the load-independent corrections and compliant bodies among the selected effects, unless there are many.
 
-    Of a crowd of waves and frames each leans on the others, and the next round about all of them found fewer: on a
-    public UR10 (series D, benchmarks/real/poses.py) unseen poses were then predicted worse, 0.107 mm for 0.087.
+    Many harmonics and frames are strongly correlated, and iterating about all of them finds fewer. On a public UR10
+    data set (series D, benchmarks/real/poses.py) held-out poses were then predicted worse: 0.107 mm instead of 0.087
+    mm.
     """
     if len(chosen) > thresholds.RESTING.crowded:
         return LinearisationPoint()
@@ -126,9 +144,9 @@ def _build_correction(c: SelectedEffect) -> Correction | None:
 
 
 def _find_implausible_unknowns(problem: DiagnosisProblem, x: Array, chosen: Sequence[SelectedEffect]) -> frozenset[int]:
-    """Base unknowns, by number, fitted to what nothing built has for the sake of what was found without load.
+    """Return base unknowns with implausible values caused by load-independent effects.
 
-    Where nothing such was found the cell may well be wrong by any factor, and the misfit is the unknown's alone.
+    Without such effects the cell may be wrong by any factor, and the value is kept.
     """
     if not any(c.whitened.hypothesis.family == "kinematic" for c in chosen):
         return frozenset()
@@ -144,7 +162,7 @@ def _find_allowed_rows(problem: DiagnosisProblem) -> Flags:
 
 
 def _fit_robust_base(problem: DiagnosisProblem) -> tuple[Array, Flags]:
-    """Residuals (N, D) of the base by least squares with gross errors put aside, and which readings remain."""
+    """Return residuals (N, D) of a least-squares fit of the base without outliers, and the remaining readings."""
     used = _find_allowed_rows(problem)
     scale = np.ones(problem.dimensions)
     for family in problem.families:

@@ -1,4 +1,4 @@
-"""Where a diagnosis stands: what is measured, how noisy it is, what was tried and what was chosen so far."""
+"""State of a diagnosis: problem, noise, hypotheses and selected effects."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True)
 class SearchState:
-    """One round of the search."""
+    """Problem, noise, hypotheses and selected effects of one iteration."""
 
     problem: DiagnosisProblem
     catalogue: HypothesisCatalogue
@@ -35,11 +35,18 @@ class SearchState:
 
     @property
     def catalogue_hypotheses(self) -> tuple[WhitenedHypothesis, ...]:
-        """What findings are made of."""
+        """Hypotheses that may become findings."""
         return tuple(t for t in self.whitened_hypotheses if t.hypothesis.is_in_catalogue)
 
     def fit_effects(self, chosen: Sequence[SelectedEffect]) -> FittedModel:
-        """Base and some effects with their columns in SI."""
+        """Fit base and effects with columns in SI.
+
+        Args:
+            chosen: Effects to include.
+
+        Returns:
+            The fitted model.
+        """
         columns, unit = [self.problem.base], [self.base_units]
         for c in chosen:
             columns.append(c.whitened.hypothesis.columns(c.whitened.shapes[c.scored.shape]))

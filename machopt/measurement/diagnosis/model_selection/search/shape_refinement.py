@@ -1,4 +1,4 @@
-"""Shapes of what was chosen, settled more finely than the grid that was searched: an order, a speed, a path."""
+"""Refinement of shape parameters beyond the search grid: gear orders, speeds, displacements, and their intervals."""
 
 from __future__ import annotations
 
@@ -19,19 +19,26 @@ from machopt.measurement.diagnosis.model_selection.search.search_state import Se
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, whiten_hypotheses
 from machopt.numerics.array_types import Array
 
-RATIO_POINTS = 6  # shapes between one of a grid and its neighbour
-TWO_NUMBER_POINTS = 3  # of two numbers at once, to either side
-NARROWER = 5.0  # times, where few of these are as likely as the best
-NARROW = 1e-3  # of the way between neighbours
+RATIO_POINTS = 6  # shapes between two grid neighbours
+TWO_NUMBER_POINTS = 3  # points in each direction for two numbers
+NARROWER = 5.0  # reduction of the search width if few shapes are equally likely
+NARROW = 1e-3  # final search width relative to the grid spacing
 MAX_LIKELY_SHAPES = 4
-HALVINGS = 6  # of the way from what is as likely to what is not
-GAIN_ROUNDING = 1e-6  # of a gain: the same but for rounding
-MAX_GAIN_ROUNDING = 0.01  # variances of a residual: as much of a very large gain is no rounding
+HALVINGS = 6  # bisection steps for an interval end
+GAIN_ROUNDING = 1e-6  # relative difference of gains that counts as rounding
+MAX_GAIN_ROUNDING = 0.01  # largest rounding difference, in residual variances
 CUT_INTERVAL_NOTE = "the interval of its shape ends where no shape was tried beyond"
 
 
 def build_ratio_refinement(grid: Sequence[Shape]) -> ShapeRefinement | None:
-    """Of one positive number: in even ratios towards the neighbours of the grid, and as far beyond its ends."""
+    """Build the refinement of one positive number, with equal ratios towards the grid neighbours and beyond the ends.
+
+    Args:
+        grid: Shapes of the search.
+
+    Returns:
+        The refinement; None if the grid is not of one positive number.
+    """
     values = np.array(sorted({s[0] for s in grid})) if all(len(s) == 1 for s in grid) else np.zeros(0)
     if len(values) < 2 or values[0] <= 0.0:
         return None
@@ -45,9 +52,15 @@ def build_ratio_refinement(grid: Sequence[Shape]) -> ShapeRefinement | None:
 
 
 def build_two_number_refinement(grid: Sequence[Shape]) -> ShapeRefinement | None:
-    """Of two numbers whose grid holds each of the first with each of the second: as far as to the next of either.
+    """Build the refinement of two numbers on a full rectangular grid, up to the neighbours of each.
 
-    Beyond the ends of the grid nothing is looked for: no reading is there that would tell a place or a width.
+    Nothing is searched beyond the ends of the grid, where no reading determines a position or width.
+
+    Args:
+        grid: Shapes of the search.
+
+    Returns:
+        The refinement; None if the grid is not rectangular.
     """
     if len(grid) < 2 or any(len(s) != 2 for s in grid):
         return None
@@ -66,44 +79,56 @@ def build_two_number_refinement(grid: Sequence[Shape]) -> ShapeRefinement | None
 
 
 def refine_chosen_shapes(state: SearchState) -> SearchState:
-    """The state with every chosen law at its best shape between those of the grid, profiled shapes kept with it."""
+    """Refine the shape of every selected law; equally likely shapes are stored with it.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state with refined laws.
+    """
     chosen, laws = list(state.chosen), list(state.whitened_hypotheses)
     for k, c in enumerate(chosen):
         if c.whitened.hypothesis.refinement is None:
             continue
-        beside = add_selected_effects(state.base, [o for n, o in enumerate(chosen) if n != k])
-        chosen[k] = refine_law_shape(state.base, beside, c, c.whitened.hypothesis.refinement)
+        model_without = add_selected_effects(state.base, [o for n, o in enumerate(chosen) if n != k])
+        chosen[k] = refine_law_shape(state.base, model_without, c, c.whitened.hypothesis.refinement)
         laws[next(n for n, t in enumerate(laws) if t is c.whitened)] = chosen[k].whitened
     return replace(state, whitened_hypotheses=tuple(laws), chosen=tuple(chosen))
 
 
 def refine_law_shape(
-    base: WhitenedModel, beside: WhitenedModel, c: SelectedEffect, finer: ShapeRefinement
+    base: WhitenedModel, model_without: WhitenedModel, c: SelectedEffect, finer: ShapeRefinement
 ) -> SelectedEffect:
-    """A law at its best shape near the one it has, with all shapes that are as likely.
+    """Refine the shape of one law and determine all equally likely shapes.
 
     Args:
-        base: the base.
-        beside: with what else was chosen.
-        c: the law.
-        finer: how its shapes are looked through.
+        base: Whitened base model.
+        model_without: Model with the other selected effects.
+        c: The effect.
+        finer: Refinement of its shape.
+
+    Returns:
+        The refined effect.
     """
     h, best, share = c.whitened.hypothesis, c.whitened.shapes[c.scored.shape], 1.0
     seen: dict[Shape, float] = {}
     if finer.search_range is not None:
-        seen.update(zip(c.whitened.shapes, compute_gain_by_shape(beside, c.whitened).tolist(), strict=True))
+        seen.update(zip(c.whitened.shapes, compute_gain_by_shape(model_without, c.whitened).tolist(), strict=True))
         best = max(seen, key=lambda s: seen[s])
     grid = list(seen)
 
     def asked(shapes: Sequence[Shape]) -> Array:
-        found = whiten_hypotheses(base, [replace(h, shapes=tuple(shapes))])  # none where no shape moves a reading
-        gain = compute_gain_by_shape(beside, found[0]) if found else np.zeros(len(shapes))
+        found = whiten_hypotheses(base, [replace(h, shapes=tuple(shapes))])  # empty if no shape changes a reading
+        gain = compute_gain_by_shape(model_without, found[0]) if found else np.zeros(len(shapes))
         seen.update(zip(shapes, gain.tolist(), strict=True))
         return gain
 
     def least(best_gain: float) -> float:
         """Gain from which on a shape is as likely."""
-        rest = (beside.rss - best_gain) / max(len(beside.y) - beside.count - c.whitened.X.shape[2], 1)
+        rest = (model_without.rss - best_gain) / max(
+            len(model_without.y) - model_without.count - c.whitened.X.shape[2], 1
+        )
         return float(best_gain - compute_likelihood_margin(h) * max(rest, 1.0))
 
     while True:
@@ -127,25 +152,31 @@ def refine_law_shape(
     plain = [s for s in near if finer.is_preferred(s)]
     at = _select_middle_shape(plain or near, seen)
     notes.append(finer.describe_ambiguity(near))
-    # intervals are taken over the shapes that are as likely: no other is asked for again
+    # intervals use the equally likely shapes only
     noted = replace(h, shapes=tuple(near), note="; ".join(n for n in notes if n))
     kept = replace(whiten_hypotheses(base, [noted])[0], index=c.whitened.index)
-    own = score_hypotheses(beside, whiten_hypotheses(base, [replace(h, shapes=(at,))]))[0]
+    own = score_hypotheses(model_without, whiten_hypotheses(base, [replace(h, shapes=(at,))]))[0]
     return replace(c, scored=replace(own, whitened=kept, shape=near.index(at)))
 
 
 def _is_unambiguous(near: Sequence[Shape], finer: ShapeRefinement) -> bool:
-    """Whether few enough shapes are apart that are as likely: of several numbers, of each of them."""
+    """Return whether few distinct shapes are equally likely; for several numbers for each of them."""
     if finer.search_ranges is None:
         return len(near) >= MAX_LIKELY_SHAPES
     return all(len({s[n] for s in near}) >= MAX_LIKELY_SHAPES - 1 for n in range(len(near[0])))
 
 
 def compute_likelihood_margin(h: EffectHypothesis) -> float:
-    """Gain by which another shape of a law may be worse and is as likely all the same, in variances of a residual.
+    """Compute the loss of gain within which another shape is equally likely, in residual variances.
 
-    Where a leap lies has another distribution than a slope: ξ of max(2 W(s) − |s|), (1 − exp(−ξ/2))² its chance
-    (Hansen, Econometrica 68 (2000) 575). Of 95 %, 7.35 for χ²'s 3.84.
+    The position of a discontinuity has another distribution than a smooth parameter: ξ of max(2 W(s) − |s|) with
+    probability (1 − exp(−ξ/2))² (Hansen, Econometrica 68 (2000) 575). At 95 % it is 7.35 instead of 3.84 of χ².
+
+    Args:
+        h: Hypothesis.
+
+    Returns:
+        Margin.
     """
     chi2 = thresholds.DETECTION.near_shape
     if not h.has_jumps:
@@ -154,15 +185,14 @@ def compute_likelihood_margin(h: EffectHypothesis) -> float:
 
 
 def _extend_shape_range(
-    asked: Callable[[Sequence[Shape]], Array],
+    evaluate_shapes: Callable[[Sequence[Shape]], Array],
     seen: dict[Shape, float],
     least: Callable[[], float],
     finer: ShapeRefinement,
 ) -> tuple[list[Shape], bool]:
-    """Shapes beyond those seen, a step of the grid at once, until one on either side is not as likely.
+    """Extend the evaluated shapes by grid steps until they are no longer equally likely on both sides.
 
-    Returns:
-        the shapes; whether one is as likely still where the law's range ends.
+    Returns the shapes, and whether the last one at an end of the range is still equally likely.
     """
     if finer.search_range is None:
         return [], False
@@ -174,18 +204,18 @@ def _extend_shape_range(
             if outermost(at, last) == last:
                 cut = True
                 break
-            asked([at])
+            evaluate_shapes([at])
             out.append(at)
     return out, cut
 
 
 def _find_interval_ends(
-    asked: Callable[[Sequence[Shape]], Array], seen: dict[Shape, float], least: Callable[[], float]
+    evaluate_shapes: Callable[[Sequence[Shape]], Array], seen: dict[Shape, float], least: Callable[[], float]
 ) -> list[Shape]:
-    """The outermost shapes of one number that are as likely, by halving the way to those beyond, which are not.
+    """Return the outermost equally likely shapes of one number by bisection.
 
-    Those near the best one may end well inside: where a law turns over at once, shapes between two of its steps are
-    all alike, and of such a plain only what lies about its likeliest point was looked at.
+    For a discontinuous law, all shapes between two of its steps are equivalent, and only the surroundings of the best
+    one were evaluated.
     """
     for _ in range(HALVINGS):
         order = sorted(seen)
@@ -194,21 +224,20 @@ def _find_interval_ends(
         between_them = [(0.5 * (order[a][0] + order[b][0]),) for a, b in pairs]
         if not between_them:
             break
-        asked(between_them)
+        evaluate_shapes(between_them)
     order = [s for s in sorted(seen) if seen[s] > least()]
     return [order[0], order[-1]]
 
 
 def _find_region_sides(
-    asked: Callable[[Sequence[Shape]], Array],
+    evaluate_shapes: Callable[[Sequence[Shape]], Array],
     seen: dict[Shape, float],
     least: Callable[[], float],
     within: tuple[tuple[float, float], ...],
 ) -> tuple[list[Shape], bool]:
-    """The outermost shapes of two numbers that are as likely, to either side of each with the other free.
+    """Return the outermost equally likely shapes in each of two numbers, with the other number free.
 
-    Returns:
-        the shapes; whether one is as likely still at an end of what is looked at.
+    Also returns whether a shape at the end of the range is still equally likely.
     """
     out: list[Shape] = []
     cut = False
@@ -224,7 +253,7 @@ def _find_region_sides(
                 value = float(np.clip(last[n] + side * step, *within[n]))
                 others = np.clip(last[1 - n] + wide * np.linspace(-0.5, 0.5, 2 * TWO_NUMBER_POINTS + 1), *within[1 - n])
                 shapes = [(value, float(o)) if n == 0 else (float(o), value) for o in np.unique(others)]
-                gain = asked(shapes)
+                gain = evaluate_shapes(shapes)
                 if gain.max() > least():
                     last = shapes[int(np.argmax(gain))]
                     out.append(last)
@@ -234,7 +263,7 @@ def _find_region_sides(
 
 
 def _select_middle_shape(shapes: Sequence[Shape], seen: Mapping[Shape, float]) -> Shape:
-    """The likeliest of some shapes; where several are alike, one in their middle."""
+    """Return the most likely shape; among equivalent ones the middle one."""
     most = max(seen[s] for s in shapes)
     alike = sorted(s for s in shapes if seen[s] >= most - min(GAIN_ROUNDING * abs(most), MAX_GAIN_ROUNDING))
     return alike[len(alike) // 2]
