@@ -32,7 +32,7 @@ from machopt.effects.protocol import (
     JointLoading,
     JointLoadRange,
 )
-from machopt.errors import InputError
+from machopt.errors import EffectDefinitionError
 
 GROUP = "machopt.effects"
 PAIRS = tuple(format_joint_pair_location(i, j) for i in range(1, 7) for j in range(i + 1, 7))
@@ -70,16 +70,16 @@ def run_user_files(files: Sequence[Path]) -> tuple[UserModule, ...]:
     out = []
     for n, file in enumerate(files):
         if not isfile(file):
-            raise InputError("there is no such file; a Python file would work", file=file)
+            raise EffectDefinitionError("there is no such file; a Python file would work", file=file)
         spec = importlib.util.spec_from_file_location(f"machopt_user_terms_{n}", file)
         if spec is None or spec.loader is None:
-            raise InputError("is not a Python file", file=file)
+            raise EffectDefinitionError("is not a Python file", file=file)
         module = importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module
         try:
             spec.loader.exec_module(module)
         except USER_CODE_ERRORS as problem:
-            raise InputError(f"does not run: {type(problem).__name__}: {problem}", file=file) from problem
+            raise EffectDefinitionError(f"does not run: {type(problem).__name__}: {problem}", file=file) from problem
         out.append(UserModule(file, module))
     return tuple(out)
 
@@ -99,7 +99,7 @@ def load_effect_files(files: Sequence[Path]) -> tuple[UserModule, ...]:
     out = run_user_files(files)
     for own in out:
         if not own.has_effects:
-            raise InputError("has no EFFECTS; a list of Effect objects would work", file=own.file)
+            raise EffectDefinitionError("has no EFFECTS; a list of Effect objects would work", file=own.file)
     return out
 
 
@@ -124,7 +124,7 @@ def activate_user_effects(own: Iterable[UserModule] = ()) -> Iterator[None]:
         try:
             registry.build_registry((*known, *new))
         except ValueError as taken:
-            raise InputError(f"EFFECTS: {taken}; another name would work", file=source) from taken
+            raise EffectDefinitionError(f"EFFECTS: {taken}; another name would work", file=source) from taken
         known += new
     registry.EFFECTS = registry.build_registry(known)
     try:
@@ -150,7 +150,7 @@ def find_entry_points(group: str) -> list[tuple[str, Any]]:
         try:
             out.append((e.value, e.load()))
         except USER_CODE_ERRORS as problem:
-            raise InputError(
+            raise EffectDefinitionError(
                 f"an installed package offers this in {group}, and it does not load: "
                 f"{type(problem).__name__}: {problem}; without the package, or with it mended, it would work",
                 file=e.value,
@@ -162,22 +162,24 @@ def _refuse_taken(e: Effect, known: Iterable[Effect], source: str) -> None:
     for other in known:
         shared = {e.name, e.file_word} & {other.name, other.file_word}
         if shared:
-            raise InputError(
+            raise EffectDefinitionError(
                 f"EFFECTS: {shared.pop()!r} is the name of another effect; another name would work", file=source
             )
 
 
 def _check_effects(offered: object, source: str) -> list[Effect]:
     if not isinstance(offered, list | tuple) or not offered:
-        raise InputError(f"EFFECTS is {type(offered).__name__}; a list of Effect objects would work", file=source)
+        raise EffectDefinitionError(
+            f"EFFECTS is {type(offered).__name__}; a list of Effect objects would work", file=source
+        )
     for e in offered:
         if not isinstance(e, Effect):
-            raise InputError(f"EFFECTS holds {type(e).__name__}; Effect objects would work", file=source)
+            raise EffectDefinitionError(f"EFFECTS holds {type(e).__name__}; Effect objects would work", file=source)
         of_joint = e.joint_laws and not e.body_laws and e.port == "twist" and set(e.places) <= set(JOINTS)
         of_body = e.body_laws and not e.joint_laws and e.port == "body" and set(e.places) <= set(BODIES)
         of_angle = e.angle_laws and not e.is_elastic and e.port == "angle" and set(e.places) <= {*JOINTS, *PAIRS}
         if not (e.places and ((e.is_elastic and (of_joint or of_body)) or of_angle)):
-            raise InputError(
+            raise EffectDefinitionError(
                 f"{e.name}: an elastic effect with laws, port twist and places joint:1 … joint:6 would work, or one "
                 "that gives, port body and places link:1 … link:6, base, tool, or one that is not elastic, unloaded, "
                 "port angle and places joint:1 … joint:6 or joint:4-5; for anything else hypotheses(readings) of "
@@ -205,9 +207,11 @@ def _try_body_law(e: Effect, law: BodyLaw, source: str) -> None:
         law.to_file_parameters(np.ones(count), shape, body)
         law.restrict_to_observed(6, turning=True).axes(body)
     except USER_CODE_ERRORS as problem:
-        raise InputError(f"{name} does not run: {type(problem).__name__}: {problem}", file=source) from problem
+        raise EffectDefinitionError(
+            f"{name} does not run: {type(problem).__name__}: {problem}", file=source
+        ) from problem
     if answer.shape != (count, 6, 6) or not count or not np.isfinite(answer).all():
-        raise InputError(
+        raise EffectDefinitionError(
             f"{name}: matrices have the shape {answer.shape} (or NaN); finite ({max(count, 1)}, 6, 6) would work",
             file=source,
         )
@@ -226,12 +230,14 @@ def _try_angle_law(e: Effect, law: JointAngleLaw, source: str) -> None:
         texts = (law.name, law.equation, law.note, law.word, law.sum_name)
         certain = float(law.penalty), law.prior is None or float(law.prior)
     except USER_CODE_ERRORS as problem:
-        raise InputError(f"{name} does not run: {type(problem).__name__}: {problem}", file=source) from problem
+        raise EffectDefinitionError(
+            f"{name} does not run: {type(problem).__name__}: {problem}", file=source
+        ) from problem
     if not all(isinstance(text, str) for text in texts) or np.isnan((*bounds, *certain)).any():
-        raise InputError(f"{name}: texts, and bounds and penalty that are numbers, would work", file=source)
+        raise EffectDefinitionError(f"{name}: texts, and bounds and penalty that are numbers, would work", file=source)
     for n, answer in enumerate(answers):
         if answer.ndim != 2 or len(answer) != len(q) or not answer.shape[1] or not np.isfinite(answer).all():
-            raise InputError(
+            raise EffectDefinitionError(
                 f"{name}: columns of derivative {n} at {len(q)} angles have the shape {answer.shape} (or NaN); finite "
                 f"({len(q)}, p) would work",
                 file=source,
@@ -257,12 +263,16 @@ def _try_joint_law(e: Effect, law: Any, source: str) -> None:
         ]
         texts = (law.name, law.equation, law.word, *(p.key for p in (*law.coefficients, *law.shape)))
     except USER_CODE_ERRORS as problem:
-        raise InputError(f"{name} does not run: {type(problem).__name__}: {problem}", file=source) from problem
+        raise EffectDefinitionError(
+            f"{name} does not run: {type(problem).__name__}: {problem}", file=source
+        ) from problem
     if not count or not all(isinstance(text, str) for text in texts):
-        raise InputError(f"{name}: coefficients and texts (name, equation, word, keys) would work", file=source)
+        raise EffectDefinitionError(
+            f"{name}: coefficients and texts (name, equation, word, keys) would work", file=source
+        )
     for what, answer in answers:
         if answer.ndim != 2 or len(answer) != len(load) or not answer.shape[1] or not np.isfinite(answer).all():
-            raise InputError(
+            raise EffectDefinitionError(
                 f"{name}: {what} under {', '.join(f'{tau:g}' for tau in load)} N·m have the shape {answer.shape} (or "
                 f"NaN); finite ({len(load)}, p) would work",
                 file=source,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import ConfigurationKeyError, suggest_nearest_word
 from machopt.numerics.array_types import Array
 
 
@@ -18,7 +18,7 @@ class ParameterReader:
         self._data, self._where, self._file = dict(data), where, file
         self._read_keys: list[str] = []
 
-    def build_error(self, key: str, message: str) -> InputError:
+    def build_error(self, key: str, message: str) -> ConfigurationKeyError:
         """Build an error that names the file and the key.
 
         Args:
@@ -28,7 +28,7 @@ class ParameterReader:
         Returns:
             The error; the caller raises it.
         """
-        return InputError(message, file=self._file, where=f"{self._where}{f'.{key}' if key else ''}")
+        return ConfigurationKeyError(message, file=self._file, where=f"{self._where}{f'.{key}' if key else ''}")
 
     def read_nested(self, key: str, data: Mapping[str, Any]) -> ParameterReader:
         """Return a reader for a mapping inside this entry.

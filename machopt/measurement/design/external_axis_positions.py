@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import OptionError, suggest_nearest_word
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
@@ -34,7 +34,7 @@ def set_external_axis_positions(cell: Cell, position_texts: Sequence[str]) -> Ce
         name = names[short.index(name)] if name in short and name not in names else name
         if name not in names:
             known = suggest_nearest_word(name, [*names, *short]) if names else "it has none"
-            raise InputError(f"{name!r} is no external joint of the cell; {known}", where="--external")
+            raise OptionError(f"{name!r} is no external joint of the cell; {known}", where="--external")
         k = names.index(name)
         unit, per = ("mm", 1e3) if cell.external_prismatic[k] else ("deg", float(np.degrees(1.0)))
         low, high = (float(v[6 + k]) * per for v in (cell.limits.lower, cell.limits.upper))
@@ -43,7 +43,7 @@ def set_external_axis_positions(cell: Cell, position_texts: Sequence[str]) -> Ce
         except ValueError:
             value = float("nan")
         if not equals or not low - 1e-6 <= value <= high + 1e-6:  # mm or deg; round-off of the limits
-            raise InputError(
+            raise OptionError(
                 f"found {word!r}; {name}=VALUE with {low:g} to {high:g} {unit} would work", where="--external"
             )
         home[k] = value / per

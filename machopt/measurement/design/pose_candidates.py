@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from machopt.collision.collision_model import CollisionModel
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.kinematics.robot import ArmState, Robot
 from machopt.numerics.array_types import Array, Bools, Ints
 from machopt.numerics.rigid_transforms import normalise_vectors
@@ -190,7 +190,7 @@ def _compute_sampling_range(limits: tuple[Array, Array], home: Array, margin: fl
     lower, upper = limits[0] + margin, limits[1] - margin
     for j in range(6):
         if not upper[j] > lower[j]:
-            raise InputError(
+            raise OptionError(
                 f"a margin of {np.degrees(margin):g} deg leaves nothing of joint {j + 1}, which moves from "
                 f"{np.degrees(limits[0][j]):g} to {np.degrees(limits[1][j]):g} deg",
                 where="--limit-margin-deg",

@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.data_types.cell import Cell, Workpiece
 from machopt.data_types.stiffness import ArmStiffness
-from machopt.errors import InputError
+from machopt.errors import InputError, OptionError
 from machopt.kinematics.robot import Robot
 from machopt.measurement.design.load_cases import LoadCriteria
 from machopt.measurement.design.load_methods import GRAVITY, LoadMethod, build_load_method_combinations
@@ -97,12 +97,12 @@ def check_poses_request(request: PosesRequest) -> None:
     _check_counts(request)
     _check_sizes(request)
     if request.sensor not in SENSORS:
-        raise InputError(f"found {request.sensor!r}; valid: {', '.join(SENSORS)}", where="--sensor")
+        raise OptionError(f"found {request.sensor!r}; valid: {', '.join(SENSORS)}", where="--sensor")
     _check_loads(request)
     _check_job(request)
     _check_arrays(request)
     if request.anchors_mm and request.pull_N is None:
-        raise InputError("ropes to anchors need forces; --pull-N 200,500 for instance", where="--anchors")
+        raise OptionError("ropes to anchors need forces; --pull-N 200,500 for instance", where="--anchors")
 
 
 def _check_counts(r: PosesRequest) -> None:
@@ -127,7 +127,7 @@ def _check_counts(r: PosesRequest) -> None:
         if value > most:
             raise InputError(f"found {value}; expected at most {most}", where=option)
     if r.candidates < r.poses:
-        raise InputError(
+        raise OptionError(
             f"found {r.candidates}; fewer candidates than the {r.poses} poses wanted", where="--candidates"
         )
 
@@ -155,13 +155,17 @@ def _check_sizes(r: PosesRequest) -> None:
         if number is not None and not (isfinite(number) and (number > 0 if strict else number >= 0)):
             raise InputError(f"found {number:g}; expected {'more than' if strict else 'at least'} zero", where=option)
     if r.tracker_angle_deg >= 180:
-        raise InputError(f"found {r.tracker_angle_deg:g}; expected less than 180", where="--tracker-angle-deg")
+        raise OptionError(f"found {r.tracker_angle_deg:g}; expected less than 180", where="--tracker-angle-deg")
     if r.min_kci >= 1:
-        raise InputError(f"found {r.min_kci:g}; a KCI lies between 0 and 1", where="--min-kci")
+        raise OptionError(f"found {r.min_kci:g}; a KCI lies between 0 and 1", where="--min-kci")
     if not r.floor_mm < r.ceiling_mm:
-        raise InputError(f"found {r.floor_mm:g}; expected less than --ceiling-mm, {r.ceiling_mm:g}", where="--floor-mm")
+        raise OptionError(
+            f"found {r.floor_mm:g}; expected less than --ceiling-mm, {r.ceiling_mm:g}", where="--floor-mm"
+        )
     if not (isfinite(r.prior_factor) and r.prior_factor >= 1):
-        raise InputError(f"found {r.prior_factor:g}; expected 1 (the prior is trusted) or more", where="--prior-factor")
+        raise OptionError(
+            f"found {r.prior_factor:g}; expected 1 (the prior is trusted) or more", where="--prior-factor"
+        )
 
 
 def _check_loads(r: PosesRequest) -> None:
@@ -172,9 +176,9 @@ def _check_loads(r: PosesRequest) -> None:
                 raise InputError(f"found {v:g}; expected more than zero", where=option)
     for v in r.arms_mm:
         if not (isfinite(v) and v >= 0):
-            raise InputError(f"found {v:g}; expected 0 (at the TCP) or the arm's length", where="--arms-mm")
+            raise OptionError(f"found {v:g}; expected 0 (at the TCP) or the arm's length", where="--arms-mm")
     if not r.arms_mm:
-        raise InputError("is empty; 0 loads the TCP itself", where="--arms-mm")
+        raise OptionError("is empty; 0 loads the TCP itself", where="--arms-mm")
 
 
 def _check_job(r: PosesRequest) -> None:
@@ -183,11 +187,11 @@ def _check_job(r: PosesRequest) -> None:
         1 <= len(r.force_N) <= 2 and all(isfinite(v) and v >= 0 for v in r.force_N) and max(r.force_N) > 0
     ):
         found = ",".join(f"{v:g}" for v in r.force_N)
-        raise InputError(
+        raise OptionError(
             f"found {found}; expected the least and the largest process force, e.g. 200,800", where="--force-N"
         )
     if r.discriminate is not None and (r.toolpath is not None or r.force_N is not None):
-        raise InputError(
+        raise OptionError(
             "the diagnosis says which loads are needed; without --toolpath and --force-N it would work",
             where="--discriminate",
         )
@@ -206,7 +210,7 @@ def _check_arrays(r: PosesRequest) -> None:
             found = f"{len(row)} values" if len(row) != n else ",".join(f"{v:g}" for v in row)
             raise InputError(f"found {found}; expected {n} finite numbers", where=option)
     if r.box_mm is not None and not all(a < b for a, b in zip(r.box_mm[:3], r.box_mm[3:], strict=True)):
-        raise InputError(
+        raise OptionError(
             "the highest corner is not above the lowest; expected xmin,ymin,zmin,xmax,ymax,zmax", where="--box-mm"
         )
     for option, row in (("--prior", r.prior_Nm_per_rad), ("--max-torque-Nm", r.max_torque_Nm)):
@@ -320,7 +324,7 @@ def build_load_methods(request: PosesRequest, cell: Cell) -> tuple[tuple[LoadMet
     weights, pulls, warnings = r.weights_kg, r.pull_N, []
     if weights is None and pulls is None:
         if not cell.tool.mass > 0:
-            raise InputError(
+            raise OptionError(
                 "no loads were given; --weights-kg 20,50 or --pull-N 200,500 would work, within the robot's rated load",
                 where="--weights-kg",
             )
@@ -335,9 +339,9 @@ def build_load_methods(request: PosesRequest, cell: Cell) -> tuple[tuple[LoadMet
         weights or (), pulls or (), r.pull_directions, anchors, [a / 1e3 for a in r.arms_mm], T_base_world[:3, :3]
     )
     if not ways:
-        raise InputError("no loads are left; --weights-kg and --pull-N are both empty", where="--weights-kg")
+        raise OptionError("no loads are left; --weights-kg and --pull-N are both empty", where="--weights-kg")
     if r.candidates * len(ways) > MOST_CASES:
-        raise InputError(
+        raise OptionError(
             f"{r.candidates} candidates × {len(ways)} ways of loading are more than {MOST_CASES}; fewer of "
             "--candidates, --anchors, --pull-directions or --arms-mm would work",
             where="--candidates",
@@ -364,7 +368,7 @@ def build_prior_stiffness(request: PosesRequest, cell: Cell) -> ArmStiffness:
             ArmStiffness(joints=joints) if cell.stiffness is None else replace(cell.stiffness, joints=joints, grid=None)
         )
     if cell.stiffness is None:
-        raise InputError(
+        raise OptionError(
             "the cell has no stiffness, and loads cannot be judged without a rough one; --prior with six values in "
             "N·m/rad would work (a robot of the same payload is near enough)",
             file=cell.folder / "cell.yaml",
@@ -391,17 +395,17 @@ def build_linear_terms(request: PosesRequest, robot: Robot, T_flange_tcp: Array)
     for text in request.terms:
         effect, at, location = text.partition("@")
         if not at:
-            raise InputError(f"found {text!r}; expected EFFECT@LOCATION, e.g. link_compliance@link:4", where="--fit")
+            raise OptionError(f"found {text!r}; expected EFFECT@LOCATION, e.g. link_compliance@link:4", where="--fit")
         if effect == "geometric_stiffness":
-            raise InputError(
+            raise OptionError(
                 "geometric_stiffness follows from load and kinematics; it has nothing to identify", where="--fit"
             )
         if request.terms.count(text) > 1:
-            raise InputError(f"{text} stands twice; keep one", where="--fit")
+            raise OptionError(f"{text} stands twice; keep one", where="--fit")
         try:
             out.append(build_fitted_term(effect, location, robot, T_flange_tcp))
         except InputError as error:
-            raise InputError(f"found {text!r}: {error.reason}", where="--fit") from None
+            raise OptionError(f"found {text!r}: {error.reason}", where="--fit") from None
     return tuple(out)
 
 
@@ -419,7 +423,7 @@ def check_number_of_readings(request: PosesRequest, dimensions: int, unknowns: i
     numbers = request.poses * request.loads * dimensions
     if numbers < unknowns:
         least = -(-unknowns // (request.loads * dimensions))
-        raise InputError(
+        raise OptionError(
             f"{request.poses} poses with {request.loads} loads give {numbers} numbers for {unknowns} unknowns; "
             f"{least} poses at least, better twice as many",
             where="--poses",

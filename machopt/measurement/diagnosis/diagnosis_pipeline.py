@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from machopt.data_types.cell import Cell, describe_fixed_external_joints
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm, describe_ignored_springs
-from machopt.errors import InputError
+from machopt.errors import InputError, OptionError, RecordingError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import GRAVITY, Robot, RobotMasses, load_masses, load_robot
 from machopt.measurement.diagnosis.data_quality import (
@@ -100,12 +100,12 @@ def diagnose_static_recording(
     masses = read_stated_masses(cell)
     prior = None if cell.stiffness is None else cell.stiffness.joints
     if laws and recording.kind != "deflection":
-        raise InputError(
+        raise OptionError(
             "laws of your own are tried on load tests (kind deflection) only", where="--effects", file=recording.source
         )
     options.progress("checking the record")
     if recording.kind == "absolute" and len(recording) < MIN_POSES:
-        raise InputError(
+        raise RecordingError(
             f"found {len(recording)} reading{'' if len(recording) == 1 else 's'}; ten poses or more would work "
             "(machopt plan-poses chooses them)",
             file=recording.source,
@@ -302,7 +302,7 @@ def _refuse_too_few(problem: DiagnosisProblem, recording: Recording) -> None:
     if distinct * problem.dimensions > unknowns and problem.y.size >= 2 * unknowns:
         return
     poses = len(np.unique(problem.group))
-    raise InputError(
+    raise RecordingError(
         f"{len(problem)} reading{'' if len(problem) == 1 else 's'} of {problem.dimensions} coordinates in {poses} "
         f"pose{'' if poses == 1 else 's'} cannot be held against a model that refits {unknowns} numbers to them; ten "
         "poses or more would work (machopt plan-poses chooses them)",
@@ -350,13 +350,13 @@ def diagnose_motion_recording(
     """
     motion_channels.check_joint_names(recording, cell)
     if toolpath and (len(cell.arm_joints) != 6 or cell.arm_prismatic):
-        raise InputError(
+        raise OptionError(
             "a toolpath needs an arm of six revolute joints; without it the motion is diagnosed all the same",
             where="--toolpath",
         )
     possible = motion_channels.list_testable_channels(recording, cell)
     if not possible:
-        raise InputError(
+        raise RecordingError(
             "nothing that was recorded can be predicted: joint torque with inertias in the URDF, link-side encoders "
             "(qse1_deg …) or a tracked TCP (x_mm …) would work"
             + (
@@ -368,7 +368,7 @@ def diagnose_motion_recording(
         )
     channel = possible[0] if requested_channel == "auto" else requested_channel
     if channel not in possible:
-        raise InputError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
+        raise OptionError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
     options.progress(f"signals and equations, channel {channel}")
     words = {
         "torque": "stretches of joint torque",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from os.path import isfile
 from pathlib import Path
 
-from machopt.errors import InputError
+from machopt.errors import OptionError
 
 DEFAULT_MAX_FINDINGS = 3  # most effects of forward selection in a motion
 DEFAULT_MAX_STATIC_FINDINGS = 6  # static recordings with loads in many directions support more
@@ -73,13 +73,13 @@ def check_diagnose_request(request: DiagnoseRequest, kind: str) -> None:
         InputError: Names the option, the value found and what would be accepted.
     """
     if request.toolpath is not None and not isfile(request.toolpath):
-        raise InputError(
+        raise OptionError(
             "there is no such file; a toolpath that optimize reads would work",
             file=request.toolpath,
             where="--toolpath",
         )
     if request.channel != "auto" and kind != "motion":
-        raise InputError(
+        raise OptionError(
             f"found {request.channel}; channels are of a motion, this recording is of kind {kind!r}",
             where="--channel",
         )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import FrameName, Recording, StandardUncertainty
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.kinematics.robot import ArmState, Robot
 from machopt.numerics.array_types import Array, Ints
 from machopt.stiffness.terms import LinearTerm
@@ -129,7 +129,7 @@ def build_load_test_experiment(recording: Recording, robot: Robot, T_flange_tcp:
         InputError: Another kind of recording, or no loads or displacements.
     """
     if recording.kind != "deflection" or recording.wrench is None or recording.displacement is None:
-        raise InputError(
+        raise RecordingError(
             f"is a recording of kind {recording.kind!r}; stiffness is identified from kind 'deflection' "
             "(loads fx_N … and displacements dx_mm …)",
             file=recording.source,

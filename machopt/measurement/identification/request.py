@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path
 
 from machopt.data_types.stiffness import StiffnessTerm
-from machopt.errors import InputError
+from machopt.errors import InputError, OptionError
 from machopt.measurement.identification.data_quality.load_test_checks import CODES
 from machopt.measurement.identification.options import IdentifyOptions
 
@@ -47,23 +47,23 @@ def check_identify_request(request: IdentifyRequest) -> None:
         InputError: Names the option, the value found and what would be accepted.
     """
     if request.model not in ("auto", "constant", "grid"):
-        raise InputError(f"found {request.model!r}; valid: auto, constant, grid", where="--model")
+        raise OptionError(f"found {request.model!r}; valid: auto, constant, grid", where="--model")
     if not (isfinite(request.grid_cell_mm) and request.grid_cell_mm > 0):
-        raise InputError(f"found {request.grid_cell_mm:g}; more than zero would work", where="--grid-cell-mm")
+        raise OptionError(f"found {request.grid_cell_mm:g}; more than zero would work", where="--grid-cell-mm")
     for name, value in (("--grid-origin-mm", request.grid_origin_mm), ("--grid-shape", request.grid_shape)):
         if value is not None and len(value) != 3:
             raise InputError(f"found {len(value)} numbers; expected three, x,y,z", where=name)
     if request.grid_shape is not None and min(request.grid_shape) < 1:
-        raise InputError(f"found {min(request.grid_shape)}; at least one cell along each axis", where="--grid-shape")
+        raise OptionError(f"found {min(request.grid_shape)}; at least one cell along each axis", where="--grid-shape")
     if not 50.0 <= request.level_percent < 100.0:
-        raise InputError(f"found {request.level_percent:g}; 50 to below 100 would work", where="--level")
+        raise OptionError(f"found {request.level_percent:g}; 50 to below 100 would work", where="--level")
     if request.plain and request.model == "grid":
-        raise InputError(
+        raise OptionError(
             "the plain least squares of dumas2011 has no grid; --model constant would work", where="--plain"
         )
     for code in request.accept:
         if code not in CODES:
-            raise InputError(f"found {code!r}; valid: {', '.join(CODES)}", where="--accept")
+            raise OptionError(f"found {code!r}; valid: {', '.join(CODES)}", where="--accept")
 
 
 def convert_to_options(request: IdentifyRequest, terms: tuple[StiffnessTerm, ...]) -> IdentifyOptions:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from machopt.data_types.measurements.recording import Recording, RecordingKind, StandardUncertainty
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.recording.recording_columns import CHANNELS
 from machopt.numerics.array_types import Array, Ints
 
@@ -241,14 +241,14 @@ def _refuse_different(first: Recording, rest: Sequence[Recording]) -> None:
         for name in _SAME:
             a, b = getattr(first, name), getattr(other, name)
             if not np.array_equal(a, b):
-                raise InputError(
+                raise RecordingError(
                     f"{name} is {b} but {a} in {_format_recording_name(first)}; recordings read together must agree",
                     file=_format_recording_name(other),
                 )
         for name in (*(c.field for c in CHANNELS), *_BESIDE):
             a, b = getattr(first, name), getattr(other, name)
             if (a is None) != (b is None) or (a is not None and a.shape[1:] != b.shape[1:]):
-                raise InputError(
+                raise RecordingError(
                     f"holds {_name_channel(name, b)}, but {_format_recording_name(first)} "
                     f"{_name_channel(name, a)}; recordings read together need "
                     "the same columns",

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty, TrackerTarget
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.file_formats.strict_yaml import YamlDocument, format_found_value, read_yaml, validate_document
 from machopt.measurement.recording import inclinometer as by_tilt
 from machopt.measurement.recording import motor_channels as by_motor
@@ -73,7 +73,7 @@ def load_recording(path: Path | str) -> Recording:
         if other.stated_labels != runs[0].stated_labels:
             name = next(n for n in LABELS if (n in other.stated_labels) != (n in runs[0].stated_labels))
             has, not_ = (p, data[0]) if name in other.stated_labels else (data[0], p)
-            raise InputError(
+            raise RecordingError(
                 f"has no column {name} but {has.name} has; files of a recording need the same columns", file=not_
             )
     recording = renumber_session_poses(merge_recordings(runs, new_sessions=False))
@@ -104,23 +104,23 @@ def load_recordings(paths: Sequence[Path | str]) -> Recording:
         InputError: as :func:`load_recording`; the recordings differ in kind, frames or columns; a folder comes twice.
     """
     if not paths:
-        raise InputError("no recordings given; expected one or more recording folders")
+        raise RecordingError("no recordings given; expected one or more recording folders")
     places = [_find_recording_yaml(Path(p)).resolve() for p in paths]
     for k, place in enumerate(places):
         if place in places[:k]:
-            raise InputError("is given twice; the same readings would count as new ones", file=paths[k])
+            raise RecordingError("is given twice; the same readings would count as new ones", file=paths[k])
     return merge_recordings([load_recording(p) for p in paths], new_sessions=True)
 
 
 def _find_recording_yaml(path: Path) -> Path:
     if not exists(path):
-        raise InputError(f"no such file or folder; expected a recording folder or its {YAML_NAME}", file=path)
+        raise RecordingError(f"no such file or folder; expected a recording folder or its {YAML_NAME}", file=path)
     if not isdir(path):
         if path.suffix.lower() not in (".yaml", ".yml"):
-            raise InputError(f"is not a recording; expected a folder with {YAML_NAME}, or that file", file=path)
+            raise RecordingError(f"is not a recording; expected a folder with {YAML_NAME}, or that file", file=path)
         return path
     if not exists(path / YAML_NAME):
-        raise InputError(f"holds no {YAML_NAME}; expected a recording folder", file=path)
+        raise RecordingError(f"holds no {YAML_NAME}; expected a recording folder", file=path)
     return path / YAML_NAME
 
 
@@ -249,7 +249,7 @@ def _refuse_falling_time(recording: Recording, files: Sequence[Path]) -> None:
     if bad.size:
         here, before = int(order[bad[0] + 1]), int(order[bad[0]])
         file = files[0 if recording.file is None else int(recording.file[here])]
-        raise InputError(
+        raise RecordingError(
             f"time does not rise: {time[bad[0] + 1]:.12g} s after {time[bad[0]]:.12g} s in {recording.place(before)}; "
             "several runs need a column session, or one file a run in a list under data",
             file=file,

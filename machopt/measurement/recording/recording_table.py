@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import InputError, RecordingError, suggest_nearest_word
 from machopt.file_formats import parquet_tables
 from machopt.file_formats.file_reading import TABLE, read_file
 from machopt.numerics.array_types import Array, Ints
@@ -73,7 +73,7 @@ class RecordingTable:
             place = f"{'line' if self.header_line else 'row'} {self.lines[row]}"
         else:
             place = f"line {self.header_line}" if self.header_line else "schema"
-        return InputError(message, file=self.path, where=place + ("" if column is None else f", column {column}"))
+        return RecordingError(message, file=self.path, where=place + ("" if column is None else f", column {column}"))
 
 
 def read_table(path: Path, vocabulary: AllowedColumns) -> RecordingTable:
@@ -119,7 +119,7 @@ def _read_csv(path: Path, data: bytes, vocabulary: AllowedColumns) -> RecordingT
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         line = data.count(b"\n", 0, problem.start) + 1
-        raise InputError("is not UTF-8 text; expected CSV in UTF-8", file=path, where=f"line {line}") from None
+        raise RecordingError("is not UTF-8 text; expected CSV in UTF-8", file=path, where=f"line {line}") from None
     lines: list[int] = []
     rows: list[str] = []
     for line, row in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
@@ -128,7 +128,7 @@ def _read_csv(path: Path, data: bytes, vocabulary: AllowedColumns) -> RecordingT
             lines.append(line)
             rows.append(row)
     if not rows:
-        raise InputError("holds no rows; expected a header line and one line a reading", file=path)
+        raise RecordingError("holds no rows; expected a header line and one line a reading", file=path)
     quoted = '"' in text
     head, body = rows[0], rows[1:]
     table = RecordingTable(path, {}, {}, np.array(lines[1:], dtype=np.int64), lines[0])

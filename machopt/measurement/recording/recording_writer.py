@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from machopt.data_types.measurements.recording import Recording
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.recording import inclinometer, tracker_targets
 from machopt.measurement.recording.recording_columns import BRANCHES, CHANNELS, LABELS
 from machopt.measurement.recording.recording_merge import number_poses
@@ -46,13 +46,13 @@ def write_recording(folder: Path | str, recording: Recording) -> None:
         with _replace_file(target / YAML_NAME) as partial:
             _write_yaml(partial, recording)
     except OSError as problem:
-        raise InputError(f"cannot be written: {problem.strerror}", file=folder) from None
+        raise RecordingError(f"cannot be written: {problem.strerror}", file=folder) from None
 
 
 def _format_columns(recording: Recording, folder: Path) -> dict[str, Sequence[str]]:
     """The printed cells of each column."""
     if not len(recording):
-        raise InputError("holds no reading; expected one or more", file=folder)
+        raise RecordingError("holds no reading; expected one or more", file=folder)
     out: dict[str, Sequence[str]] = {}
     default: dict[str, Callable[[], Ints]] = {
         "pose": lambda: number_poses(recording.q, recording.kind),
@@ -84,7 +84,7 @@ def _format_columns(recording: Recording, folder: Path) -> dict[str, Sequence[st
             bad = np.flatnonzero(np.isinf(column) if channel.sparse else ~np.isfinite(column))
             if bad.size:
                 found = f"reading {bad[0] + 1} of {name} is {column[bad[0]]}"
-                raise InputError(f"{found}; a recording holds finite numbers", file=folder)
+                raise RecordingError(f"{found}; a recording holds finite numbers", file=folder)
             # shortest text of the rounded number; adding zero turns -0.0 into 0.0
             cells = map(repr, (np.round(column / unit, channel.decimals) + 0.0).tolist())
             out[name] = ["" if channel.sparse and c == "nan" else c for c in cells]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import LENGTHS
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.kinematics.robot import Robot
 from machopt.measurement.diagnosis import thresholds
 from machopt.numerics.array_types import Array, Ints
@@ -225,7 +225,7 @@ def _estimate_length_factor(x: Array, p: Array) -> float:
 def _check_frame_is_determined(recording: Recording, x: Array, name: str) -> None:
     extent = np.linalg.svd(x - x.mean(axis=0), compute_uv=False) if len(x) >= FEWEST else np.zeros(3)
     if extent[1] <= thresholds.RESTING.flat * extent[0]:
-        raise InputError(
+        raise RecordingError(
             f"frame {name} has {len(x)} reading{'' if len(x) == 1 else 's'}"
             f"{', all on one line' if len(x) >= FEWEST else ''}, which do not fix where the tracker stood; expected "
             f"{FEWEST} points or more that are not on one line, or leave these rows out",

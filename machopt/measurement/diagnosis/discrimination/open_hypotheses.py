@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument, FindingEntry, RivalEntry
 from machopt.data_types.parameter_keys import JOINT_SPRING, ParameterKey
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.diagnosis.data_types.diagnosis_result import is_spring_observable
 
 MAX_RIVALS = 5  # most rivals of one finding, the best ones
@@ -83,7 +83,7 @@ def read_open_diagnosis(data: DiagnosisDocument, file: Path) -> OpenDiagnosis:
         InputError: The diagnosis is of a motion, or a required number is missing.
     """
     if data.channel not in ("deflection", "position"):
-        raise InputError(
+        raise RecordingError(
             f"is a diagnosis of a motion (channel {data.channel}); poses and loads can be planned for load tests "
             f"and measured poses. What it says itself: {data.next_experiment}",
             file=file,
@@ -121,7 +121,7 @@ def _read_joint_compliances(data: DiagnosisDocument, file: Path) -> Mapping[int,
 def _require_number(value: float | None, file: Path) -> float:
     """Return a number that the plan requires."""
     if value is None:
-        raise InputError(
+        raise RecordingError(
             "does not hold what a plan needs (a number is null); a fresh machopt diagnose writes it", file=file
         )
     return float(value)
@@ -181,7 +181,7 @@ def _build_candidate_law(named: FindingEntry | RivalEntry) -> CandidateLaw:
 def _build_location_rivals(data: DiagnosisDocument, file: Path) -> list[RivalLawSet]:
     factor = {"mm": 1e-3}.get(data.rmse_unit)
     if factor is None:
-        raise InputError(f"found {data.rmse_unit!r}; mm was expected", file=file, where="rmse_unit")
+        raise RecordingError(f"found {data.rmse_unit!r}; mm was expected", file=file, where="rmse_unit")
     rms = factor * _require_number(data.baseline.repeatable_rmse, file)
     shares = sorted((s for s in data.mismatch if s.kind == "machine"), key=lambda s: -(s.share or 0.0))
     candidate_laws = tuple(CandidateLaw(effect="", location=s.axis, rms=rms) for s in shares)

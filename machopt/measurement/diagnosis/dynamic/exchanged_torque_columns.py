@@ -15,7 +15,7 @@ import numpy as np
 from machopt.data_types.locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import COLUMNS
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_record_finding
@@ -128,7 +128,7 @@ def _refuse_motor_side(recording: Recording, motion: MotionSignals, predicted: A
     ]
     if small and len(whole) >= len(small):
         j = small[0]
-        raise InputError(
+        raise RecordingError(
             f"{recording.source}: {format_column_name(recording, 'torque', j)} is {100 * slopes[j]:.2g} % of "
             f"what the arm needs "
             f"there, and the torque of joints {', '.join(str(k + 1) for k in whole)} is whole: torque of the motor "

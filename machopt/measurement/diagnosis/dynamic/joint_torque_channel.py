@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from machopt.data_types.locations import format_column_location, format_joint_location, format_link_location
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
@@ -68,7 +68,7 @@ def build_joint_torque_problem(scene: MotionModel) -> tuple[DiagnosisProblem, Hy
     """
     m, dynamics, rec = scene.motion, scene.dynamics, scene.recording
     if dynamics is None or scene.predicted is None or rec.torque is None:
-        raise InputError(f"{rec.source}: the channel torque needs tau1_Nm … and a URDF with inertias")
+        raise RecordingError(f"{rec.source}: the channel torque needs tau1_Nm … and a URDF with inertias")
     n = scene.joints
     measured = rec.torque[m.index, :n]
     needed = scene.predicted

@@ -15,7 +15,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.dynamics.rigid_body import MissingInertiaError, RigidBodyDynamics, load_dynamics
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
@@ -82,7 +82,7 @@ def check_joint_names(recording: Recording, cell: Cell) -> None:
     n = recording.q.shape[1]
     slides = cell.arm_prismatic or (False,) * len(cell.arm_joints)
     if n != len(slides):
-        raise InputError(
+        raise RecordingError(
             f"the recording has {n} joint{'s' if n > 1 else ''}, the cell's arm {len(slides)}: "
             f"{', '.join(cell.arm_joints)}; one column q1_deg (q1_mm where it slides) … for each of them would work",
             file=recording.source,
@@ -90,7 +90,7 @@ def check_joint_names(recording: Recording, cell: Cell) -> None:
     for j, (own, name) in enumerate(zip(slides, cell.arm_joints, strict=True)):
         if own != (recording.prismatic or (False,) * n)[j]:
             found, right = ("deg", "mm") if own else ("mm", "deg")
-            raise InputError(
+            raise RecordingError(
                 f"q{j + 1}_{found} is of a joint that {'turns' if own else 'slides'}, but {name!r} of the cell "
                 f"{'slides' if own else 'turns'}; q{j + 1}_{right} is expected",
                 file=recording.source,
@@ -205,7 +205,7 @@ def _build_channel_equations(
     from machopt.kinematics.robot import load_robot
 
     if scene.joints != 6:
-        raise InputError(
+        raise RecordingError(
             f"{scene.recording.source}: a tracked TCP needs an arm of six joints; the cell has {scene.joints}"
         )
     return tracked_tcp_channel.build_tracked_tcp_problem(scene, load_robot(scene.cell))

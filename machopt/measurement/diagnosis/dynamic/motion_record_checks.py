@@ -15,7 +15,7 @@ from scipy.special import bdtrc
 from machopt.data_types.locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import UNITS
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import RecordCorrection
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
@@ -125,7 +125,7 @@ def _correct_channel_units(recording: Recording, name: str, joints: list[int]) -
         return recording, []
     against = [j for j, s in sure.items() if s < 0]
     if against:
-        raise InputError(
+        raise RecordingError(
             f"{recording.source}: {format_column_name(recording, name, against[0])} runs against "
             f"{format_column_name(recording, 'q', against[0])}; the same sign as the encoder would work"
         )
@@ -218,7 +218,7 @@ def correct_torque_side(
         if against < -thresholds.RECORD.slope_sure and not _is_dissipative(
             tau[:, j], predicted[:, j], motion.q[:, j], friction
         ):
-            raise InputError(
+            raise RecordingError(
                 f"{recording.source}: {format_column_name(recording, 'torque', j)} runs against what the arm "
                 f"needs there by its "
                 "masses; the sign of torques that drive the joint forward would work"
@@ -252,7 +252,7 @@ def correct_torque_side(
         return replace(recording, torque=recording.torque / factor), [finding]
     if np.all(np.abs(slopes) < thresholds.RECORD.motor_side):
         shares = ", ".join(f"{100 * pairs[j][0]:.2g} %" for j in sure)
-        raise InputError(
+        raise RecordingError(
             f"{recording.source}: {format_column_name(recording, 'torque', sure[0])} is {shares} of what the "
             f"arm needs at joints "
             f"{', '.join(str(j + 1) for j in sure)}: torque of the motors before their gears? Torque at the joint "
@@ -291,7 +291,7 @@ def check_channel_quality(recording: Recording, joints: int) -> tuple[Recording,
     out = []
     moves = np.ptp(recording.q[:, :joints], axis=0) > thresholds.MOTION.moves
     if not moves.any():
-        raise InputError(
+        raise RecordingError(
             f"{recording.source}: no joint moves by more than {np.degrees(thresholds.MOTION.moves):.2g}° (or "
             f"{1e3 * thresholds.MOTION.moves:g} mm); there is no motion to diagnose"
         )
@@ -303,7 +303,7 @@ def check_channel_quality(recording: Recording, joints: int) -> tuple[Recording,
             x, label = values[:, j], format_column_name(recording, name, j)
             if np.ptp(x) == 0 and moves[j]:
                 if name == "torque":
-                    raise InputError(
+                    raise RecordingError(
                         f"{recording.source}: {label} never changes though joint {j + 1} moves; a "
                         "recording without it, or with what it was, would work"
                     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.data_types.measurements.recording import Recording
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
 from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSignals
@@ -63,7 +63,7 @@ def convert_currents_to_torques(recording: Recording, motion: MotionSignals, pre
     dead = np.flatnonzero(np.ptp(current, axis=0) == 0.0)
     if len(dead):
         columns = ", ".join(f"current{j + 1}_A" for j in dead)
-        raise InputError(
+        raise RecordingError(
             f"{recording.source}: {columns} never change{'s'[: len(dead) == 1]}: not read, or of a braked joint, and "
             "nothing is said of torque there; a recording with the currents of all joints would work"
         )
@@ -78,7 +78,7 @@ def convert_currents_to_torques(recording: Recording, motion: MotionSignals, pre
             else f"currents of {n - len(unsized)} of {n} joints show enough of what the arm needs by its masses to say "
             "what torque an ampere makes"
         )
-        raise InputError(
+        raise RecordingError(
             f"{recording.source}: {why}; motor_gain_Nm_per_A and gear_ratio in recording.yaml, or a motion with a load "
             "that the cell states, would work"
         )

@@ -13,7 +13,7 @@ from machopt.data_types.locations import format_joint_location
 from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.effects import registry
 from machopt.effects.protocol import JointLoadRange
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     CoordinateFamily,
@@ -71,7 +71,7 @@ def build_secondary_encoder_problem(
     """
     m, rec = scene.motion, scene.recording
     if not joints or rec.q_secondary is None:
-        raise InputError(f"{rec.source}: no link-side encoder moves; qse1_deg … are needed for the channel link")
+        raise RecordingError(f"{rec.source}: no link-side encoder moves; qse1_deg … are needed for the channel link")
     y = m.subtract_period_mean(
         m.average_blocks((rec.q_secondary[m.index][:, : scene.joints] - scene.true_angles(m.q))[:, joints])
     )

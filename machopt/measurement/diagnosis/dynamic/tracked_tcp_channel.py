@@ -14,7 +14,7 @@ import numpy as np
 from machopt.data_types.locations import format_joint_location
 from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.effects.recording.time_delay import CLOCK_EFFECT, COMMAND_DELAY_EFFECT
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.kinematics.robot import Robot
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
@@ -65,7 +65,7 @@ def build_tracked_tcp_problem(
     """
     m, rec, cell = scene.motion, scene.recording, scene.cell
     if rec.position is None:
-        raise InputError(f"{rec.source}: the channel tip needs x_mm, y_mm, z_mm")
+        raise RecordingError(f"{rec.source}: the channel tip needs x_mm, y_mm, z_mm")
     T_tool = cell.tool.T_flange_tcp
     commanded = rec.q_command is not None
     commanded_angles = m.q if rec.q_command is None else np.ascontiguousarray(rec.q_command[m.index, :6])

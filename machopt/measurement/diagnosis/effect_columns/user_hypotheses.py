@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from machopt.effects.user_effects import USER_CODE_ERRORS, UserModule, find_entry_points
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 
@@ -45,7 +45,7 @@ def load_hypothesis_sources(own: Sequence[UserModule] = ()) -> list[tuple[str, H
         if callable(offer):
             out.append((str(o.file), offer))
         elif not o.has_effects:
-            raise InputError(
+            raise RecordingError(
                 "has no function hypotheses(readings); one that yields Hypothesis objects, or EFFECTS, a list of "
                 "effects, would work",
                 file=o.file,
@@ -75,7 +75,7 @@ def build_user_hypotheses(
             for h in laws:
                 _check_user_hypothesis(h, readings, source)
         except USER_CODE_ERRORS as problem:
-            raise InputError(
+            raise RecordingError(
                 f"hypotheses() does not run: {type(problem).__name__}: {problem}", file=source
             ) from problem
         out += laws
@@ -84,18 +84,18 @@ def build_user_hypotheses(
 
 def _check_user_hypothesis(h: object, readings: StaticReadings, source: str) -> None:
     if not isinstance(h, EffectHypothesis):
-        raise InputError(f"hypotheses() gave {type(h).__name__}; Hypothesis objects would work", file=source)
+        raise RecordingError(f"hypotheses() gave {type(h).__name__}; Hypothesis objects would work", file=source)
     wanted = (len(readings), readings.dimensions)
     for shape in h.shapes:
         columns = np.asarray(h.columns(shape), float)
         if columns.ndim != 3 or columns.shape[:2] != wanted or not np.isfinite(columns).all():
-            raise InputError(
+            raise RecordingError(
                 f"columns of {h.effect} at {h.location} have the shape {columns.shape} (or NaN); finite "
                 f"({wanted[0]}, {wanted[1]}, p) would work",
                 file=source,
             )
         if not h.quantities(np.ones(columns.shape[2]), shape):
-            raise InputError(
+            raise RecordingError(
                 f"quantities of {h.effect} at {h.location} are empty; the size of the effect as the first would work",
                 file=source,
             )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.measurements.recording import Recording
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.diagnosis import thresholds
 from machopt.numerics.array_types import Array, Ints
 
@@ -38,17 +38,17 @@ def sort_samples(recording: Recording) -> OrderedSamples:
         InputError: No time, non-increasing time, or no segment of sufficient length.
     """
     if recording.time is None:
-        raise InputError(f"{recording.source}: a motion needs the column time_s")
+        raise RecordingError(f"{recording.source}: a motion needs the column time_s")
     session = np.unique(recording.session, return_inverse=True)[1].astype(np.int64)
     index = np.lexsort((recording.time, session)).astype(np.int64)
     time, session = recording.time[index], session[index]
     steps = np.diff(time)
     same = np.diff(session) == 0
     if not same.any():
-        raise InputError(f"{recording.source}: one sample a session; a motion needs a few seconds")
+        raise RecordingError(f"{recording.source}: one sample a session; a motion needs a few seconds")
     if (steps[same] <= 0).any():
         k = int(np.flatnonzero(same & (steps <= 0))[0]) + 1
-        raise InputError(
+        raise RecordingError(
             f"{recording.source}: time stands still at {recording.place(int(index[k]))}; "
             "every sample needs its own time_s"
         )
@@ -71,7 +71,9 @@ def sort_samples(recording: Recording) -> OrderedSamples:
     least = max(round(thresholds.MOTION.shortest_s / dt), thresholds.MOTION.shortest_readings)
     long = np.bincount(segment)[segment] >= least
     if not long.any():
-        raise InputError(f"{recording.source}: no stretch without a gap lasts {least * dt:.2g} s; nothing to diagnose")
+        raise RecordingError(
+            f"{recording.source}: no stretch without a gap lasts {least * dt:.2g} s; nothing to diagnose"
+        )
     if not long.all():
         notes.append(f"{int(np.sum(~long))} samples in stretches shorter than {least * dt:.2g} s are left out")
     return OrderedSamples(

@@ -16,7 +16,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.locations import LINK, parse_location
 from machopt.data_types.measurements.recording import Recording
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.kinematics.robot import ArmState, find_frame, load_urdf_model
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown, Flags
@@ -102,7 +102,7 @@ def find_inclinometer_link(name: str, cell: Cell, source: str = "") -> int:
     model = load_urdf_model(cell)
     links = [f.name for f in model.frames if str(f.type) == "BODY"]
     if name not in links:
-        raise InputError(
+        raise RecordingError(
             f"tilt_link {name!r} is no link of the robot; expected one of {', '.join(links)}, or the number of the "
             f"joint that moves it, 0 … {len(cell.arm_joints)}",
             file=source or None,
@@ -115,7 +115,7 @@ def find_inclinometer_link(name: str, cell: Cell, source: str = "") -> int:
     if joint in arm:
         return arm.index(joint) + 1
     if joint != fixed:
-        raise InputError(
+        raise RecordingError(
             f"tilt_link {name!r} neither stands with {cell.base_link} nor is moved by the arm; expected a link that is",
             file=source or None,
         )
@@ -170,7 +170,7 @@ def _check_tilt_columns(recording: Recording, inclined: InclinometerSetup, sag: 
     }
     right, best = next(iter(left)), min(left, key=lambda words: left[words])
     if left[right] > thresholds.RECORD.tilt_wrong and left[best] < thresholds.RECORD.tilt_like:
-        raise InputError(
+        raise RecordingError(
             f"tilt_x_mrad, tilt_y_mrad are what weight does to link {recording.tilt_link} {best} (it leaves "
             f"{100 * left[best]:.0f} %); expected rotations about x and y of base_link, in mrad, beyond the encoders",
             file=recording.source,

@@ -25,7 +25,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects.kinematic_corrections import extend_kinematics
 from machopt.effects.structure import link_geometry as structure_link_geometry
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.kinematics.robot import Robot, RobotMasses, load_robot
 from machopt.measurement.diagnosis import thresholds
@@ -85,7 +85,7 @@ def build_measured_pose_problem(
         Klimchik et al. arXiv 1311.6810 (elasto-static calibration: y = J Δπ + J C Jᵀ w).
     """
     if recording.kind != "absolute" or recording.position is None:
-        raise InputError(
+        raise RecordingError(
             f"is a recording of kind {recording.kind!r}; measured poses are of kind 'absolute' with x_mm, y_mm, z_mm",
             file=recording.source,
         )

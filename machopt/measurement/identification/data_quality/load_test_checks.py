@@ -10,7 +10,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.kinematics.robot import Robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.identification import thresholds
@@ -62,7 +62,7 @@ def check_experiment(
     e = experiment
     for values, what in ((e.wrench, "load"), (e.measured, "displacement")):
         if not values.any():
-            raise InputError(f"every {what} is zero; there is nothing to identify from", file=e.source)
+            raise RecordingError(f"every {what} is zero; there is nothing to identify from", file=e.source)
     reach = estimate_reach(robot, T_flange_tcp)
     lever = check_moment_units(e, reach, prior)
     found = []
@@ -102,7 +102,9 @@ def refuse_record_faults(
     errors = [f for f in findings if f.severity == "error" and f.code not in accept]
     if errors:
         text = "; ".join(f"{f.message} [{f.code}]" for f in errors)
-        raise InputError(f"{text}. If the record is right as it is, accept {errors[0].code}", file=experiment.source)
+        raise RecordingError(
+            f"{text}. If the record is right as it is, accept {errors[0].code}", file=experiment.source
+        )
     return [f.message for f in findings]
 
 

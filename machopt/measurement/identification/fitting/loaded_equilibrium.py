@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.dynamics.gravity_torque import compute_gravity_torque
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.numerics.array_types import Array, Ints
@@ -144,7 +144,7 @@ class LoadedEquilibriumModel:
                 return state, np.linalg.inv(matrix) * tau[:, None, :]
         away = np.abs(theta - command).max(axis=1)
         worst = int(np.argmax(np.where(np.isfinite(away), away, np.inf)))
-        raise InputError(
+        raise RecordingError(
             f"the springs do not hold the load of the reading on "
             f"{self.experiment.format_reading_location(worst)} (compliances "
             f"{_format_compliances(c)} rad/(N·m)): there is no equilibrium near the recorded joints; check the "
@@ -200,7 +200,7 @@ def refine_at_equilibrium(
         if change < CONVERGENCE_TOLERANCE:
             linear = equilibrium.linearise(c)
             return EquilibriumFit(c, linear, np.asarray(start, float), compute_nonlinear_share(equilibrium, c), rounds)
-    raise InputError(
+    raise RecordingError(
         f"compliances at the loaded equilibrium still change by {change:.1g} of their size after {MOST_ROUNDS} rounds; "
         "identify without the geometric stiffness, or measure more poses",
         file=equilibrium.experiment.source,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import StandardUncertainty
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
 from machopt.measurement.estimation.error_clusters import (
     ClusterSums,
@@ -213,14 +213,14 @@ def fit_stiffness(
     for term in fixed:
         y = y - (term.compute_response(experiment.state, experiment.wrench) @ term.values)[:, : experiment.dimensions]
     if y.size <= len(what):
-        raise InputError(
+        raise RecordingError(
             f"{len(experiment)} reading{'s' if len(experiment) > 1 else ''} of {experiment.dimensions} coordinates: "
             f"{y.size} equations for {len(what)} unknowns; at least "
             f"{len(what) // experiment.dimensions + 1} readings, better three times as many, would work",
             file=experiment.source,
         )
     if not experiment.wrench.any():
-        raise InputError("no reading carries a load; every force and moment is zero", file=experiment.source)
+        raise RecordingError("no reading carries a load; every force and moment is zero", file=experiment.source)
     robust = robust and y.size >= thresholds.IDENTIFIED.enough_to_doubt * len(what)
     groups = build_error_clusters(experiment) if groups is None else groups
     lower = np.array([u.lower for u in what]) if bounded else np.full(len(what), -np.inf)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.numerics.array_types import Array, Bools, Ints
 
 SITE = 0.05  # of a cell's edge; positions equal after rounding to it form one site
@@ -94,7 +94,7 @@ def build_grid_region(
         InputError: The sizes do not define a valid grid.
     """
     if not (np.isfinite(cell) and cell > 2 * on_face):
-        raise InputError(
+        raise RecordingError(
             f"a grid cell of {cell * 1e3:g} mm is no larger than twice the {on_face * 1e3:g} mm within which a pose "
             "counts as on a face; a larger cell would work",
             file=source,
@@ -106,13 +106,13 @@ def build_grid_region(
         shape = tuple(int(n) for n in np.maximum(np.ceil((high - low - 2 * on_face) / cell), 1))  # type: ignore[assignment]
     assert shape is not None
     if len(shape) != 3 or min(shape) < 1 or low.shape != (3,) or not np.isfinite(low).all():
-        raise InputError(
+        raise RecordingError(
             f"a grid of {shape} cells from {low.tolist()} m is none; three whole numbers of at least 1 and three "
             "coordinates would work",
             file=source,
         )
     if np.prod([float(n) for n in shape]) > MOST_CELLS_IN_ALL:
-        raise InputError(
+        raise RecordingError(
             f"{' × '.join(map(str, shape))} cells of {cell * 1e3:g} mm are more than the {MOST_CELLS_IN_ALL} that a "
             "grid may have; larger cells, or a smaller part of the space, would work",
             file=source,

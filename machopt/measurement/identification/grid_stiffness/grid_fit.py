@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.data_types.stiffness import StiffnessGrid
-from machopt.errors import InputError
+from machopt.errors import RecordingError
 from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
 from machopt.measurement.estimation.error_clusters import build_normal_equations
 from machopt.measurement.identification import thresholds
@@ -145,7 +145,7 @@ def fit_grid(
     inside = inside_pose[pose_of]
     if not inside.any():
         low, high = region.origin * 1e3, (region.origin + region.cell * np.array(region.shape)) * 1e3
-        raise InputError(
+        raise RecordingError(
             f"no reading lies inside the grid {_format_point_mm(low)} to {_format_point_mm(high)} mm in "
             f"base_link; the TCPs measured lie within "
             f"{_format_point_mm(position.min(axis=0) * 1e3)} to {_format_point_mm(position.max(axis=0) * 1e3)} mm",
@@ -153,7 +153,7 @@ def fit_grid(
         )
     places = find_measured_cells(region, position[inside_pose], on_face)
     if len(places.cells) > MOST_CELLS:
-        raise InputError(
+        raise RecordingError(
             f"the readings touch {len(places.cells)} cells of {cell * 1e3:g} mm, more than the {MOST_CELLS} that are "
             "solved together; larger cells would work",
             file=constant.experiment.source,
@@ -196,13 +196,13 @@ def _select_varying_joints(fit: StiffnessFit, hold: Array | None) -> tuple[Bools
     vary = ~np.isfinite(is_fixed) & seen & (c > thresholds.IDENTIFIED.varies * sigma)
     blind = ~np.isfinite(is_fixed) & ~seen
     if blind.any():
-        raise InputError(
+        raise RecordingError(
             f"no reading moves joint {_format_joint_list(blind)}, so that a grid needs its stiffness from "
             f"elsewhere (hold)",
             file=fit.experiment.source,
         )
     if not vary.any():
-        raise InputError(
+        raise RecordingError(
             f"no joint's compliance is known to better than 1/{thresholds.IDENTIFIED.varies:g} of itself; there is "
             "nothing to vary by cell. More readings, or larger loads, would work",
             file=fit.experiment.source,
