@@ -108,7 +108,9 @@ def test_nothing_is_named_without_labels(tmp_path: Path, left_out: tuple[str, ..
     N = len(recording)
     plain = {"session": np.zeros(N, np.int64), "cycle": np.arange(N), "pose": recording.pose}
     changed = {k: plain[k] for k in left_out}
-    recording = replace(recording, **changed, stated_labels=recording.stated_labels - set(left_out), time=None, branch=None)
+    recording = replace(
+        recording, **changed, stated_labels=recording.stated_labels - set(left_out), time=None, branch=None
+    )
     d = diagnosed(tmp_path, "irb6700_drilling", recording)
     assert (names(d), d.verdict) == ([], "consistent")
 
