@@ -50,7 +50,7 @@ from machopt.cell.work_offsets import WorkOffsets
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, IgnoredPair, Tool, Workpiece
 from machopt.data_types.kinematic_corrections import KinematicCorrections
 from machopt.data_types.stiffness import ArmStiffness
-from machopt.errors import CellError, InputError
+from machopt.errors import CellError
 from machopt.file_formats.file_reading import check_file
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument, read_yaml, validate_document
 from machopt.numerics.array_types import Array
@@ -116,6 +116,11 @@ def build_cell(
         other_stiffness=stiffness,
         bodies=bodies,
     ).cell()
+
+
+def _format_urdf_scale(scale: float, factor: float) -> str:
+    """Return the attribute that scales a mesh of the URDF by another factor."""
+    return f'scale="{" ".join([f"{scale * factor:g}"] * 3)}" in the URDF'
 
 
 @dataclass(kw_only=True)
@@ -274,27 +279,16 @@ class _CellReader:
         self.warnings += [*urdf.warnings, *find_links_without_bodies(urdf)]
         found = dict(packages)
         for mesh in urdf.meshes:
-
-            def fail(message: str, link: str = mesh.link, line: int = mesh.line) -> InputError:
-                return CellError(message, file=urdf.path, where=f"line {line}: collision mesh of link {link!r}")
-
+            fail = partial(CellError, file=urdf.path, where=f"line {mesh.line}: collision mesh of link {mesh.link!r}")
             hit = find_mesh(urdf, mesh.uri, packages, self.folder.path, fail)
             path = self.folder.resolve_inside(hit.path, mesh.uri, fail)
             self.folder.check_existing_file(path, mesh.uri, fail)
             if hit.package is not None and hit.folder is not None:
                 found[hit.package] = hit.folder
             self.folder.read.append(path)
-            scale = mesh.scale
-
-            def scaled(factor: float, scale: float = scale) -> str:
-                return f'scale="{" ".join([f"{scale * factor:g}"] * 3)}" in the URDF'
-
-            self.mesh(path, mesh.scale, "link", fail, scaled)
+            self.mesh(path, mesh.scale, "link", fail, partial(_format_urdf_scale, mesh.scale))
         for solid in urdf.solids:
-
-            def at(message: str, link: str = solid.link, line: int = solid.line) -> InputError:
-                return CellError(message, file=urdf.path, where=f"line {line}: collision of link {link!r}")
-
+            at = partial(CellError, file=urdf.path, where=f"line {solid.line}: collision of link {solid.link!r}")
             self.warn(
                 check_body_size(
                     SizedBody(f"a {solid.kind}", "link", solid.size, "its sizes {:g} times as large".format),

@@ -4,18 +4,16 @@ findings.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell, describe_fixed_external_joints
 from machopt.data_types.measurements.recording import Recording
-from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm, describe_ignored_springs
+from machopt.data_types.stiffness import StiffnessTerm, describe_ignored_springs
 from machopt.errors import InputError, OptionError, RecordingError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
-from machopt.kinematics.robot import GRAVITY, Robot, RobotMasses, load_masses, load_robot
+from machopt.kinematics.robot import Robot, RobotMasses, load_masses, load_robot
 from machopt.measurement.diagnosis.data_quality import (
     inclinometer_columns,
     misplaced_reflectors,
@@ -29,27 +27,20 @@ from machopt.measurement.diagnosis.data_quality import (
 )
 from machopt.measurement.diagnosis.data_quality.duplicated_rows import find_duplicated_rows
 from machopt.measurement.diagnosis.data_types import reflectors_and_tracker_frames
-from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, HypothesisCatalogue
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, EffectLocation, Finding
-from machopt.measurement.diagnosis.data_types.static_readings import GearLoadHistory
 from machopt.measurement.diagnosis.dynamic import motion_channels, next_motion
-from machopt.measurement.diagnosis.effect_columns import existing_terms, joint_torque, user_hypotheses
+from machopt.measurement.diagnosis.dynamic.motion_diagnosis import MotionDiagnosis
+from machopt.measurement.diagnosis.effect_columns import existing_terms, user_hypotheses
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
-from machopt.measurement.diagnosis.model_selection.search.search_iterations import LinearisationPoint, Rebuild
-from machopt.measurement.diagnosis.static import (
-    load_test_channel,
-    loaded_equilibrium_terms,
-    measured_pose_channel,
-    tcp_offset,
-)
+from machopt.measurement.diagnosis.static import tcp_offset
+from machopt.measurement.diagnosis.static.load_test_diagnosis import LoadTestDiagnosis
+from machopt.measurement.diagnosis.static.measured_pose_diagnosis import MeasuredPoseDiagnosis
 from machopt.measurement.diagnosis.static.unknown_link_masses import has_link_mass
 from machopt.measurement.diagnosis.verdict import cell_stiffness_comparison, data_sufficiency
 from machopt.measurement.diagnosis.verdict.verdict_text import format_verdict
-from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
-from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
-NO_LINEARISATION = LinearisationPoint()
 MIN_POSES = 3  # least number of poses: three points determine a frame
 
 
@@ -116,81 +107,45 @@ def diagnose_static_recording(
     copies = (
         outlier_rows.find_copied_rows(recording) | others | shifted_rows.find_lost_rows(right.findings, len(recording))
     )
-    said = [*recording.warnings, *right.warnings, *describe_fixed_external_joints(cell)]
-    notes: tuple[str, ...] = ()
-
-    beside: list[Finding] = []
-
-    def load_tests(terms: tuple[StiffnessTerm, ...]) -> tuple[DiagnosisResult, DiagnosisProblem]:
-        known = None if cell.stiffness is None else ArmStiffness(joints=cell.stiffness.joints, terms=terms)
-
-        def about(tcp: Array) -> tuple[DiagnosisResult, DiagnosisProblem]:
-            return _diagnose_load_tests(
-                seed,
-                recording,
-                robot,
-                tcp,
-                read_load_test_masses(cell),
-                laws,
-                known,
-                copies,
-                options,
-                limits=cell.arm_limits,
-                stated=existing_terms.has_geometric_stiffness(cell.stiffness),
-                down=cell.T_world_base[:3, :3].T @ np.array([0.0, 0.0, -GRAVITY]),
-            )
-
-        done, tool = tcp_offset.diagnose_about_found_tcp(T, about)
-        beside[:] = [] if tool is None else [tool]
-        return done
-
-    def poses(terms: tuple[StiffnessTerm, ...]) -> tuple[DiagnosisResult, DiagnosisProblem]:
-        rng, kept = np.random.default_rng(seed), frozenset[int]()
-
-        def build(
-            found: Mapping[int, float] | None, about: LinearisationPoint = NO_LINEARISATION
-        ) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
-            nonlocal notes
-            problem, catalogue, notes = measured_pose_channel.build_measured_pose_problem(
-                recording, cell, robot, masses, rng, terms, found, kept, about.corrections
-            )
-            laws = tuple(h for h in catalogue.hypotheses if h.name not in barred)
-            problem = replace(problem, time=recording.time, excluded=copies if copies.any() else None)
-            return problem, replace(catalogue, hypotheses=laws)
-
-        problem, catalogue = build(None)
-        _refuse_too_few(problem, recording)
-
-        def again(
-            x: Array, doubted: frozenset[int], about: LinearisationPoint
-        ) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
-            nonlocal problem, kept
-            springs = {
-                u.spring_joint: float(v) for u, v in zip(problem.unknowns, x, strict=True) if u.spring_joint is not None
-            }
-            kept |= {problem.unknowns[n].spring_joint or 0 for n in doubted}
-            problem, catalogue = build(springs, about)
-            return problem, catalogue
-
-        return selection_pipeline.diagnose_problem(
-            problem, catalogue, replace(options, predicted="poses"), rng, again
-        ), problem
-
     terms = _list_known_terms(cell, robot, masses)
+    tcp_findings: list[Finding] = []
+    notes: tuple[str, ...] = ()
     if recording.kind == "deflection":
-        d, problem = existing_terms.diagnose_with_known_terms(terms, load_tests)
+        tests = LoadTestDiagnosis(
+            cell=cell,
+            recording=recording,
+            robot=robot,
+            masses=read_load_test_masses(cell),
+            user_laws=laws,
+            excluded=copies,
+            options=options,
+            seed=seed,
+        )
+        d, problem = existing_terms.diagnose_with_known_terms(terms, tests.run)
+        tcp_findings = tests.tcp_findings
     else:
-        d, problem = existing_terms.diagnose_with_known_terms(terms, poses, existing_terms.is_known_in_poses)
+        poses = MeasuredPoseDiagnosis(
+            cell=cell,
+            recording=recording,
+            robot=robot,
+            masses=masses,
+            barred=barred,
+            excluded=copies,
+            options=options,
+            seed=seed,
+        )
+        d, problem = existing_terms.diagnose_with_known_terms(terms, poses.run, existing_terms.is_known_in_poses)
+        notes = poses.notes
     outlier_finding = outlier_rows.find_outlier_rows(recording, d, copies, problem, others)
-    said += cell_stiffness_comparison.describe_deviating_springs(d, prior)
-    said += tcp_offset.describe_tcp_correction(T, beside)
-    said += () if cell.stiffness is None else describe_ignored_springs(cell.stiffness.external)
+    warnings = [*recording.warnings, *right.warnings, *describe_fixed_external_joints(cell)]
+    warnings += cell_stiffness_comparison.describe_deviating_springs(d, prior)
+    warnings += tcp_offset.describe_tcp_correction(T, tcp_findings)
+    warnings += () if cell.stiffness is None else describe_ignored_springs(cell.stiffness.external)
     if recording.kind == "absolute" and cell.stiffness is not None and cell.stiffness.position is not None:
-        said += cell.stiffness.position.beyond(recording.q)
+        warnings += cell.stiffness.position.beyond(recording.q)
     corrected, overnight = moved_tracker_or_target.merge_with_thermal_drift(right.findings, d.findings)
-    whole = _add_record_findings(
-        d, [*corrected, *beside], outlier_finding, (*right.reflector_notes, *overnight, *notes), tuple(said)
-    )
+    notes = (*right.reflector_notes, *overnight, *notes)
+    whole = _add_record_findings(d, [*corrected, *tcp_findings], outlier_finding, notes, tuple(warnings))
     return DiagnosedRecording(data_sufficiency.downgrade_if_insufficient(whole, problem), problem, recording)
 
 
@@ -236,93 +191,6 @@ def _list_known_terms(cell: Cell, robot: Robot, masses: RobotMasses | None) -> t
     return existing_terms.select_known_terms(cell.stiffness.terms)
 
 
-def _diagnose_load_tests(
-    seed: int,
-    recording: Recording,
-    robot: Robot,
-    T: Array,
-    masses: RobotMasses | None,
-    laws: list[tuple[str, user_hypotheses.HypothesisSource]],
-    known: ArmStiffness | None,
-    copies: NDArray[np.bool_],
-    options: selection_pipeline.DiagnosisOptions,
-    *,
-    limits: tuple[Array, Array],
-    stated: bool,
-    down: Array,
-) -> tuple[DiagnosisResult, DiagnosisProblem]:
-    """Diagnose load tests. K_C becomes a finding unless the cell has it (``stated``).
-
-    Args:
-        limits: Lower and upper joint limits, each (6,) rad.
-        down: (3,) gravity in base_link, m/s².
-    """
-    tests = loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
-        build_load_test_experiment(recording, robot, T), recording, robot, T, masses
-    )
-    memo: dict[str, GearLoadHistory] = {}
-    terms = None
-    if known is not None and known.terms:  # terms in addition to the joint springs
-        r = load_test_channel.build_load_test_readings(recording, tests, robot, T, masses, 1.0 / known.joints, memo)
-        lived, settled = joint_torque.compute_memory_term_displacement(r, known.terms)
-        whole = ArmElasticity(robot, T, replace(known, terms=settled), limits, masses).evaluate(recording.q)
-        springs = ArmElasticity(robot, T, ArmStiffness(joints=known.joints)).evaluate(recording.q)
-        terms = lived + whole.compute_twist(tests.wrench) - springs.compute_twist(tests.wrench)
-
-    alone: Array | None = None
-
-    def build(
-        compliance: Array | None, found: tuple[StiffnessTerm, ...] = ()
-    ) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
-        nonlocal alone
-        bodies = load_test_channel.compute_body_compliance(robot, T, recording.q, found)
-        problem, catalogue, readings = load_test_channel.build_load_test_problem(
-            recording, tests, robot, T, masses, compliance, memo, terms, alone, bodies, down
-        )
-        alone = readings.compliance if alone is None else alone
-        if stated:
-            problem = replace(problem, subtracted_displacement=None)
-        own = user_hypotheses.build_user_hypotheses(laws, readings)
-        return problem, replace(catalogue, hypotheses=(*catalogue.hypotheses, *own))
-
-    problem, catalogue = build(None)
-    if copies.any():
-        problem = replace(problem, excluded=copies)
-    _refuse_too_few(problem, recording)
-    rebuild = _exclude_rows(lambda x, _, about: build(np.maximum(x[:6], 0.0), about.bodies), copies)
-    rng = np.random.default_rng(seed)
-    d = selection_pipeline.diagnose_problem(problem, catalogue, replace(options, predicted="load tests"), rng, rebuild)
-    return d, problem
-
-
-def _refuse_too_few(problem: DiagnosisProblem, recording: Recording) -> None:
-    """Raise an error if the base unknowns alone could fit every reading."""
-    unknowns = sum(u.prior is None or u.location == "tool" for u in problem.unknowns)  # reflector positions included
-    distinct = min(len(problem), 2 * len(np.unique(problem.group)))  # further replicates of one pose add no information
-    if distinct * problem.dimensions > unknowns and problem.y.size >= 2 * unknowns:
-        return
-    poses = len(np.unique(problem.group))
-    raise RecordingError(
-        f"{len(problem)} reading{'' if len(problem) == 1 else 's'} of {problem.dimensions} coordinates in {poses} "
-        f"pose{'' if poses == 1 else 's'} cannot be held against a model that refits {unknowns} numbers to them; ten "
-        "poses or more would work (machopt plan-poses chooses them)",
-        file=recording.source,
-    )
-
-
-def _exclude_rows(rebuild: Rebuild, rows: NDArray[np.bool_]) -> Rebuild:
-    if not rows.any():
-        return rebuild
-
-    def again(
-        x: Array, doubted: frozenset[int], about: LinearisationPoint
-    ) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
-        problem, catalogue = rebuild(x, doubted, about)
-        return replace(problem, excluded=rows), catalogue
-
-    return again
-
-
 def diagnose_motion_recording(
     cell: Cell,
     recording: Recording,
@@ -366,41 +234,30 @@ def diagnose_motion_recording(
             ),
             file=recording.source,
         )
-    channel = possible[0] if requested_channel == "auto" else requested_channel
-    if channel not in possible:
-        raise OptionError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
+    allowed = [name for name in possible if requested_channel in ("auto", name)]
+    if not allowed:
+        text = f"found {requested_channel}; this recording allows {', '.join(possible)}"
+        raise OptionError(text, where="--channel")
+    channel = allowed[0]
     options.progress(f"signals and equations, channel {channel}")
-    words = {
-        "torque": "stretches of joint torque",
-        "link": "stretches of link-side position",
-        "tip": "stretches of tip",
-    }
-    notes: tuple[str, ...] = ()
-    found: tuple[Finding, ...] = ()
-
-    def stretches(terms: tuple[StiffnessTerm, ...]) -> tuple[DiagnosisResult, DiagnosisProblem]:
-        nonlocal notes, found
-        rng = np.random.default_rng(seed)
-        problem, catalogue, notes, found = motion_channels.build_motion_problem(
-            recording, cell, channel, rng, terms=terms
-        )
-        return selection_pipeline.diagnose_problem(
-            problem, catalogue, replace(options, predicted=words[channel]), rng
-        ), problem
-
+    motion = MotionDiagnosis(cell=cell, recording=recording, channel=channel, options=options, seed=seed)
     six = len(cell.arm_joints) == 6 and not cell.arm_prismatic
     terms = _list_known_terms(cell, load_robot(cell), read_stated_masses(cell)) if six else ()
     d, problem = existing_terms.diagnose_with_known_terms(
         terms,
-        stretches,
+        motion.run,
         existing_terms.is_known_in_torques if channel == "torque" else existing_terms.is_known_in_motions,
     )
     options.progress("the next motion")
     d = replace(d, next_experiment=next_motion.suggest_next_motion(cell, channel, d))
     # a finding without correction, such as a lag behind the command, changes no error of this channel
-    beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
+    findings = [
+        f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in motion.record_findings
+    ]
     return DiagnosedRecording(
-        _add_record_findings(d, beside, None, notes, (*recording.warnings, *describe_fixed_external_joints(cell))),
+        _add_record_findings(
+            d, findings, None, motion.notes, (*recording.warnings, *describe_fixed_external_joints(cell))
+        ),
         problem,
         recording,
     )

@@ -165,26 +165,42 @@ def find_minimal_conflict(wishes: Sequence[Wish], possible: Callable[[Sequence[W
         wishes: constraints that are infeasible together.
         possible: whether some of them are feasible; called at most MOST times, after which the rest counts as needed.
     """
-    asked = 0
+    found = _ConflictSearch(possible).find_minimal([], False, list(wishes))
+    return [w for w in wishes if w in found]
 
-    def fails(some: Sequence[Wish]) -> bool:
-        nonlocal asked
-        asked += 1
-        return asked <= MOST and not possible(some)
 
-    def within(given: list[Wish], new: bool, left: list[Wish]) -> list[Wish]:
-        if new and fails(given):
+class _ConflictSearch:
+    """Divide and conquer (QuickXplain) for a minimal set of wishes that is not possible; plans are limited.
+
+    Args:
+        possible: whether there is a plan with some wishes.
+    """
+
+    def __init__(self, possible: Callable[[Sequence[Wish]], bool]) -> None:
+        self._possible = possible
+        self._plans = 0
+
+    def _fails(self, some: Sequence[Wish]) -> bool:
+        self._plans += 1
+        return self._plans <= MOST and not self._possible(some)
+
+    def find_minimal(self, given: list[Wish], new: bool, left: list[Wish]) -> list[Wish]:
+        """Return a minimal subset of ``left`` that is not possible together with ``given``.
+
+        Args:
+            given: wishes that stay.
+            new: ``given`` changed since it was last tried.
+            left: wishes to reduce.
+        """
+        if new and self._fails(given):
             return []
         if len(left) == 1:
             return left
         half = len(left) // 2
         first, second = left[:half], left[half:]
-        of_second = within(given + first, bool(first), second)
-        of_first = within(given + of_second, bool(of_second), first)
+        of_second = self.find_minimal(given + first, bool(first), second)
+        of_first = self.find_minimal(given + of_second, bool(of_second), first)
         return of_first + of_second
-
-    found = within([], False, list(wishes))
-    return [w for w in wishes if w in found]
 
 
 def describe_constraint(wish: Wish) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.tool_segments import ToolSegment
@@ -188,6 +189,20 @@ def _rounded_less(
     return planned, planned, replace(timeline, trajectory=None, obstructions=(first,))
 
 
+def _compensate_and_drive(
+    one: Plan,
+    *,
+    stint: ToolSegment,
+    options: PlanOptions,
+    reserved: PlanOptions,
+    timings: StageTimings,
+    again: Callable[[PlanOptions], Plan],
+) -> tuple[Plan, MotionTimeline | None]:
+    """Return a plan, shifted against its deflection where the options ask for it, and its motion."""
+    shifted = compensate_with_retries(stint, one, reserved, timings, again) if options.compensate else one
+    return shifted, plan_motion(shifted, stint.toolpath, options, timings)
+
+
 def drive_tool_segment(
     stint: ToolSegment, the_plan: Plan, whole: PlanOptions, timings: StageTimings, again: Callable[[PlanOptions], Plan]
 ) -> tuple[Plan, Plan, MotionTimeline | None]:
@@ -200,13 +215,11 @@ def drive_tool_segment(
         timings: receives the duration of the stages.
         again: plans the same with other options for the whole job.
     """
-    toolpath, options, reserved, arm = stint.toolpath, stint.restrict_options(whole), whole, the_plan.setup.arm
+    options, reserved, arm = stint.restrict_options(whole), whole, the_plan.setup.arm
     for tries_left in range(SPARES, -1, -1):
-
-        def motion(one: Plan, asked: PlanOptions = reserved) -> tuple[Plan, MotionTimeline | None]:
-            shifted = compensate_with_retries(stint, one, asked, timings, again) if options.compensate else one
-            return shifted, plan_motion(shifted, toolpath, options, timings)
-
+        motion = partial(
+            _compensate_and_drive, stint=stint, options=options, reserved=reserved, timings=timings, again=again
+        )
         the_plan, timeline = reroute_blocked_rapids(the_plan, motion, timings)
         if timeline is None or timeline.trajectory is None:
             return the_plan, the_plan, timeline

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.data_types.documents.optimize_document import WorstPointSection
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
@@ -366,6 +366,12 @@ def describe_dip_cause(dip: FeedSlowdown) -> str:
     return f"{format_axis_name(dip.joint - 1)} {dip.limit}{where}"
 
 
+def _find_worst(values: Array, worst_of: Callable[[Array], Any], *, partly: bool) -> float:
+    """Return the worst value along an operation; NaN where values are missing, unless ``partly`` are enough."""
+    known = np.isfinite(values)
+    return float(worst_of(values)) if len(values) and (known.all() or (partly and known.any())) else float("nan")
+
+
 def _list_operations(
     plan: Plan, toolpath: Toolpath, points: PointResults, timeline: MotionTimeline | None, series: dict[str, Array]
 ) -> tuple[page.OperationRow, ...]:
@@ -379,13 +385,6 @@ def _list_operations(
         mine = toolpath.operation == k
         cut = mine & counted
 
-        def worst(name: str, cut: NDArray[np.bool_] = cut) -> float:
-            values = series[name][cut]
-            whole = np.isfinite(values).all() or (name == "chosen" and np.isfinite(values).any())
-            return (
-                float(worst_of(values)) if len(values) and whole else float("nan")
-            )  # of one path, not of its good half
-
         miss = points.table.clearance[mine]
         bad = int((np.array(points.table.status)[mine] != "ok").sum())
         out.append(
@@ -395,8 +394,8 @@ def _list_operations(
                 points=int(mine.sum()),
                 length=float(step[cut].sum()),
                 time=float((t.operation == k).sum() * plan.options.sample) if t else float("nan"),
-                worst_default=worst("default"),
-                worst_chosen=worst("chosen"),
+                worst_default=_find_worst(series["default"][cut], worst_of, partly=False),
+                worst_chosen=_find_worst(series["chosen"][cut], worst_of, partly=True),
                 nearest_miss=float(np.nanmin(miss)) if np.isfinite(miss).any() else float("nan"),
                 feed_held=float("nan"),
                 status="ok" if not bad else f"{told.format_count(bad, 'point')} infeasible",

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -225,13 +226,13 @@ def build_discrimination_plan(
     chance = np.array([[compute_separation(both, covariance, shared, few.pose, b) for b in draws] for both in contests])
     excluded = [compute_rounds_to_exclude(both, covariance + shared, blocks, at.base) for both in contests]
     wanted = []
+
+    def compute_planned_separation(both: Sequence[ModelContest], n: int) -> float:
+        own, together = compute_case_noise(few, compute_planning_noise(user_options, found, n), steps)
+        return compute_separation(both, own, together, few.pose, blocks)
+
     for both, first in zip(contests, each, strict=True):
-
-        def planned(n: int, both: Sequence[ModelContest] = both) -> float:
-            own, together = compute_case_noise(few, compute_planning_noise(user_options, found, n), steps)
-            return compute_separation(both, own, together, few.pose, blocks)
-
-        wanted.append(compute_required_rounds(planned, first, enough))
+        wanted.append(compute_required_rounds(partial(compute_planned_separation, both), first, enough))
     cycles = max(user_options.noise.cycles, combine_required_rounds(wanted, excluded))
     final = compute_planning_noise(user_options, found, cycles)
     own, together = compute_case_noise(few, final, steps)

@@ -1,4 +1,4 @@
-"""Check whether there are enough readings for the verdict "consistent"."""
+"""Check whether there are enough readings for a diagnosis, and for the verdict "consistent"."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from machopt.data_types.measurements.recording import Recording
+from machopt.errors import RecordingError
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
@@ -54,4 +56,27 @@ def downgrade_if_insufficient(d: DiagnosisResult, problem: DiagnosisProblem) -> 
         sentence=f"Not enough data: the refitted model leaves {format_error_size(d.heldout_after, d.unit)} on "
         f"{d.predicted or 'readings'} that no fit saw, and {why}; {would}.",
         next_experiment=f"{would[0].upper()}{would[1:]}.",
+    )
+
+
+def check_enough_readings(problem: DiagnosisProblem, recording: Recording) -> None:
+    """Raise an error if the base unknowns alone could fit every reading.
+
+    Args:
+        problem: Problem with its base unknowns.
+        recording: Recording, for the message.
+
+    Raises:
+        RecordingError: There are too few readings or poses.
+    """
+    unknowns = sum(u.prior is None or u.location == "tool" for u in problem.unknowns)  # reflector positions included
+    distinct = min(len(problem), 2 * len(np.unique(problem.group)))  # further replicates of one pose add no information
+    if distinct * problem.dimensions > unknowns and problem.y.size >= 2 * unknowns:
+        return
+    poses = len(np.unique(problem.group))
+    raise RecordingError(
+        f"{len(problem)} reading{'' if len(problem) == 1 else 's'} of {problem.dimensions} coordinates in {poses} "
+        f"pose{'' if poses == 1 else 's'} cannot be held against a model that refits {unknowns} numbers to them; ten "
+        "poses or more would work (machopt plan-poses chooses them)",
+        file=recording.source,
     )

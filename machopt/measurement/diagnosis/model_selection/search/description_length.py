@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -97,6 +98,12 @@ def find_shortest_description(
             return list(chosen)
 
 
+def _compute_length(scored: ScoredHypothesis, *, spread: float, count: int) -> float:
+    """Return −2 log evidence of one effect up to a constant: numbers · log(count) − gain / spread."""
+    numbers = len(scored.x) + len(scored.whitened.shapes[scored.shape])
+    return numbers * float(np.log(count)) - scored.gain / spread
+
+
 def exchange_for_weight_laws(
     model: WhitenedModel, chosen: Sequence[SelectedEffect], laws: Sequence[WhitenedHypothesis], rng: np.random.Generator
 ) -> list[SelectedEffect]:
@@ -122,11 +129,7 @@ def exchange_for_weight_laws(
         if not _is_exchangeable(c.whitened) or not near:
             continue
         spread, model_without = add_selected_effects(model, out).residual_variance, add_selected_effects(model, others)
-
-        def length(s: ScoredHypothesis, spread: float = spread) -> float:
-            numbers = len(s.x) + len(s.whitened.shapes[s.shape])
-            return numbers * float(np.log(len(model.y))) - s.gain / spread
-
+        length = partial(_compute_length, spread=spread, count=len(model.y))
         own = score_hypotheses(model_without, [_select_shape(c.whitened, c.scored.shape)])[0]
         most = length(own) - thresholds.DETECTION.shorter
         better = [
