@@ -119,7 +119,16 @@ def read_toolpath(
 
 
 def check_readable(path: Path, options: ReadOptions, robot: ProgramRobot | None) -> None:
-    """Read a file for its faults only."""
+    """Read a file only to find its errors.
+
+    Args:
+        path: Path of the file.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+        robot: Robot that gives the kinematics of a robot program; None where none is known.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
     _read_file(path, options, robot)
 
 

@@ -46,6 +46,10 @@ Handler = Callable[[str, str, int], None]
 def read_apt(source: SourceFile, options: ReadOptions) -> Toolpath:
     """Read a cutter location file.
 
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
     """

@@ -190,10 +190,17 @@ class HsmDrillingCycle:
     feed: float  # mm/min
 
     def build_cycle_at(self, bottom: Vector, axis: Vector) -> DrillingCycle:
-        """Heights over the bottom of one hole (mm).
+        """Build the drilling cycle of one hole.
+
+        Args:
+            bottom: Bottom of the hole, mm.
+            axis: Tool axis, unit vector.
+
+        Returns:
+            The cycle with heights over the bottom of the hole, mm.
 
         Raises:
-            CycleError: the numbers do not fit that reading.
+            DrillingCycleError: the numbers do not fit this form of the statement.
         """
         w, s = self.words, self.scale
         if w.depth is None or w.clear is None:

@@ -17,9 +17,15 @@ _HARMLESS = "NMSTFHDEP"
 
 
 def has_nc_words(text: str) -> bool:
-    """True where a text reads as words of a control's program that may move axes or frames.
+    """Return whether a text reads as words of a control program that may move axes or frames.
 
-    A block is a text that consists of words such as ``X10.`` only. A sentence that mentions ``X40.`` is none.
+    A block is a text that consists of words such as ``X10.`` only. A sentence that mentions ``X40.`` is no block.
+
+    Args:
+        text: The inserted text.
+
+    Returns:
+        True where the text may move axes or frames.
     """
     code = _COMMENT.sub(" ", text.upper()).strip().strip("'\"")
     if _FRAME.search(code):

@@ -34,7 +34,11 @@ _SHORTEST, _LONGEST = 1e-6, 1e9  # tool vectors
 
 
 def is_plain_line_mode(r: BlockMotionReader) -> bool:
-    """True while the program's modes let plain lines be carried out by :func:`read_plain_lines`."""
+    """Return whether the modes let plain lines be carried out by :func:`read_plain_lines`.
+
+    Args:
+        r: The reader, whose modes are checked.
+    """
     s = r.setup
     return bool(
         r.motion in (0, 1)

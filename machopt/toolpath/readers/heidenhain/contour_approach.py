@@ -37,10 +37,18 @@ class LeadIn:
     sweep: float = 0.0  # rad, CCA
 
     def compute_approach(self, at: complex, tangent: complex, outside: complex) -> LeadPath:
-        """The way to a contour that begins at ``at`` in the direction ``tangent`` (unit), from a place outside.
+        """Compute the path to a contour from an outside position.
+
+        Args:
+            at: Contour point in the working plane, mm.
+            tangent: Direction of the contour, unit complex number.
+            outside: Position before the approach in the working plane, mm.
+
+        Returns:
+            The path to the contour point.
 
         Raises:
-            ArcError: the side is not said, or the place lies inside of the arc.
+            ArcError: the side is not given, or the position lies inside the arc.
         """
         if self.kind == "LT":
             return LeadPath(at - self.length * tangent)
@@ -64,7 +72,19 @@ class LeadIn:
         raise AssertionError("one of the two tangents runs the way the arc turns")
 
     def compute_departure(self, at: complex, tangent: complex, outside: complex | None) -> LeadPath:
-        """The way from a contour that ends at ``at``: that to one which runs the other way, travelled backwards."""
+        """Compute the path away from a contour: the approach of the reversed contour, travelled backwards.
+
+        Args:
+            at: Contour point in the working plane, mm.
+            tangent: Direction of the contour, unit complex number.
+            outside: Position after the departure in the working plane, mm; None where not given.
+
+        Returns:
+            The path from the contour point.
+
+        Raises:
+            ArcError: the side is not given, or the position lies inside the arc.
+        """
         if self.kind == "LCT" and outside is not None and ((outside - at) / tangent).imag * self.side < 0.0:
             raise ArcError("DEP LCT to a place on the other side of the contour than the tool: not supported")
         back = LeadIn(self.kind, -self.side, self.length, self.radius, self.sweep)
@@ -85,4 +105,9 @@ class ContourApproach:
 
 
 def convert_to_plane_point(p: Array) -> complex:
+    """Convert a point to a complex number of the working plane.
+
+    Args:
+        p: Point (2,) or (3,), mm.
+    """
     return complex(p[0], p[1])

@@ -54,6 +54,10 @@ _REFUSED = {
 def read_heidenhain(source: SourceFile, options: ReadOptions) -> Toolpath:
     """Read a conversational program.
 
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
     """

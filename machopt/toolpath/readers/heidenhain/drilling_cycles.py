@@ -25,7 +25,14 @@ OLD_WORD = r"(DIST|SET ?UP|DEPTH|PLNGNG|PECKG|PECKING|DWELL|PITCH|F)"
 
 
 def normalise_old_cycle_word(text: str) -> str:
-    """The one name of a line of cycles 1, 2 and 17, whatever the software version calls it."""
+    """Return the standard name of a line of cycles 1, 2 and 17, independent of the software version.
+
+    Args:
+        text: Word of the line.
+
+    Returns:
+        The standard name.
+    """
     return _OLD_WORDS[text.replace(" ", "")]
 
 
@@ -61,10 +68,19 @@ def build_old_cycle(number: int, words: dict[str, float], height: float, scale: 
 
 
 def build_q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) -> DrillingCycle:
-    """Cycles 200 … 209 and 240 by their Q parameters (lengths in the program's unit).
+    """Build cycles 200 … 209, 240 and 241 from their Q parameters (lengths in program units).
+
+    Args:
+        number: Number of the cycle.
+        q: Q number → value.
+        scale: mm per unit of the program.
+        rpm: Spindle speed, 1/min.
+
+    Returns:
+        The drilling cycle, heights over z = 0 in mm.
 
     Raises:
-        CycleError: a parameter is missing, or the depth follows from a diameter.
+        DrillingCycleError: a parameter is missing, or the depth depends on a diameter.
     """
     if number == 204:
         return _build_back_boring(q, scale)

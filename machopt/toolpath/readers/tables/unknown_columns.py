@@ -41,7 +41,11 @@ _FRAME = re.compile(
 
 
 def is_point_moving_column(column: str) -> bool:
-    """True for an unknown column that may shift, turn or scale the points beside it."""
+    """Return whether an unknown column may shift, turn or scale the points of its row.
+
+    Args:
+        column: Name of the column.
+    """
     name = column.strip().lower()
     found = _UNIT_WORD.fullmatch(name)
     plain = found.group(1) if found else name

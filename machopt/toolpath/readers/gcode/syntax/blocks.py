@@ -50,7 +50,11 @@ class ProgramBlock:
         return any(letter != "N" for letter, _ in self.words)
 
     def bare(self, letter: str) -> bool:
-        """True where the letter's number was written without a decimal point."""
+        """Return whether the number of a letter has no decimal point.
+
+        Args:
+            letter: The letter.
+        """
         return re.search(rf"{letter}\s*[-+]?\s*\d+(?![\d.])", self.text) is not None
 
 
@@ -62,10 +66,16 @@ class BlockReader:
         self.unclosed = False  # a parenthesis in the line read last
 
     def comments(self, text: str) -> tuple[str, list[str]]:
-        """The line without its comments, and the comments.
+        """Separate a line and its comments.
 
-        A semicolon inside of parentheses is part of that comment, parentheses behind a semicolon of that one.
-        ``unclosed`` says whether a parenthesis of this line is not closed: the rest of the line is then comment.
+        A semicolon inside parentheses is part of that comment. Parentheses behind a semicolon are part of that comment.
+        ``unclosed`` records whether a parenthesis of this line is not closed: the rest of the line is then comment.
+
+        Args:
+            text: Text of the line.
+
+        Returns:
+            The line without its comments, and the comments.
         """
         self.unclosed = False
         if not self.parentheses_are_comments:
@@ -96,10 +106,17 @@ class BlockReader:
         return " ".join(kept), found
 
     def block(self, line: int, text: str) -> ProgramBlock:
-        """Words of one line in upper case without comments and expressions.
+        """Parse the words of one line.
+
+        Args:
+            line: Line number in the file (1-based).
+            text: Line in upper case without comments and expressions.
+
+        Returns:
+            The block.
 
         Raises:
-            ExpressionError: a number that is none.
+            MacroExpressionError: a number is malformed.
         """
         if _PLAIN.fullmatch(text):
             return ProgramBlock(
@@ -153,8 +170,11 @@ def _parse_number(text: str) -> float:
 def refuse_exponent(text: str) -> None:
     """Refuse ``Z-5.0E-1``: a control reads −5 and a word E, or nothing.
 
+    Args:
+        text: Code in upper case.
+
     Raises:
-        ExpressionError: the code in upper case holds such a number.
+        MacroExpressionError: the code holds such a number.
     """
     found = _EXPONENT.search(_QUOTED.sub("", text))
     if found:
