@@ -98,10 +98,23 @@ class DrillingCycle:
 def append_hole_moves(
     builder: PathBuilder, cycle: DrillingCycle, hole: Vector, axis: Vector, line: int, before: Vector | None
 ) -> float:
-    """Append all moves of one hole; returns the height over ``hole`` at which the tip is afterwards (mm).
+    """Append all moves of one hole.
 
-    Rapid sideways at the present height (raised to the clearance height first where it is lower), rapid down,
-    then the strokes. ``before`` is the tip before the hole, None where it is not known.
+    Rapid sideways at the present height (first raised to the clearance height if lower), rapid down, then the strokes.
+
+    Args:
+        builder: Path builder that takes the moves.
+        cycle: Strokes and heights of the cycle, mm.
+        hole: Reference point of the hole, mm.
+        axis: Tool axis, unit vector.
+        line: Line number in the file (1-based).
+        before: Tool tip before the hole in mm, None where not known.
+
+    Returns:
+        Height of the tip over ``hole`` afterwards, mm.
+
+    Raises:
+        DrillingCycleError: the heights do not fit together.
     """
     if len(builder) > MAX_POINTS:
         raise DrillingCycleError(f"more than {MAX_POINTS} points of drilling cycles")

@@ -80,15 +80,22 @@ _READERS = (  # the first that fits: VAL3 holds movej( and movel( as URScript do
 
 
 def is_program(source: SourceFile) -> bool:
-    """True where the text is a robot program of a kind that is read here."""
+    """Return whether a text is a robot program in a supported language.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+    """
     return _select_language(source) is not None
 
 
 def is_program_file(path: Path) -> bool:
-    """True where a file is a robot program of a kind that is read here.
+    """Return whether a file is a robot program in a supported language.
+
+    Args:
+        path: Path of the file.
 
     Raises:
-        InputError: it cannot be read at all.
+        InputError: the file cannot be read.
     """
     return is_program(_read_source(path))
 

@@ -18,7 +18,14 @@ PRINTED = 4  # decimals: an axis that stands at its zero by print counts as stan
 
 
 def compute_quarter_turn(axis_deg: Array) -> Array:
-    """Quarter-turn index of an axis (...,) deg."""
+    """Compute the quarter-turn index of an axis.
+
+    Args:
+        axis_deg: Axis angle (...,), degrees.
+
+    Returns:
+        Index (...,): floor(angle / 90°).
+    """
     return np.asarray(np.floor(np.round(axis_deg, PRINTED) / 90.0) + 0.0)
 
 

@@ -65,6 +65,11 @@ NORMALISED = 1e-3  # of the sum of squares: three printed decimals are within; a
 def read_rapid(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a RAPID module.
 
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
     Raises:
         InputError: names file and line, what was found and what would work.
     """

@@ -45,6 +45,11 @@ EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
 def read_krl(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a KRL program.
 
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
     Raises:
         InputError: names file and line, what was found and what would work.
     """

@@ -163,6 +163,13 @@ VAL3_TYPES: dict[str, str] = dict.fromkeys(("num", "bool", "string", "dio", "aio
 
 
 def compile_beginning_pattern(words: dict[str, str]) -> re.Pattern[str]:
-    """A pattern for statements that begin with one of the words; one that ends with a letter ends there."""
+    """Compile a pattern for statements that begin with one of the words; a word that ends with a letter ends there.
+
+    Args:
+        words: Word → reason why it cannot move anything.
+
+    Returns:
+        The pattern.
+    """
     ordered = sorted(words, key=len, reverse=True)
     return re.compile("|".join(re.escape(w) + (r"(?![A-Z])" if w[-1].isalpha() else "") for w in ordered))

@@ -25,6 +25,11 @@ def read_ros(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
     Every point is a joint move; where an ``.events.json`` or comments say that a part of it cuts, those points are
     linear, as they were planned.
 
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
     Raises:
         InputError: says what was found and what was expected.
     """

@@ -43,6 +43,11 @@ class Val3Application:
 def read_val3(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read an application from its .pjx, or from one .pgx with the data beside it.
 
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
     Raises:
         InputError: names file and line, what was found and what would work.
     """

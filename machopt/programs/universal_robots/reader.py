@@ -65,6 +65,11 @@ class ScriptFunction:
 def read_urscript(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a script.
 
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
     Raises:
         InputError: names file and line, what was found and what would work.
     """

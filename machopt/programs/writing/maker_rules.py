@@ -21,7 +21,15 @@ class CornerPassing:
 
 
 def compute_zone_passing(job: PostJob, used: frozenset[str]) -> CornerPassing:
-    """Makers whose zone is a distance that the post prints; without such a field every end is an exact stop."""
+    """Compute corner passing for makers whose zone is a printed distance; without such a field every end is an exact stop.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
+        used: Names of the template fields that the post uses.
+
+    Returns:
+        Zone distance in m and passing speed limit of each move.
+    """
     distance = job.blend if used & ROUNDED else np.zeros(len(job.program))
     return CornerPassing(distance, np.full(len(job.program), np.inf))
 

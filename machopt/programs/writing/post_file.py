@@ -117,10 +117,16 @@ def list_post_names() -> tuple[str, ...]:
 
 
 def read_post_text(name: str) -> str:
-    """The template of a shipped post, to be copied and edited.
+    """Return the template text of a shipped post, to be copied and edited.
+
+    Args:
+        name: Name of the post.
+
+    Returns:
+        Text of the template file.
 
     Raises:
-        InputError: there is no such post.
+        PostError: there is no such post.
     """
     name = ALIASES.get(name, name)
     if name not in list_post_names():
@@ -131,10 +137,16 @@ def read_post_text(name: str) -> str:
 
 
 def load_post(post: str | Path) -> PostTemplate:
-    """A post by its name, or from a template file (anything that ends in .toml or is a Path).
+    """Load a post by its name or from a template file.
+
+    Args:
+        post: Name of a shipped post, or a file: a Path or a text that ends in .toml.
+
+    Returns:
+        The parsed template.
 
     Raises:
-        InputError: no such post or file, not TOML, an unknown key, item or field.
+        PostError: no such post or file, not TOML, an unknown key, item or field.
     """
     if isinstance(post, str) and not post.endswith(".toml"):
         return _compile_post(read_post_text(post), f"post {post}")

@@ -49,7 +49,14 @@ class LineDeviation:
         return tuple(float(v.max(initial=0.0)) for v in (self.position, self.axis, self.turn))  # type: ignore[return-value]
 
     def share(self, tolerance: ProgramTolerance) -> Array:
-        """(K,) of the tolerance."""
+        """Return the deviation as a share of the tolerance.
+
+        Args:
+            tolerance: Tolerance of position, orientation and external axes.
+
+        Returns:
+            Shares (K,); above 1 the tolerance is exceeded.
+        """
         pairs = ((getattr(self, name), getattr(tolerance, name)) for name in ("position", "axis", "turn", "external"))
         parts = [off / most for off, most in pairs]
         return np.asarray(np.max(parts, axis=0))
@@ -105,12 +112,19 @@ def insert_targets(
     tolerance: ProgramTolerance,
     external: tuple[Array, Array] | None = None,
 ) -> NDArray[np.intp]:
-    """Samples to be made targets so that all samples keep to the lines; arguments as for
-    :func:`measure_line_deviation`.
+    """Select samples to become targets so that all samples keep to the lines.
+
+    Args:
+        T: Poses of the samples (K, 4, 4), m.
+        targets: As in :func:`measure_line_deviation`.
+        at: As in :func:`measure_line_deviation`.
+        linear: As in :func:`measure_line_deviation`.
+        tolerance: Tolerance of position, orientation and external axes.
+        external: As in :func:`measure_line_deviation`; None without external axes.
 
     Returns:
-        (A,) rising. Where no sample is left to add, the lines stay as far off as they are; nothing is added within a
-        tenth of a millimetre of another target, unless the tool turns there rather than travels.
+        Ascending sample indices (A,). Where no sample is left to add, the deviation remains. Nothing is added
+        within 0.1 mm of another target, unless the tool mainly rotates there.
     """
     added: list[NDArray[np.intp]] = []
     samples: NDArray[np.intp] = np.arange(len(T))
@@ -145,7 +159,16 @@ def _find_pure_rotations(A: Array, B: Array) -> NDArray[np.bool_]:
 
 
 def compare_with_line(T: Array, A: Array, B: Array) -> Array:
-    """(K, 4) m, rad, rad: poses T (K, 4, 4) against the lines A → B; and their share of the way."""
+    """Compare poses with the straight lines A → B.
+
+    Args:
+        T: Poses of the samples (K, 4, 4), m.
+        A: Start pose of each line (K, 4, 4), m.
+        B: End pose of each line (K, 4, 4), m.
+
+    Returns:
+        (K, 4): deviations in m, rad and rad, and the share of the line.
+    """
     p, start = T[:, :3, 3], A[:, :3, 3]
     way = B[:, :3, 3] - start
     length2 = np.sum(way * way, axis=-1)

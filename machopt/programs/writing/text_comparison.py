@@ -43,7 +43,15 @@ _LABEL = re.compile(r"\W*(?:\d+:)?\W*(?:operation|move): ")
 def mark_coordinates(
     columns: Mapping[str, Callable[[], TemplateColumn]], said: Mapping[str, Sequence[object]]
 ) -> LazyColumns:
-    """The columns with a mark in place of every coordinate; ``said`` replaces some by what the program says."""
+    """Replace every coordinate in the columns by a mark.
+
+    Args:
+        columns: Field → function that computes its column.
+        said: Field → values that the program file holds, which replace the column.
+
+    Returns:
+        Columns, computed on demand.
+    """
 
     def hole(name: str) -> Callable[[], TemplateColumn]:
         def column() -> TemplateColumn:
@@ -93,7 +101,15 @@ def find_text_difference(found: str, expected: Sequence[str]) -> TextDifference 
 
 
 def find_undecodable_bytes(data: bytes, encoding: str) -> tuple[int, str] | None:
-    """Line (from 1) and bytes of the first character that the encoding has not; None where there is none."""
+    """Find the first character that an encoding does not have.
+
+    Args:
+        data: Content of the file.
+        encoding: Text encoding.
+
+    Returns:
+        Line number (1-based) and bytes, None where all are valid.
+    """
     try:
         data.decode(encoding)
     except UnicodeDecodeError as problem:

@@ -416,7 +416,7 @@ class GcodeReader(AuxiliaryWordReader):
         return True
 
     def frame_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> bool:
-        """Carry out a word that sets the coordinate system: pole, mirror, scale, offset, plane, tool-centre-point control.
+        """Carry out a word that sets the coordinate system: pole, mirror, scale, offset, plane, TCP control.
 
         Args:
             g: Ten times the number of the G word.

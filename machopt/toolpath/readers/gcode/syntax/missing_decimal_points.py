@@ -92,7 +92,7 @@ def _iterate_length_words(source: SourceFile, blocks: BlockReader) -> Iterator[_
 def check_decimals(source: SourceFile, blocks: BlockReader) -> None:
     """Require the option for the decimals of a G-code file whose numbers are ambiguous.
 
-    Ambiguous are: numbers with leading zeros; any whole number in a file that marks most of its whole numbers (``X5.``);
+    Ambiguous: numbers with leading zeros; any whole number in a file that marks most of its whole numbers (``X5.``);
     large ones in a file whose other numbers have points; 1000 and more in a file without any points.
 
     Args:
