@@ -83,10 +83,16 @@ def load_cell(
 
 
 def find_cell_file(path: Path | str) -> Path:
-    """cell.yaml of a cell folder, or the file itself.
+    """Find cell.yaml.
+
+    Args:
+        path: Cell folder, or the file itself.
+
+    Returns:
+        Path of the file.
 
     Raises:
-        InputError: there is none in the folder, or neither file nor folder.
+        CellError: the folder has no cell.yaml, or the path is neither file nor folder.
     """
     file = Path(path)
     if isdir(file):
@@ -106,7 +112,18 @@ def build_cell(
     stiffness: Path | None = None,
     bodies: bool = True,
 ) -> Cell:
-    """A cell from cell.yaml as it was parsed; otherwise as :func:`load_cell`."""
+    """Build a cell from parsed cell.yaml, otherwise as :func:`load_cell`.
+
+    Args:
+        document: Parsed cell.yaml.
+        allow_external: Whether files outside the cell folder are allowed.
+        any_chain: Whether the arm may have other than six revolute joints.
+        stiffness: Stiffness file that replaces that of the cell, None for none.
+        bodies: Whether collision bodies are needed.
+
+    Returns:
+        The cell, SI units.
+    """
     keys = validate_document(AnyChainKeys if any_chain else CellKeys, document)
     return _CellReader(
         document=document,

@@ -46,7 +46,16 @@ def select_bodies(
 
 
 def find_missing_meshes(urdf: UrdfModel, packages: dict[str, Path], folder: Path) -> dict[str, str]:
-    """Return the first collision mesh of each link whose package or file does not exist, by link."""
+    """Return the first collision mesh of each link whose package or file does not exist, by link.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+        packages: ROS package → folder.
+        folder: Cell folder.
+
+    Returns:
+        Link → URI of its first missing mesh.
+    """
     out: dict[str, str] = {}
     for mesh in urdf.meshes:
         try:

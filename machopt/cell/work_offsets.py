@@ -61,12 +61,19 @@ def _place_bodies(
 
 
 def place_toolpath(toolpath: Toolpath, cell: Cell) -> Toolpath:
-    """The toolpath in ``workpiece``, whatever work offsets of the cell it counts from.
+    """Transform a toolpath from the work offsets of the cell to ``workpiece``.
 
-    Points under no offset count in ``workpiece`` itself, which is told where the cell has offsets.
+    Points without an offset are in ``workpiece`` already, which is reported where the cell has offsets.
+
+    Args:
+        toolpath: The toolpath, SI units.
+        cell: The cell.
+
+    Returns:
+        The toolpath in ``workpiece``.
 
     Raises:
-        InputError: an offset that the cell does not have, or another one on the way of a cut.
+        CellError: the cell has no such offset, or the offset changes during a cut.
     """
     told = _describe_missing_offset(toolpath, cell)
     if told and told not in toolpath.warnings:

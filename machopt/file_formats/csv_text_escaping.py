@@ -12,12 +12,26 @@ MARK = "'"
 
 
 def escape_formula_text(text: str) -> str:
-    """The text as it may stand in a cell."""
+    """Escape a text for a CSV cell, so that a spreadsheet does not read it as a formula.
+
+    Args:
+        text: The text.
+
+    Returns:
+        Text of the cell.
+    """
     return MARK + text if _is_formula_like(text) else text
 
 
 def unescape_formula_text(cell: str) -> str:
-    """The text that :func:`escape_formula_text` was given."""
+    """Reverse :func:`escape_formula_text`.
+
+    Args:
+        cell: Text of the cell.
+
+    Returns:
+        The original text.
+    """
     return cell[1:] if cell.startswith(MARK) and _is_formula_like(cell) else cell
 
 

@@ -40,7 +40,14 @@ class RecursiveDescentParser(ABC, Generic[V]):
         return found.group(1)
 
     def parse_expression(self, level: int = 0) -> V:
-        """Operators of this level and the stronger ones."""
+        """Parse operators of one level and the stronger ones.
+
+        Args:
+            level: Index of the level, 0 for the weakest operators.
+
+        Returns:
+            Value of the expression.
+        """
         if level == len(self.levels):
             return self.parse_factor()
         left = self.parse_expression(level + 1)
@@ -60,7 +67,16 @@ class RecursiveDescentParser(ABC, Generic[V]):
 
     @abstractmethod
     def combine_operands(self, operator: Operator, left: V, right: V) -> V:
-        """Two values joined."""
+        """Combine two values by an operator.
+
+        Args:
+            operator: The binary operator.
+            left: Left value.
+            right: Right value.
+
+        Returns:
+            The combined value.
+        """
 
     @abstractmethod
     def parse_atom(self) -> V:

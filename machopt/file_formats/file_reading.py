@@ -55,10 +55,18 @@ def read_file(path: Path, *, expected: str, most: int) -> bytes:
 
 
 def read_text(path: Path, *, expected: str, most: int) -> str:
-    """UTF-8 text of a regular file, a byte-order mark taken off; line ends as they are.
+    """Read UTF-8 text of a regular file without a byte-order mark; line ends stay.
+
+    Args:
+        path: Path of the file.
+        expected: Description of the expected file, for messages.
+        most: Largest size in bytes.
+
+    Returns:
+        The text.
 
     Raises:
-        InputError: as :func:`read_file`, or not UTF-8.
+        FileAccessError: as :func:`read_file`, or not UTF-8.
     """
     data = read_file(path, expected=expected, most=most)
     try:
@@ -71,10 +79,18 @@ def read_text(path: Path, *, expected: str, most: int) -> str:
 
 
 def check_file(path: Path, *, expected: str, most: int) -> int:
-    """What :func:`read_file` would refuse, without reading; returns the size in bytes.
+    """Check a file as :func:`read_file` does, without reading it.
+
+    Args:
+        path: Path of the file.
+        expected: Description of the expected file, for messages.
+        most: Largest size in bytes.
+
+    Returns:
+        Size in bytes.
 
     Raises:
-        InputError: as :func:`read_file`.
+        FileAccessError: as :func:`read_file`.
     """
     handle = _open_regular_file(path, expected)
     try:

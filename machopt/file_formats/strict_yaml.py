@@ -55,12 +55,27 @@ class YamlDocument:
     file: Path | str
 
     def locate_key(self, loc: KeyPath) -> str:
-        """``line 12: robot.limits.velocity_deg_s[2]``; the line of the nearest enclosing key that exists."""
+        """Format the location of a key: ``line 12: robot.limits.velocity_deg_s[2]``.
+
+        Args:
+            loc: Key path of the value in the document.
+
+        Returns:
+            The location; the line is that of the nearest enclosing key that exists.
+        """
         line = next((f"line {self.lines[loc[:n]]}" for n in range(len(loc), 0, -1) if loc[:n] in self.lines), None)
         return ": ".join(p for p in (line, format_key_path(loc)) if p)
 
     def build_error(self, loc: KeyPath, message: str) -> ConfigurationKeyError:
-        """An :class:`ConfigurationKeyError` that stands at ``loc``."""
+        """Build a :class:`ConfigurationKeyError` located at a key.
+
+        Args:
+            loc: Key path of the value in the document.
+            message: Description of the error.
+
+        Returns:
+            The error, not raised.
+        """
         return ConfigurationKeyError(
             message, file=self.file, where=self.locate_key(loc) or None, key=format_key_path(loc)
         )
@@ -69,6 +84,9 @@ class YamlDocument:
 def read_yaml(path: Path) -> YamlDocument:
     """Parse one YAML 1.2 file.
 
+    Args:
+        path: Path of the file.
+
     Raises:
         InputError: missing or unreadable file, not UTF-8, not YAML, a duplicate key, a non-finite number.
     """
@@ -76,7 +94,18 @@ def read_yaml(path: Path) -> YamlDocument:
 
 
 def parse_yaml(text: str, file: Path | str) -> YamlDocument:
-    """Parse YAML 1.2 text; ``file`` names its source in messages."""
+    """Parse YAML 1.2 text.
+
+    Args:
+        text: Text of the file.
+        file: Name of the file, for messages.
+
+    Returns:
+        The document.
+
+    Raises:
+        FileFormatError: not YAML, a duplicate key, a non-finite number.
+    """
     from ruamel import yaml as ruamel
     from ruamel.yaml.error import YAMLError
 
@@ -122,7 +151,15 @@ def validate_document(model: type[M], document: YamlDocument, prefix: KeyPath = 
 
 
 def list_schema_errors(model: type[BaseModel], document: YamlDocument) -> list[tuple[KeyPath, str]]:
-    """Key path and message of everything in a document that its schema refuses; none: it is accepted."""
+    """List everything in a document that its schema refuses.
+
+    Args:
+        model: Schema as a pydantic model.
+        document: Parsed YAML file, with the line of each key for errors.
+
+    Returns:
+        Key path and message of each error; empty where the document is accepted.
+    """
     try:
         model.model_validate(document.value)
     except ValidationError as err:
@@ -137,7 +174,14 @@ def _list_error_messages(model: type[BaseModel], err: ValidationError) -> list[t
 
 
 def format_key_path(loc: KeyPath) -> str:
-    """``robot.limits.velocity_deg_s[2]`` from a key path."""
+    """Format a key path: ``robot.limits.velocity_deg_s[2]``.
+
+    Args:
+        loc: Key path of the value in the document.
+
+    Returns:
+        The text.
+    """
     out = ""
     for part in loc:
         out += f"[{part}]" if isinstance(part, int) else f".{part}" if out else part
@@ -145,7 +189,14 @@ def format_key_path(loc: KeyPath) -> str:
 
 
 def format_found_value(value: object) -> str:
-    """A found value as the user wrote it, kept short."""
+    """Format a found value as the user wrote it, shortened.
+
+    Args:
+        value: The value.
+
+    Returns:
+        The text.
+    """
     if value is None:
         return "nothing (null)"
     if isinstance(value, bool):

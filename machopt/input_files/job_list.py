@@ -126,7 +126,11 @@ def read_joblist(path: Path) -> tuple[ListedJob, ...]:
 
 
 def is_job_table(path: Path) -> bool:
-    """True if a table has a column ``toolpath``: a list of jobs and no table of points."""
+    """Return whether a table has a column ``toolpath``: it is then a list of jobs and no table of points.
+
+    Args:
+        path: Path of the file.
+    """
     if not isfile(path):  # a pipe would wait
         return False
     if path.suffix.lower() == ".parquet":
@@ -143,7 +147,14 @@ def is_job_table(path: Path) -> bool:
 
 
 def convert_reading_to_si(keys: ReadingOptionKeys | None) -> dict[str, object]:
-    """What is given, as keywords of :func:`machopt.toolpath.toolpath_reader.read_toolpath`; the feed in m/s."""
+    """Convert reading options to keywords of :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
+
+    Args:
+        keys: Validated reading options, None for none.
+
+    Returns:
+        The given keywords; the feed in m/s.
+    """
     given = {} if keys is None else keys.model_dump(exclude_none=True)
     if "feed_mm_min" in given:
         given["default_feed"] = given.pop("feed_mm_min") / 60e3
@@ -377,7 +388,15 @@ def _find_toolpaths(document: YamlDocument, loc: KeyPath, name: str) -> list[Pat
 
 
 def find_matching_files(folder: Path, pattern: str) -> list[Path]:
-    """The files a pattern finds below ``folder`` (``**`` for any depth), in the order of their names."""
+    """Find the files below a folder that match a pattern.
+
+    Args:
+        folder: The folder.
+        pattern: Glob pattern, ``**`` for any depth.
+
+    Returns:
+        Paths, sorted by name.
+    """
     from glob import glob
 
     found = (folder / name for name in glob(str(Path(pattern).expanduser()), root_dir=folder, recursive=True))

@@ -138,7 +138,14 @@ def load_options(
 
 
 def find_options_without_effect(options: PlanOptions) -> tuple[str, ...]:
-    """Options that were changed and that something else among the options keeps from having an effect."""
+    """Find changed options that another option makes ineffective.
+
+    Args:
+        options: The planning options, SI units.
+
+    Returns:
+        One sentence per option.
+    """
     plain = PlanOptions()
     out = []
 
@@ -174,7 +181,14 @@ def _find_unused_external_keys(axis: ExternalJointOptions) -> Iterator[str]:
 
 
 def format_user_options(options: PlanOptions) -> dict[str, object]:
-    """The options under the user's keys and units, as result.json shows them and ``--plan`` takes them."""
+    """Format the options under the user's keys and units, as in result.json and for ``--plan``.
+
+    Args:
+        options: The planning options, SI units.
+
+    Returns:
+        Key → value.
+    """
     user: dict[str, object] = {}
     for option in OPTIONS:
         value = getattr(options, option.name)

@@ -34,10 +34,18 @@ class SizedBody:
 
 
 def check_body_size(body: SizedBody, scene: SceneSize, fail: ErrorFactory) -> str | None:
-    """A warning where a size is odd.
+    """Check that a body fits its robot in size; a factor of a thousand indicates a wrong unit (mm for m).
+
+    Args:
+        body: Name and size of the body.
+        scene: Sizes of robot and cell.
+        fail: Function that builds an error from a message.
+
+    Returns:
+        A warning for an unusual size, else None.
 
     Raises:
-        InputError: it is that of no body beside this robot.
+        InputError: the size is impossible for this robot.
     """
     wide = f"{body.what} is {body.extent:.4g} m wide"
     beside = f", the robot reaches {scene.reach:.3g} m" if scene.reach else ""

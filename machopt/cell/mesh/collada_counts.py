@@ -42,6 +42,10 @@ class ColladaCounts:
 def count_collada(root: XmlElement, path: Path) -> ColladaCounts:
     """Return the counts of a COLLADA file.
 
+    Args:
+        root: Root element of the file.
+        path: Path of the file.
+
     Raises:
         InputError: a number that is none, a count that is not that of the data, a reference to nothing, or something
             that makes or moves triangles and is not read.

@@ -43,6 +43,9 @@ class ColladaMesh:
 def read_collada(path: Path) -> ColladaMesh:
     """Read a COLLADA file.
 
+    Args:
+        path: Path of the file.
+
     Raises:
         InputError: not COLLADA, cut, without triangles, or with something that would make or move them and is not read.
     """
@@ -65,7 +68,14 @@ def read_collada(path: Path) -> ColladaMesh:
 
 
 def build_binary_stl(corners: Array) -> bytes:
-    """A binary STL of triangles (n, 3, 3)."""
+    """Build a binary STL file.
+
+    Args:
+        corners: Triangle corners (n, 3, 3).
+
+    Returns:
+        Content of the file.
+    """
     rows = np.zeros(len(corners), np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")]))
     rows["corners"] = corners
     return b"\0" * 80 + struct.pack("<I", len(corners)) + rows.tobytes()

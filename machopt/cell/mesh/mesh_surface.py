@@ -106,7 +106,14 @@ def _read_with_trimesh(path: Path, data: bytes, fail: ErrorFactory) -> TriangleM
 
 
 def find_open_surfaces(surfaces: Sequence[MeshSurface]) -> list[str]:
-    """Warnings of the meshes that bound no body, and what that means for collision checks."""
+    """Warn of meshes whose surface is not closed, and of the effect on collision checks.
+
+    Args:
+        surfaces: Surfaces of the meshes.
+
+    Returns:
+        One warning each.
+    """
     out = []
     gaps = list(dict.fromkeys(f"{s.name} ({s.open_edges} open edges)" for s in surfaces if s.open_edges))
     if gaps:

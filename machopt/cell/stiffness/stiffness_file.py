@@ -105,6 +105,9 @@ class _StiffnessFileKeys(StrictSchema):
 def load_stiffness(path: Path | str) -> ArmStiffness:
     """Read stiffness.yaml.
 
+    Args:
+        path: Path of the file.
+
     Raises:
         InputError: names file, key, what was found and what was expected.
     """
@@ -139,7 +142,12 @@ def load_stiffness(path: Path | str) -> ArmStiffness:
 
 
 def write_stiffness(path: Path | str, stiffness: ArmStiffness) -> None:
-    """Write stiffness.yaml so that :func:`load_stiffness` returns the same numbers (mm ↔ m to the last bit but one)."""
+    """Write stiffness.yaml so that :func:`load_stiffness` returns the same numbers (mm ↔ m to the last bit but one).
+
+    Args:
+        path: Path of the file.
+        stiffness: The stiffness, SI units.
+    """
     from ruamel.yaml import YAML
 
     data: dict[str, object] = {"machopt_stiffness": 1, "joints_Nm_per_rad": _convert_to_rows(stiffness.joints)}

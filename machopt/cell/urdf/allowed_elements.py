@@ -107,7 +107,14 @@ class UnusedContent:
 
 
 def check_vocabulary(path: Path, robot: XmlElement) -> UnusedContent:
-    """Refuse every word that may be a body, a mass or a joint that is not read.
+    """Refuse every unknown word that may describe a body, a mass or a joint.
+
+    Args:
+        path: Path of the file.
+        robot: Root element.
+
+    Returns:
+        Elements that are known and not used.
 
     Raises:
         InputError: names file, line and element, what was found and what would work.

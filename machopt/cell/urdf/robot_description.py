@@ -80,7 +80,15 @@ def _convert_to_accepted_urdf(urdf: UrdfModel, text: str) -> str | None:
 
 
 def read_robot(path: Path, arguments: Mapping[str, str] | None = None) -> UrdfModel:
-    """A URDF or xacro file by itself, its packages beside it or a few folders above."""
+    """Read a URDF or xacro file without a cell; packages are searched next to it and a few folders above.
+
+    Args:
+        path: Path of the file.
+        arguments: xacro argument → value, None for none.
+
+    Returns:
+        The robot.
+    """
     return read_standalone_description(path, arguments=arguments).urdf
 
 

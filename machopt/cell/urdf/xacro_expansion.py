@@ -38,7 +38,11 @@ class ExpandedXacro:
 
 
 def is_xacro(path: Path) -> bool:
-    """By its name, or because it uses the language."""
+    """Return whether a file is xacro, by its name or because it uses the language.
+
+    Args:
+        path: Path of the file.
+    """
     return path.suffix.lower() == ".xacro" or bool(_ELEMENT.search(_read_without_comments(path, "a URDF")))
 
 

@@ -45,6 +45,14 @@ class EvaluationBudget:
     left: int = 20_000_000  # some ten seconds; a large public robot needs 100,000
 
     def spend(self, parts: int) -> None:
+        """Reduce the remaining evaluation work.
+
+        Args:
+            parts: Amount of work.
+
+        Raises:
+            XacroExpressionError: the budget is used up.
+        """
         self.left -= parts
         if self.left < 0:
             raise XacroExpressionError("takes more work than any robot; its macros or loops grow without bound")
@@ -264,16 +272,29 @@ class _ExpressionEvaluator:
 
 
 def check_bounds(value: object) -> object:
-    """Return a value unchanged; raises as :func:`count_parts` does."""
+    """Return a value unchanged; raises as :func:`count_parts` does.
+
+    Args:
+        value: Value of an expression.
+
+    Returns:
+        The value.
+    """
     count_parts(value)
     return value
 
 
 def count_parts(value: object) -> int:
-    """Return how many numbers, texts and containers a value holds, shared ones as often as they are reached.
+    """Count the numbers, texts and containers of a value; shared ones count each time they are reached.
+
+    Args:
+        value: Value of an expression.
+
+    Returns:
+        The count.
 
     Raises:
-        ExpressionError: of a type that expressions have not, or larger than the bounds of this module.
+        XacroExpressionError: a type that expressions do not have, or a value beyond the bounds of this module.
     """
     parts, open_values = 0, [value]
     while open_values:

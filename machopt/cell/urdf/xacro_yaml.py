@@ -28,6 +28,10 @@ _CONSTANTS = FunctionTable(pi=math.pi)
 def read_plain_yaml(text: str, path: Path) -> object:
     """Return the content of a YAML file.
 
+    Args:
+        text: Text of the file.
+        path: Path of the file.
+
     Raises:
         InputError: no YAML, a tag or merge that is not read, or more than :data:`MAX_ITEMS` values.
     """

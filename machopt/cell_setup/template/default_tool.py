@@ -33,10 +33,16 @@ class DefaultTool:
 
 
 def select_tool_angle(request: InitRequest) -> float:
-    """Degrees between spindle and flange axis: as stated, 0 where another option states the tool, else 45.
+    """Select the angle between spindle and flange axis: as given, 0 where another option gives the tool, else 45.
+
+    Args:
+        request: Validated options of the command.
+
+    Returns:
+        Angle, degrees.
 
     Raises:
-        InputError: stated twice.
+        OptionError: the tool is given twice.
     """
     stated = [n for n in ("tcp_mm", "tcp_rpy_deg") if getattr(request, n) is not None]
     if request.tool_angle_deg is not None:

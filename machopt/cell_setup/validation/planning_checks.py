@@ -56,7 +56,14 @@ class CellRemark:
 
 
 def list_remarks(cell: Cell) -> Iterator[CellRemark]:
-    """Everything but what the reader says itself."""
+    """List everything that a planner would refuse or warn of, except the reader's own errors.
+
+    Args:
+        cell: The cell.
+
+    Returns:
+        The remarks.
+    """
     try:
         options = load_options(cell.plan)
     except InputError as problem:

@@ -44,9 +44,16 @@ class PartialCell:
 
 
 def read_all(path: Path, *, allow_external: bool = False) -> PartialCell:
-    """Read a cell, and on after each mistake as if what is wrong were not there, or were what it seems to mean.
+    """Read a cell and continue after each error as if the wrong value were absent or repaired.
 
-    Where the robot itself cannot be read, what stands for itself still is: files beside it.
+    Where the robot cannot be read, files that are independent of it are read still.
+
+    Args:
+        path: Cell folder or cell.yaml.
+        allow_external: Whether files outside the cell folder are allowed.
+
+    Returns:
+        The parts that could be read, and all errors.
     """
     try:
         document = read_yaml(find_cell_file(path))
@@ -82,7 +89,12 @@ def read_all(path: Path, *, allow_external: bool = False) -> PartialCell:
 
 
 def remove_key(document: YamlDocument, loc: KeyPath) -> YamlDocument:
-    """The same document without a key or an entry of a list; what stood behind the entry counts one less."""
+    """Return the document without a key or list entry; the index of later entries decreases by one.
+
+    Args:
+        document: Parsed YAML file, with the line of each key for errors.
+        loc: Key path of the value in the document.
+    """
     value = copy.deepcopy(document.value)
     at: Any = value
     for part in loc[:-1]:

@@ -34,7 +34,14 @@ class ValueRepair:
 
 
 def list_value_repairs(document: YamlDocument) -> Iterator[ValueRepair]:
-    """Every value of ``robot:`` that can be replaced, each by itself."""
+    """List every value of ``robot:`` that can be replaced by a plausible one, each separately.
+
+    Args:
+        document: Parsed YAML file, with the line of each key for errors.
+
+    Returns:
+        The repairs.
+    """
     robot = document.value["robot"] if isinstance(document.value, dict) else {}
     folder = Path(document.file).resolve().parent
     files = sorted(f.name for pattern in ("*.urdf", "*.xacro") for f in folder.glob(pattern))

@@ -21,7 +21,7 @@ class CornerPassing:
 
 
 def compute_zone_passing(job: PostJob, used: frozenset[str]) -> CornerPassing:
-    """Compute corner passing for makers whose zone is a printed distance; without such a field every end is an exact stop.
+    """Compute corner passing of makers whose zone is a printed distance; without it every end is an exact stop.
 
     Args:
         job: Program, controller, axis values and blend zones.
