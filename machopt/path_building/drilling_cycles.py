@@ -44,7 +44,7 @@ class DrillingCycle:
         """Heights to go to, one after the other, beginning above the clearance height.
 
         Raises:
-            CycleError: an absurd dwell, the bottom is above the clearance height, or more than MAX_PECKS pecks.
+            DrillingCycleError: an absurd dwell, the bottom is above the clearance height, or more than MAX_PECKS pecks.
         """
         if self.dwell > MAX_DWELL_S:
             raise DrillingCycleError(
@@ -76,7 +76,7 @@ class DrillingCycle:
         cycles: CYCLE83, DAM).
 
         Raises:
-            CycleError: more than MAX_PECKS.
+            DrillingCycleError: more than MAX_PECKS.
         """
         if not self.first_peck > 0.0:
             return

@@ -32,7 +32,7 @@ def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | N
 
     Without ``flange_link``, the flange is the first of :data:`FLANGES` behind six revolute joints, else the outermost
     link fixed to the sixth. Joints behind the sixth whose names are those of a gripper do not count; the link that
-    carries them is then the flange. Without ``base_link``, the base is the link of that name where nothing moves between
+    carries them is then the flange. Without ``base_link``, the base has that name where nothing moves between
     it and the arm, else the parent link of the first joint.
 
     Args:

@@ -117,7 +117,7 @@ def _read_package_name(folder: Path) -> str | None:
 def find_package(name: str, file: Path, packages: dict[str, Path], cell_folder: Path) -> Path:
     """Find the folder of ``$(find name)`` in a xacro file.
 
-    The ``packages`` of the cell come first, then a folder of that name above or next to the file, up to the cell folder.
+    The ``packages`` of the cell come first, then a folder of that name above or near the file, up to the cell folder.
 
     Args:
         name: Name of the package.

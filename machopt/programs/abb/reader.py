@@ -196,7 +196,7 @@ class _RapidReader:
         """What stands in a branch or loop, or behind a compact IF: nothing that moves or jumps.
 
         Raises:
-            RapidError: it does.
+            RapidSyntaxError: it does.
         """
         names = {t.text.upper() for t in (inner.tokens if inner.word == "IF" else inner.tokens[:1])}
         if names & {*_MOVES, *self.procs, *_DISPLACES, "GOTO", "VELSET", "SPEEDREFRESH"}:

@@ -33,7 +33,7 @@ class KrlMoves:
             rest: what stands behind it: targets, approximation words, WITH.
 
         Raises:
-            KrlError: the target cannot be known, or the move is not followed.
+            KrlValueError: the target cannot be known, or the move is not followed.
         """
         name = re.split(r"\s+C_", rest.strip())[0]
         if _HERE.fullmatch(name):

@@ -74,7 +74,7 @@ def _parse_plain_value(text: str) -> float | list[object] | ScriptPose | None:
     """A number, or a list or a pose of numbers, at once: nearly all there is in a program of thousands of moves.
 
     Raises:
-        ScriptError: a pose that is none.
+        ScriptValueError: a pose that is none.
     """
     text = text.strip()
     if not text.endswith("]"):

@@ -211,7 +211,7 @@ class _ScriptReader:
         """What a branch or function that is not followed assigns is unknown from here on.
 
         Raises:
-            ScriptError: it changes frames, or moves the tool off its targets.
+            ScriptValueError: it changes frames, or moves the tool off its targets.
         """
         for line in body.lines:
             called = _CALL.search(line.code)

@@ -13,7 +13,7 @@ UPRIGHT = 1e-9  # cosine of the middle angle below which the other two turn abou
 def convert_to_abc_deg(R: Array) -> Array:
     """Convert to A, B, C: R = Rz(A) Ry(B) Rx(C); A = 0 where |B| = 90°.
 
-    The reverse order are roll, pitch and yaw about fixed axes: FANUC's W, P, R and Yaskawa's Rx, Ry, Rz.
+    In reverse order they are roll, pitch and yaw about fixed axes: FANUC's W, P, R and Yaskawa's Rx, Ry, Rz.
 
     Args:
         R: Rotations (..., 3, 3).

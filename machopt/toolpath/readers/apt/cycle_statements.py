@@ -66,7 +66,7 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
         parts: name, then words and numbers.
         order: what numbers without a word stand for, one after the other; words that were named are left out.
     Raises:
-        CycleError: no cycle name.
+        DrillingCycleError: no cycle name.
     """
     if not parts or parse_number(parts[0]) is not None:
         raise DrillingCycleError("a CYCLE statement begins with its name, e.g. DRILL")
@@ -154,7 +154,7 @@ def build_drilling_cycle(words: CycleWords, *, signed_depth: bool, scale: float,
         scale: mm per file unit.
         feed: mm/min, NaN where the file gives none.
     Raises:
-        CycleError: depth or clearance is missing.
+        DrillingCycleError: depth or clearance is missing.
     """
     if words.depth is None:
         raise DrillingCycleError(f"CYCLE/{words.name} without a depth; expected FEDTO, DEPTH or a first number")

@@ -46,7 +46,7 @@ def build_old_cycle(number: int, words: dict[str, float], height: float, scale: 
         scale: mm per program unit.
         rpm: 1/min of the spindle.
     Raises:
-        CycleError: clearance or depth is missing.
+        DrillingCycleError: clearance or depth is missing.
     """
     if "SETUP" not in words or "DEPTH" not in words:
         raise DrillingCycleError(f"cycle {number} without set-up clearance or depth")
