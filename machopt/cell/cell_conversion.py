@@ -1,4 +1,4 @@
-"""Parts of a cell made of what was read: no file is opened here."""
+"""Conversion of parsed values to parts of a cell, without file access."""
 
 from __future__ import annotations
 

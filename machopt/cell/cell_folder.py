@@ -1,4 +1,4 @@
-"""The folder of a cell: what may be read from it, and what was."""
+"""Cell folder: the files that may be read, and a record of those that were read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""cell.yaml → :class:`machopt.data_types.cell.Cell`: mm and degrees become SI, and everything is checked."""
+"""Reader of cell.yaml → :class:`machopt.data_types.cell.Cell`: converts mm and degrees to SI and checks everything."""
 
 from __future__ import annotations
 

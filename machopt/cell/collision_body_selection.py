@@ -1,5 +1,7 @@
-"""Which collision bodies of a robot a cell has: those of joints outside of the chain are left out, and, where only the
-kinematics is needed, those whose mesh is missing."""
+"""Selection of the robot's collision bodies: bodies of joints outside the chain are removed.
+
+Where only the kinematics is needed, bodies whose mesh is missing are removed too.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The key ``controller`` of cell.yaml: how the controller counts joints, frames and moves."""
+"""Key ``controller`` of cell.yaml: conventions of the controller for joints, frames and moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``ignore_pairs`` of cell.yaml: which bodies may touch, by name or by an SRDF, down to the bodies themselves."""
+"""Key ``ignore_pairs`` of cell.yaml: body pairs that may touch, by name or by an SRDF, resolved to single bodies."""
 
 from __future__ import annotations
 

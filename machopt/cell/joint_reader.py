@@ -1,4 +1,4 @@
-"""What moves in a cell, within which limits, and where it stands."""
+"""Joints of a cell: the moving joints, their limits and positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""kinematics.yaml: what moves the TCP without load, compensated in the exported joints.
+"""Reader and writer of kinematics.yaml: unloaded TCP errors, compensated in the exported joints.
 
 ::
 

@@ -1,7 +1,7 @@
-"""Numbers that no robot cell has: refused where a plan would mean nothing, warned of where they are odd.
+"""Plausibility checks of cell values: impossible ones are refused, unusual ones give a warning.
 
-Most are units: metres where mm are asked for, radians for degrees, degrees for a URDF's radians. A message names the
-place, the number and the value in the other unit. What is refused lies a factor of ten and more beyond what is built.
+Most errors are wrong units: metres instead of mm, radians instead of degrees, degrees in a URDF. A message names the
+key, the number and the value in the other unit. Refused values exceed existing machines by a factor of ten or more.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a robot's file and a cell say of joints and stand, for a table or JSON; mm and degrees."""
+"""Summary of a robot and its mounting for tables and JSON, in mm and degrees."""
 
 from __future__ import annotations
 

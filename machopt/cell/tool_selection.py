@@ -1,4 +1,4 @@
-"""Which tools of a cell's table a toolpath wants, by the words of the CAM file, and where it changes them."""
+"""Selection of cell tools by the tool words of the CAM file, and division of a job at tool changes."""
 
 from __future__ import annotations
 

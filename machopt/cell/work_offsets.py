@@ -1,4 +1,4 @@
-"""Several setups in one job: work offsets of the cell, what lies there and what holds it, paths that change them."""
+"""Work offsets of the cell: several setups in one job, their bodies, and paths that change the offset."""
 
 from __future__ import annotations
 

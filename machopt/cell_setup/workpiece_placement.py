@@ -1,4 +1,4 @@
-"""What a new cell needs to know of its arm: which way the flange looks, and where a workpiece can lie."""
+"""Flange direction of the arm and workpiece placement for a new cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns of a CSV table, a part of the rows at a time: numbers become arrays, words small codes."""
+"""Columns of a CSV table, read in blocks of rows: numbers become arrays, words become integer codes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The user's words in a CSV cell: a spreadsheet must show them, never run them.
+"""Escaping of user text in CSV cells, so that spreadsheets do not run it as a formula.
 
-Spreadsheets take a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return for a formula, quoted
-or not. Such a text gets an apostrophe in front, which they show as text; reading takes it away again. A text that
-would be mistaken for one so marked gets one more, so that every text comes back as it was.
+Spreadsheets read a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return as a formula, quoted or
+not. Such a text gets an apostrophe as prefix, which spreadsheets show as text; reading removes it again. A text that
+already looks escaped gets one more apostrophe, so that every text is restored exactly.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""How expressions are read, whatever the language: operators by levels, brackets inside, no deeper than can be meant.
+"""Recursive descent parser for expressions of any language: operator levels, brackets, limited depth.
 
-A language states its tokens, its binary operators from the weakest level to the strongest, and what an atom is (number,
-name, call, sign, bracket). What a value is stays open: a float, a function of the variables, a pose.
+A language defines its tokens, its binary operators from the weakest level to the strongest, and its atoms (number,
+name, call, sign, bracket). The type of a value is open: a float, a function of the variables, a pose.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Where every file that a user names is opened: regular files of a bearable size, or one clear refusal.
+"""Reading of user files: regular files of limited size, otherwise one clear error.
 
-A named pipe would block, a device never ends, a file of gigabytes fills the memory before the first check: all three
-are told by their inode before a byte is read.
+A named pipe would block, a device never ends, and a file of gigabytes would fill the memory before the first check.
+All three are detected from the inode before a byte is read.
 """
 
 from __future__ import annotations

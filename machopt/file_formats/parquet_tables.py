@@ -1,8 +1,8 @@
-"""Every table of an output folder as Parquet beside its CSV: the same columns and rows, made from the CSV's own text.
+"""Parquet copies of the CSV tables of an output folder: same columns and rows, made from the CSV text.
 
-Columns of words (WORDS, and any with a field that is no number) hold text, "" where the CSV has nothing; all others are
-float64, null where the CSV has nothing. A column's type does not hang on a folder's content as long as it is one of
-these, so tables of many jobs can be laid below one another.
+Word columns (WORDS, and any with a field that is no number) hold text, "" where the CSV is empty. All others are
+float64, null where the CSV is empty. The type of these columns does not depend on the content of a folder, so tables
+of many jobs can be concatenated.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A text file as every toolpath reader takes it: lines, hash, where it came from, and how to read it."""
+"""Text file as input of the toolpath readers: lines, hash, origin and reading options."""
 
 from __future__ import annotations
 

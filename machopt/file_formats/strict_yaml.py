@@ -1,4 +1,4 @@
-"""YAML 1.2 read strictly: core-schema scalars, no duplicate keys, no NaN, every error with line and key.
+"""Strict YAML 1.2 reader: core-schema scalars, no duplicate keys, no NaN, every error with line and key.
 
 ruamel.yaml parses the text into nodes; the scalars are resolved here by the YAML 1.2 core schema (section
 10.3.2 of the specification): ``1e-3`` is a number, ``no`` a word, ``010`` ten, whatever the file's header says.

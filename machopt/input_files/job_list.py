@@ -1,10 +1,9 @@
-"""Lists of jobs, YAML, CSV or Parquet → :class:`ListedJob`: cell × toolpath × options, checked before anything starts.
+"""Job lists in YAML, CSV or Parquet → :class:`ListedJob`: cell × toolpath × options, checked before the first job.
 
-YAML: ``cells``, ``toolpaths`` and ``options`` (named variants) are combined, each with each; ``jobs`` stand for
-themselves. CSV, Parquet: one row a job; the columns are the keys of a job, of its reading, and planning options by
-their name (``method``, ``force_N.normal``). Paths are relative to the list's folder; toolpaths may be patterns
-(``*.nc``).
-``post: krl`` or ``posts: [rapid, mine.toml]`` name the robot programs of a job, or of all that name none themselves.
+YAML: ``cells``, ``toolpaths`` and ``options`` (named variants) are combined, each with each; ``jobs`` are single jobs.
+CSV, Parquet: one job per row. The columns are the keys of a job, of its reading options, and planning options by name
+(``method``, ``force_N.normal``). Paths are relative to the folder of the list; toolpaths may be patterns (``*.nc``).
+``post: krl`` or ``posts: [rapid, mine.toml]`` name the robot programs of a job, or of all jobs that name none.
 """
 
 from __future__ import annotations

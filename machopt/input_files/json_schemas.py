@@ -1,6 +1,6 @@
-"""The JSON schemas of the YAML files that machopt reads, made from the models; they lie beside this file, for editors.
+"""JSON schemas of the YAML files that machopt reads, generated from the models, for editors.
 
-A file that begins with ``# yaml-language-server: $schema=PATH`` is checked and completed by them while it is written.
+An editor checks and completes a file that begins with ``# yaml-language-server: $schema=PATH``.
 """
 
 from __future__ import annotations

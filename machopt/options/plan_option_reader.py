@@ -1,6 +1,6 @@
-"""Planning options from the layers they come in, to SI and back.
+"""Planning options from several layers, converted to SI and back.
 
-Layers, the later one wins: the cell's ``plan:``, the ``--plan`` file, ``--set key=value``, direct arguments.
+Layers, later ones take precedence: the cell's ``plan:``, the ``--plan`` file, ``--set key=value``, direct arguments.
 Mappings (``force_N``, ``weights``) merge key by key; lists are replaced.
 """
 

@@ -1,4 +1,4 @@
-"""A wish about some places of a plan as the user writes it: one entry of ``steer``."""
+"""Steering rules of a plan as the user writes them: one entry of ``steer``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arcs, helices and cubic B-splines as chords that stay within a tolerance. Any one length unit."""
+"""Chords of arcs, helices and cubic B-splines within a tolerance. Any consistent length unit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coordinate systems that change inside one file, brought into the first one."""
+"""Coordinate systems that change inside one file, and their transforms into the first one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Roundings and chamfers between two contour elements of one plane. Any one length unit; points are complex numbers."""
+"""Roundings and chamfers between two contour elements of one plane. Any length unit; points are complex numbers."""
 
 from __future__ import annotations
 

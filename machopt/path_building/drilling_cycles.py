@@ -1,4 +1,4 @@
-"""Drilling cycles as single strokes along the tool axis; APT and G-code share it."""
+"""Drilling cycles as single strokes along the tool axis, shared by APT and G-code."""
 
 from __future__ import annotations
 

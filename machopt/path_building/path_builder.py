@@ -1,4 +1,4 @@
-"""Collects points, operations, events and unknown words while a reader walks through its source."""
+"""Collector of points, operations, events and unknown words while a reader processes its source."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a finished list of points is looked over for: numbers, tool axes, arc directions, kinds of operations."""
+"""Checks of a finished list of points: numbers, tool axes, arc directions, kinds of operations."""
 
 from __future__ import annotations
 

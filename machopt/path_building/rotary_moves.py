@@ -1,8 +1,8 @@
-"""Moves under tool-centre-point control on the path of the rotary axes.
+"""Interpolation of moves under tool-centre-point control along the path of the rotary axes.
 
-A control moves its rotary axes in proportion to the way of the tip, from the angles before a block to those it names,
-also by more than half a turn. Robots turn the tool axis evenly between two points, in the plane of both axes. A block
-is therefore divided so finely that the two agree, for every control: G-code, Sinumerik (TRAORI), Heidenhain (M128).
+A control moves its rotary axes in proportion to the tip travel, from the angles before a block to the programmed ones,
+also by more than half a turn. Robots rotate the tool axis at a constant rate in the plane of the start and end axes.
+A block is therefore divided so finely that both agree, for G-code, Sinumerik (TRAORI) and Heidenhain (M128).
 """
 
 from __future__ import annotations

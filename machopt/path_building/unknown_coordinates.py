@@ -1,4 +1,4 @@
-"""Coordinates a program does not give yet: at its start, or after moves in the machine's own frame."""
+"""Coordinates that a program does not give: at its start, or after moves in the machine frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robot programs read back: the readers that prove our own programs, and that take foreign ones as toolpaths.
+"""Robot program readers, which verify our own programs and import foreign ones as toolpaths.
 
 They share no code with the writers in :mod:`machopt.programs.program_writer`.
 """

@@ -1,4 +1,4 @@
-"""A parsed robot program as a toolpath to be planned anew: tip, tool axis, feed, operations and events."""
+"""Conversion of a parsed robot program to a toolpath for planning: tip, tool axis, feed, operations and events."""
 
 from __future__ import annotations
 

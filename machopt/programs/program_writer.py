@@ -1,7 +1,7 @@
-"""Robot programs from a motion: one door for every maker. README.md explains posts to users.
+"""Writer of robot programs for every maker. README.md explains posts to users.
 
-A post is a template file; what a maker needs beyond the common fields (status, turns, confdata) is computed by a
-dialect. Nothing here is shared with the readers in :mod:`machopt.programs.program_reader`, which read programs back.
+A post is a template file. Maker-specific fields (status, turns, confdata) are computed by a dialect. The readers in
+:mod:`machopt.programs.program_reader` share no code with this module.
 """
 
 from __future__ import annotations

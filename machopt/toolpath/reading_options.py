@@ -1,4 +1,4 @@
-"""How a toolpath was read, under the user's names: what a manifest records and ``verify`` takes again."""
+"""Reading options under the user's names, as a manifest records them and ``verify`` reads them again."""
 
 from __future__ import annotations
 

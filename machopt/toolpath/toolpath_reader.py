@@ -1,7 +1,7 @@
-"""One door for every toolpath file: tells what it is by its content and hands it to the reader.
+"""Reader of any toolpath file: detects the format from the content and calls the matching reader.
 
-The readers keep every programmed point in source order: a CSV row is a point, a GOTO or a G1 block is a point,
-arcs become chords within the arc tolerance, drilling cycles their strokes.
+The readers keep every programmed point in source order. A CSV row, a GOTO or a G1 block is one point. Arcs become
+chords within the arc tolerance; drilling cycles become their strokes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a toolpath holds, for a table, a page or JSON."""
+"""Summary of a toolpath for tables, pages and JSON."""
 
 from __future__ import annotations
 

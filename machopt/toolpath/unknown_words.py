@@ -1,8 +1,7 @@
-"""Words of a toolpath file that no reader understands: they stop a plan, because they may move points or frames.
+"""Unknown words of a toolpath file, which stop a plan because they may move points or frames.
 
-Each dialect has one reviewed list of words that cannot move anything (:mod:`machopt.toolpath.readers.harmless_words`
-and
-:mod:`machopt.programs.reading.harmless_words`). Every other word stops, unless the user accepts it by name.
+Each dialect has one reviewed list of words that cannot move anything (:mod:`machopt.toolpath.readers.harmless_words`,
+:mod:`machopt.programs.reading.harmless_words`). Every other word stops the plan, unless the user accepts it by name.
 """
 
 from __future__ import annotations

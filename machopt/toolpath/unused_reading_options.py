@@ -1,7 +1,7 @@
-"""Reading options without effect on the file at hand: refused, because the user meant something by them.
+"""Reading options without effect on the given file, which are refused or reported.
 
-An option applies to kinds of files (:data:`APPLIES`). Within such a file it can still have nothing to act on: an offset
-that the file does not use, a word that it does not hold.
+An option applies to kinds of files (:data:`APPLIES`). Within such a file it can still have no effect: an offset that
+the file does not use, a word that it does not contain.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""The moving joints of a cell, and the per-joint arrays that follow them: arm joints in chain order, then the external
-ones as the cell lists them."""
+"""Moving joints of a cell and their arrays: arm joints in chain order, then external joints in cell order."""
 
 from __future__ import annotations
 

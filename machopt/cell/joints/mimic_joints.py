@@ -1,12 +1,12 @@
-"""Mimic joints of a URDF: which of them follow the arm, and what they do to its limits.
+"""Mimic joints of a URDF: which of them follow the arm, and their effect on its limits.
 
 A joint with ``<mimic joint="s" multiplier="m" offset="o"/>`` has the value m·q_s + o. Parallel linkages are written so:
-an elbow that keeps its attitude while axis 2 turns is a joint in the chain with m = −1. A body on such a joint, which
-no joint of the arm moves on, would need a place that the model of a serial arm has not.
+an elbow that keeps its orientation while axis 2 turns is a joint in the chain with m = −1. A body on such a joint that
+no arm joint moves has no position in the model of a serial arm.
 
-A joint outside of the chain from base to flange (the cylinder of a balancer, the rod of a linkage) does not change
-where the flange is. Such joints are left out: their collision bodies are removed, their masses count where they are at
-zero, and a warning names them.
+A joint outside the chain from base to flange (the cylinder of a balancer, the rod of a linkage) does not move the
+flange. Such joints are left out: their collision bodies are removed, their masses count at joint value zero, and a
+warning names them.
 """
 
 from __future__ import annotations

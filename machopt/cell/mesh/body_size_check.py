@@ -1,4 +1,4 @@
-"""Is a body of a size that fits its robot, or a thousand times off it (mm for m, or m for mm)?"""
+"""Size check of a body against its robot, to detect wrong units (mm for m, or m for mm)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Is a mesh file whole? Told from its own counts, before a library reads it.
+"""Integrity check of a mesh file from its own counts, before a library reads it.
 
-The libraries behind planner and verifier differ in what they make of a cut file: fewer triangles, none, or a crash.
+The libraries of planner and verifier treat a truncated file differently: fewer triangles, none, or a crash.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What surface a mesh file holds: triangles that enclose something, wholly or nearly."""
+"""Surface of a mesh file: whether its triangles enclose a volume, completely or nearly."""
 
 from __future__ import annotations
 

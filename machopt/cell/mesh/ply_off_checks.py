@@ -1,6 +1,6 @@
-"""PLY and OFF files checked against their own heads: every vertex, every face, every index.
+"""Check of PLY and OFF files against their headers: every vertex, every face, every index.
 
-The library behind the verifier trusts these files; a count or an index that is wrong ends the process there.
+The library of the verifier does not check these files; a wrong count or index crashes its process.
 """
 
 from __future__ import annotations

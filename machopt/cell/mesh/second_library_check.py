@@ -1,4 +1,4 @@
-"""A mesh as the verifier loads it: another library, which must see the same body (the only importer of coal here)."""
+"""Check that the verifier's mesh library loads the same body (the only module that imports coal here)."""
 
 from __future__ import annotations
 

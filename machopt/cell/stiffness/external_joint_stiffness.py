@@ -1,4 +1,4 @@
-"""``external_joints`` of stiffness.yaml: how rails, gantries and positioners give way, and what their bodies weigh."""
+"""Block ``external_joints`` of stiffness.yaml: stiffness and masses of rails, gantries and positioners."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""stiffness.yaml: joint stiffness, its covariance, a grid over the workspace, terms found by diagnosis."""
+"""Reader and writer of stiffness.yaml: joint stiffness, covariance, workspace grid, terms found by diagnosis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A term to be fitted, as it is typed: ``EFFECT@LOCATION{key: value}``."""
+"""Parser of a term to be fitted: ``EFFECT@LOCATION{key: value}``."""
 
 from __future__ import annotations
 

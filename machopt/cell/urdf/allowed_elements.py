@@ -1,11 +1,10 @@
-"""Which elements and attributes a URDF has, and what becomes of the others.
+"""Known elements and attributes of a URDF, and the treatment of all others.
 
-The parser behind the robot model drops what it does not know, or knows but cannot read, with a line on the log; a
-link then is lighter, or is not there in the collision check. So what is unknown is refused wherever it may be meant for
-something that is read: an element whose name is near one of the URDF's or that holds links, joints or bodies, an
-attribute whose name is near one that is missing, and every unknown attribute of an element that places, scales or
-couples (:data:`EXACT`). The rest is not used by any URDF parser: elements on :data:`ELSEWHERE` are counted, others are
-named in a warning.
+The parser of the robot model logs and drops what it does not know or cannot read. A link is then lighter, or missing
+in the collision check. So unknown content is refused wherever it may stand for something that is read. This applies to
+an element whose name is near a URDF name or that contains links, joints or bodies. It applies to an attribute whose
+name is near a missing one, and to every unknown attribute of an element that places, scales or couples
+(:data:`EXACT`). No URDF parser uses the rest: elements on :data:`ELSEWHERE` are counted, others are named in a warning.
 """
 
 from __future__ import annotations

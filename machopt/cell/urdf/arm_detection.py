@@ -1,4 +1,4 @@
-"""Which links and joints of a URDF are the arm, where nobody says so."""
+"""Detection of the arm's links and joints in a URDF, where the user does not give them."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | N
 
     Without ``flange_link``, the flange is the first of :data:`FLANGES` behind six revolute joints, else the outermost
     link fixed to the sixth. Joints behind the sixth whose names are those of a gripper do not count; the link that
-    carries them is then the flange. Without ``base_link``, the base has that name where nothing moves between
-    it and the arm, else the parent link of the first joint.
+    carries them is then the flange. Without ``base_link``, the base is the link named
+    ``base_link`` where nothing moves between it and the arm, else the parent link of the first joint.
 
     Args:
         urdf: The robot: links, joints, bodies and masses.

@@ -1,4 +1,4 @@
-"""A URDF without what is left out: collision bodies of some links, elements that say nothing."""
+"""Removal of URDF elements: collision bodies of some links, elements without content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which file a mesh URI of a URDF means."""
+"""Lookup of the file of a mesh URI in a URDF."""
 
 from __future__ import annotations
 

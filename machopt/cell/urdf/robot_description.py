@@ -1,4 +1,4 @@
-"""A robot's description, whether written as URDF or as xacro."""
+"""Reader of a robot description in URDF or xacro."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a cell needs of a URDF: links, joints, bodies and masses, and the tree they make."""
+"""URDF model as a cell needs it: links, joints, bodies and masses, and their tree."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""xacro → URDF, by the ``xacro`` package of the ROS maintainers.
+"""Expansion of xacro to URDF by the ``xacro`` package of the ROS maintainers.
 
-Every file that is read is told, so that it counts among a cell's inputs. ``$(find NAME)`` knows the packages of the
-cell and no others: what an index on this machine would find makes another robot elsewhere. For the same reason
-``$(env …)`` is refused. Expressions in ``${…}`` are evaluated by xacro, without Python's own functions but a few.
+Every file that is read is recorded as an input of the cell. ``$(find NAME)`` resolves packages of the cell only: a
+package index of this computer would give another robot elsewhere. For the same reason ``$(env …)`` is refused.
+Expressions in ``${…}`` may use only a few Python functions.
 """
 
 from __future__ import annotations

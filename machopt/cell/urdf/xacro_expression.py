@@ -124,7 +124,7 @@ def evaluate_expression(text: str, symbols: SymbolTable, budget: EvaluationBudge
         budget: of the whole file; one of its own where none is given.
 
     Raises:
-        XacroExpressionError: no expression, a construct that is not evaluated, a bound exceeded, or a value of a wrong type.
+        XacroExpressionError: no expression, an unsupported construct, a bound exceeded, or a value of a wrong type.
     """
     text = text.strip()
     if len(text) > MAX_EXPRESSION:

@@ -1,4 +1,4 @@
-"""Run the xacro package without its ways to Python, to other files and to unlimited memory.
+"""Restriction of the xacro package: no access to Python, other files or unlimited memory.
 
 The package evaluates expressions with ``eval``, opens every file that a robot names, and grows without bound where
 macros or properties double. While :func:`limit_xacro` is entered, these functions of the package are replaced:

@@ -1,4 +1,4 @@
-"""Read the YAML files of xacro's ``load_yaml`` as plain values.
+"""Reader of the YAML files of xacro's ``load_yaml`` as plain values.
 
 No object is constructed but numbers, text, truth values, None, lists and dictionaries; the units of angle and length
 of xacro are the only tags. Values that anchors repeat are counted as often as they are reached. YAML 1.1, as xacro has.

@@ -1,4 +1,4 @@
-"""XML as a tree with line numbers, read the way a URDF parser reads it: raw names, no entities, no other files."""
+"""XML tree with line numbers, read as URDF parsers do: raw names, no entities, no external files."""
 
 from __future__ import annotations
 

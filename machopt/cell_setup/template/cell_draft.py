@@ -1,4 +1,4 @@
-"""A new cell as far as the URDF and the user tell it."""
+"""Draft of a new cell from the URDF and the user's options."""
 
 from __future__ import annotations
 

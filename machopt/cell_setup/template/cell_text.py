@@ -1,4 +1,4 @@
-"""The text of a new cell: cell.yaml and stiffness.yaml with what each number rests on."""
+"""Text of a new cell: cell.yaml and stiffness.yaml with the origin of each number."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The tool of a new cell: a spindle along the flange axis, or on a bracket that turns it by 45 or 90 degrees.
+"""Default tool of a new cell: a spindle along the flange axis, or on a bracket at 45 or 90 degrees.
 
-A spindle along axis 6 leaves the rotation about the tool axis without effect: axis 6 alone carries it out. With a
-bracket the rotation moves all joints, which is what machopt chooses it for; hence 45 degrees where nothing is known.
+With a spindle along axis 6 the rotation about the tool axis has no effect, because axis 6 alone performs it. With a
+bracket the rotation moves all joints, so machopt can optimise it. The default is therefore 45 degrees.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A robot's files, copied into a folder that needs nothing outside it."""
+"""Copies of the robot files in a folder without external references."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A cell at its home pose from three sides."""
+"""Picture of a cell at its home position from three sides."""
 
 from __future__ import annotations
 

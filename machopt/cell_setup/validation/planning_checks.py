@@ -1,4 +1,4 @@
-"""What a planner would refuse about a cell, and what it would plan with although it is odd."""
+"""Checks of a cell for what a planner would refuse or warn of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything that the reader refuses about a cell: what is wrong is put aside and the rest read on."""
+"""Collection of all reader errors of a cell: a wrong value is removed or repaired and reading continues."""
 
 from __future__ import annotations
 

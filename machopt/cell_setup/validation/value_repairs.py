@@ -1,6 +1,6 @@
-"""Mistakes about the robot, which cannot be put aside: what is written is replaced by what it seems to mean.
+"""Repairs of wrong robot values, which cannot be removed: each is replaced by a plausible value.
 
-A mended cell is only looked at for further mistakes; nobody plans with it.
+A repaired cell is used only to find further errors, never for planning.
 """
 
 from __future__ import annotations

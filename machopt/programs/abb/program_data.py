@@ -1,4 +1,4 @@
-"""Data of RAPID modules: what is declared and assigned, and the targets, speeds, zones and frames that it says."""
+"""Data of RAPID modules: declarations and assignments, and their targets, speeds, zones and frames."""
 
 from __future__ import annotations
 

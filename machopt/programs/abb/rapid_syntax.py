@@ -1,4 +1,4 @@
-"""RAPID text as tokens, routines and values."""
+"""Parser of RAPID text: tokens, routines and values."""
 
 from __future__ import annotations
 

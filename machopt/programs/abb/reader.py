@@ -1,6 +1,6 @@
-"""ABB RAPID: a module followed from its main procedure, without formulas and branches.
+"""Reader of ABB RAPID: executes a module from its main procedure, without formulas and branches.
 
-What names stand for is in :mod:`machopt.programs.abb.program_data`.
+:mod:`machopt.programs.abb.program_data` resolves names.
 """
 
 from __future__ import annotations

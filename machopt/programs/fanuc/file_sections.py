@@ -1,4 +1,4 @@
-"""FANUC TP files as lines and positions, before anything is carried out."""
+"""FANUC TP files split into lines and positions, before execution."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""FANUC: CONFIG of Cartesian positions.
+"""CONFIG of FANUC Cartesian positions.
 
 Turn numbers count how often J1, J4 and J6 have passed ±180°: sign(a) · floor((|a| + 180°) / 360°). F or N is the
-flip of the wrist by the sign of J5, which documents give either way: the cell must say it
-(``controller.nonflip_j5``). U or D is the elbow, T or B the side of the wrist root to J1. The post fanuc_joint
+wrist flip by the sign of J5. Documents disagree on its direction, so the cell must give it
+(``controller.nonflip_j5``). U or D is the elbow, T or B the side of the wrist root relative to J1. The post fanuc_joint
 writes joint positions only and needs none of this.
 """
 

@@ -1,4 +1,4 @@
-"""FANUC TP programs as text (.ls): motion lines of /MN with the positions of /POS."""
+"""Reader of FANUC TP programs as text (.ls): motion lines of /MN with the positions of /POS."""
 
 from __future__ import annotations
 

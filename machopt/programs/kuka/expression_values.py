@@ -1,4 +1,4 @@
-"""KRL data: numbers, enumerations, aggregates ``{X 1,Y 2}``, variables and arrays of them."""
+"""KRL values: numbers, enumerations, aggregates ``{X 1,Y 2}``, variables and arrays of them."""
 
 from __future__ import annotations
 

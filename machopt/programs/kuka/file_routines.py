@@ -1,4 +1,4 @@
-"""KRL files as routines and blocks, before anything is carried out."""
+"""KRL files split into routines and blocks, before execution."""
 
 from __future__ import annotations
 

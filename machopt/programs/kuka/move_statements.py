@@ -1,4 +1,4 @@
-"""Moves of KRL: PTP, LIN, CIRC, SPL and those relative to the last target, given to the builder."""
+"""KRL motion statements: PTP, LIN, CIRC, SPL and their relative forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Targets of KRL moves: aggregates and names, and the components that they leave out."""
+"""Targets of KRL moves: aggregates and names, and their omitted components."""
 
 from __future__ import annotations
 

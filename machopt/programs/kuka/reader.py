@@ -1,4 +1,4 @@
-"""KUKA KRL: a ``.src`` with its ``.dat``, followed as the controller would, without formulas and branches."""
+"""Reader of KUKA KRL: executes a ``.src`` with its ``.dat`` as the controller does, without formulas and branches."""
 
 from __future__ import annotations
 

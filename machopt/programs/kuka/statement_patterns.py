@@ -1,4 +1,4 @@
-"""KRL statements by their words: moves, declarations, and what moves nothing within a branch."""
+"""Patterns of KRL statements: moves, declarations, and statements without motion inside a branch."""
 
 from __future__ import annotations
 

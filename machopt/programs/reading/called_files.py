@@ -1,4 +1,4 @@
-"""Further files a program calls: looked for in its own folder only, by name, whatever the case."""
+"""Files that a program calls, searched by name in its own folder only, in any case."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Status, turns and confdata counted again from the joints alone: what a program's own words for them must be.
+"""Status, turns and confdata recomputed from the joints, to check the values in a program.
 
-An axis that stands at a boundary by print may count to either side. The meanings are in ``posts/README.md``.
+An axis that lies on a boundary as printed may count to either side. ``posts/README.md`` gives the meanings.
 """
 
 from __future__ import annotations

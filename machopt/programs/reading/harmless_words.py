@@ -1,7 +1,7 @@
-"""Words of robot programs that cannot move points or frames, with the reason; one list per language.
+"""Robot program statements that cannot move points or frames, with the reason; one list per language.
 
-A statement that is on no list and that the reader does not carry out stops a plan
-(:mod:`machopt.toolpath.unknown_words`). FANUC and Yaskawa statements are known by their beginning.
+A statement that is neither listed nor executed by the reader stops a plan (:mod:`machopt.toolpath.unknown_words`).
+FANUC and Yaskawa statements are identified by their beginning.
 """
 
 from __future__ import annotations

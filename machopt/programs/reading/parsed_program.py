@@ -1,4 +1,4 @@
-"""A robot program as its reader understood it. Nothing here knows how programs are written."""
+"""Data of a parsed robot program, independent of the writers."""
 
 from __future__ import annotations
 

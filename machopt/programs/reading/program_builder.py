@@ -1,4 +1,4 @@
-"""Collects moves, frames, events and unknown words while a reader follows a program."""
+"""Collector of moves, frames, events and unknown words while a reader executes a program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotations from the numbers of robot programs, written out for one target at a time: nine floats, row by row."""
+"""Rotation conventions of robot programs, for one target at a time: nine floats, row by row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""URScript values: numbers, lists, poses, ``pose_trans``; arithmetic of numbers, nothing that runs."""
+"""URScript values: numbers, lists, poses, ``pose_trans`` and arithmetic of numbers; nothing is executed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Universal Robots script: a program's functions followed from its call, without branches on inputs."""
+"""Reader of Universal Robots scripts: executes the functions from their call, without branches on inputs."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""External axes as a controller counts them, and which of its frames the workpiece is in.
+"""External axes in the numbering of the controller, and the controller frame that holds the workpiece.
 
-A controller that knows its rail or positioner computes the tool's place from all axes by itself. Targets are then
-given in a frame that rides with the part: on a positioner in that unit's flange (KUKA: an external kinematic, ABB: a
-work object on a mechanical unit), on a rail alone in the hall, which the controller calls WORLD. Each joint counts
-there as sign · value + offset.
+A controller that knows its rail or positioner computes the tool position from all axes. Targets are then given in a
+frame that moves with the part. On a positioner it is the flange of that unit (KUKA: an external kinematic, ABB: a work
+object on a mechanical unit). With a rail alone it is the fixed frame that the controller calls WORLD. The controller
+value of each joint is sign · value + offset.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What one maker's posts add to the common fields."""
+"""Rules that the posts of one maker add to the common fields."""
 
 from __future__ import annotations
 

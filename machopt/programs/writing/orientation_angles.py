@@ -1,4 +1,4 @@
-"""Rotations as robot controllers write them. Everything in degrees, mm, or without unit; arrays (..., 3, 3) in."""
+"""Orientation representations of robot controllers, in degrees, mm or without unit, from rotations (..., 3, 3)."""
 
 from __future__ import annotations
 

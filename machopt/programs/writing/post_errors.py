@@ -1,4 +1,4 @@
-"""What a post can lack, by kind: who writes its message asks for the class, not for words in it."""
+"""Error classes of posts, so that callers distinguish them by class instead of message text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A post: the TOML file that says what a program looks like. README.md explains it to users."""
+"""Reader of a post: the TOML file that defines the text of a program. README.md explains it to users."""
 
 from __future__ import annotations
 

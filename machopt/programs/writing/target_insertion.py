@@ -1,8 +1,8 @@
-"""Way points close enough that what a controller draws between them is the motion, within a stated tolerance.
+"""Selection of way points so that the controller's interpolation follows the motion within a tolerance.
 
-Between two Cartesian targets a controller leads the tool tip on a straight line and turns it evenly about one axis, and
-takes rails and positioners along evenly. The planned motion is known by its samples; where they leave that line, the
-sample that is farthest off becomes a target.
+Between two Cartesian targets a controller moves the tool tip on a straight line, rotates the tool at a constant rate
+about one axis, and moves rails and positioners in proportion. The planned motion is known by its samples. Where they
+leave that line, the sample with the largest deviation becomes a target.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Walks over a program's moves and fills a post's templates: the one place that knows the order of things."""
+"""Template engine: iterates over the moves of a program, in output order, and fills the templates of a post."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fields templates may use: one value a move, and values of the whole program. README.md lists them."""
+"""Fields of the templates: one value per move, and values of the whole program. README.md lists them."""
 
 from __future__ import annotations
 

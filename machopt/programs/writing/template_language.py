@@ -1,4 +1,4 @@
-"""The templates' own small language: fields and optional sections, and nothing that could run.
+"""Template language: fields and optional sections, without executable code.
 
 ::
 

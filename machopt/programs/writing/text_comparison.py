@@ -1,10 +1,8 @@
-"""What a program must say beside its coordinates: every line of every file, word by word.
+"""Comparison of everything in a program except its coordinates: every line of every file, word by word.
 
-The post writes the program that was read back a second time, with a mark for each number of a target. Whatever else a
-file holds (head, declarations, frames, loads, speeds, zones, events, order of lines, line counts, END) has then to be
-the same text. The targets themselves are compared by :mod:`machopt.verification.programs.motion_comparison`, which
-shares nothing with the
-posts.
+The post writes the parsed program a second time, with a mark for each number of a target. All other text (head,
+declarations, frames, loads, speeds, zones, events, order of lines, line counts, END) must be identical. The targets are
+compared by :mod:`machopt.verification.programs.motion_comparison`, which shares nothing with the posts.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Questions come last: what no option can cure is reported before an option is asked for."""
+"""Order of errors: errors that no option can resolve are reported before an option is requested."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """APT / cutter location readers: NX CLSF, CATIA aptsource, Creo ncl, CAMWorks APT and CLT, HSM/Fusion, plain APT.
 
-One statement reader serves them all; what differs is kept in :class:`CamDialect`. Coordinates stay in the system
-they are printed in, which is ``workpiece``; where a file changes it, later points are brought into the first one.
+One statement reader handles all dialects; :class:`CamDialect` holds the differences. Coordinates stay in the system
+of the file, which is ``workpiece``. Where a file changes the system, later points are transformed into the first one.
 """
 
 from __future__ import annotations

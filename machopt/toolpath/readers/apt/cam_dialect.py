@@ -1,4 +1,4 @@
-"""Which CAM system wrote a cutter location file, and in which unit."""
+"""Detection of the CAM system and the length unit of a cutter location file."""
 
 from __future__ import annotations
 

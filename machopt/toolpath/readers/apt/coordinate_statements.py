@@ -1,4 +1,4 @@
-"""CL words that say which coordinate system points are in, and those that shift or scale what follows."""
+"""CL statements that set the coordinate system of points, or shift or scale the points that follow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Curves of the CL dialects: CIRCLE, MOVARC, TLON,GOFWD and NURBS as chord ends in mm."""
+"""Curves of the CL dialects (CIRCLE, MOVARC, TLON,GOFWD, NURBS), converted to chord end points in mm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text that CL data hands through to the control's program (INSERT), and codes of PREFUN and AUXFUN."""
+"""Text that CL data passes to the control program (INSERT), and the codes of PREFUN and AUXFUN."""
 
 from __future__ import annotations
 

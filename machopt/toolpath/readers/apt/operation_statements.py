@@ -1,4 +1,4 @@
-"""CL statements about operations, tools, the spindle's surroundings and how the post writes its program."""
+"""CL statements about operations, tools, spindle, coolant and the output of the post-processor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hot path of long cutter location files: plain ``GOTO/x,y,z[,i,j,k]`` lines, many at a time."""
+"""Fast path for long cutter location files: reads many plain ``GOTO/x,y,z[,i,j,k]`` lines at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Statements of APT / cutter location text: continuation lines, comments, major word and the rest."""
+"""Parser of APT and cutter location statements: continuation lines, comments, major word and arguments."""
 
 from __future__ import annotations
 

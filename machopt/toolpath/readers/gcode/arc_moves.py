@@ -1,4 +1,4 @@
-"""Arcs of G-code: by centre, radius, intermediate point or tangent."""
+"""G-code arcs given by centre, radius, intermediate point or tangent."""
 
 from __future__ import annotations
 

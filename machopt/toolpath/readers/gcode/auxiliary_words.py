@@ -1,4 +1,4 @@
-"""Words of a block that move nothing: feeds and their unit, spindle, tools, coolant, stops, dwells."""
+"""Words of a block without motion: feed and its unit, spindle, tool, coolant, stop, dwell."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class AuxiliaryWordReader(ModeReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the unit cannot change at this place.
+            InputError: the unit contradicts the option ``--unit``.
         """
         unit = UNITS[g]
         asked, lengths_only = self.options.unit, self.siemens and g in (700, 710)

@@ -1,4 +1,4 @@
-"""One block's motion: rotary words, tool vectors, then the straight move, arc or hole they belong to."""
+"""Motion of one block: rotary words and tool vectors, then the straight move, arc or hole."""
 
 from __future__ import annotations
 

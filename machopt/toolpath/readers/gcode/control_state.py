@@ -1,7 +1,7 @@
-"""What a control knows while it carries out a program: modes, coordinate systems, the place of the tool.
+"""State of a control while it runs a program: modes, coordinate systems, tool position.
 
-The state both G-code and Heidenhain's conversational programs keep; the readers set it word by word. ``p`` is what
-the program says, ``setup`` brings it into the workpiece.
+G-code and Heidenhain readers share this state and update it word by word. ``p`` is the programmed position; ``setup``
+transforms it into the workpiece.
 """
 
 from __future__ import annotations

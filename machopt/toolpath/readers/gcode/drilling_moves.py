@@ -1,4 +1,4 @@
-"""Drilling cycles of G-code and Sinumerik, carried out at the holes they are called for."""
+"""Execution of G-code and Sinumerik drilling cycles at their holes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words that turn, mirror or scale a program's coordinates: G68, G68.2 with G53.1, G51, Siemens frames."""
+"""Words that rotate, mirror or scale program coordinates: G68, G68.2 with G53.1, G51, Siemens frames."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class FrameWordReader(WorkOffsetReader):
 
         Args:
             plane: Transform of the plane into the system before it.
-            tilted: State of the tilted plane: whether the tool is aligned with it.
+            tilted: Tool alignment with the plane: ``aligned``, ``not yet``, or empty without a plane.
         """
         self.tilted_plane = None if plane.nothing else plane
         level = is_upright(plane)

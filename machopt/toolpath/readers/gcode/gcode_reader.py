@@ -1,8 +1,8 @@
-"""G-code reader: Fanuc, Haas, LinuxCNC, Sinumerik; three axes, 3+2 and five axes.
+"""G-code reader for Fanuc, Haas, LinuxCNC and Sinumerik; three axes, 3+2 and five axes.
 
 Coordinates are those of the first work offset, which is ``workpiece``. Subprograms, loops and expressions are
-carried out as far as the file holds them; tilted planes and tool-centre-point control are followed; without either
-X, Y, Z of turned rotary axes need the machine's kinematics (``--machine``).
+evaluated as far as the file contains them. Tilted planes and tool-centre-point control are supported. Without either,
+X, Y, Z with rotary axes need the kinematics of the machine (``--machine``).
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
-"""Subprograms and loops of Fanuc, Haas and LinuxCNC programs, as far as the file holds them.
+"""Subprograms and loops of Fanuc, Haas and LinuxCNC programs, executed as far as the file contains them.
 
-M98 P and M97 P with L repeats, M99, G65 with arguments; IF […] GOTO, IF […] THEN, WHILE … DO n … END n, GOTO;
-LinuxCNC O-words (sub, call, return, if, while, do, repeat, break, continue). Lines come out in the order they are
-carried out, with every expression replaced by its number. What else a block with M98, M99 or THEN says is carried out
-before the program goes on elsewhere; a block whose other words cannot be is refused. Nothing behind M2 or M30 is
-evaluated.
+Supported: M98 P and M97 P with L repeats, M99, G65 with arguments; IF […] GOTO, IF […] THEN, WHILE … DO n … END n,
+GOTO; LinuxCNC O-words (sub, call, return, if, while, do, repeat, break, continue). Lines are returned in execution
+order, with every expression replaced by its number. Other words of a block with M98, M99 or THEN are executed before
+the jump. A block whose other words cannot be executed is refused. Nothing behind M2 or M30 is evaluated.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The hot path of long programs: plain ``G1 X Y Z A B C F`` lines, many at a time.
+"""Fast path for long programs: reads many plain ``G1 X Y Z A B C F`` lines at a time.
 
-Only what changes nothing but coordinates and feed is taken here; every other line goes the long way.
+Only lines that change nothing but coordinates and feed are read here. All other lines go to the general reader.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Words that move a program's zero: work offsets (G54 …), G10 L2, G52 and G92.
+"""Words that move the program zero: work offsets (G54 …), G10 L2, G52 and G92.
 
-The workpiece is the first work offset used. Another one lies where ``--offset`` or G10 L2 say; G10 L2 gives places in
-the machine, so two of them are needed. G52 and G92 shift the zero inside of the work offset. Where controls differ in
-what follows from them together, the program is refused.
+The workpiece is the first work offset in use. ``--offset`` or G10 L2 give the position of another one. G10 L2 gives
+machine positions, so two of them are needed. G52 and G92 shift the zero inside the work offset. Where controls differ
+in the combination of these words, the program is refused.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class WorkOffsetReader(BlockMotionReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the offset cannot be used together with others of the file.
+            InputError: the cell has no such offset.
         """
         known, key = self.options.cell_offsets, normalise_offset_name(name)
         if key not in known:

@@ -1,7 +1,7 @@
-"""APPR and DEP of Heidenhain: how the tool comes to a contour and leaves it.
+"""Approach and departure of Heidenhain contours (APPR, DEP).
 
-LT goes along the tangent of the first or last contour element, LN square to it, CT on an arc that touches it, LCT on
-such an arc and then straight on to a place. All lie in the working plane, as complex numbers in mm.
+LT runs along the tangent of the first or last contour element, LN perpendicular to it, CT on a tangent arc. LCT runs
+on a tangent arc and then straight to a position. All lie in the working plane, as complex numbers in mm.
 """
 
 from __future__ import annotations

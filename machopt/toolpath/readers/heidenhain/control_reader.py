@@ -1,4 +1,4 @@
-"""What Heidenhain's conversational and DIN/ISO programs share: pole, polar moves, datum chain, cycles, tools."""
+"""Common part of the Heidenhain readers (conversational, DIN/ISO): pole, polar moves, datum chain, cycles, tools."""
 
 from __future__ import annotations
 

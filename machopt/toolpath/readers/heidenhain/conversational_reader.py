@@ -1,7 +1,7 @@
 """Heidenhain conversational programs (``BEGIN PGM``): L, LN, CC, C, CR, LP, CP, PLANE, CYCL DEF, LBL, Q parameters.
 
-The circle centre CC stays until the next one. Under M128 or FUNCTION TCPM the points are the tool tip's; LN gives
-the tool axis as TX, TY, TZ.
+The circle centre CC is modal. Under M128 or FUNCTION TCPM the points are tool tip positions. LN gives the tool axis as
+TX, TY, TZ.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Heidenhain's coordinate systems: datum shifts, mirrors, scales, rotations and tilted planes, in their own order."""
+"""Heidenhain coordinate systems: datum shifts, mirrors, scales, rotations and tilted planes, in required order."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class DefinitionReader(SentenceReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the preset is not a number.
+            InputError: the statement has another form than ``PRESET SELECT #n``.
         """
         preset = re.fullmatch(r"PRESET SELECT\s*#\s*(\d+)(?: KEEP TRANS)?", text)
         if preset is None:

@@ -1,7 +1,7 @@
-"""Heidenhain DIN/ISO programs (``%NAME G71 *``): I, J is a pole that stays, cycles are G200 …, labels G98 L.
+"""Heidenhain DIN/ISO programs (``%NAME G71 *``): modal pole I, J; cycles G200 …; labels G98 L.
 
-The words mean other things than in G-code: G54 shifts the datum, G73 rotates, G80 tilts the plane, G79 calls a cycle,
-G10 to G13 are polar.
+The words differ from G-code: G54 shifts the datum, G73 rotates, G80 tilts the plane, G79 calls a cycle, G10 to G13 are
+polar moves.
 """
 
 from __future__ import annotations

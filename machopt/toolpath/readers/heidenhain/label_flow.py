@@ -1,4 +1,4 @@
-"""Labels, jumps and Q parameters of Heidenhain programs, as far as the file holds them."""
+"""Labels, jumps and Q parameters of Heidenhain programs, executed as far as the file contains them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words and flags of a conversational sentence, and those that begin or end a contour."""
+"""Words and flags of a conversational sentence, and the sentences that begin or end a contour."""
 
 from __future__ import annotations
 

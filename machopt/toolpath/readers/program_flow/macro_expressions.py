@@ -1,7 +1,7 @@
 """Parameters and expressions of Fanuc macros and LinuxCNC: ``#1=5``, ``X[#<a>*10.]``, ``X-#1``, ``YSIN[30]``.
 
-Evaluated fully or refused. Where controls differ in a value (halves, remainders and whole parts of negative numbers,
-comparisons of nearly equal numbers) LinuxCNC's rule is used and a note says so.
+Expressions are evaluated completely or refused. Where controls differ in a value (halves, remainders and integer parts
+of negative numbers, comparisons of nearly equal numbers) the rule of LinuxCNC applies and a note reports it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Errors and limits of a program's flow: loops without end, jumps to nowhere."""
+"""Errors and limits of the program flow: endless loops, jumps to missing targets."""
 
 from __future__ import annotations
 

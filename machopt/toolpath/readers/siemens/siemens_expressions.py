@@ -1,4 +1,4 @@
-"""Expressions of Sinumerik programs: ``R1+R2*SIN(R3)``, comparisons, variables; evaluated fully or refused."""
+"""Expressions of Sinumerik programs (``R1+R2*SIN(R3)``, comparisons, variables), evaluated completely or refused."""
 
 from __future__ import annotations
 

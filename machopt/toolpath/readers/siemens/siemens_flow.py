@@ -1,8 +1,8 @@
-"""R parameters, variables, jumps and loops of Sinumerik programs, as far as the file holds them.
+"""R parameters, variables, jumps and loops of Sinumerik programs, executed as far as the file contains them.
 
-DEF, assignments, IF … GOTOF/GOTOB label, IF/ELSE/ENDIF, FOR, WHILE, REPEAT/UNTIL, LOOP, labels, RET; subprograms
-that stand in the same file as ``%_N_NAME_SPF`` or ``PROC NAME``. Lines come out in the order they are carried out,
-with every expression replaced by its number.
+Supported: DEF, assignments, IF … GOTOF/GOTOB label, IF/ELSE/ENDIF, FOR, WHILE, REPEAT/UNTIL, LOOP, labels, RET, and
+subprograms in the same file as ``%_N_NAME_SPF`` or ``PROC NAME``. Lines are returned in execution order, with every
+expression replaced by its number.
 """
 
 from __future__ import annotations

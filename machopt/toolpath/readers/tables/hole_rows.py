@@ -1,7 +1,7 @@
-"""Point tables whose rows are holes: one row a hole, and how such a table is told from a path.
+"""Point tables with one hole per row, and how they are distinguished from paths.
 
-A row of a hole is its bottom. The surface lies ``depth`` above it along the tool axis, the feed starts ``approach``
-above the surface. A table that does not say what its rows are is read as a path only where it cannot be holes.
+A row gives the bottom of a hole. The surface lies ``depth`` above it along the tool axis; the feed begins ``approach``
+above the surface. A table without a row kind is read as a path only where its rows cannot be holes.
 """
 
 from __future__ import annotations

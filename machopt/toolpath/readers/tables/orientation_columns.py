@@ -1,6 +1,6 @@
-"""Attitudes of the TCP as robot tables write them: angles, quaternions, rotation vectors. Tool axis −z, reference +x.
+"""TCP orientations in robot tables: angles, quaternions, rotation vectors. Tool axis −z, reference +x.
 
-Each makes (N, 3, 3) matrices whose columns are the TCP's axes in the workpiece.
+Each format becomes (N, 3, 3) matrices whose columns are the TCP axes in the workpiece.
 """
 
 from __future__ import annotations

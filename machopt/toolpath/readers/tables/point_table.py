@@ -1,4 +1,4 @@
-"""Point tables: CSV and Parquet with named columns, robot poses; headerless lists are ``xyzwpr.py``'s."""
+"""Reader of point tables: CSV and Parquet with named columns, robot poses (no header: ``xyzwpr_list.py``)."""
 
 from __future__ import annotations
 

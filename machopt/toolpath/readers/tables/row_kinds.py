@@ -1,4 +1,4 @@
-"""What the rows of a point table are: points of a path or holes, by its ``kind`` column, the option, or the points."""
+"""Row kinds of a point table, path points or holes, from its ``kind`` column, the option, or the points."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Columns of a point table that no reader knows: which of them may move points or frames.
+"""Unknown columns of a point table: detection of those that may move points or frames.
 
-A length or an angle beside a point may shift or turn it, and so may a frame; labels, counts and process data cannot.
+A length, an angle or a frame in a row may shift or rotate its point. Labels, counts and process data cannot.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Centres of G2 and G3: relative, absolute or unsigned I, J, K, and radii that stay in effect.
+"""Arc centres of G2 and G3: relative, absolute or unsigned I, J, K, and modal radii.
 
-Controls agree on I, J, K from the start point and on a radius for one block only. Posts do not always write that;
-what else is tried is tried only where the usual reading is impossible, it must fit the arc's end, and it is told.
+Controls agree on I, J, K from the start point and on a radius that is valid for one block only. Some posts write
+other forms. These are tried only where the usual reading is impossible. They must fit the arc end, and a warning
+reports them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,11 @@
-"""How a program's coordinates lie in the workpiece: work offsets, shifts, tilted planes, rotary axes.
+"""Transform from program coordinates to the workpiece: work offsets, shifts, tilted planes, rotary axes.
 
-p_workpiece = T_machine ∘ T_offset ∘ T_datum ∘ T_local p. T_machine is that of the rotary axes without
-tool-centre-point control (see :mod:`machopt.path_building.rotary_axes`), T_offset another work offset than the first,
-T_datum a
-shift of the origin by the program (G52, CYCL DEF 7, G92 once the path began), T_local a turned or tilted plane.
+p_workpiece = T_machine ∘ T_offset ∘ T_datum ∘ T_local p.
+
+* T_machine: rotary axes without tool-centre-point control (see :mod:`machopt.path_building.rotary_axes`);
+* T_offset: a work offset other than the first;
+* T_datum: a shift of the origin by the program (G52, CYCL DEF 7, G92 after the path began);
+* T_local: a rotated or tilted plane.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Places of holes in rows, circles and grids. Any one length unit, angles in degrees."""
+"""Hole positions in rows, circles and grids. Any consistent length unit, angles in degrees."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Tilted working planes and programmed shifts: G68, G68.2, CYCLE800, TRANS/ROT, PLANE SPATIAL, CYCL DEF 19.
 
-Each function gives the system the following coordinates are in, as a :class:`SystemTransform` into the one before (mm).
-Where Siemens and Heidenhain let a machine setting decide, the usual setting is meant and the reader says so.
+Each function returns the coordinate system of the following coordinates, as a :class:`SystemTransform` into the one
+before (mm). Where a machine setting of Siemens or Heidenhain decides, the usual setting is assumed and the reader
+reports it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""G-code text as blocks: comments taken out, words with their numbers, calls with their arguments."""
+"""G-code text split into blocks: comments removed, words with their numbers, calls with their arguments."""
 
 from __future__ import annotations
 

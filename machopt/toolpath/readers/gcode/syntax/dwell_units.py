@@ -1,4 +1,4 @@
-"""Units of dwells: seconds or milliseconds, by the control and the way the number is written."""
+"""Dwell units, seconds or milliseconds, by the control and the number format."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Numbers without a decimal point, which one control reads as whole millimetres and another as thousandths of one.
+"""Numbers without a decimal point, which controls read as whole millimetres or as thousandths.
 
-Fanuc, Haas and others decide by a parameter whether ``X1500`` is 1500 mm or 1.5 mm; old programs leave out trailing
-or leading zeros (``X0019685``). Where what stands in the file makes the whole-number reading doubtful, it is asked for.
-Both the question and ``--decimals`` look at the words of each block, glued or not, and never into comments.
+On Fanuc, Haas and others a parameter decides whether ``X1500`` is 1500 mm or 1.5 mm. Old programs omit trailing or
+leading zeros (``X0019685``). Where the file makes the whole-number reading doubtful, the user must give an option.
+The check and ``--decimals`` examine the words of each block, with or without blanks between them, and never comments.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is told of a G-code file before it is carried out: whose control it is for, and its unit."""
+"""Properties of a G-code file that are found before it is executed: control, unit, end of program."""
 
 from __future__ import annotations
 
