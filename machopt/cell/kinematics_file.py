@@ -89,6 +89,9 @@ def load_kinematics(path: Path | str) -> KinematicCorrections:
     Args:
         path: Path of the file.
 
+    Returns:
+        The corrections, SI units.
+
     Raises:
         InputError: names file, line and key, what was found and what was expected.
     """

@@ -87,6 +87,9 @@ def read_yaml(path: Path) -> YamlDocument:
     Args:
         path: Path of the file.
 
+    Returns:
+        The document.
+
     Raises:
         InputError: missing or unreadable file, not UTF-8, not YAML, a duplicate key, a non-finite number.
     """

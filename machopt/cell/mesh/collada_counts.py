@@ -46,6 +46,9 @@ def count_collada(root: XmlElement, path: Path) -> ColladaCounts:
         root: Root element of the file.
         path: Path of the file.
 
+    Returns:
+        Counts of the triangles.
+
     Raises:
         InputError: a number that is none, a count that is not that of the data, a reference to nothing, or something
             that makes or moves triangles and is not read.

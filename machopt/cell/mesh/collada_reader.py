@@ -45,6 +45,9 @@ def read_collada(path: Path) -> ColladaMesh:
     Args:
         path: Path of the file.
 
+    Returns:
+        Triangles of the scene, m.
+
     Raises:
         InputError: not COLLADA, cut, without triangles, or with something that would make or move them and is not read.
     """

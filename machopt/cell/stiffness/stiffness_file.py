@@ -108,6 +108,9 @@ def load_stiffness(path: Path | str) -> ArmStiffness:
     Args:
         path: Path of the file.
 
+    Returns:
+        The stiffness, SI units.
+
     Raises:
         InputError: names file, key, what was found and what was expected.
     """

@@ -32,6 +32,9 @@ def read_plain_yaml(text: str, path: Path) -> object:
         text: Text of the file.
         path: Path of the file.
 
+    Returns:
+        Numbers, text, truth values, None, lists and dictionaries.
+
     Raises:
         InputError: no YAML, a tag or merge that is not read, or more than :data:`MAX_ITEMS` values.
     """

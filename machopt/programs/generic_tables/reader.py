@@ -31,6 +31,9 @@ def read_csv_program(source: SourceFile, arc_tolerance: float, strict: bool = Fa
         arc_tolerance: Largest distance of a chord from its arc, m.
         strict: Whether the first statement that is not understood is an error.
 
+    Returns:
+        Moves, frames and events of the program.
+
     Raises:
         InputError: names line and column, what was found and what was expected.
     """
@@ -66,6 +69,9 @@ def read_json_program(source: SourceFile, arc_tolerance: float, strict: bool = F
         source: Lines of the file, with its path and the builder of its errors.
         arc_tolerance: Largest distance of a chord from its arc, m.
         strict: Whether the first statement that is not understood is an error.
+
+    Returns:
+        Moves, frames and events of the program.
 
     Raises:
         InputError: says what was found and what was expected.

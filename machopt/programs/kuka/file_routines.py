@@ -53,6 +53,9 @@ def read_krl_module(source: SourceFile) -> KrlModule:
     Args:
         source: Lines of the file, with its path and the builder of its errors.
 
+    Returns:
+        Routines and data of the file.
+
     Raises:
         InputError: a block is closed that was not opened, or the other way round.
     """

@@ -50,6 +50,9 @@ def read_krl(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
         arc_tolerance: Largest distance of a chord from its arc, m.
         strict: Whether the first statement that is not understood is an error.
 
+    Returns:
+        Moves, frames, events and unknown words of the program.
+
     Raises:
         InputError: names file and line, what was found and what would work.
     """

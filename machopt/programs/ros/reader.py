@@ -30,6 +30,9 @@ def read_ros(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
         arc_tolerance: Largest distance of a chord from its arc, m.
         strict: Whether the first statement that is not understood is an error.
 
+    Returns:
+        Moves and events of the program.
+
     Raises:
         InputError: says what was found and what was expected.
     """

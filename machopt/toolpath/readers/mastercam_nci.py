@@ -49,11 +49,14 @@ class _NciRecord:
 
 
 def read_nci(source: SourceFile, options: ReadOptions) -> Toolpath:
-    """Read an NCI file; it does not say its unit.
+    """Read an NCI file, which does not give its unit.
 
     Args:
         source: Lines of the file, with its path and the builders of its errors.
         options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
 
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.

@@ -50,6 +50,9 @@ def read_apt(source: SourceFile, options: ReadOptions) -> Toolpath:
         source: Lines of the file, with its path and the builders of its errors.
         options: Reading options of the user (unit, feed, tolerances, accepted words).
 
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
+
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
     """

@@ -63,6 +63,9 @@ def read_csv(source: SourceFile, options: ReadOptions) -> Toolpath:
         source: Lines of the file, with its path and the builders of its errors.
         options: Reading options of the user (unit, feed, tolerances, accepted words).
 
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
+
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
     """
@@ -95,6 +98,9 @@ def read_parquet(path: Path, data: bytes, options: ReadOptions) -> Toolpath:
         path: Path of the file.
         data: Content of the file.
         options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
 
     Raises:
         InputError: pyarrow is not installed, the file is damaged, or as for CSV.
