@@ -19,7 +19,7 @@ from machopt.programs.reading.parsed_program import LINEAR, ParsedProgram
 from machopt.programs.reading.rotation_conventions import invert_pose
 
 URDF_JOINTS = ("csv", "json", "ros")  # dialects whose angles no joint map touches
-SAME_PLACE = 1e-4  # m; frames farther apart are told
+SAME_PLACE = 1e-4  # m; frames farther apart are reported
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ def format_reading_options(reading: Mapping[str, Any]) -> dict[str, object]:
     out: dict[str, Any] = {
         k: list(v) if isinstance(v, tuple) else v
         for k, v in reading.items()
-        if v is not None and v is not False and v not in ((), [])  # 0 decimals are said, not left out
+        if v is not None and v is not False and v not in ((), [])  # 0 decimals are a given value
     }
     feed = out.pop("default_feed", None)
     return out if feed is None else {**out, _FEED: float(f"{feed * _PER_MINUTE:.12g}")}

@@ -133,7 +133,7 @@ def check_readable(path: Path, options: ReadOptions, robot: ProgramRobot | None)
 
 
 def _read_file(path: Path, options: ReadOptions, robot: ProgramRobot | None) -> Toolpath:
-    """The file, by the reader that its content asks for."""
+    """Read the file with the reader that matches its content."""
     data = read_bytes(path)
     if data[:4] == b"PAR1":
         return read_parquet(path, data, options)

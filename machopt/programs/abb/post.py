@@ -14,7 +14,7 @@ from machopt.numerics.array_types import Array
 from machopt.programs.writing.maker_rules import MakerRules
 from machopt.programs.writing.template_fields import PostJob
 
-PRINTED = 4  # decimals: an axis that stands at its zero by print counts as standing there
+PRINTED = 4  # decimals: an axis printed as zero counts as zero
 
 
 def compute_quarter_turn(axis_deg: Array) -> Array:

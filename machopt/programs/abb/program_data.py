@@ -225,7 +225,7 @@ class RapidData:
             before = dict(self.values)
             for s in read_rapid_module(other).data:
                 self.declare(s)
-            self.values |= before  # what this module says holds
+            self.values |= before  # this module has priority
             self.out.files.append(file)
 
     def speed(self, value: object, line: int, proc: RapidProcedure) -> float:
@@ -245,7 +245,7 @@ class RapidData:
                 return float(known.group(1)) * 1e-3
             if value.text != "VMAX":
                 where = "an argument of the procedure" if value.text in proc.parameters else "declared elsewhere"
-                # its feed is asked for
+                # its feed is required
                 self.out.ignore(f"speed {value.shown} ({where})", line, understood=False, stops=False)
             return math.nan
         found = self.resolve_name(value)
@@ -322,7 +322,7 @@ class RapidData:
             )
             raise RapidSyntaxError(f"{name} (robhold): {STANDING_TOOL}")
         places = found[3:5] if work_object else found[1:2]
-        if work_object and _find_moving_unit(found):  # what the user frame says does not count, the unit's place does
+        if work_object and _find_moving_unit(found):  # the unit's pose counts instead of the user frame
             places = found[4:5]
         out = np.eye(4)
         for place in places:
@@ -337,7 +337,7 @@ class RapidData:
 
 
 def _find_moving_unit(found: list[object]) -> str:
-    """The mechanical unit that moves wobjdata (ufprog FALSE), empty for one that stands still."""
+    """The mechanical unit that moves wobjdata (ufprog FALSE), empty for a fixed one."""
     if len(found) < 3 or not (isinstance(found[1], RapidName) and found[1].text == "FALSE"):
         return ""
     return found[2] if isinstance(found[2], str) else "?"

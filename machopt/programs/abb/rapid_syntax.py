@@ -41,7 +41,7 @@ _PLAIN_MOVE = re.compile(
     re.IGNORECASE,
 )
 MOST_DEPTH = 30
-NONE_EXTERNAL = 8.9e9  # 9E9 says: no such axis
+NONE_EXTERNAL = 8.9e9  # 9E9: no such axis
 
 
 class RapidToken(NamedTuple):
@@ -57,7 +57,7 @@ class RapidSyntaxError(ValueError):
 
 @dataclass
 class RapidStatement:
-    """The tokens up to a semicolon, or a block word; comments stand alone."""
+    """The tokens up to a semicolon, or a block word; a comment is a statement of its own."""
 
     line: int
     tokens: list[RapidToken]

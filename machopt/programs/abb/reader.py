@@ -196,7 +196,7 @@ class _RapidReader:
         self.out.ignore(f"{s.word} without moves inside", s.line, understood=True)
 
     def decision(self, s: RapidStatement, inner: RapidStatement) -> None:
-        """What stands in a branch or loop, or behind a compact IF: nothing that moves or jumps.
+        """Check that a branch, loop or compact IF holds no motion or jump.
 
         Raises:
             RapidSyntaxError: it does.

@@ -13,7 +13,7 @@ from machopt.programs.reading.parsed_program import JOINT, LINEAR
 from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import compute_fixed_xyz_rotation
 
-_HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # where the robot stands
+_HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # the present robot position
 _HOME = re.compile(r"(?:X?HOME\d*|\$H_POS)\s*", re.IGNORECASE)
 
 

@@ -23,7 +23,7 @@ from machopt.programs.writing.maker_rules import MakerRules
 from machopt.programs.writing.template_fields import PostJob
 from machopt.programs.writing.template_language import TemplateValue
 
-PRINTED = 5  # decimals of axis angles: a bit must agree with the number beside it
+PRINTED = 5  # decimals of axis angles: a bit must agree with the printed number
 
 
 def compute_turn_bits(axes_deg: Array) -> NDArray[np.int64]:

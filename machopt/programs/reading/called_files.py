@@ -8,7 +8,7 @@ from pathlib import Path
 from machopt.errors import InputError
 from machopt.file_formats.source_file import SourceFile, decode_source, read_bytes
 
-LARGEST = 64_000_000  # bytes of a file that is only looked into
+LARGEST = 64_000_000  # bytes of a file that is only inspected
 MOST_FILES = 500
 
 

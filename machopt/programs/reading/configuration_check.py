@@ -24,7 +24,7 @@ def find_first_difference(
     posture: PostureWords | None,
     nonflip_j5: Literal["negative", "positive"] | None = None,
 ) -> tuple[int, int | None]:
-    """How many moves say something that can be counted again, and the first of them that says it wrongly.
+    """Count the moves with values that can be recomputed, and find the first wrong one.
 
     Args:
         dialect: of the parsed program.
@@ -48,7 +48,7 @@ def _compare_words(
 ) -> list[bool]:
     """One for each word that is known here."""
     low, high = [v - SLACK for v in a], [v + SLACK for v in a]
-    below = [{low[k] < 0.0, high[k] < 0.0} for k in range(6)]  # what may be said of each axis
+    below = [{low[k] < 0.0, high[k] < 0.0} for k in range(6)]  # accepted values of each axis
     out: list[bool] = []
     if dialect == "krl":
         if isinstance(said.get("T"), int):

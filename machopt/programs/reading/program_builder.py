@@ -53,10 +53,10 @@ class ProgramBuilder:
     feed: float = math.nan
     speed_override: float = 1.0  # the program's own override: what every feed is multiplied by
     has_external_values_in_comments: bool = (
-        False  # the language has no external axes: a comment says where they must stand
+        False  # the language has no external axes: a comment gives their required positions
     )
-    commented_external_values: tuple[float, ...] = ()  # mm or deg, what it said
-    last: Array | None = None  # (4, 4) the pose the robot stands at in the active base, None where unknown
+    commented_external_values: tuple[float, ...] = ()  # mm or deg, the value of that comment
+    last: Array | None = None  # (4, 4) present pose in the active base, None where unknown
     _numbers: array[float] = field(default_factory=lambda: array("d"))  # 6 axes, 12 pose, feed, blend, time
     _codes: array[int] = field(default_factory=lambda: array("i"))  # kind base tool move operation line
     _external: list[tuple[float, ...]] = field(default_factory=list)
@@ -72,7 +72,7 @@ class ProgramBuilder:
     _operations: list[str] = field(default_factory=list)
     _operation: int = -1
     _word: MoveKind = MoveKind.CUT
-    _has_move_comment: bool = False  # a comment said what kind of move follows
+    _has_move_comment: bool = False  # a comment gave the kind of the next moves
     _ignored: dict[tuple[str, bool, bool], list[int]] = field(default_factory=dict)
     _steps: int = 0
 
@@ -382,7 +382,7 @@ class ProgramBuilder:
 
     @property
     def find_streamed_kind(self) -> int:
-        """Kind of a streamed joint target: linear where a comment says that the tool is led along the path."""
+        """Kind of a streamed joint target: linear where a comment marks the move as a path move."""
         return LINEAR if self._has_move_comment and self._word != MoveKind.RAPID else JOINT
 
     def event(self, text: str, kind: str | None = None, value: float = math.nan, *, fresh: bool = False) -> None:

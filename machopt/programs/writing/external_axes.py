@@ -20,8 +20,8 @@ from machopt.programs.writing.template_language import TemplateColumn, TemplateV
 
 MOST = 6  # external axes that controllers number
 GROUP = 3  # of them in one group of FANUC or Yaskawa
-UNIT, MACHINE = "STN1", 2  # taken and told where the cell does not say them
-STILL = 1e-9  # rad or m: an axis that moves less stands still
+UNIT, MACHINE = "STN1", 2  # assumed and reported where the cell gives none
+STILL = 1e-9  # rad or m: an axis that moves less is fixed
 
 
 @dataclass(frozen=True)

@@ -51,4 +51,4 @@ class MakerRules:
     absent: Mapping[str, str] = field(default_factory=dict)
     """Why a field may have no value, and what would work; said where a template cannot do without it."""
     coupled: bool = False  # the controller itself computes the tool's place with rail and positioner
-    maker: bool = True  # False: angles are the URDF's, whatever the cell's joint map says
+    maker: bool = True  # False: angles are the URDF's, independent of the cell's joint map

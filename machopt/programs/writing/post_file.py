@@ -95,7 +95,7 @@ class PostTemplate:
     part_text: tuple[TextTemplate | str, ...]
     blocks: Mapping[str, Mapping[str, TextTemplate]]
     separators: Mapping[str, str]
-    whole: frozenset[str]  # blocks that hold every move of the program wherever they stand
+    whole: frozenset[str]  # blocks that hold every move of the program, at any place
     origin: Path | str
 
     def list_texts(self) -> list[TextTemplate]:
@@ -155,7 +155,7 @@ def load_post(post: str | Path) -> PostTemplate:
     return _compile_post(read_text(path, expected=expected, most=TEMPLATE), path)
 
 
-@lru_cache(maxsize=32)  # one plan asks for the same post some twenty times; nobody writes into a Post
+@lru_cache(maxsize=32)  # one plan loads the same post about twenty times; a post is never modified
 def _compile_post(text: str, origin: Path | str) -> PostTemplate:
     try:
         value = tomllib.loads(text)

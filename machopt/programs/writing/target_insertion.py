@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_axis_rotation
 
-SHORT = 1e-4  # m; on a shorter line the place says nothing about how far the tool has turned
+SHORT = 1e-4  # m; on a shorter line the position does not determine the rotation
 AXIS_LEVER = 0.0229  # m/rad: 0.02 mm of place and 0.05° of the tool axis count alike
 SPIN = 1e-3  # sine of the angle between tool axis and rotation axis, below which the tool axis does not move
 APART = 1e-4  # m from another target: moves of a few micrometres make a controller stumble
@@ -179,7 +179,7 @@ def compare_with_line(T: Array, A: Array, B: Array) -> Array:
     by_turn = AXIS_LEVER * arc > np.sqrt(length2)
     share = np.where(by_turn, turned, share)
     gap = np.linalg.norm(p - start - share[:, None] * way, axis=-1)
-    share = np.where(length2 < SHORT**2, turned, share)  # the place does not tell how far the tool has turned there
+    share = np.where(length2 < SHORT**2, turned, share)  # the position does not determine the rotation there
     R = A[:, :3, :3] @ compute_axis_rotation(axis, share * angle)
     z = np.linalg.norm(R[:, :, 2] - T[:, :3, 2], axis=-1)
     return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), _compute_angle(R, T[:, :3, :3]), share])

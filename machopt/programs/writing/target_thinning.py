@@ -19,7 +19,7 @@ SHARE = 0.75  # of the tolerance: targets are printed, and corners rounded, on t
 PATH = ProgramTolerance(
     position=2e-5, axis=float(np.radians(0.05))
 )  # the CAM file's own points, whatever the program may do
-INTERPOLATION = 0.012  # s, a usual interpolation cycle: a shorter move cannot be told from its neighbours
+INTERPOLATION = 0.012  # s, a usual interpolation cycle: a shorter move cannot be separated from its neighbours
 
 
 def find_needed_targets(

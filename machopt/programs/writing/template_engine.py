@@ -43,7 +43,7 @@ MOVE_FIELDS = (
     "zone_number",
     "corner",
     "corner_number",
-)  # beside the columns
+)  # in addition to the columns
 ITEM_FIELDS = ("number", "text", "value")  # of items that are no moves
 SPEED_FIELDS = ("speed", "number", "feed_m_s", "feed_mm_s", "feed_mm_min")
 ZONE_FIELDS = ("number", "blend_m", "blend_mm")
@@ -125,7 +125,7 @@ class TemplateEngine:
         }
 
     def _check_fields(self) -> None:
-        """Every field of the post exists where it stands."""
+        """Check that every field of the post exists at its place."""
         general = [*self.values, *PART_FIELDS]
         for template in self.post.list_texts():
             check_names(template, general)

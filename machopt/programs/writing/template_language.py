@@ -33,7 +33,7 @@ _SPEC = re.compile(r"[ 0-]?\d{0,3}(?:\.(\d{1,2}))?[dfgs]")
 
 @dataclass(frozen=True)
 class TemplateField:
-    """One ``@{name:spec}``, with the section it stands in."""
+    """One ``@{name:spec}``, with its section."""
 
     name: str
     spec: str

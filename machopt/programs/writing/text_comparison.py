@@ -16,7 +16,7 @@ import numpy as np
 from machopt.programs.writing.template_fields import LazyColumns
 from machopt.programs.writing.template_language import TemplateColumn
 
-MARK = 98765.4321  # no coordinate: stands for one until it is compared
+MARK = 98765.4321  # placeholder of a coordinate until it is compared
 WORD = "machoptword"  # the same for configuration words
 _POSES = "x y z x_m y_m z_m a b c r p w qw qx qy qz rvx rvy rvz ex ey ez i j k".split()  # noqa: SIM905 shorter
 _AXES = [

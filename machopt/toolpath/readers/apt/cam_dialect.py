@@ -112,7 +112,7 @@ def find_unit_scale(source: SourceFile, options: ReadOptions, out: PathBuilder) 
             )
         unit = options.unit
     elif options.unit is not None and options.unit != unit and len(named) < 2:
-        said = (named or feeds).get(unit)
-        raise source.build_error(f"the file is in {unit} but --unit {options.unit} was given", said)
+        unit_line = (named or feeds).get(unit)
+        raise source.build_error(f"the file is in {unit} but --unit {options.unit} was given", unit_line)
     out.meta["unit"] = unit
     return 1.0 if unit == "mm" else MM_PER_INCH

@@ -18,7 +18,7 @@ from machopt.path_building.arc_chords import (
 from machopt.path_building.path_builder import PathBuilder, check_radius
 from machopt.toolpath.readers.apt.statement_parser import parse_groups, parse_leading_numbers, parse_number
 
-_ARC_WORDS = ("TIMES", "ANGLE", "CLOCKWISE", "COUNTERCLOCKWISE", "CLW", "CCLW")  # the axis says the direction
+_ARC_WORDS = ("TIMES", "ANGLE", "CLOCKWISE", "COUNTERCLOCKWISE", "CLW", "CCLW")  # the axis gives the direction
 ANGLE_WARN = 0.02  # rad
 _PLACE_WORDS = ("CENTER", "AXIS", "RADIUS")  # of MOVARC, before the numbers they name
 _SWEEP_AT, _WITH_SWEEP = 7, 11  # place of the sweep, and how many numbers such a record has
@@ -95,7 +95,7 @@ class CurveState:
             sweep = math.radians(values[_SWEEP_AT])
             if not 0.0 < sweep <= 1000.0 * math.tau:
                 raise ArcError(f"the sweep is {values[_SWEEP_AT]:g}°; expected more than 0")
-            normal = -normal  # the axis of clockwise travel; the sweep decides where it says otherwise
+            normal = -normal  # axis of clockwise travel; the sweep has priority
         centre = np.array(values[:3]) * scale
         self.pending = PendingArc(centre=centre, normal=normal, turns=turns, line=line, angle=angle, sweep=sweep)
 
@@ -181,7 +181,7 @@ class CurveState:
     def drive(self, rest: str, start: Array, scale: float, line: int, out: PathBuilder) -> Array:
         """CATIA's ``TLON,GOFWD/(CIRCLE/c,R),ON,(LINE/c,end)`` after ``INDIRV/tangent``.
 
-        The sense axis is (start − centre) × tangent; the end stands only in LINE, as its second point.
+        The sense axis is (start − centre) × tangent; the end is only in LINE, as its second point.
 
         Args:
             rest: Text behind the slash, with the groups CIRCLE and LINE.

@@ -42,7 +42,7 @@ POSITIONAL = ("depth", "clear", "retract")  # CATIA's default table; HSM/Fusion 
 
 @dataclass(frozen=True, kw_only=True)
 class CycleWords:
-    """The numbers of one CYCLE statement in the file's unit, None where it does not say."""
+    """The numbers of one CYCLE statement in the file's unit, None where not given."""
 
     name: str
     depth: float | None = None  # positive downwards, except NX: height of the bottom
@@ -64,7 +64,7 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
 
     Args:
         parts: name, then words and numbers.
-        order: what numbers without a word stand for, one after the other; words that were named are left out.
+        order: meaning of numbers without a word, in sequence; words that are given by name are skipped.
     Raises:
         DrillingCycleError: no cycle name.
     """

@@ -54,7 +54,7 @@ class AptMotionReader:
         self.transfer: SystemTransform | None = None  # printed points in the first system
         self.of_frame: SystemTransform | None = None  # its part by MSYS, CSYS or a CATIA matrix
         self.placement: dict[str, SystemTransform] = {}  # its parts by SCALE and TRANS
-        self.world = False  # points are in one system whatever CSYS says
+        self.world = False  # points are in one system, independent of CSYS
         self.catia_rows: list[list[float]] | None = None
         self.tool, self.tool_text, self.count = "", "", 0
         self.rotations: dict[str, float] = {}
@@ -84,7 +84,7 @@ class AptMotionReader:
             raise ValueError("a number is not finite or absurdly large")
         width = 6 if self.multax else 3
         if self.dialect is CamDialect.CREO and count > width and count % width == 0:
-            self.several(values, width, line)  # points on the way of an arc, the last one is its end
+            self.several(values, width, line)  # points of an arc, the last one is its end
             return
         if count not in (3, 6):
             raise ValueError(f"{count} numbers; expected x, y, z or x, y, z, i, j, k")

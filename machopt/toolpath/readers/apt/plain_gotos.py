@@ -8,7 +8,7 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.toolpath.readers.apt.motion_statements import AptMotionReader
 from machopt.toolpath.readers.apt.statement_parser import LARGEST
 
-_AT_ONCE = 50_000  # points kept before they are handed over
+_AT_ONCE = 50_000  # points collected before they are added
 
 
 def is_plain_goto_mode(r: AptMotionReader) -> bool:

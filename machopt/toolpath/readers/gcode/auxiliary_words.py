@@ -47,9 +47,9 @@ class AuxiliaryWordReader(ModeReader):
             InputError: the unit contradicts the option ``--unit``.
         """
         unit = UNITS[g]
-        asked, lengths_only = self.options.unit, self.siemens and g in (700, 710)
-        if asked not in (None, unit) and not self.unit_used_at and self.unit_by_words and not lengths_only:
-            raise self.source.build_error(f"the file is in {unit} but --unit {asked} was given", line)
+        option_unit, lengths_only = self.options.unit, self.siemens and g in (700, 710)
+        if option_unit not in (None, unit) and not self.unit_used_at and self.unit_by_words and not lengths_only:
+            raise self.source.build_error(f"the file is in {unit} but --unit {option_unit} was given", line)
         self.unit_used_at = self.unit_used_at or line
         self.scale = UNIT_NAMES[unit]
         self.feed_unit = self.unit_of_feeds(g)

@@ -17,14 +17,14 @@ from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
 
 _Z = (0.0, 0.0, 1.0)
 _PRESENT = 1e-9  # mm
-_PARALLEL = 1.0 - 1e-6  # cosine: the tool stands along the program's z
+_PARALLEL = 1.0 - 1e-6  # cosine: the tool is parallel to the program's z
 
 
 class DrillingMoveReader(ArcMoveReader):
     """Canned cycles, modal cycle calls and their holes."""
 
     def along_z(self) -> bool:
-        """True where the tool stands along the program's z axis."""
+        """Return whether the tool is parallel to the program's z axis."""
         z = self.setup.direction(_Z)
         return sum(a * b for a, b in zip(self.axis, z, strict=True)) > _PARALLEL
 
@@ -75,8 +75,8 @@ class DrillingMoveReader(ArcMoveReader):
                 f"G{c.code} feeds out to R and goes on in rapid (Fanuc); LinuxCNC feeds up to the initial height",
                 b.line,
             )
-        kept = not {"R", AXES[self.depth_axis()]} <= given
-        if self.incremental and kept and not (c.counted and self.back_to_initial):
+        has_modal_height = not {"R", AXES[self.depth_axis()]} <= given
+        if self.incremental and has_modal_height and not (c.counted and self.back_to_initial):
             self.out.warn_once(
                 "heights of a cycle stay what they are under G91 (Fanuc); LinuxCNC counts them anew at each hole",
                 b.line,

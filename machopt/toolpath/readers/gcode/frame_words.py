@@ -108,7 +108,7 @@ class FrameWordReader(WorkOffsetReader):
         self.out.meta["tilted_planes"] = str(int(self.out.meta.get("tilted_planes", "0")) + 1)
 
     def stand_upright(self) -> None:
-        """The control puts the tool upright on the plane; where its rotary axes stand then is its own business."""
+        """Align the tool with the plane; the control decides the rotary angles."""
         self.change_setup(tilted="aligned", aligned_by_control=True)
 
     def end_tilt(self) -> None:

@@ -29,7 +29,7 @@ HEIDENHAIN = re.compile(
     rf"(?:TX{_NUMBER}TY{_NUMBER}TZ{_NUMBER})?(?:R0\s*)?{_FEED}",
     re.ASCII,
 )
-_AT_ONCE = 50_000  # points kept before they are handed over
+_AT_ONCE = 50_000  # points collected before they are added
 _SHORTEST, _LONGEST = 1e-6, 1e9  # tool vectors
 
 
@@ -65,7 +65,7 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
     """Carry out plain lines from index ``at`` on; returns the index of the first one that is not.
 
     Args:
-        r: the reader, whose modes :func:`is_plain_line_mode` has looked at.
+        r: the reader, whose modes :func:`is_plain_line_mode` has checked.
         at: index of a line.
         pattern: what a plain line is, one of those above.
         linear: lines without a G word are feed moves, whatever the one before was.

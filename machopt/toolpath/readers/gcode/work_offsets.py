@@ -36,8 +36,8 @@ class WorkOffsetReader(BlockMotionReader):
         self.preset_unknown = [False] * 3  # G92 named the place of an axis where its place was not known
         self.zero_lost = ""  # why no coordinates have a place any more
         self.preset_kept: list[float] | None = None  # by G92.2, for G92.3
-        self.g53_is_an_offset = "G53" in dict(options.offsets)  # as some posts mean it; told by the user only
-        self.table: dict[str, tuple[list[float], float]] = {}  # G10 L2: place in the machine (NaN: not said), angle
+        self.g53_is_an_offset = "G53" in dict(options.offsets)  # as some posts use it; only by user option
+        self.table: dict[str, tuple[list[float], float]] = {}  # G10 L2: machine position (NaN: not given), angle
         self.first_place: tuple[list[float], float] | None = None  # of the first work offset when the path began
 
     # ---- work offsets
@@ -68,8 +68,8 @@ class WorkOffsetReader(BlockMotionReader):
             self.work_offset = number
             return
         key = normalise_offset_name(format_offset_name(number))
-        told = key in dict(self.options.offsets) or key in self.table
-        if self.first_offset is None and len(self.out) and told:
+        is_position_known = key in dict(self.options.offsets) or key in self.table
+        if self.first_offset is None and len(self.out) and is_position_known:
             self.first_offset = _FIRST  # what controls start with
         elif self.first_offset is None and len(self.out):
             self.out.warn(
@@ -144,9 +144,11 @@ class WorkOffsetReader(BlockMotionReader):
         Returns:
             The transform, None for the first offset itself; and why it is not known, else empty.
         """
-        key, told = normalise_offset_name(name), dict(self.options.offsets)
-        if key in told:
-            origin = np.array(told[key]) - np.array(told.get(normalise_offset_name(first), (0.0, 0.0, 0.0)))
+        key, given_origins = normalise_offset_name(name), dict(self.options.offsets)
+        if key in given_origins:
+            origin = np.array(given_origins[key]) - np.array(
+                given_origins.get(normalise_offset_name(first), (0.0, 0.0, 0.0))
+            )
             return (None if name == first else SystemTransform.shift(*origin.tolist())), ""
         unknown = ([math.nan] * 3, 0.0)
         origin_place = self.first_place or self.table.get(normalise_offset_name(first), unknown)

@@ -31,7 +31,7 @@ class LeadIn:
     """The words of one APPR or DEP."""
 
     kind: Lead
-    side: float  # of the tool by radius compensation: +1 left of the contour, -1 right, 0 not said
+    side: float  # of the tool by radius compensation: +1 left of the contour, -1 right, 0 not given
     length: float = 0.0  # mm, LEN
     radius: float = 0.0  # mm; below zero: away from the tool's side
     sweep: float = 0.0  # rad, CCA

@@ -94,14 +94,14 @@ class _ConversationalReader(DefinitionReader):
             if found:
                 named = "mm" if found.group(1).upper() == "MM" else "inch"
                 break
-        asked = options.unit
-        if named is None and asked is None:
+        option_unit = options.unit
+        if named is None and option_unit is None:
             raise source.build_option_question(
                 "unit", "BEGIN PGM names neither MM nor INCH; give --unit mm or --unit inch"
             )
-        if named and asked and named != asked:
-            raise source.build_error(f"the program is in {named} but --unit {asked} was given")
-        return named or asked or "", "BEGIN PGM" if named else "option"
+        if named and option_unit and named != option_unit:
+            raise source.build_error(f"the program is in {named} but --unit {option_unit} was given")
+        return named or option_unit or "", "BEGIN PGM" if named else "option"
 
     def clean(self, line: int, raw: str) -> tuple[str, list[str]] | None:
         found = super().clean(line, raw)

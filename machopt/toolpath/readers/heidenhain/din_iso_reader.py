@@ -102,7 +102,7 @@ class _DinIsoReader(HeidenhainControlReader):
             return
         if " COMPUTED" in text:
             text = self.insert_computed_angles(text, line)
-        if _MIRROR.fullmatch(text):  # its axes stand without numbers; none: off
+        if _MIRROR.fullmatch(text):  # its axes have no numbers; none: off
             self.mirror_axes(text[text.index("G28") + 3 :], "G28", line)
             return
         self.iso_block(*self.split(text, line), ProgramBlock(line=line, words=[]))

@@ -9,7 +9,7 @@ MAX_IDLE = 100_000  # of them one after the other that hold nothing for the cont
 
 
 class ProgramFlowError(ValueError):
-    """The flow of the program cannot be followed; carries the line it stands in."""
+    """The flow of the program cannot be followed; carries its line number."""
 
     def __init__(self, message: str, line: int) -> None:
         super().__init__(message)

@@ -60,7 +60,7 @@ def _is_path_operation(p: Array, axis: Array, feed: Array) -> bool:
     n = axis / np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
     step = np.diff(p, axis=0)
     distance = np.linalg.norm(step, axis=1)
-    moves = distance > 1e-6  # a row that stands twice is no step
+    moves = distance > 1e-6  # a repeated row is no step
     if not moves.any():
         return False
     step, distance, along_axis = step[moves], distance[moves], n[1:][moves]

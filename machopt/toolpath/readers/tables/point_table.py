@@ -147,7 +147,7 @@ class _PointTable:
         """Which column holds which quantity, and the table's unit.
 
         Raises:
-            InputError: columns are missing, stand twice, or mix units.
+            InputError: columns are missing, occur twice, or mix units.
         """
         units: dict[str, str] = {}
         rest: list[str] = []

@@ -63,7 +63,7 @@ class RowTable(Protocol):
 
 
 def find_hole_rows(table: RowTable, move: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Which rows are holes; none where nothing says it, see :func:`refuse_possible_holes`.
+    """Find the rows that are holes; none where nothing defines it, see :func:`refuse_possible_holes`.
 
     Args:
         table: its columns and options.
@@ -96,7 +96,7 @@ def find_hole_rows(table: RowTable, move: NDArray[np.int32]) -> NDArray[np.bool_
 
 
 def refuse_possible_holes(table: RowTable, numbers: Array, starts: list[int]) -> None:
-    """Ask what the rows of a table are that does not say it and could be holes. The last question: other faults first.
+    """Require the row kind of a table whose rows could be holes, after all other errors.
 
     Args:
         table: its columns and options.

@@ -93,7 +93,7 @@ class CoordinateSetup:
         return self.tcp is None and not self.tilted and self.machine is not None and self.machine.has_known_tip
 
     def describe_unknown_place(self) -> str | None:
-        """Why a move's place in the workpiece cannot be told, None where it can."""
+        """Describe why the position of a move in the workpiece is unknown, None where it is known."""
         if self.missing_place_reason:
             return self.missing_place_reason
         if self.tilted == "not yet" and self.transfer is not None and self.transfer.z[2] < 1.0 - 1e-9:

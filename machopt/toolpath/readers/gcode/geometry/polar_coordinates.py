@@ -123,7 +123,7 @@ class PolarCoordinates:
         if not b.named.keys() & {"AP", "RP"}:
             return False
         first, second = find_plane_axes(plane)
-        if math.isnan(self.radius) or math.isnan(self.angle):  # after another kind of block: where the tool stands
+        if math.isnan(self.radius) or math.isnan(self.angle):  # after another kind of block: the tool position
             d, e = p[first] - self.pole[first], p[second] - self.pole[second]
             self.radius, self.angle = math.hypot(d, e), math.degrees(math.atan2(e, d))
         for name in ("AP", "RP"):

@@ -43,10 +43,10 @@ class ProgramBlock:
     modes: dict[str, str] = field(default_factory=dict)  # X → AC, IC, DC
     texts: dict[str, str] = field(default_factory=dict)  # T="MILL_10"
     junk: str = ""  # what is left and means nothing
-    text: str = ""  # as it stands
+    text: str = ""  # as written
 
     def words_but_number(self) -> bool:
-        """True where the block holds any word beside its number."""
+        """Return whether the block has any word except its number."""
         return any(letter != "N" for letter, _ in self.words)
 
     def bare(self, letter: str) -> bool:
@@ -84,12 +84,12 @@ class BlockReader:
             at = _COMMENT.match(text).end() if '"' in text else text.index(";")  # type: ignore[union-attr]
             return text[:at], [text[at + 1 :].strip()] if text[at : at + 1] == ";" else []
         found: list[str] = []
-        kept: list[str] = []
+        code_parts: list[str] = []
         depth = start = 0
         for k, c in enumerate(text):
             if c == "(":
                 if depth == 0:
-                    kept.append(text[start:k])
+                    code_parts.append(text[start:k])
                     start = k + 1
                 depth += 1
             elif c == ")" and depth:
@@ -98,12 +98,12 @@ class BlockReader:
                     found.append(text[start:k].strip())
                     start = k + 1
             elif c == ";" and depth == 0:
-                kept.append(text[start:k])
+                code_parts.append(text[start:k])
                 found.append(text[k + 1 :].strip())
-                return " ".join(kept), found
+                return " ".join(code_parts), found
         self.unclosed = depth > 0
-        (found if depth else kept).append(text[start:].strip() if depth else text[start:])
-        return " ".join(kept), found
+        (found if depth else code_parts).append(text[start:].strip() if depth else text[start:])
+        return " ".join(code_parts), found
 
     def block(self, line: int, text: str) -> ProgramBlock:
         """Parse the words of one line.

@@ -12,7 +12,7 @@ Control = Literal["fanuc", "linuxcnc", ""]
 MAX_DWELL_S = 300.0  # of a block; warming-up programs wait a few minutes
 _LINUXCNC = re.compile(r"#\s*<|^\s*O\s*(?:<|\d+\s*(?:SUB|CALL|IF|DO|WHILE|REPEAT)\b)", re.IGNORECASE | re.MULTILINE)
 _FANUC = re.compile(r"^\s*[O:]\s*\d+\s*(?:\(|;|$)|M9[89](?!\d)|G65(?![\d.])", re.IGNORECASE | re.MULTILINE)
-_SURELY_MS = 100.0  # without a decimal point: nobody waits minutes in a hole
+_SURELY_MS = 100.0  # without a decimal point: no dwell in a hole takes minutes
 
 
 def find_control(source: SourceFile) -> Control:

@@ -16,7 +16,7 @@ from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader
 
 _TOKEN = re.compile(r"([A-Z])(\s*)([-+]?)\s*(\d+\.\d*|\.\d+|\d+)", re.ASCII)
-_DOUBTED = frozenset("XYZUVWIJR")  # lengths, whose numbers without a point are looked at
+_DOUBTED = frozenset("XYZUVWIJR")  # lengths, whose numbers without a point are checked
 _POINTED = frozenset("XYZUVWIJKRABCQ")  # words that --decimals gives a point
 _EXPRESSIONS = re.compile(r"[#\[]|^\s*O\s*<", re.IGNORECASE | re.MULTILINE)
 _BARE = re.compile(r"[XYZUVWIJR]\s*[-+]?\s*0*[1-9]\d*(?![\d.])", re.IGNORECASE | re.ASCII)
@@ -59,7 +59,7 @@ def apply_decimals_option(
 
 @dataclass(frozen=True)
 class _LengthWord:
-    """A length without expression, as it stands in a block."""
+    """A length without expression, as written in a block."""
 
     letter: str
     number: str
