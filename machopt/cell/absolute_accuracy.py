@@ -19,7 +19,7 @@ ON_COMPENSATED = f"{KEY} is on: the compensation is of the process force alone"
 
 
 def apply_absolute_accuracy(cell: Cell, options: PlanOptions) -> Cell:
-    """Return the cell as a plan and its verification take it.
+    """Return the cell that plan and verification use.
 
     Args:
         cell: as it was read.

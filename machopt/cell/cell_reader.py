@@ -214,7 +214,7 @@ class _CellReader:
         )
 
     def stiffness(self, chain: JointChain) -> ArmStiffness | None:
-        """Of the file that the cell names, or of the other one that was asked for."""
+        """Read the stiffness file of the cell, or the requested other one."""
         keys, other = self.keys, self.other_stiffness
         if other is not None:
             check_file(other, expected="a stiffness.yaml", most=ANY_SIZE)
@@ -254,7 +254,7 @@ class _CellReader:
         return found
 
     def packages(self) -> dict[str, Path]:
-        """The ``packages:`` map, which may stand at the top or under robot."""
+        """The ``packages:`` map, at the top level or under robot."""
         named: dict[str, tuple[KeyPath, str]] = {}
         for n, folder in self.keys.packages.items():
             named[n] = (("packages", n), folder)
@@ -287,7 +287,7 @@ class _CellReader:
         return found
 
     def urdf_meshes(self, urdf: UrdfModel, packages: dict[str, Path]) -> dict[str, Path]:
-        """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""
+        """Check every collision mesh; returns all packages, the map's and those found next to the URDF."""
         self.warnings += [*urdf.warnings, *find_links_without_bodies(urdf)]
         found = dict(packages)
         for mesh in urdf.meshes:
@@ -322,7 +322,7 @@ class _CellReader:
         return found
 
     def mesh(self, path: Path, scale: float, role: Role, fail: ErrorFactory, remedy: Callable[[float], str]) -> None:
-        """Read a mesh, judge its size, and note what surface it has."""
+        """Read a mesh, check its size, and record its surface."""
         if (original := find_collada_original(path)) is not None:  # what the verifier reads in its place
             self.folder.read.append(self.folder.resolve_inside(original, original.name, fail))
         surface = self.read.get(path) or read_surface(path, fail)
@@ -366,7 +366,7 @@ class _CellReader:
         return _build_pose(keys)
 
     def base(self, urdf: UrdfModel, carried: bool) -> Array:
-        """(4, 4) base_link in world, joints above it at zero; ``carried``: by or beside external joints, which make
+        """(4, 4) base_link in world, joints above it at zero; ``carried``: by external joints or next to them, which make
         ``robot.pose`` the pose of the URDF's root."""
         robot = self.keys.robot
         T = self.pose(("robot", "pose"), robot.pose)

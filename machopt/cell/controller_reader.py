@@ -24,7 +24,7 @@ def build_controller(
     file: Callable[[KeyPath, str], Path],
     pose: Callable[[KeyPath, PoseKeys], Array],
 ) -> RobotController:
-    """The controller; what the cell does not say stays unknown.
+    """Build the controller; values that the cell does not give stay unknown.
 
     Args:
         document, keys: cell.yaml, and its key ``controller``.

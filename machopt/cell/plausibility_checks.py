@@ -149,7 +149,7 @@ def check_limits(
                 f"robot.limits.position_deg lies within ±{most:g}°, which looks like radians; degrees are expected"
             )
     home = keys.robot.home_deg
-    odd = sum(abs(v - round(v, 1)) > 1e-9 for v in home)  # nobody puts a home near zero to hundredths of a degree
+    odd = sum(abs(v - round(v, 1)) > 1e-9 for v in home)  # a home is never within hundredths of a degree of zero
     if home and max(map(abs, home)) <= math.pi + 0.1 and (any(_is_radian_right_angle(v) for v in home) or odd >= _ODD):
         warnings.append(
             f"{document.locate_key(('robot', 'home_deg'))}: {home} looks like radians; degrees are expected"

@@ -196,7 +196,7 @@ def list_used_operations(toolpath: Toolpath) -> tuple[str, ...]:
 
 
 def _find_required_tools(cell: Cell, *toolpaths: Toolpath) -> dict[str, str]:
-    """Each tool that is used, with the operation that wants it first."""
+    """Each tool in use, with its first operation."""
     out: dict[str, str] = {}
     for toolpath in toolpaths:
         chosen = match_operation_tools(toolpath, cell.tools)

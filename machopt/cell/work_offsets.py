@@ -17,7 +17,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class WorkOffsets:
-    """The work offsets of a cell; all of them stand in it at once."""
+    """The work offsets of a cell; all of them exist at the same time."""
 
     frames: Mapping[str, Array]  # name → (4, 4) in workpiece
     workpiece: Workpiece  # with the parts of all offsets
@@ -31,7 +31,7 @@ class WorkOffsets:
         pose: Callable[[KeyPath, PoseKeys], Array],
         shapes: Callable[[KeyPath, Sequence[ShapeKeys]], tuple[CollisionShape, ...]],
     ) -> WorkOffsets:
-        """Place what the cell says of its offsets.
+        """Build the work offsets of the cell.
 
         Args:
             keys: as the cell has them.
@@ -101,7 +101,7 @@ def place_toolpath(toolpath: Toolpath, cell: Cell) -> Toolpath:
 
 
 def _describe_missing_offset(toolpath: Toolpath, cell: Cell) -> str:
-    """What is told of points that name none of the offsets that the cell has; empty where there are none."""
+    """Describe points without a work offset of the cell; empty where there are none."""
     done = not toolpath.offsets and "work_offsets" in toolpath.meta
     count = toolpath.offsets[0][0] if toolpath.offsets else len(toolpath)
     if not cell.offsets or done or not count:

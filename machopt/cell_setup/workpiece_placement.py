@@ -28,7 +28,7 @@ _ALONG, _UP = np.linspace(0.35, 0.85, 6), np.linspace(-0.2, 0.6, 7)  # shares of
 _ABOVE = (0.3, 0.2, 0.1)  # shares of the reach above the workpiece where home may be
 
 
-_TRIED = 40  # places that are looked at for contacts, those with the most room first
+_TRIED = 40  # positions that are checked for contacts, those with the most clearance first
 
 
 def _accept_any_posture(_: Array) -> bool:
@@ -131,7 +131,7 @@ class WorkpiecePlace:
 
     T_base_workpiece: Array  # (4, 4), axes those of base_link, in which the path was given
     home: Array  # (6,) rad
-    margin: float  # rad, least distance to a joint limit, a bent wrist or a bent elbow, over all points looked at
+    margin: float  # rad, least distance to a joint limit, a bent wrist or a bent elbow, over all checked points
     share: float  # of the path's points that the branch reaches there, each at a rotation of its own; 1.0: all
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)  # deg, roll, pitch and yaw of the workpiece for it
 
@@ -152,7 +152,7 @@ def find_place(
 ) -> WorkpiecePlace | None:
     """A place of the workpiece where one branch reaches all of a path, far from limits and from a stretched wrist.
 
-    Places are compared by few points of the path; what is offered has been held against all of them.
+    Places are compared by few points of the path; the result is checked against all of them.
 
     Args:
         arm: kinematics, limits and margins.
@@ -165,7 +165,7 @@ def find_place(
         Of the places before the arm, the one with the most room of those where the branch reaches every point; where
         none does, the one where it reaches most; None where even few points are too much, or home has no room.
     """
-    far = _find_farthest_points(position)  # where one of these is out of reach the others need not be looked at
+    far = _find_farthest_points(position)  # where one of these is out of reach the others need not be checked
     some = np.unique(np.concatenate([_select_sample_points(position, axis), far]))
     middle = (position.min(axis=0) + position.max(axis=0)) / 2.0
     R, R_far = _list_turned_rotations(axis[some]), _list_turned_rotations(axis[far])

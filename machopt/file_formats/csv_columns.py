@@ -79,7 +79,7 @@ def split_cells(text: str) -> list[str]:
 
 @dataclass
 class CsvColumns:
-    """The columns that were asked for; row k of the data stands in line ``line[k]``."""
+    """The requested columns; row k of the data is in line ``line[k]``."""
 
     numbers: dict[str, Array]  # name → (N,)
     words: dict[str, WordColumn]

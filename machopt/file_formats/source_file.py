@@ -70,7 +70,7 @@ def normalise_word(word: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
-    """What the caller knows and the file may not say."""
+    """Reading options: values that the file may lack."""
 
     unit: str | None = None  # "mm" or "inch"
     strict: bool = False  # refuse the first word that is not understood
@@ -78,12 +78,14 @@ class ReadOptions:
     machine: str | None = None  # rotary kinematics, see formats.rotary
     default_feed: float | None = None  # m/s, where the file gives none
     offsets: tuple[tuple[str, Offset], ...] = ()  # (work offset, its origin in the first one used, mm)
-    cycle_order: tuple[str, ...] = ("depth", "clear", "retract")  # what numbers without a word in CYCLE/ stand for
+    cycle_order: tuple[str, ...] = ("depth", "clear", "retract")  # meaning of numbers without a word in CYCLE/
     tool_axis: str = "-z"  # one of TOOL_AXES
-    decimals: int | None = None  # places of G-code numbers without a point; 0: they stand as they are; None: not said
+    decimals: int | None = None  # places of G-code numbers without a point; 0: as written; None: not given
     max_extent: float = MAX_EXTENT  # m, along one axis
-    accept_unknown: tuple[str, ...] = ()  # words that the user says move nothing, as :func:`normalise_word` spells them
-    kind: str | None = None  # "path" or "holes": rows of a point table that does not say it
+    accept_unknown: tuple[
+        str, ...
+    ] = ()  # words that move nothing by the user's option, as :func:`normalise_word` spells them
+    kind: str | None = None  # "path" or "holes": rows of a point table without a row kind
     cell_offsets: tuple[str, ...] = ()  # names of the cell's work offsets: points in them are placed once they are read
 
     def __post_init__(self) -> None:
@@ -112,7 +114,7 @@ class ReadOptions:
 
 
 class OptionNeededError(InputError):
-    """A file cannot be read before an option says what the file does not."""
+    """Error of a file that needs an option for a value it lacks."""
 
     def __init__(self, message: str, *, file: Path, where: str | None, option: str) -> None:
         super().__init__(message, file=file, where=where)

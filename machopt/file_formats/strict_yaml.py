@@ -36,7 +36,7 @@ _CONSTANTS = {
 _MAX_NODES = 500_000  # an alias bomb expands beyond any real cell or stiffness grid
 _MAX_INT = 2**63
 _SHOWN_PROBLEMS = 4
-_DEEPEST = 2  # levels of keys that are searched for one that stands in the wrong place
+_DEEPEST = 2  # levels of keys that are searched for a misplaced one
 
 
 class StrictSchema(BaseModel):
@@ -48,7 +48,7 @@ class StrictSchema(BaseModel):
 
 @dataclass(frozen=True)
 class YamlDocument:
-    """A parsed YAML file: plain dicts, lists and scalars, and the line each of them stands on."""
+    """A parsed YAML file: plain dicts, lists and scalars, and the line of each of them."""
 
     value: object
     lines: dict[KeyPath, int]
@@ -171,7 +171,7 @@ def list_schema_errors(model: type[BaseModel], document: YamlDocument) -> list[t
 
 
 def _list_error_messages(model: type[BaseModel], err: ValidationError) -> list[tuple[KeyPath, str]]:
-    # an unknown key first: the missing key beside it is often the same one, misspelt
+    # an unknown key first: the missing key is often the same one, misspelt
     found = sorted(err.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     return [_describe_error(model, e) for e in found]
 

@@ -95,7 +95,7 @@ class JobListKeys(CommonJobKeys):
 class ListedJob:
     """One job as the list names it."""
 
-    cell: Path | None  # None: the cell given beside the list
+    cell: Path | None  # None: the cell given with the list
     toolpath: Path
     name: str  # of the job or of the variant of options; empty where it has none
     options: dict[str, object]  # planning options under the user's keys
@@ -136,7 +136,7 @@ def is_job_table(path: Path) -> bool:
         try:
             return "toolpath" in _read_parquet_table(path).column_names
         except InputError:
-            return False  # whoever reads it as points says why
+            return False  # the point reader gives the reason
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as lines:
             header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
@@ -358,7 +358,7 @@ def _resolve_cell(document: YamlDocument, loc: KeyPath, name: str) -> Path:
 
 
 def _resolve_posts(document: YamlDocument, loc: KeyPath, keys: CommonJobKeys) -> tuple[str | Path, ...]:
-    """The posts that stand in one place; files are looked for beside the list."""
+    """Resolve the posts of one key; files are searched next to the list."""
     if keys.post is not None and keys.posts is not None:
         raise document.build_error((*loc, "posts"), "post and posts stand together; keep one")
     out: list[str | Path] = []

@@ -29,7 +29,7 @@ _MM, _MM_PER_MIN, _MS = 1e-3, 1e-3 / 60.0, 1e-3
 
 @dataclass(frozen=True)
 class PlanOptionField:
-    """How one planning option goes to SI and back; the keys tell unit, bounds and meaning, PlanOptions its default."""
+    """Conversion of one planning option to SI and back; its key has unit, bounds and meaning, PlanOptions its default."""
 
     key: str  # the user's
     name: str  # of the field of PlanOptions
@@ -133,7 +133,7 @@ def load_options(
     merged: dict[str, object] = {}
     for layer in layers:
         merged = _merge_layers(merged, layer)
-    # which layer a clash between two keys comes from cannot be told, so the message names only the keys
+    # the layer of a clash between two keys is unknown, so the message names only the keys
     return _to_si(validate_document(OptionKeys, YamlDocument(merged, {}, "options")))
 
 

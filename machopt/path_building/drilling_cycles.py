@@ -31,7 +31,7 @@ class DrillingCycle:
     first_peck: float = 0.0  # mm; 0: one stroke
     next_peck: float = 0.0  # mm; 0: as the first
     chip_break: bool = False  # back off a little instead of all the way
-    gap: float = 1.0  # mm kept from the last depth when coming back into the hole
+    gap: float = 1.0  # mm, distance from the last depth when re-entering the hole
     feed_out: bool = False  # bore, ream, tap: out at the feed
     dwell: float = 0.0  # s at the bottom; NaN: some, of a unit that is not known
     peck_from: float = 0.0  # height the first peck is measured from

@@ -25,7 +25,7 @@ TANGENT = math.cos(math.radians(3.0))  # a line that runs within 3° into an arc
 
 @dataclass(frozen=True)
 class ArcSpan:
-    """Where the chords of one arc stand among the points."""
+    """Range of the points that are chords of one arc."""
 
     first: int  # index of the first chord's end
     last: int
@@ -34,7 +34,7 @@ class ArcSpan:
 
 @dataclass(frozen=True)
 class ArcDirections:
-    """Arcs whose end tangents run with, or against, the straight moves beside them."""
+    """Arcs whose end tangents run with, or against, the adjacent straight moves."""
 
     agree: int
     against: tuple[int, ...]  # lines

@@ -9,7 +9,7 @@ from typing import Literal
 from machopt.cell.mesh.mesh_errors import ErrorFactory
 
 _LARGE, _SMALL = 10.0, 1 / 500.0  # of the robot's reach: a thousand times off any part lies far beyond, both ways
-_LARGEST = 50.0  # m; what stands in a hall beside the robot
+_LARGEST = 50.0  # m; objects in a hall around the robot
 _SMALLEST = 3e-3  # m; the longest side of nothing in a cell that collides is shorter; a link of 3 m in mm has that
 _ODD = 5e-3  # m; few things are
 

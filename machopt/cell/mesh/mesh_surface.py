@@ -20,7 +20,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.triangle_meshes import TriangleMesh
 
 _LEAST_TRIANGLES = 4  # a tetrahedron; fewer enclose nothing
-_FLAT = 1e-7  # thickness over width below which single precision cannot tell a body from a sheet
+_FLAT = 1e-7  # thickness over width below which single precision cannot distinguish a body from a sheet
 _HOLLOW = 1e-9  # volume over that of the box around it, likewise
 _NAMED = 6  # meshes in one warning
 # what trimesh's readers let through on a broken file

@@ -37,7 +37,7 @@ def compare_with_second_library(path: Path, vertices: Array, faces: NDArray[np.i
 
 
 def compare_with_collada(copy: Path, fail: ErrorFactory) -> None:
-    """Compare a converted mesh with the COLLADA file that lies beside it, which the verifier reads.
+    """Compare a converted mesh with the COLLADA file in the same folder, which the verifier reads.
 
     Args:
         copy: ``NAME.dae.stl``; nothing is done where ``NAME.dae`` does not exist.

@@ -195,7 +195,7 @@ def format_external_springs(springs: tuple[ExternalJointSpring, ...]) -> dict[st
 def match_springs_to_joints(
     springs: tuple[ExternalJointSpring, ...], joints: tuple[str, ...], slides: tuple[bool, ...], file: Path | None
 ) -> tuple[ExternalJointSpring, ...]:
-    """The springs by the names of the cell's external joints, which e1, e2 … stand for too.
+    """The springs by the names of the cell's external joints, for which e1, e2 … are aliases.
 
     Args:
         joints: the cell's external joints, with whether each slides.

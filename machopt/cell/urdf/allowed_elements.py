@@ -47,7 +47,7 @@ EXACT = frozenset(
 
 @dataclass(frozen=True)
 class ElementRule:
-    """What an element may hold: ``one`` at most once, ``ignored`` what says nothing that is used and is not opened."""
+    """What an element may hold: ``one`` at most once, ``ignored`` elements are unused and not opened."""
 
     attributes: tuple[str, ...] = ()
     one: tuple[str, ...] = ()
@@ -99,10 +99,10 @@ _BODIES = {"link", "joint", "inertial", "visual", "collision", "geometry"}
 
 @dataclass(frozen=True)
 class UnusedContent:
-    """What a URDF holds beside links and joints."""
+    """Content of a URDF besides links and joints."""
 
     counts: dict[str, int]  # element → how often; nothing in them is used
-    warnings: tuple[str, ...]  # of elements nobody here knows
+    warnings: tuple[str, ...]  # of unknown elements
 
 
 def check_vocabulary(path: Path, robot: XmlElement) -> UnusedContent:

@@ -18,7 +18,7 @@ from machopt.errors import InputError, RobotModelError
 from machopt.file_formats.file_reading import MARKUP, read_text
 
 _PACKAGE = re.compile(r"[A-Za-z0-9][\w.-]*", re.ASCII)
-_UP = 5  # folders above a lone robot's file in which its packages are looked for
+_UP = 5  # folders above a lone robot's file in which its packages are searched
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def find_standalone_package(name: str, path: Path, packages: Mapping[str, Path],
 
 
 def _list_package_files(name: str, path: Path) -> list[str]:
-    """What the robot's file, and the xacro files beside it, want of a package."""
+    """What the robot's file, and the xacro files next to it, need of a package."""
     wanted = re.compile(rf"\$\(find\s+{re.escape(name)}\s*\)/([^\"'$]+)[\"']")
     files = [path, *sorted(p for p in path.parent.glob("*.xacro") if p != path)]
     return [rest for file in files for rest in wanted.findall(read_text(file, expected="a xacro file", most=MARKUP))]

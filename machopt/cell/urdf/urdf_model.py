@@ -13,7 +13,7 @@ MOVING = ("revolute", "continuous", "prismatic", "planar", "floating")
 
 @dataclass(frozen=True)
 class UrdfMimic:
-    """A joint that stands at ``multiplier`` times another's value plus ``offset``."""
+    """A joint whose value is ``multiplier`` times another's value plus ``offset``."""
 
     joint: str
     multiplier: float

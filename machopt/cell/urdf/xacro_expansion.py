@@ -145,7 +145,7 @@ def _check_arguments(path: Path, files: tuple[Path, ...], arguments: Mapping[str
 
 @contextlib.contextmanager
 def _replace_package_index(find: PackageFinder) -> Iterator[None]:
-    """Stand in for the index of packages that xacro asks, and put back what was there."""
+    """Replace the package index of xacro, and restore it afterwards."""
 
     def folder(name: str) -> str:
         return str(find(name))

@@ -67,7 +67,7 @@ class ExpressionFunction:
 
 
 class FunctionTable(dict[str, object]):
-    """Functions and constants by name: what stands before the dot of ``math.sin``."""
+    """Functions and constants by name: the part before the dot of ``math.sin``."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ _MOST = 500_000  # elements; the largest robots have some thousand
 
 @dataclass
 class XmlElement:
-    """One element; ``text`` is what stands between its children, stripped."""
+    """One element; ``text`` is the stripped text between its children."""
 
     tag: str  # as written, a prefix included
     attributes: dict[str, str]
@@ -158,7 +158,7 @@ class _XmlTreeBuilder:
         self._texts.append([])
 
     def expected(self) -> str:
-        """What would close the element that stands open, for messages; nothing where none does."""
+        """Closing tag of the open element, for messages; empty where none is open."""
         if not self._open:
             return ""
         last = self._open[-1]

@@ -38,7 +38,7 @@ class NewCellContent:
     lower: Sequence[float]
     upper: Sequence[float]
     velocity: Sequence[float]
-    velocity_of: str  # who says so
+    velocity_of: str  # origin of the value
     home: Sequence[float]
     tcp_mm: Sequence[float]
     tcp_rpy_deg: Sequence[float]

@@ -182,7 +182,7 @@ def create_cell_folder(out: Path) -> Iterator[Path]:
     try:
         yield partial
         partial.chmod(0o755)  # a temporary folder is its owner's alone
-        os.replace(partial, out)  # an empty folder gives way
+        os.replace(partial, out)  # an empty folder is replaced
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -210,5 +210,5 @@ def restore_user_paths_in_errors(folder: Path, request: InitRequest) -> Iterator
         own = {URDF: request.robot, "stiffness.yaml": request.stiffness}.get(place.as_posix()) or request.out / place
         where = wrong.where
         if place.name == "cell.yaml" and wrong.key == "robot.urdf":
-            own, where = request.robot, None  # a line of a file that was never kept
+            own, where = request.robot, None  # a line of a temporary file
         raise RobotModelError(wrong.reason, file=own, where=where) from None

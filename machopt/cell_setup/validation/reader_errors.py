@@ -38,7 +38,7 @@ _MOST = 50  # problems; a file with more is not a cell with mistakes
 class PartialCell:
     """A cell as far as it can be read."""
 
-    cell: Cell | None  # without what was put aside; None where the rest cannot be read either
+    cell: Cell | None  # without the removed keys; None where the rest cannot be read either
     problems: tuple[InputError, ...]
     removed_keys: tuple[str, ...]  # keys
 
@@ -115,7 +115,7 @@ def _shift_key_after_removal(key: KeyPath, gone: KeyPath) -> KeyPath:
 
 
 def _list_removable_places(document: YamlDocument) -> Iterator[KeyPath]:
-    """What can be put aside, where it is there."""
+    """List the keys that can be removed, where present."""
     for loc in _LISTS:
         found = _get_value_at(document, loc)
         if isinstance(found, list):
@@ -124,7 +124,7 @@ def _list_removable_places(document: YamlDocument) -> Iterator[KeyPath]:
 
 
 def _find_removable_key(document: YamlDocument, loc: KeyPath) -> KeyPath | None:
-    """What to put aside so that a mistake at a key path is gone: the key where it is unknown, else what it is in."""
+    """Find the key whose removal clears an error: the key itself if unknown, else its parent."""
     for n in range(len(loc), 0, -1):
         part = loc[:n]
         listed = any(part[:-1] == place and isinstance(part[-1], int) for place in _LISTS)
