@@ -366,7 +366,7 @@ class _CellReader:
         return _build_pose(keys)
 
     def base(self, urdf: UrdfModel, carried: bool) -> Array:
-        """(4, 4) base_link in world, joints above it at zero; ``carried``: by external joints or next to them, which make
+        """(4, 4) base_link in world, joints above it at zero; ``carried``: by or next to external joints, which make
         ``robot.pose`` the pose of the URDF's root."""
         robot = self.keys.robot
         T = self.pose(("robot", "pose"), robot.pose)

@@ -29,7 +29,7 @@ _MM, _MM_PER_MIN, _MS = 1e-3, 1e-3 / 60.0, 1e-3
 
 @dataclass(frozen=True)
 class PlanOptionField:
-    """Conversion of one planning option to SI and back; its key has unit, bounds and meaning, PlanOptions its default."""
+    """Conversion of one planning option to SI and back; the key has unit, bounds, meaning; PlanOptions the default."""
 
     key: str  # the user's
     name: str  # of the field of PlanOptions
