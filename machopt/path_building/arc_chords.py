@@ -105,7 +105,7 @@ def count_chords(radius: float, sweep: float, tolerance: float) -> int:
         Number of chords.
 
     Raises:
-        ArcError: the arc needs too many chords or its numbers are not finite.
+        ArcError: the arc needs more than MAX_CHORDS chords.
     """
     # arccos(1 − x) = 2 arcsin √(x/2), exact for small x too
     widest = 4.0 * math.asin(math.sqrt(min(tolerance / (2.0 * radius), 1.0)))

@@ -71,7 +71,7 @@ class ContourElement:
             Foot of the perpendicular.
 
         Raises:
-            ArcError: the projection is not unique.
+            ArcError: the point is the centre of the circle.
         """
         if self.centre is None:
             d = self.direction(self.start)

@@ -114,7 +114,7 @@ def append_hole_moves(
         Height of the tip over ``hole`` afterwards, mm.
 
     Raises:
-        DrillingCycleError: the heights do not fit together.
+        DrillingCycleError: the cycles have more than MAX_POINTS points.
     """
     if len(builder) > MAX_POINTS:
         raise DrillingCycleError(f"more than {MAX_POINTS} points of drilling cycles")

@@ -220,7 +220,7 @@ class PathBuilder:
             Feed, mm/min.
 
         Raises:
-            InputError: no default feed was given.
+            InputError: the feed is not positive, or no default feed was given.
         """
         if feed <= 0.0:
             raise self.source.build_error(f"feed {feed:g} on a cutting move; expected a feed above zero", line)

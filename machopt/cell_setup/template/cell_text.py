@@ -70,8 +70,8 @@ def format_stiffness_yaml(joints: Sequence[float], *, span: float) -> str:
     """Format stiffness.yaml of an estimate.
 
     Args:
-        joints: Joint stiffness of the arm.
-        span: Uncertainty range of the estimate.
+        joints: Joint stiffness of the arm, N·m/rad.
+        span: Length of the arm's links from base to flange, m.
 
     Returns:
         Text of the file.

@@ -76,7 +76,7 @@ class RapidData:
             s: The statement.
 
         Raises:
-            RapidSyntaxError: the statement is no assignment.
+            RapidSyntaxError: the left side is no variable.
         """
         at = next(k for k, t in enumerate(s.tokens) if t.text == ":=")
         target = RapidValueReader(s.tokens[:at]).value()
@@ -302,7 +302,7 @@ class RapidData:
             Transform (4, 4) in m, None where only the controller holds it.
 
         Raises:
-            RapidSyntaxError: the value is no such data.
+            RapidSyntaxError: the value is no such data, or the tool is stationary (robhold).
         """
         if value is None or (isinstance(value, RapidName) and value.text == zero):
             return np.eye(4)

@@ -73,7 +73,7 @@ class KrlMemory:
             value: The new value.
 
         Raises:
-            KrlValueError: the variable has no such component.
+            KrlValueError: the variable is not declared.
         """
         store: dict[str, Value] | dict[int, Value]
         key: str | int

@@ -113,7 +113,7 @@ class ProgramBuilder:
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the override is known only at run time.
+            InputError: the override is not known here.
         """
         if percent is None or not 0.0 < percent <= 100.0:
             raise self.error("the override is set to a value that is not known here; expected 1 to 100 %", line)

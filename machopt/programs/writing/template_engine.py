@@ -421,7 +421,7 @@ def write_program_files(folder: Path, files: Mapping[str, str], encoding: str, l
         Paths of the files.
 
     Raises:
-        PostError: a name would leave the folder, or the encoding lacks a character.
+        PostError: a name would leave the folder.
     """
     out = []
     for name, text in files.items():

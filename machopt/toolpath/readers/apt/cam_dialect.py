@@ -76,7 +76,7 @@ def find_unit_scale(source: SourceFile, options: ReadOptions, out: PathBuilder) 
         mm per unit of the file.
 
     Raises:
-        InputError: the unit is neither in the file nor given as an option.
+        InputError: units are mixed, contradict the option, or are neither in the file nor given as an option.
     """
     named: dict[str, int] = {}
     feeds: dict[str, int] = {}

@@ -128,7 +128,7 @@ class CoordinateSystemReader(AptMotionReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: a second, different ORIGIN would place the part again.
+            InputError: ORIGIN changes in the middle of the path.
         """
         values = _parse_numbers(rest, (0, 3, 6))
         if len(self.out) and values != self.shifts.get(word, [0.0] * len(values)):
@@ -169,7 +169,7 @@ class CoordinateSystemReader(AptMotionReader):
             line: Line number in the file (1-based).
 
         Raises:
-            ValueError: the angle is no number.
+            ValueError: the arguments are not an angle and an axis.
         """
         parts = split_fields(rest)
         angle = parse_number(parts[0]) if parts else None

@@ -73,7 +73,8 @@ class AptMotionReader:
             line: Line number in the file (1-based).
 
         Raises:
-            ValueError: the arguments are not three or six numbers.
+            ValueError: the arguments are not three or six finite numbers, or the start of an arc is not
+                known.
         """
         try:
             values = parse_numbers(rest) if "_" in rest else [float(v) for v in rest.split(",")]
@@ -136,7 +137,7 @@ class AptMotionReader:
             rapid: Whether the move is a rapid traverse.
 
         Raises:
-            ValueError: the tool axis is no direction.
+            ValueError: a cut begins at an unknown position.
         """
         if self.away and not (self.rapid or rapid):
             raise ValueError(
@@ -297,7 +298,7 @@ class AptMotionReader:
             line: Line number in the file (1-based).
 
         Raises:
-            ValueError: the present position is not known, or the numbers describe no arc.
+            ValueError: a drilling cycle is active.
         """
         if self.cycle is not None and word != "INDIRV":
             raise ValueError("stands inside a drilling cycle; expected CYCLE/OFF before it")
@@ -315,7 +316,7 @@ class AptMotionReader:
             line: Line number in the file (1-based).
 
         Raises:
-            ValueError: the present position is not known, or the statement describes no arc.
+            ValueError: the present position is not known.
         """
         if self.position is None:
             raise ValueError("an arc starts here but no point is known; expected a GOTO before it")
@@ -332,7 +333,7 @@ class AptMotionReader:
             line: Line number in the file (1-based).
 
         Raises:
-            ValueError: the statement describes no part of a curve.
+            ValueError: the statement is outside of a NURBS, or has not three coordinates.
         """
         if word == "NURBS":
             if self.curves.spline_open:
@@ -355,7 +356,7 @@ class AptMotionReader:
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the numbers describe no curve.
+            InputError: no point precedes the curve, or its numbers describe none.
         """
         if self.position is None:
             raise self.source.build_error("a NURBS without a point before it; expected a GOTO first", line)

@@ -33,7 +33,7 @@ class ArcMoveReader(ControlState):
             b: The block: its words, calls and line number.
 
         Raises:
-            ArcError: the words describe no arc.
+            ArcError: the words describe no arc, or a spiral or cone.
         """
         if words.keys() & {"Q", "L"}:
             raise ArcError(
@@ -267,7 +267,7 @@ class ArcMoveReader(ControlState):
             line: Line number in the file (1-based).
 
         Raises:
-            ArcError: there is no element before it.
+            ArcError: there is no element before it, or no tangent arc reaches the end.
         """
         if self.segment is None:
             raise ArcError("a tangential arc (CT) without a contour element before it")

@@ -150,7 +150,7 @@ class AuxiliaryWordReader(ModeReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: an M word may move axes and is not supported.
+            InputError: an M word calls a subprogram that is not in the file.
         """
         for m in m_words:
             if m in (3, 4, 5):

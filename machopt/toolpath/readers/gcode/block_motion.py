@@ -30,7 +30,7 @@ class BlockMotionReader(DrillingMoveReader):
             b: The block: its words, calls and line number.
 
         Raises:
-            InputError: the motion cannot be placed in the workpiece.
+            InputError: the words describe no supported motion, or its position in the workpiece is not known.
         """
         self.turned_from = self.axis_before_turn = None
         vector = self.vector(words, b)
@@ -112,7 +112,7 @@ class BlockMotionReader(DrillingMoveReader):
             element: Whether the block holds a contour element.
 
         Raises:
-            InputError: the corner has no contour element before it.
+            InputError: the size is not positive, or the block has no contour element.
         """
         feed = None
         for name in ("FRCM", "FRC"):
@@ -174,7 +174,7 @@ class BlockMotionReader(DrillingMoveReader):
             Tool axis as a unit vector, None where the block has no vector.
 
         Raises:
-            InputError: the vector is incomplete or has no length.
+            InputError: the vector is zero or not finite, or TRAORI is not active.
         """
         named = [b.named.get(n) for n in ("A3", "B3", "C3")]
         if any(v is not None for v in named):

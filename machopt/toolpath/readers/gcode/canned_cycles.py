@@ -102,7 +102,7 @@ def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
         The drilling cycle with heights over the plane z = 0, mm.
 
     Raises:
-        DrillingCycleError: an argument is not a number, or depth or planes are missing.
+        DrillingCycleError: an argument is invalid, or depth or planes are missing.
     """
     values: list[float | None] = []
     for part in map(str.strip, text.split(",")):

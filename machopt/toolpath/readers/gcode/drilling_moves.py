@@ -36,7 +36,7 @@ class DrillingMoveReader(ArcMoveReader):
             b: The block: its words, calls and line number.
 
         Raises:
-            InputError: the cycle is not supported.
+            InputError: the position along the drilling axis is not known.
         """
         if code in (76, 77, 87, 88):
             self.out.warn_once(f"G{code} is read as a plain boring stroke", b.line)
@@ -95,7 +95,7 @@ class DrillingMoveReader(ArcMoveReader):
             The cycle, None where none is active.
 
         Raises:
-            InputError: the words do not describe the active cycle.
+            InputError: the words do not describe the cycle, or the tool is not parallel to Z.
         """
         if self.canned is None:
             return self.modal_call
@@ -128,7 +128,8 @@ class DrillingMoveReader(ArcMoveReader):
             b: The block: its words, calls and line number.
 
         Raises:
-            InputError: the position of the hole is not known.
+            InputError: the position of the hole is not known, or the tool axis or a scale does not allow the
+                cycle.
         """
         why = self.setup.describe_unknown_place()
         if why:

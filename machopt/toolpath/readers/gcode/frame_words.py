@@ -53,7 +53,7 @@ class FrameWordReader(WorkOffsetReader):
             b: The block: its words, calls and line number.
 
         Raises:
-            FrameError: the words describe no plane.
+            FrameError: G53.1 without a tilted plane, or the words describe no plane.
         """
         if g in (680, 682):
             origin = self.read_plane_point(words)
@@ -228,7 +228,7 @@ class FrameWordReader(WorkOffsetReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the arguments describe no plane.
+            InputError: an argument is not a number.
         """
         values: list[float | None] = []
         for part in text.split(","):
@@ -262,7 +262,7 @@ class FrameWordReader(WorkOffsetReader):
             b: The block: its words, calls and line number.
 
         Raises:
-            FrameError: the words describe no frame.
+            FrameError: a factor is not positive.
         """
         kind = name.removeprefix("A") if name != "ASCALE" else "SCALE"
         additive = name.startswith("A")

@@ -382,7 +382,7 @@ class GcodeReader(AuxiliaryWordReader):
             Whether the word is one of these.
 
         Raises:
-            InputError: the mode is not supported.
+            InputError: the word asks for a hole pattern (Haas), which is not supported.
         """
         if g in MOTION:
             self.motion = MOTION[g]

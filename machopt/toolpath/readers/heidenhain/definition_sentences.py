@@ -139,7 +139,7 @@ class DefinitionReader(SentenceReader):
             Whether Q parameters of the cycle follow on the line.
 
         Raises:
-            InputError: the cycle is not supported.
+            InputError: the cycle is not supported or malformed.
         """
         found = re.match(r"CYCL DEF\s+(\d+)(?:\.(\d+))?\s*(.*)", text)
         if not found:

@@ -106,7 +106,7 @@ class MacroParameters:
             The value.
 
         Raises:
-            MacroExpressionError: it has no value yet.
+            MacroExpressionError: it has no value yet, or only the running control knows it.
         """
         if name in self.values:
             return self.values[name]

@@ -61,7 +61,7 @@ class ContourSegment:
             Unit vector (3,).
 
         Raises:
-            ArcError: the segment has no length in the plane.
+            ArcError: the segment leaves the working plane.
         """
         e = self.element(plane)
         if e.centre is None and not abs(e.end - e.start) > 1e-9:
