@@ -105,7 +105,7 @@ def find_parquet_difference(table: Path, copy: Path) -> str:
         Description of the first difference; empty where there is none.
 
     Raises:
-        FileFormatError: pyarrow is not installed, or the file cannot be read.
+        FileFormatError: pyarrow is not installed.
     """
     try:
         import pyarrow

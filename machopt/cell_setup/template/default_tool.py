@@ -42,7 +42,7 @@ def select_tool_angle(request: InitRequest) -> float:
         Angle, degrees.
 
     Raises:
-        OptionError: the tool is given twice.
+        OptionError: the tool is given twice, or the angle is not 0, 45 or 90.
     """
     stated = [n for n in ("tcp_mm", "tcp_rpy_deg") if getattr(request, n) is not None]
     if request.tool_angle_deg is not None:

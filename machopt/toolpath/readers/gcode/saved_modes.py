@@ -86,7 +86,7 @@ class ModeReader(SiemensCallReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the saved modes cannot be restored at this place.
+            InputError: the program did not name the saved work offset.
         """
         if s.work_offset != self.work_offset:
             if s.work_offset is None:

@@ -149,7 +149,7 @@ class SiemensCallReader(FrameWordReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the arguments describe no pattern.
+            InputError: the arguments describe no pattern, or no modal cycle precedes it.
         """
         if self.modal_call is None:
             raise self.source.build_error(f"{name} without a modal cycle (MCALL CYCLE81 …) before it", line)

@@ -100,7 +100,7 @@ class WorkOffsetReader(BlockMotionReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the cell has no such offset.
+            InputError: the cell has no such offset, or points before it have none.
         """
         known, key = self.options.cell_offsets, normalise_offset_name(name)
         if key not in known:
@@ -238,7 +238,7 @@ class WorkOffsetReader(BlockMotionReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the shift is not supported at this place.
+            InputError: the shift moves a rotary axis in the middle of the path.
         """
         axes = [k for k in range(3) if XYZ[k] in words]
         name = f"G{g / 10:g}"
@@ -290,7 +290,7 @@ class WorkOffsetReader(BlockMotionReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the present position was lost.
+            InputError: the present position is not known, or the coordinate system is rotated.
         """
         if len(self.out) and (self.setup.local is not None or self.setup.by_machine):
             raise self.source.build_error("G92 in a turned coordinate system is not supported", line)

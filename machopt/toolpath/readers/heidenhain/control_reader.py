@@ -277,7 +277,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: there is no contour element before the corner.
+            InputError: the size is not positive.
         """
         feed, own = self.feed, None
         if f is not None:
@@ -297,7 +297,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             approach: The pending approach.
 
         Raises:
-            InputError: the approach cannot begin at this place.
+            InputError: the position before the approach or its target is not known.
         """
         self.end_contour("an approach (APPR) follows")
         if any(map(math.isnan, (*self.p, *approach.place))):
@@ -458,7 +458,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             line: Line number in the file (1-based).
 
         Raises:
-            InputError: the tool axis of the call is not supported.
+            InputError: the tool axis of the call is not Z.
         """
         if rpm is not None:
             self.rpm = rpm
@@ -520,7 +520,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             b: The block: its words, calls and line number.
 
         Raises:
-            DrillingCycleError: no cycle is defined, or its parameters describe none.
+            DrillingCycleError: no cycle is defined, or the tool position is not known.
         """
         if self.cycle is None:
             raise DrillingCycleError("a cycle call (M99, CYCL CALL, G79) before any drilling cycle was defined")

@@ -128,7 +128,7 @@ class DatumAndPlaneReader(GcodeReader):
             line: Line number in the file (1-based).
 
         Raises:
-            FrameError: the tool axis would be mirrored.
+            FrameError: tool-centre-point control is active, or the tool axis would be mirrored.
         """
         self.chain.pop(name, None)
         if not one.nothing:

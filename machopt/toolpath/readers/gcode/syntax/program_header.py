@@ -88,7 +88,7 @@ def find_first_unit(source: SourceFile, options: ReadOptions, blocks: BlockReade
         Name of the unit, and its origin.
 
     Raises:
-        InputError: the unit is ambiguous, or the option contradicts the file.
+        InputError: the program is for an unsupported control, or the unit is ambiguous.
     """
     at = source.find_line(_MILLPLUS)
     if at is not None:
