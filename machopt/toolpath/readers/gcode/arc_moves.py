@@ -65,7 +65,7 @@ class ArcMoveReader(ControlState):
         """Return the opening angle AR= of an arc; the block gives its end or its centre too.
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number.
             b: The block: its words, calls and line number.
 
         Returns:

@@ -62,7 +62,7 @@ class AuxiliaryWordReader(ModeReader):
 
         Args:
             g_words: G words of the block, times ten.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number.
             b: The block: its words, calls and line number.
 
         Raises:

@@ -26,7 +26,7 @@ class BlockMotionReader(DrillingMoveReader):
         """Carry out the motion of one block.
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; may be changed in place.
             b: The block: its words, calls and line number.
 
         Raises:
@@ -155,7 +155,7 @@ class BlockMotionReader(DrillingMoveReader):
         """Report the words of a block that nothing has used.
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number.
             b: The block: its words, calls and line number.
         """
         for letter in words:

@@ -119,7 +119,7 @@ class ControlState:
         """Mark the position as unknown after a move in the machine frame.
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number.
             name: Word that moved the machine, for messages.
             line: Line number in the file (1-based).
         """
@@ -155,7 +155,7 @@ class ControlState:
         """Return the target of a block; an incremental zero leaves an unknown coordinate unknown.
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; may be changed in place.
             b: The block: its words, calls and line number.
 
         Returns:

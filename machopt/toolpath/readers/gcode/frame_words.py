@@ -49,7 +49,7 @@ class FrameWordReader(WorkOffsetReader):
 
         Args:
             g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; changed in place.
             b: The block: its words, calls and line number.
 
         Raises:

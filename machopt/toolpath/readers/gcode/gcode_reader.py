@@ -349,7 +349,7 @@ class GcodeReader(AuxiliaryWordReader):
 
         Args:
             g_words: G words of the block, times ten.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; may be changed in place.
             b: The block: its words, calls and line number.
 
         Returns:
@@ -375,7 +375,7 @@ class GcodeReader(AuxiliaryWordReader):
 
         Args:
             g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number.
             b: The block: its words, calls and line number.
 
         Returns:
@@ -423,7 +423,7 @@ class GcodeReader(AuxiliaryWordReader):
 
         Args:
             g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; may be changed in place.
             b: The block: its words, calls and line number.
 
         Returns:
@@ -462,7 +462,7 @@ class GcodeReader(AuxiliaryWordReader):
 
         Args:
             g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number.
         """
         return g in (580, 590) and self.siemens and bool(words.keys() & set("XYZ"))
 
@@ -471,7 +471,7 @@ class GcodeReader(AuxiliaryWordReader):
 
         Args:
             g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; may be changed in place.
             b: The block: its words, calls and line number.
 
         Raises:

@@ -31,7 +31,7 @@ class SiemensCallReader(FrameWordReader):
 
         Args:
             b: The block: its words, calls and line number.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; may be changed in place.
         """
         for name, args in b.calls:
             self.call(name, args, words, b)
@@ -44,7 +44,7 @@ class SiemensCallReader(FrameWordReader):
         Args:
             name: Name of the call.
             args: Text of the arguments.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; may be changed in place.
             b: The block: its words, calls and line number.
 
         Raises:

@@ -185,7 +185,7 @@ class WorkOffsetReader(BlockMotionReader):
         """Carry out G10: L2 sets a work offset; L20 sets one of G54.1 (Fanuc) or one by the tool position (LinuxCNC).
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number.
             line: Line number in the file (1-based).
 
         Raises:
@@ -234,7 +234,7 @@ class WorkOffsetReader(BlockMotionReader):
 
         Args:
             g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; changed in place.
             line: Line number in the file (1-based).
 
         Raises:

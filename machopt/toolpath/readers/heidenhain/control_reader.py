@@ -150,7 +150,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         """Carry out CC: set the pole.
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number.
         """
         given = ""
         for k, letter in enumerate("XYZ"):
@@ -170,7 +170,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
 
         Args:
             kind: C or CR.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; changed in place.
             left: Direction of rotation: True for DR+, False for DR−, None where not given.
             radius: Radius in program units, None for an arc about the pole.
             b: The block: its words, calls and line number.
@@ -224,7 +224,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         """Carry out CP: an arc or helix about the pole by its angle; IPA may exceed one turn.
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; changed in place.
             left: Direction of rotation: True for DR+, False for DR−, None where not given.
             b: The block: its words, calls and line number.
 

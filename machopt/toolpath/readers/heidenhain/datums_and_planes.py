@@ -67,7 +67,7 @@ class DatumAndPlaneReader(GcodeReader):
         """Carry out CYCL DEF 7 or TRANS DATUM; in a tilted plane it shifts along the tilted axes.
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number.
             line: Line number in the file (1-based).
             word: Name of the statement, for messages.
         """

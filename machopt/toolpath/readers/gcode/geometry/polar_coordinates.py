@@ -107,7 +107,7 @@ class PolarCoordinates:
         """Convert AP= and RP= in place to the two absolute words of the plane.
 
         Args:
-            words: Words of the block: letter or name → number; words that are used are removed in place.
+            words: Words of the block: letter or name → number; changed in place.
             b: The block: its words, calls and line number.
             p: Present position in programmed mm; NaN where not known.
             plane: Normal of the working plane (3,), unit vector.
@@ -157,7 +157,7 @@ def convert_line_angle(
 
     Args:
         degrees: Angle, degrees.
-        words: Words of the block: letter or name → number; words that are used are removed in place.
+        words: Words of the block: letter or name → number; changed in place.
         b: The block: its words, calls and line number.
         p: Present position in programmed mm; NaN where not known.
         plane: Normal of the working plane (3,), unit vector.
