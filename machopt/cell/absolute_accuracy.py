@@ -1,9 +1,9 @@
-"""``controller.absolute_accuracy``: who corrects geometry and gravity sag, the controller or machopt.
+"""Key ``controller.absolute_accuracy``: whether the controller or machopt corrects geometry and gravity deflection.
 
-A controller with the option "absolute accuracy" moves the TCP to where its program says by a calibrated model of its
-own, gravity included. The corrections of kinematics.yaml are of the same errors. Both together would correct twice, so
-with ``on`` none of them is applied to what is commanded: commanded joints are the nominal ones. A compensation is of
-the process force alone in any case, which no controller knows.
+A controller with the option "absolute accuracy" corrects the TCP position by its own calibrated model, gravity
+included. kinematics.yaml corrects the same errors. Both together would correct twice. With ``on``, machopt therefore
+applies none of them: commanded joints are nominal. A compensation then covers the process force alone, which no
+controller knows.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ON_COMPENSATED = f"{KEY} is on: the compensation is of the process force alone"
 
 
 def apply_absolute_accuracy(cell: Cell, options: PlanOptions) -> Cell:
-    """Return the cell as a plan and its verification take it.
+    """Return the cell that plan and verification use.
 
     Args:
         cell: as it was read.

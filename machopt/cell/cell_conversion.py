@@ -1,4 +1,4 @@
-"""Parts of a cell made of what was read: no file is opened here."""
+"""Conversion of parsed values to parts of a cell, without file access."""
 
 from __future__ import annotations
 
@@ -19,14 +19,28 @@ from machopt.numerics.array_types import Array
 
 
 def describe_tool_choice(tools: Mapping[str, Tool]) -> list[str]:
-    """A sentence where there are several tools; none for one."""
+    """Describe which of several tools is the default.
+
+    Args:
+        tools: Tool name → tool of the cell.
+
+    Returns:
+        One sentence where there are several tools, else none.
+    """
     if len(tools) < 2:
         return []
     return [f"of the tools {', '.join(tools)} the first is taken by commands that no toolpath tells which"]
 
 
 def combine_tools(tools: Mapping[str, Tool]) -> Tool:
-    """One tool with the bodies of all, for pairs that may touch by their names."""
+    """Combine the bodies of all tools into one tool, to find body pairs that may touch by name.
+
+    Args:
+        tools: Tool name → tool of the cell.
+
+    Returns:
+        The combined tool.
+    """
     first = next(iter(tools.values()))
     bodies = {shape.name: shape for tool in tools.values() for shape in tool.geometry}
     cutter = next((tool.cutter for tool in tools.values() if tool.cutter is not None), None)
@@ -34,7 +48,14 @@ def combine_tools(tools: Mapping[str, Tool]) -> Tool:
 
 
 def build_joint_map(keys: JointMapKeys) -> JointMap:
-    """How the controller counts the joints."""
+    """Build the mapping of URDF joints to controller axes.
+
+    Args:
+        keys: Keys of the joint map.
+
+    Returns:
+        The mapping.
+    """
     coupling = np.zeros((6, 6))
     for axis, sources in keys.coupling.items():
         for other, factor in sources.items():
@@ -45,32 +66,62 @@ def build_joint_map(keys: JointMapKeys) -> JointMap:
 
 
 def copy_read_only(array: Array) -> Array:
-    """A copy that cannot be written to."""
+    """Return a read-only copy.
+
+    Args:
+        array: Array of any shape.
+    """
     out = np.array(array, float)
     out.setflags(write=False)
     return out
 
 
 def copy_limits_read_only(limits: JointLimits) -> JointLimits:
-    """A copy that cannot be written to."""
+    """Return a read-only copy of joint limits.
+
+    Args:
+        limits: Limits of the moving joints, SI units.
+    """
     rows = limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk
     return JointLimits(*map(copy_read_only, rows))
 
 
 def build_file_error(file: Path, message: str) -> InputError:
-    """What is wrong with a file."""
+    """Build an error of a cell file.
+
+    Args:
+        file: Path of the file.
+        message: Description of the error.
+
+    Returns:
+        The error, not raised.
+    """
     return CellError(message, file=file)
 
 
 def format_xacro_argument(value: str | float | bool) -> str:
-    """An argument as xacro's own command line would have it."""
+    """Format an argument as xacro's command line expects it.
+
+    Args:
+        value: Value of the argument.
+
+    Returns:
+        The text.
+    """
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) and value.is_integer() else str(value)
 
 
 def describe_unused_elements(urdf: UrdfModel) -> tuple[str, ...]:
-    """A sentence on elements of the description that are not used; none where there are none."""
+    """Describe the elements of the robot description that are not used.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+
+    Returns:
+        One sentence, or none where all are used.
+    """
     if not urdf.unused_elements:
         return ()
     found = ", ".join(f"{tag} ({n})" for tag, n in urdf.unused_elements.items())
@@ -78,10 +129,14 @@ def describe_unused_elements(urdf: UrdfModel) -> tuple[str, ...]:
 
 
 def check_unique_names(document: YamlDocument, *shapes: CollisionShape) -> None:
-    """Refuse two bodies of one name.
+    """Refuse two bodies with the same name.
+
+    Args:
+        document: Parsed YAML file, with the line of each key for errors.
+        *shapes: Collision bodies of the cell.
 
     Raises:
-        InputError: there are two.
+        CellError: two bodies have the same name.
     """
     seen: set[str] = set()
     for s in shapes:
@@ -95,7 +150,15 @@ def check_unique_names(document: YamlDocument, *shapes: CollisionShape) -> None:
 
 
 def find_missing_bodies(tool: Tool, workpiece: Workpiece) -> list[str]:
-    """What is not described cannot be checked for collisions; the user should know."""
+    """Warn of a tool or workpiece without bodies, which collision checks cannot include.
+
+    Args:
+        tool: The tool.
+        workpiece: The workpiece.
+
+    Returns:
+        One warning each.
+    """
     return [
         f"the cell has no {key}, so collisions with the {key.split('.')[0]} are not checked"
         for key, there in (("tool.geometry", tool.geometry), ("workpiece.geometry", workpiece.geometry))
@@ -104,7 +167,14 @@ def find_missing_bodies(tool: Tool, workpiece: Workpiece) -> list[str]:
 
 
 def find_links_without_bodies(urdf: UrdfModel) -> list[str]:
-    """What of the robot is not checked for collisions."""
+    """Warn of robot links that collision checks cannot include.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+
+    Returns:
+        One warning each.
+    """
     name, drawn = urdf.path.name, [p.name for p in urdf.parts if p.visuals and not p.collisions]
     if not urdf.has_collision:
         return [f"{name} has no collision geometry, so the arm's own body is not checked"]
@@ -114,7 +184,14 @@ def find_links_without_bodies(urdf: UrdfModel) -> list[str]:
 
 
 def get_solid_shape(keys: ShapeKeys) -> tuple[Literal["box", "cylinder", "sphere"], list[float]]:
-    """Kind and sizes in mm of a body that is no mesh; the schema lets exactly one through."""
+    """Return kind and sizes of a body that is no mesh; the schema permits exactly one.
+
+    Args:
+        keys: Keys of the body.
+
+    Returns:
+        Kind, and sizes in mm.
+    """
     if keys.box_mm is not None:
         return "box", keys.box_mm
     if keys.cylinder_mm is not None:

@@ -1,4 +1,4 @@
-"""The folder of a cell: what may be read from it, and what was."""
+"""Cell folder: the files that may be read, and a record of those that were read."""
 
 from __future__ import annotations
 
@@ -25,14 +25,34 @@ class CellFolder:
     read: list[Path] = field(default_factory=list)  # for the hash of inputs
 
     def resolve_file(self, loc: KeyPath, name: str) -> Path:
-        """A file the cell names, resolved, and noted for the hash of inputs."""
+        """Resolve a file that the cell names, and record it for the hash of inputs.
+
+        Args:
+            loc: Key path of the value in the document.
+            name: File name as the user wrote it, for messages.
+
+        Returns:
+            Resolved path.
+        """
         fail = partial(self.document.build_error, loc)
         path = self.resolve_inside(self.path / name, name, fail)
         self.read.append(self.check_existing_file(path, name, fail))
         return path
 
     def resolve_inside(self, path: Path, name: str, fail: ErrorFactory) -> Path:
-        """``path`` with links resolved; refused outside the cell folder unless that is allowed."""
+        """Resolve links of a path; a target outside the cell folder is refused unless that is allowed.
+
+        Args:
+            path: Path of the file.
+            name: File name as the user wrote it, for messages.
+            fail: Function that builds an error from a message.
+
+        Returns:
+            Resolved path.
+
+        Raises:
+            InputError: built by ``fail``: the file lies outside the cell folder.
+        """
         try:
             path = path.resolve()
         except (OSError, RuntimeError, ValueError):  # links in a circle, or a null byte
@@ -42,7 +62,19 @@ class CellFolder:
         return path
 
     def check_existing_file(self, path: Path, name: str, fail: ErrorFactory) -> Path:
-        """``path``, which must be a regular file."""
+        """Check that a path is a regular file.
+
+        Args:
+            path: Path of the file.
+            name: File name as the user wrote it, for messages.
+            fail: Function that builds an error from a message.
+
+        Returns:
+            The path.
+
+        Raises:
+            InputError: built by ``fail``: the path is no regular file.
+        """
         if not exists(path):
             raise fail(f"no such file: {name} (looked for {path})")
         try:

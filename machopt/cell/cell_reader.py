@@ -1,4 +1,4 @@
-"""cell.yaml → :class:`machopt.data_types.cell.Cell`: mm and degrees become SI, and everything is checked."""
+"""Reader of cell.yaml → :class:`machopt.data_types.cell.Cell`: converts mm and degrees to SI and checks everything."""
 
 from __future__ import annotations
 
@@ -83,10 +83,16 @@ def load_cell(
 
 
 def find_cell_file(path: Path | str) -> Path:
-    """cell.yaml of a cell folder, or the file itself.
+    """Find cell.yaml.
+
+    Args:
+        path: Cell folder, or the file itself.
+
+    Returns:
+        Path of the file.
 
     Raises:
-        InputError: there is none in the folder, or neither file nor folder.
+        CellError: the folder has no cell.yaml, or the path is neither file nor folder.
     """
     file = Path(path)
     if isdir(file):
@@ -106,7 +112,18 @@ def build_cell(
     stiffness: Path | None = None,
     bodies: bool = True,
 ) -> Cell:
-    """A cell from cell.yaml as it was parsed; otherwise as :func:`load_cell`."""
+    """Build a cell from parsed cell.yaml, otherwise as :func:`load_cell`.
+
+    Args:
+        document: Parsed cell.yaml.
+        allow_external: Whether files outside the cell folder are allowed.
+        any_chain: Whether the arm may have other than six revolute joints.
+        stiffness: Stiffness file that replaces that of the cell, None for none.
+        bodies: Whether collision bodies are needed.
+
+    Returns:
+        The cell, SI units.
+    """
     keys = validate_document(AnyChainKeys if any_chain else CellKeys, document)
     return _CellReader(
         document=document,
@@ -202,7 +219,7 @@ class _CellReader:
         )
 
     def stiffness(self, chain: JointChain) -> ArmStiffness | None:
-        """Of the file that the cell names, or of the other one that was asked for."""
+        """Read the stiffness file of the cell, or the requested other one."""
         keys, other = self.keys, self.other_stiffness
         if other is not None:
             check_file(other, expected="a stiffness.yaml", most=ANY_SIZE)
@@ -242,7 +259,7 @@ class _CellReader:
         return found
 
     def packages(self) -> dict[str, Path]:
-        """The ``packages:`` map, which may stand at the top or under robot."""
+        """The ``packages:`` map, at the top level or under robot."""
         named: dict[str, tuple[KeyPath, str]] = {}
         for n, folder in self.keys.packages.items():
             named[n] = (("packages", n), folder)
@@ -275,7 +292,7 @@ class _CellReader:
         return found
 
     def urdf_meshes(self, urdf: UrdfModel, packages: dict[str, Path]) -> dict[str, Path]:
-        """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""
+        """Check every collision mesh; returns all packages, the map's and those found next to the URDF."""
         self.warnings += [*urdf.warnings, *find_links_without_bodies(urdf)]
         found = dict(packages)
         for mesh in urdf.meshes:
@@ -299,7 +316,7 @@ class _CellReader:
         return found
 
     def mesh(self, path: Path, scale: float, role: Role, fail: ErrorFactory, remedy: Callable[[float], str]) -> None:
-        """Read a mesh, judge its size, and note what surface it has."""
+        """Read a mesh, check its size, and record its surface."""
         if (original := find_collada_original(path)) is not None:  # what the verifier reads in its place
             self.folder.read.append(self.folder.resolve_inside(original, original.name, fail))
         surface = self.read.get(path) or read_surface(path, fail)
@@ -343,7 +360,7 @@ class _CellReader:
         return _build_pose(keys)
 
     def base(self, urdf: UrdfModel, carried: bool) -> Array:
-        """(4, 4) base_link in world, joints above it at zero; ``carried``: by or beside external joints, which make
+        """(4, 4) base_link in world, joints above it at zero; ``carried``: by or next to external joints, which make
         ``robot.pose`` the pose of the URDF's root."""
         robot = self.keys.robot
         T = self.pose(("robot", "pose"), robot.pose)

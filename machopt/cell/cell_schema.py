@@ -1,4 +1,4 @@
-"""The keys of cell.yaml, with their units, as a strict schema."""
+"""Strict schema of cell.yaml: its keys and their units."""
 
 from __future__ import annotations
 

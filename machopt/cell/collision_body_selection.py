@@ -1,5 +1,7 @@
-"""Which collision bodies of a robot a cell has: those of joints outside of the chain are left out, and, where only the
-kinematics is needed, those whose mesh is missing."""
+"""Selection of the robot's collision bodies: bodies of joints outside the chain are removed.
+
+Where only the kinematics is needed, bodies whose mesh is missing are removed too.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,16 @@ def select_bodies(
 
 
 def find_missing_meshes(urdf: UrdfModel, packages: dict[str, Path], folder: Path) -> dict[str, str]:
-    """Return the first collision mesh of each link whose package or file does not exist, by link."""
+    """Return the first collision mesh of each link whose package or file does not exist, by link.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+        packages: ROS package → folder.
+        folder: Cell folder.
+
+    Returns:
+        Link → URI of its first missing mesh.
+    """
     out: dict[str, str] = {}
     for mesh in urdf.meshes:
         try:

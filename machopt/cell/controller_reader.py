@@ -1,4 +1,4 @@
-"""The key ``controller`` of cell.yaml: how the controller counts joints, frames and moves."""
+"""Key ``controller`` of cell.yaml: conventions of the controller for joints, frames and moves."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def build_controller(
     file: Callable[[KeyPath, str], Path],
     pose: Callable[[KeyPath, PoseKeys], Array],
 ) -> RobotController:
-    """The controller; what the cell does not say stays unknown.
+    """Build the controller; values that the cell does not give stay unknown.
 
     Args:
         document, keys: cell.yaml, and its key ``controller``.

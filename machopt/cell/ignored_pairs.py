@@ -1,4 +1,4 @@
-"""``ignore_pairs`` of cell.yaml: which bodies may touch, by name or by an SRDF, down to the bodies themselves."""
+"""Key ``ignore_pairs`` of cell.yaml: body pairs that may touch, by name or by an SRDF, resolved to single bodies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FileOpener = Callable[[KeyPath, str], Path]
 class IgnoredPairReader:
     """Names of links and bodies, as pairs may give them.
 
-    A link stands for all its collision bodies, the flange for those of the tool where it has none itself, ``world`` for
+    A link means all its collision bodies, the flange for those of the tool where it has none itself, ``world`` for
     obstacles and a workpiece that stand still, ``tool`` and ``workpiece`` for theirs, ``cutter`` for the cutter.
 
     Attributes:
@@ -50,7 +50,7 @@ class IgnoredPairReader:
         self.warnings: list[str] = []
 
     def pairs(self, given: list[str | list[str]], open_file: FileOpener) -> tuple[IgnoredPair, ...]:
-        """What ``ignore_pairs`` says, in its order.
+        """Resolve ``ignore_pairs``, in its order.
 
         Args:
             given: the value of the key.
@@ -81,7 +81,7 @@ class IgnoredPairReader:
         return tuple(out)
 
     def _one_name_each(self) -> None:
-        """A pair is told by names, so a second body of the same name would be let touch with the first."""
+        """Refuse a second body of a name: pairs are given by name, so it would be ignored with the first."""
         taken = {body: f"a body of link {link}" for link, bodies in self._links.items() for body in bodies}
         taken |= dict.fromkeys(self._groups["cutter"], "the tool's cutter")
         for name in self._bodies:

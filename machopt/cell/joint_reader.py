@@ -1,4 +1,4 @@
-"""What moves in a cell, within which limits, and where it stands."""
+"""Joints of a cell: the moving joints, their limits and positions."""
 
 from __future__ import annotations
 
@@ -37,10 +37,20 @@ class CellJoints:
 def read_joints(
     urdf: UrdfModel, keys: CellKeys, document: YamlDocument, warnings: list[str], *, any_chain: bool
 ) -> CellJoints:
-    """Chain, limits and places of a cell, each held against what an arm can be.
+    """Read chain, limits and positions of a cell, each checked for plausibility.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+        keys: Validated keys of cell.yaml.
+        document: Parsed YAML file, with the line of each key for errors.
+        warnings: List that takes the warnings.
+        any_chain: Whether the arm may have other than six revolute joints.
+
+    Returns:
+        The joints, SI units.
 
     Raises:
-        InputError: names what cannot be.
+        InputError: names the value that is impossible.
     """
     chain = read_chain(urdf, keys, document, any_chain=any_chain)
     far = estimate_reach(urdf, keys, chain)

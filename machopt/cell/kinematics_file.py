@@ -1,4 +1,4 @@
-"""kinematics.yaml: what moves the TCP without load, compensated in the exported joints.
+"""Reader and writer of kinematics.yaml: unloaded TCP errors, compensated in the exported joints.
 
 ::
 
@@ -58,7 +58,14 @@ def list_required_parameters() -> Mapping[str, tuple[str, ...]]:
 
 
 def list_optional_parameters(effect: str) -> tuple[str, ...]:
-    """Keys that it may have beside those."""
+    """List the optional keys of an effect.
+
+    Args:
+        effect: Name of the effect.
+
+    Returns:
+        The keys.
+    """
     _, law = registry.list_angle_effects_by_word().get(effect, (None, None))
     return (angle_range.RANGE_KEY,) if law is not None and law.has_angle_range else ()
 
@@ -78,6 +85,12 @@ class _KinematicsFileKeys(StrictSchema):
 
 def load_kinematics(path: Path | str) -> KinematicCorrections:
     """Read kinematics.yaml.
+
+    Args:
+        path: Path of the file.
+
+    Returns:
+        The corrections, SI units.
 
     Raises:
         InputError: names file, line and key, what was found and what was expected.
@@ -109,7 +122,12 @@ def load_kinematics(path: Path | str) -> KinematicCorrections:
 
 
 def write_kinematics(path: Path | str, kinematics: KinematicCorrections) -> None:
-    """Write kinematics.yaml so that :func:`load_kinematics` returns the same numbers."""
+    """Write kinematics.yaml so that :func:`load_kinematics` returns the same numbers.
+
+    Args:
+        path: Path of the file.
+        kinematics: The corrections, SI units.
+    """
     lines = ["machopt_kinematics: 1", "corrections:" if kinematics else "corrections: []"]
     for c in kinematics.corrections:
         inner = ", ".join(f"{key}: {_format_number(value)}" for key, value in c.parameters.items())

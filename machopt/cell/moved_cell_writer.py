@@ -1,4 +1,4 @@
-"""A copy of a cell with its workpiece, obstacles or robot somewhere else: the same files, other poses in cell.yaml."""
+"""Writer of a cell copy with moved workpiece, obstacles or robot: same files, other poses in cell.yaml."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Numbers that no robot cell has: refused where a plan would mean nothing, warned of where they are odd.
+"""Plausibility checks of cell values: impossible ones are refused, unusual ones give a warning.
 
-Most are units: metres where mm are asked for, radians for degrees, degrees for a URDF's radians. A message names the
-place, the number and the value in the other unit. What is refused lies a factor of ten and more beyond what is built.
+Most errors are wrong units: metres instead of mm, radians instead of degrees, degrees in a URDF. A message names the
+key, the number and the value in the other unit. Refused values exceed existing machines by a factor of ten or more.
 """
 
 from __future__ import annotations
@@ -44,16 +44,31 @@ _RIGID = 5e7  # N·m/rad; the stiffest joint measured has a fifth
 
 
 def estimate_reach(urdf: UrdfModel, keys: CellKeys, chain: JointChain) -> float:
-    """m from base to flange with all joints' offsets in one line."""
+    """Estimate the reach: the sum of all joint offsets from base to flange.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+        keys: Validated keys of cell.yaml.
+        chain: Arm joints and external joints of the cell.
+
+    Returns:
+        Reach, m.
+    """
     to_base = len(urdf.chain(keys.robot.base_link))
     return sum(j.offset for j in urdf.chain(keys.robot.flange_link)[to_base:] if j not in chain.external)
 
 
 def check_arm(urdf: UrdfModel, chain: JointChain, arm_reach: float, document: YamlDocument) -> None:
-    """The arm's size and ranges.
+    """Check the size and the ranges of the arm.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+        chain: Arm joints and external joints of the cell.
+        arm_reach: Reach of the arm from base to flange, m.
+        document: Parsed YAML file, with the line of each key for errors.
 
     Raises:
-        InputError: of no robot.
+        InputError: no robot has them.
     """
     loc: KeyPath = ("robot", "urdf")
     lines = {j.name: f"{urdf.path.name} line {j.line}" for j in chain.moving}
@@ -87,10 +102,17 @@ def check_arm(urdf: UrdfModel, chain: JointChain, arm_reach: float, document: Ya
 def check_limits(
     keys: CellKeys, chain: JointChain, urdf: UrdfModel, document: YamlDocument, warnings: list[str]
 ) -> None:
-    """Velocities, accelerations, jerks, home and the cell's own ranges.
+    """Check velocities, accelerations, jerks, home and the ranges of the cell.
+
+    Args:
+        keys: Validated keys of cell.yaml.
+        chain: Arm joints and external joints of the cell.
+        urdf: The robot: links, joints, bodies and masses.
+        document: Parsed YAML file, with the line of each key for errors.
+        warnings: List that takes the warnings.
 
     Raises:
-        InputError: beyond any machine.
+        InputError: no machine reaches them.
     """
     limits, loc = keys.robot.limits, ("robot", "limits")
     told = {
@@ -127,7 +149,7 @@ def check_limits(
                 f"robot.limits.position_deg lies within ±{most:g}°, which looks like radians; degrees are expected"
             )
     home = keys.robot.home_deg
-    odd = sum(abs(v - round(v, 1)) > 1e-9 for v in home)  # nobody puts a home near zero to hundredths of a degree
+    odd = sum(abs(v - round(v, 1)) > 1e-9 for v in home)  # a home is never within hundredths of a degree of zero
     if home and max(map(abs, home)) <= math.pi + 0.1 and (any(_is_radian_right_angle(v) for v in home) or odd >= _ODD):
         warnings.append(
             f"{document.locate_key(('robot', 'home_deg'))}: {home} looks like radians; degrees are expected"
@@ -170,10 +192,17 @@ def _check_velocity(joint: UrdfJoint, urdf: UrdfModel, warnings: list[str]) -> N
 
 
 def check_pose(keys: PoseKeys, loc: KeyPath, document: YamlDocument, warnings: list[str], *, near: bool = True) -> None:
-    """A frame; ``near``: it lies off its parent by a tool or a cell, not by the edge of a body.
+    """Check a frame.
+
+    Args:
+        keys: Keys of the frame.
+        loc: Key path of the value in the document.
+        document: Parsed YAML file, with the line of each key for errors.
+        warnings: List that takes the warnings.
+        near: Whether its distance from the parent is that of a tool or a cell rather than a body.
 
     Raises:
-        InputError: farther than a plant is wide, or turned more than ten times around.
+        InputError: farther than a plant is wide, or more than ten full turns.
     """
     xyz, rpy = keys.xyz_mm, keys.rpy_deg
     most = max(map(abs, xyz))
@@ -193,7 +222,14 @@ def check_pose(keys: PoseKeys, loc: KeyPath, document: YamlDocument, warnings: l
 
 
 def check_tool(keys: ToolKeys, loc: KeyPath, arm_reach: float, document: YamlDocument, warnings: list[str]) -> None:
-    """TCP, mass and cutter.
+    """Check TCP, mass and cutter.
+
+    Args:
+        keys: Keys of the tool.
+        loc: Key path of the value in the document.
+        arm_reach: Reach of the arm from base to flange, m.
+        document: Parsed YAML file, with the line of each key for errors.
+        warnings: List that takes the warnings.
 
     Raises:
         InputError: no tool has them.
@@ -243,10 +279,17 @@ def _check_cutter(keys: CutterKeys, loc: KeyPath, document: YamlDocument) -> Non
 def check_stiffness(
     stiffness: ArmStiffness, keys: CellKeys, arm_reach: float, document: YamlDocument, warnings: list[str]
 ) -> None:
-    """Joint stiffness against the tool's weight at arm's length, and against what arms are.
+    """Check joint stiffness against the tool's weight at full reach, and against usual values of arms.
+
+    Args:
+        stiffness: Joint stiffness of the arm, SI units.
+        keys: Validated keys of cell.yaml.
+        arm_reach: Reach of the arm from base to flange, m.
+        document: Parsed YAML file, with the line of each key for errors.
+        warnings: List that takes the warnings.
 
     Raises:
-        InputError: the tool's weight alone would turn a joint by 6°.
+        InputError: the weight of the tool alone would turn a joint by 6°.
     """
     rows = [stiffness.joints] if stiffness.grid is None else [stiffness.joints, *stiffness.grid.joints]
     heaviest = max(tool.mass_kg for tool in ((keys.tool,) if keys.tool is not None else keys.tools.values()))
@@ -296,7 +339,15 @@ def _is_radian_right_angle(value: float) -> bool:
 
 
 def compute_longest_side(sizes: Sequence[float], kind: str) -> float:
-    """m, longest side of a box, cylinder (radius, height) or sphere (radius) whose sizes are in m."""
+    """Compute the longest side of a body.
+
+    Args:
+        sizes: Sides of a box, radius and height of a cylinder, or radius of a sphere, m.
+        kind: ``box``, ``cylinder`` or ``sphere``.
+
+    Returns:
+        Length, m.
+    """
     if kind == "box":
         return max(sizes)
     return 2 * sizes[0] if kind == "sphere" else max(2 * sizes[0], sizes[1])

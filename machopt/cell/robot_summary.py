@@ -1,4 +1,4 @@
-"""What a robot's file and a cell say of joints and stand, for a table or JSON; mm and degrees."""
+"""Summary of a robot and its mounting for tables and JSON, in mm and degrees."""
 
 from __future__ import annotations
 
@@ -21,7 +21,14 @@ _LEVEL = math.radians(0.5)  # a robot nearer to upright counts as upright
 
 
 def summarise_robot(urdf: UrdfModel) -> InspectedRobotDocument:
-    """A robot's description by itself."""
+    """Summarise a robot description.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+
+    Returns:
+        The document (mm, degrees).
+    """
     return InspectedRobotDocument(
         robot=urdf.path.name,
         links=len(urdf.parts),
@@ -34,7 +41,14 @@ def summarise_robot(urdf: UrdfModel) -> InspectedRobotDocument:
 
 
 def describe_mounting(cell: Cell) -> MountingSection:
-    """How ``base_link`` stands in the world."""
+    """Describe the pose of ``base_link`` in the world.
+
+    Args:
+        cell: The cell.
+
+    Returns:
+        The section of the document (mm, degrees).
+    """
     R, p = cell.T_world_base[:3, :3], cell.T_world_base[:3, 3]
     tilt = math.acos(max(-1.0, min(1.0, float(R[2, 2]))))
     words = "upright" if tilt < _LEVEL else "from the ceiling" if tilt > math.pi - _LEVEL else "tilted"
@@ -47,7 +61,14 @@ def describe_mounting(cell: Cell) -> MountingSection:
 
 
 def list_joint_limits(cell: Cell) -> tuple[CellJointEntry, ...]:
-    """Arm's joints, then external ones, with the limits that a plan has to keep."""
+    """List the arm joints, then the external joints, with the limits that a plan must keep.
+
+    Args:
+        cell: The cell.
+
+    Returns:
+        One entry per joint (mm, degrees).
+    """
     names = (*cell.arm_joints, *cell.external_joints)
     slides = (*(cell.arm_prismatic or (False,) * len(cell.arm_joints)), *cell.external_prismatic)
     home = np.concatenate([cell.home, cell.external_home])

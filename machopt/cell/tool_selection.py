@@ -1,4 +1,4 @@
-"""Which tools of a cell's table a toolpath wants, by the words of the CAM file, and where it changes them."""
+"""Selection of cell tools by the tool words of the CAM file, and division of a job at tool changes."""
 
 from __future__ import annotations
 
@@ -17,10 +17,16 @@ _NUMBER = re.compile(r"T?0*(\d+)(?:\.0*)?", re.IGNORECASE)  # T03, 3 and 3.0 are
 
 
 def match_tool(operation: ToolpathOperation, tools: Mapping[str, Tool]) -> str | None:
-    """The name in the table that an operation's tool words mean.
+    """Find the cell tool that the tool words of an operation mean.
 
-    The same text, else the same number as a name, else as the number that one tool of the table has in the controller;
-    else None.
+    The same text comes first, then the same number as a name, then the number that one tool has in the controller.
+
+    Args:
+        operation: The operation with its tool words.
+        tools: Tool name → tool of the cell.
+
+    Returns:
+        Name of the tool, None where none matches.
     """
     names = list(tools)
     same = next((word for word in operation.tools if word in names), None)
@@ -39,12 +45,19 @@ def match_tool(operation: ToolpathOperation, tools: Mapping[str, Tool]) -> str |
 
 
 def match_operation_tools(toolpath: Toolpath, tools: Mapping[str, Tool]) -> tuple[str | None, ...]:
-    """The tool of each operation (None where it has no points and no tool of the table).
+    """Find the tool of each operation; one without a tool word has the tool of the previous operation.
 
-    An operation without a word has the tool of the one before; a table of one tool needs no words.
+    With one tool in the cell no words are needed.
+
+    Args:
+        toolpath: The toolpath, SI units.
+        tools: Tool name → tool of the cell.
+
+    Returns:
+        Name per operation, None where it has no points and no tool of the cell.
 
     Raises:
-        InputError: a tool that is not in the table, or no word where the table has several.
+        CellError: a tool is not in the cell, or a word is missing where the cell has several tools.
     """
     names = list(tools)
     used = set(toolpath.operation.tolist())
@@ -72,10 +85,17 @@ def match_operation_tools(toolpath: Toolpath, tools: Mapping[str, Tool]) -> tupl
 
 
 def select_job_tools(cell: Cell, toolpath: Toolpath) -> Cell:
-    """The cell with the tool that the toolpath wants; where it wants several, with a table of these and none on.
+    """Select the tools of a toolpath; where it uses several, the cell keeps these and none is mounted.
+
+    Args:
+        cell: The cell.
+        toolpath: The toolpath, SI units.
+
+    Returns:
+        The cell with its tools.
 
     Raises:
-        InputError: see :func:`match_operation_tools`.
+        CellError: see :func:`match_operation_tools`.
     """
     if not cell.tools:
         return cell
@@ -87,10 +107,17 @@ def select_job_tools(cell: Cell, toolpath: Toolpath) -> Cell:
 
 
 def select_single_tool(cell: Cell, *toolpaths: Toolpath) -> Cell:
-    """The cell with the one tool that all the toolpaths want; as it is where it has no table.
+    """Select the one tool of all toolpaths; a cell without a tool table stays as it is.
+
+    Args:
+        cell: The cell.
+        *toolpaths: The toolpaths.
+
+    Returns:
+        The cell with the tool mounted.
 
     Raises:
-        InputError: see :func:`match_operation_tools`; or they want several tools.
+        CellError: see :func:`match_operation_tools`; or the toolpaths use several tools.
     """
     if not cell.tools:
         return cell
@@ -107,12 +134,18 @@ def select_single_tool(cell: Cell, *toolpaths: Toolpath) -> Cell:
 
 
 def split_into_tool_segments(cell: Cell, toolpath: Toolpath) -> tuple[ToolSegment, ...]:
-    """The job cut where it changes tools, in order; one stint where it does not.
+    """Split the job at its tool changes.
+
+    Args:
+        cell: The cell.
+        toolpath: The toolpath, SI units.
+
+    Returns:
+        Segments in order; one where the tool does not change.
 
     Raises:
-        InputError: see :func:`match_operation_tools`; or a tool changes on the way of a cut, or tools share a
-            number in the
-            controller.
+        CellError: see :func:`match_operation_tools`; or a tool changes during a cut, or tools share a controller
+            number.
     """
     home, change = cell.joints_at_home, cell.joints_at_tool_change
     if not cell.tools or len(_find_required_tools(cell, toolpath)) == 1:
@@ -151,12 +184,19 @@ def split_into_tool_segments(cell: Cell, toolpath: Toolpath) -> tuple[ToolSegmen
 
 
 def list_used_operations(toolpath: Toolpath) -> tuple[str, ...]:
-    """Labels of the operations that have points, in the order of these."""
+    """List the labels of the operations that have points, in the order of the points.
+
+    Args:
+        toolpath: The toolpath, SI units.
+
+    Returns:
+        The labels.
+    """
     return tuple(toolpath.operations[k].label for k in dict.fromkeys(toolpath.operation.tolist()))
 
 
 def _find_required_tools(cell: Cell, *toolpaths: Toolpath) -> dict[str, str]:
-    """Each tool that is used, with the operation that wants it first."""
+    """Each tool in use, with its first operation."""
     out: dict[str, str] = {}
     for toolpath in toolpaths:
         chosen = match_operation_tools(toolpath, cell.tools)

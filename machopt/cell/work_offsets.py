@@ -1,4 +1,4 @@
-"""Several setups in one job: work offsets of the cell, what lies there and what holds it, paths that change them."""
+"""Work offsets of the cell: several setups in one job, their bodies, and paths that change the offset."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class WorkOffsets:
-    """The work offsets of a cell; all of them stand in it at once."""
+    """The work offsets of a cell; all of them exist at the same time."""
 
     frames: Mapping[str, Array]  # name → (4, 4) in workpiece
     workpiece: Workpiece  # with the parts of all offsets
@@ -31,7 +31,7 @@ class WorkOffsets:
         pose: Callable[[KeyPath, PoseKeys], Array],
         shapes: Callable[[KeyPath, Sequence[ShapeKeys]], tuple[CollisionShape, ...]],
     ) -> WorkOffsets:
-        """Place what the cell says of its offsets.
+        """Build the work offsets of the cell.
 
         Args:
             keys: as the cell has them.
@@ -61,12 +61,19 @@ def _place_bodies(
 
 
 def place_toolpath(toolpath: Toolpath, cell: Cell) -> Toolpath:
-    """The toolpath in ``workpiece``, whatever work offsets of the cell it counts from.
+    """Transform a toolpath from the work offsets of the cell to ``workpiece``.
 
-    Points under no offset count in ``workpiece`` itself, which is told where the cell has offsets.
+    Points without an offset are in ``workpiece`` already, which is reported where the cell has offsets.
+
+    Args:
+        toolpath: The toolpath, SI units.
+        cell: The cell.
+
+    Returns:
+        The toolpath in ``workpiece``.
 
     Raises:
-        InputError: an offset that the cell does not have, or another one on the way of a cut.
+        CellError: the cell has no such offset, or the offset changes during a cut.
     """
     told = _describe_missing_offset(toolpath, cell)
     if told and told not in toolpath.warnings:
@@ -94,7 +101,7 @@ def place_toolpath(toolpath: Toolpath, cell: Cell) -> Toolpath:
 
 
 def _describe_missing_offset(toolpath: Toolpath, cell: Cell) -> str:
-    """What is told of points that name none of the offsets that the cell has; empty where there are none."""
+    """Describe points without a work offset of the cell; empty where there are none."""
     done = not toolpath.offsets and "work_offsets" in toolpath.meta
     count = toolpath.offsets[0][0] if toolpath.offsets else len(toolpath)
     if not cell.offsets or done or not count:

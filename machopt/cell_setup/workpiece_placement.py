@@ -1,4 +1,4 @@
-"""What a new cell needs to know of its arm: which way the flange looks, and where a workpiece can lie."""
+"""Flange direction of the arm and workpiece placement for a new cell."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ALONG, _UP = np.linspace(0.35, 0.85, 6), np.linspace(-0.2, 0.6, 7)  # shares of
 _ABOVE = (0.3, 0.2, 0.1)  # shares of the reach above the workpiece where home may be
 
 
-_TRIED = 40  # places that are looked at for contacts, those with the most room first
+_TRIED = 40  # positions that are checked for contacts, those with the most clearance first
 
 
 def _accept_any_posture(_: Array) -> bool:
@@ -36,12 +36,16 @@ def _accept_any_posture(_: Array) -> bool:
 
 
 def find_flange_direction(robot: Robot) -> Array | None:
-    """The direction along joint 6 that leads out of the arm, (3,) unit in the flange frame.
+    """Find the direction along joint 6 that leads out of the arm.
 
-    It points from the place on axis 6 nearest to axis 5 (the wrist's centre, where the wrist has one) to the flange.
+    It points from the point of axis 6 nearest to axis 5 (the wrist centre, where there is one) to the flange.
+
+    Args:
+        robot: Kinematics of the robot.
 
     Returns:
-        None where the flange stands at that place, or both axes are parallel: the arm does not tell then.
+        Unit vector (3,) in the flange frame. None where the flange lies at that point, or both axes are parallel:
+        the direction is then undetermined.
     """
     a5, a6, p5, p6 = robot.axis[4], robot.axis[5], robot.point[4], robot.point[5]
     n = np.cross(a5, a6)
@@ -60,7 +64,12 @@ _ON_AXIS = (1e-3, 1e-3)  # m and rad by which a tool on the last joint's axis ma
 
 
 def is_on_last_axis(robot: Robot, T_flange_tcp: Array) -> bool:
-    """Whether the tool axis is the axis of joint 6, which then carries out every rotation about it alone."""
+    """Return whether the tool axis is the axis of joint 6, which then performs every rotation about it alone.
+
+    Args:
+        robot: Kinematics of the robot.
+        T_flange_tcp: Pose (4, 4) of the TCP in the flange frame, m.
+    """
     T = robot.T_base_flange_zero @ T_flange_tcp
     axis, way = robot.axis[5], T[:3, 3] - robot.point[5]
     beside = float(np.linalg.norm(way - (way @ axis) * axis))
@@ -68,14 +77,29 @@ def is_on_last_axis(robot: Robot, T_flange_tcp: Array) -> bool:
 
 
 def report_last_axis(robot: Robot, T_flange_tcp: Array) -> tuple[str, ...]:
-    """A sentence where the tool is one for which rotations have no effect."""
+    """Describe a tool whose axis is that of joint 6, so that rotations about it have no effect.
+
+    Args:
+        robot: Kinematics of the robot.
+        T_flange_tcp: Pose (4, 4) of the TCP in the flange frame, m.
+
+    Returns:
+        One sentence, or none.
+    """
     if not is_on_last_axis(robot, T_flange_tcp):
         return ()
     return (f"{NO_ROTATION}; --tool-angle-deg 45, or the tool's own --tcp-mm and --tcp-rpy-deg, would work",)
 
 
 def compute_pointing_rpy(direction: Array) -> Array:
-    """(3,) rad, roll, pitch and yaw of a frame whose z has this direction (3,), turned no further than that needs."""
+    """Compute a frame whose z axis has a direction, with the smallest rotation.
+
+    Args:
+        direction: Direction (3,), unit vector.
+
+    Returns:
+        Roll, pitch and yaw (3,), rad.
+    """
     z = normalise_vectors(np.asarray(direction, float))
     axis = np.cross([0.0, 0.0, 1.0], z)
     size = float(np.linalg.norm(axis))
@@ -88,7 +112,14 @@ def compute_pointing_rpy(direction: Array) -> Array:
 
 
 def build_sample_path(reach: float) -> tuple[Array, Array]:
-    """Where no path is given: corners of a block, (8, 3) m around its middle, and tools that stand on it, (8, 3)."""
+    """Build sample points for a cell without a toolpath: corners of a block with perpendicular tools.
+
+    Args:
+        reach: Reach of the arm, m.
+
+    Returns:
+        Corners (8, 3) around its centre in m, and tool axes (8, 3).
+    """
     edge = 0.12 * reach * np.array([1.0, 1.0, 0.5])
     corners = np.stack(np.meshgrid(*([[-0.5, 0.5]] * 3), indexing="ij"), axis=-1).reshape(-1, 3) * edge
     return corners, np.broadcast_to([0.0, 0.0, 1.0], corners.shape).copy()
@@ -100,7 +131,7 @@ class WorkpiecePlace:
 
     T_base_workpiece: Array  # (4, 4), axes those of base_link, in which the path was given
     home: Array  # (6,) rad
-    margin: float  # rad, least distance to a joint limit, a bent wrist or a bent elbow, over all points looked at
+    margin: float  # rad, least distance to a joint limit, a bent wrist or a bent elbow, over all checked points
     share: float  # of the path's points that the branch reaches there, each at a rotation of its own; 1.0: all
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)  # deg, roll, pitch and yaw of the workpiece for it
 
@@ -121,7 +152,7 @@ def find_place(
 ) -> WorkpiecePlace | None:
     """A place of the workpiece where one branch reaches all of a path, far from limits and from a stretched wrist.
 
-    Places are compared by few points of the path; what is offered has been held against all of them.
+    Places are compared by few points of the path; the result is checked against all of them.
 
     Args:
         arm: kinematics, limits and margins.
@@ -134,7 +165,7 @@ def find_place(
         Of the places before the arm, the one with the most room of those where the branch reaches every point; where
         none does, the one where it reaches most; None where even few points are too much, or home has no room.
     """
-    far = _find_farthest_points(position)  # where one of these is out of reach the others need not be looked at
+    far = _find_farthest_points(position)  # where one of these is out of reach the others need not be checked
     some = np.unique(np.concatenate([_select_sample_points(position, axis), far]))
     middle = (position.min(axis=0) + position.max(axis=0)) / 2.0
     R, R_far = _list_turned_rotations(axis[some]), _list_turned_rotations(axis[far])

@@ -1,4 +1,4 @@
-"""Columns of a CSV table, a part of the rows at a time: numbers become arrays, words small codes."""
+"""Columns of a CSV table, read in blocks of rows: numbers become arrays, words become integer codes."""
 
 from __future__ import annotations
 
@@ -27,6 +27,14 @@ class WordColumn:
     _known: dict[str, int] = field(default_factory=dict)
 
     def encode(self, cells: list[str]) -> list[int]:
+        """Encode words as integer codes; a new word gets the next code.
+
+        Args:
+            cells: Words of the rows.
+
+        Returns:
+            One code per row.
+        """
         known = self._known
         found: list[int] = []
         for cell in cells:
@@ -39,14 +47,28 @@ class WordColumn:
 
 
 def iterate_data_lines(source: SourceFile) -> Iterator[tuple[int, str]]:
-    """Line number and text of each line that is no comment and not empty."""
+    """Iterate over the lines that are neither comments nor empty.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+
+    Returns:
+        Line number (1-based) and text.
+    """
     for line, text in enumerate(source.lines, 1):
         if text and not text.isspace() and not text.lstrip().startswith("#"):
             yield line, text
 
 
 def split_cells(text: str) -> list[str]:
-    """The cells of one line; quotes are rare and cost more."""
+    """Split one line into cells; quoted text is parsed only where a quote occurs.
+
+    Args:
+        text: Text of the line.
+
+    Returns:
+        The cells.
+    """
     if '"' not in text:
         return text.split(",")
     try:
@@ -57,7 +79,7 @@ def split_cells(text: str) -> list[str]:
 
 @dataclass
 class CsvColumns:
-    """The columns that were asked for; row k of the data stands in line ``line[k]``."""
+    """The requested columns; row k of the data is in line ``line[k]``."""
 
     numbers: dict[str, Array]  # name → (N,)
     words: dict[str, WordColumn]
@@ -129,10 +151,20 @@ def _parse_numbers(
 
 
 def parse_number_cell(source: SourceFile, name: str, cell: str, line: int, empty_allowed: bool) -> float:
-    """One number.
+    """Parse one cell as a number.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        name: Name of the column.
+        cell: Text of the cell.
+        line: Line number (1-based).
+        empty_allowed: Whether an empty cell is accepted.
+
+    Returns:
+        The number; NaN for an empty cell.
 
     Raises:
-        InputError: it is none, or not finite.
+        InputError: the text is no number, or not finite.
     """
     text = cell.strip()
     if not text and empty_allowed:
@@ -148,6 +180,11 @@ def parse_number_cell(source: SourceFile, name: str, cell: str, line: int, empty
 
 
 def is_number(text: str) -> bool:
+    """Return whether a text is a number.
+
+    Args:
+        text: The text.
+    """
     try:
         float(text)
     except ValueError:

@@ -1,8 +1,8 @@
-"""The user's words in a CSV cell: a spreadsheet must show them, never run them.
+"""Escaping of user text in CSV cells, so that spreadsheets do not run it as a formula.
 
-Spreadsheets take a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return for a formula, quoted
-or not. Such a text gets an apostrophe in front, which they show as text; reading takes it away again. A text that
-would be mistaken for one so marked gets one more, so that every text comes back as it was.
+Spreadsheets read a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return as a formula, quoted or
+not. Such a text gets an apostrophe as prefix, which spreadsheets show as text; reading removes it again. A text that
+already looks escaped gets one more apostrophe, so that every text is restored exactly.
 """
 
 from __future__ import annotations
@@ -12,12 +12,26 @@ MARK = "'"
 
 
 def escape_formula_text(text: str) -> str:
-    """The text as it may stand in a cell."""
+    """Escape a text for a CSV cell, so that a spreadsheet does not read it as a formula.
+
+    Args:
+        text: The text.
+
+    Returns:
+        Text of the cell.
+    """
     return MARK + text if _is_formula_like(text) else text
 
 
 def unescape_formula_text(cell: str) -> str:
-    """The text that :func:`escape_formula_text` was given."""
+    """Reverse :func:`escape_formula_text`.
+
+    Args:
+        cell: Text of the cell.
+
+    Returns:
+        The original text.
+    """
     return cell[1:] if cell.startswith(MARK) and _is_formula_like(cell) else cell
 
 

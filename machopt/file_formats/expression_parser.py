@@ -1,7 +1,7 @@
-"""How expressions are read, whatever the language: operators by levels, brackets inside, no deeper than can be meant.
+"""Recursive descent parser for expressions of any language: operator levels, brackets, limited depth.
 
-A language states its tokens, its binary operators from the weakest level to the strongest, and what an atom is (number,
-name, call, sign, bracket). What a value is stays open: a float, a function of the variables, a pose.
+A language defines its tokens, its binary operators from the weakest level to the strongest, and its atoms (number,
+name, call, sign, bracket). The type of a value is open: a float, a function of the variables, a pose.
 """
 
 from __future__ import annotations
@@ -40,7 +40,14 @@ class RecursiveDescentParser(ABC, Generic[V]):
         return found.group(1)
 
     def parse_expression(self, level: int = 0) -> V:
-        """Operators of this level and the stronger ones."""
+        """Parse operators of one level and the stronger ones.
+
+        Args:
+            level: Index of the level, 0 for the weakest operators.
+
+        Returns:
+            Value of the expression.
+        """
         if level == len(self.levels):
             return self.parse_factor()
         left = self.parse_expression(level + 1)
@@ -60,7 +67,16 @@ class RecursiveDescentParser(ABC, Generic[V]):
 
     @abstractmethod
     def combine_operands(self, operator: Operator, left: V, right: V) -> V:
-        """Two values joined."""
+        """Combine two values by an operator.
+
+        Args:
+            operator: The binary operator.
+            left: Left value.
+            right: Right value.
+
+        Returns:
+            The combined value.
+        """
 
     @abstractmethod
     def parse_atom(self) -> V:

@@ -1,7 +1,7 @@
-"""Where every file that a user names is opened: regular files of a bearable size, or one clear refusal.
+"""Reading of user files: regular files of limited size, otherwise one clear error.
 
-A named pipe would block, a device never ends, a file of gigabytes fills the memory before the first check: all three
-are told by their inode before a byte is read.
+A named pipe would block, a device never ends, and a file of gigabytes would fill the memory before the first check.
+All three are detected from the inode before a byte is read.
 """
 
 from __future__ import annotations
@@ -55,10 +55,18 @@ def read_file(path: Path, *, expected: str, most: int) -> bytes:
 
 
 def read_text(path: Path, *, expected: str, most: int) -> str:
-    """UTF-8 text of a regular file, a byte-order mark taken off; line ends as they are.
+    """Read UTF-8 text of a regular file without a byte-order mark; line ends stay.
+
+    Args:
+        path: Path of the file.
+        expected: Description of the expected file, for messages.
+        most: Largest size in bytes.
+
+    Returns:
+        The text.
 
     Raises:
-        InputError: as :func:`read_file`, or not UTF-8.
+        FileAccessError: as :func:`read_file`, or not UTF-8.
     """
     data = read_file(path, expected=expected, most=most)
     try:
@@ -71,10 +79,18 @@ def read_text(path: Path, *, expected: str, most: int) -> str:
 
 
 def check_file(path: Path, *, expected: str, most: int) -> int:
-    """What :func:`read_file` would refuse, without reading; returns the size in bytes.
+    """Check a file as :func:`read_file` does, without reading it.
+
+    Args:
+        path: Path of the file.
+        expected: Description of the expected file, for messages.
+        most: Largest size in bytes.
+
+    Returns:
+        Size in bytes.
 
     Raises:
-        InputError: as :func:`read_file`.
+        FileAccessError: as :func:`read_file`.
     """
     handle = _open_regular_file(path, expected)
     try:

@@ -1,8 +1,8 @@
-"""Every table of an output folder as Parquet beside its CSV: the same columns and rows, made from the CSV's own text.
+"""Parquet copies of the CSV tables of an output folder: same columns and rows, made from the CSV text.
 
-Columns of words (WORDS, and any with a field that is no number) hold text, "" where the CSV has nothing; all others are
-float64, null where the CSV has nothing. A column's type does not hang on a folder's content as long as it is one of
-these, so tables of many jobs can be laid below one another.
+Word columns (WORDS, and any with a field that is no number) hold text, "" where the CSV is empty. All others are
+float64, null where the CSV is empty. The type of these columns does not depend on the content of a folder, so tables
+of many jobs can be concatenated.
 """
 
 from __future__ import annotations
@@ -27,10 +27,13 @@ WORDS = frozenset((*_OF_A_MOTION, *_OF_A_BATCH, "plan", "changed", "load"))  # t
 
 
 def refuse_without_pyarrow(tables: str) -> None:
-    """Refuse Parquet where it could not be written, before anything is computed.
+    """Check, before any computation, that Parquet can be written.
+
+    Args:
+        tables: Value of the option: ``csv`` or ``parquet``.
 
     Raises:
-        InputError: neither csv nor parquet, or pyarrow is not installed.
+        InputError: another value, or pyarrow is not installed.
     """
     if tables not in KINDS:
         raise InputError(f"found {tables!r}; valid: {', '.join(KINDS)} (parquet: beside the CSV)", where="tables")
@@ -46,10 +49,16 @@ def refuse_without_pyarrow(tables: str) -> None:
 
 @contextmanager
 def open_parquet(file: Path) -> Iterator[Any]:
-    """``with reading(file) as pyarrow:`` what a user gave as Parquet.
+    """Provide pyarrow for reading a user's file: ``with open_parquet(file) as pyarrow:``.
+
+    Args:
+        file: Path of the file.
+
+    Returns:
+        Context with the module ``pyarrow``.
 
     Raises:
-        InputError: pyarrow is not installed, or what it says of the file.
+        FileFormatError: pyarrow is not installed, or it cannot read the file.
     """
     try:
         import pyarrow
@@ -66,7 +75,15 @@ def open_parquet(file: Path) -> Iterator[Any]:
 
 
 def write_parquet_copies(tables: Iterable[Path], into: Path | None = None) -> list[str]:
-    """Write each CSV table as Parquet under its own name, beside it or into another folder; the names written."""
+    """Write each CSV table as Parquet under its own name.
+
+    Args:
+        tables: Paths of the CSV tables.
+        into: Target folder, None for the folder of each table.
+
+    Returns:
+        Names of the written files.
+    """
     import pyarrow.parquet
 
     out = []
@@ -78,10 +95,17 @@ def write_parquet_copies(tables: Iterable[Path], into: Path | None = None) -> li
 
 
 def find_parquet_difference(table: Path, copy: Path) -> str:
-    """How a Parquet table differs from the CSV it is to be a copy of; "" where it does not.
+    """Compare a Parquet table with the CSV table of which it is a copy.
+
+    Args:
+        table: Path of the CSV table.
+        copy: Path of the Parquet table.
+
+    Returns:
+        Description of the first difference; empty where there is none.
 
     Raises:
-        InputError: pyarrow is not installed.
+        FileFormatError: pyarrow is not installed.
     """
     try:
         import pyarrow

@@ -1,4 +1,4 @@
-"""A text file as every toolpath reader takes it: lines, hash, where it came from, and how to read it."""
+"""Text file as input of the toolpath readers: lines, hash, origin and reading options."""
 
 from __future__ import annotations
 
@@ -51,18 +51,26 @@ def parse_offsets(texts: Sequence[str]) -> tuple[tuple[str, Offset], ...]:
 
 
 def normalise_offset_name(name: str) -> str:
-    """One spelling of an offset's name: without blanks, in upper case."""
+    """Return the standard spelling of a work offset: upper case without blanks.
+
+    Args:
+        name: Name of the offset.
+    """
     return "".join(name.upper().split())
 
 
 def normalise_word(word: str) -> str:
-    """One spelling of an unknown word: single blanks, upper case."""
+    """Return the standard spelling of an unknown word: upper case with single blanks.
+
+    Args:
+        word: The word.
+    """
     return " ".join(word.upper().split())
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
-    """What the caller knows and the file may not say."""
+    """Reading options: values that the file may lack."""
 
     unit: str | None = None  # "mm" or "inch"
     strict: bool = False  # refuse the first word that is not understood
@@ -70,12 +78,14 @@ class ReadOptions:
     machine: str | None = None  # rotary kinematics, see formats.rotary
     default_feed: float | None = None  # m/s, where the file gives none
     offsets: tuple[tuple[str, Offset], ...] = ()  # (work offset, its origin in the first one used, mm)
-    cycle_order: tuple[str, ...] = ("depth", "clear", "retract")  # what numbers without a word in CYCLE/ stand for
+    cycle_order: tuple[str, ...] = ("depth", "clear", "retract")  # meaning of numbers without a word in CYCLE/
     tool_axis: str = "-z"  # one of TOOL_AXES
-    decimals: int | None = None  # places of G-code numbers without a point; 0: they stand as they are; None: not said
+    decimals: int | None = None  # places of G-code numbers without a point; 0: as written; None: not given
     max_extent: float = MAX_EXTENT  # m, along one axis
-    accept_unknown: tuple[str, ...] = ()  # words that the user says move nothing, as :func:`normalise_word` spells them
-    kind: str | None = None  # "path" or "holes": rows of a point table that does not say it
+    accept_unknown: tuple[
+        str, ...
+    ] = ()  # words that move nothing by the user's option, as :func:`normalise_word` spells them
+    kind: str | None = None  # "path" or "holes": rows of a point table without a row kind
     cell_offsets: tuple[str, ...] = ()  # names of the cell's work offsets: points in them are placed once they are read
 
     def __post_init__(self) -> None:
@@ -104,7 +114,7 @@ class ReadOptions:
 
 
 class OptionNeededError(InputError):
-    """A file cannot be read before an option says what the file does not."""
+    """Error of a file that needs an option for a value it lacks."""
 
     def __init__(self, message: str, *, file: Path, where: str | None, option: str) -> None:
         super().__init__(message, file=file, where=where)
@@ -125,7 +135,14 @@ class SourceFile:
         return self.path.name
 
     def find_line(self, pattern: re.Pattern[str]) -> int | None:
-        """The first line (1-based) a MULTILINE pattern is found in, looking at many lines at once."""
+        """Find the first line that matches a MULTILINE pattern, many lines at a time.
+
+        Args:
+            pattern: The compiled pattern.
+
+        Returns:
+            Line number (1-based), None where none matches.
+        """
         for first in range(0, len(self.lines), _CHUNK):
             text = "\n".join(self.lines[first : first + _CHUNK])
             found = pattern.search(text)
@@ -134,20 +151,44 @@ class SourceFile:
         return None
 
     def build_error(self, message: str, line: int | None = None, column: int | str | None = None) -> FileFormatError:
-        """An FileFormatError that names this file and, where known, line and column."""
+        """Build an error that names this file and, where known, line and column.
+
+        Args:
+            message: Description of the error.
+            line: Line number (1-based), None where no line is meant.
+            column: Number or name of the column, None where no column is meant.
+
+        Returns:
+            The error, not raised.
+        """
         where = None if line is None else f"line {line}" + ("" if column is None else f", column {column}")
         return FileFormatError(message, file=self.path, where=where)
 
     def build_option_question(self, option: str, message: str, line: int | None = None) -> OptionNeededError:
-        """An InputError that an option answers; ``option`` is its name without dashes."""
+        """Build an error that the user can answer by an option.
+
+        Args:
+            option: Name of the option without dashes.
+            message: Description of the error.
+            line: Line number (1-based), None where no line is meant.
+
+        Returns:
+            The error, not raised.
+        """
         return OptionNeededError(message, file=self.path, where=None if line is None else f"line {line}", option=option)
 
 
 def read_bytes(path: Path) -> bytes:
-    """The file's bytes.
+    """Read the content of a file.
+
+    Args:
+        path: Path of the file.
+
+    Returns:
+        The bytes.
 
     Raises:
-        InputError: it is absent, no regular file, not readable, too large or empty.
+        FileFormatError: it is absent, no regular file, not readable, too large or empty.
     """
     data = read_file(path, expected="a toolpath file", most=TOOLPATH)
     if not data.strip():
@@ -156,10 +197,17 @@ def read_bytes(path: Path) -> bytes:
 
 
 def decode_source(path: Path, data: bytes) -> SourceFile:
-    """Text lines of a file: UTF-8 (BOM accepted), else Latin-1; LF, CRLF or CR line ends.
+    """Decode the text lines of a file: UTF-8 (BOM accepted), else Latin-1; LF, CRLF or CR line ends.
+
+    Args:
+        path: Path of the file.
+        data: Content of the file.
+
+    Returns:
+        The lines with the path.
 
     Raises:
-        InputError: the content is binary.
+        FileFormatError: the content is binary.
     """
     for bom, codec in ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig")):
         if data.startswith(bom):

@@ -1,4 +1,4 @@
-"""YAML 1.2 read strictly: core-schema scalars, no duplicate keys, no NaN, every error with line and key.
+"""Strict YAML 1.2 reader: core-schema scalars, no duplicate keys, no NaN, every error with line and key.
 
 ruamel.yaml parses the text into nodes; the scalars are resolved here by the YAML 1.2 core schema (section
 10.3.2 of the specification): ``1e-3`` is a number, ``no`` a word, ``010`` ten, whatever the file's header says.
@@ -36,7 +36,7 @@ _CONSTANTS = {
 _MAX_NODES = 500_000  # an alias bomb expands beyond any real cell or stiffness grid
 _MAX_INT = 2**63
 _SHOWN_PROBLEMS = 4
-_DEEPEST = 2  # levels of keys that are searched for one that stands in the wrong place
+_DEEPEST = 2  # levels of keys that are searched for a misplaced one
 
 
 class StrictSchema(BaseModel):
@@ -48,19 +48,34 @@ class StrictSchema(BaseModel):
 
 @dataclass(frozen=True)
 class YamlDocument:
-    """A parsed YAML file: plain dicts, lists and scalars, and the line each of them stands on."""
+    """A parsed YAML file: plain dicts, lists and scalars, and the line of each of them."""
 
     value: object
     lines: dict[KeyPath, int]
     file: Path | str
 
     def locate_key(self, loc: KeyPath) -> str:
-        """``line 12: robot.limits.velocity_deg_s[2]``; the line of the nearest enclosing key that exists."""
+        """Format the location of a key: ``line 12: robot.limits.velocity_deg_s[2]``.
+
+        Args:
+            loc: Key path of the value in the document.
+
+        Returns:
+            The location; the line is that of the nearest enclosing key that exists.
+        """
         line = next((f"line {self.lines[loc[:n]]}" for n in range(len(loc), 0, -1) if loc[:n] in self.lines), None)
         return ": ".join(p for p in (line, format_key_path(loc)) if p)
 
     def build_error(self, loc: KeyPath, message: str) -> ConfigurationKeyError:
-        """An :class:`ConfigurationKeyError` that stands at ``loc``."""
+        """Build a :class:`ConfigurationKeyError` located at a key.
+
+        Args:
+            loc: Key path of the value in the document.
+            message: Description of the error.
+
+        Returns:
+            The error, not raised.
+        """
         return ConfigurationKeyError(
             message, file=self.file, where=self.locate_key(loc) or None, key=format_key_path(loc)
         )
@@ -69,6 +84,12 @@ class YamlDocument:
 def read_yaml(path: Path) -> YamlDocument:
     """Parse one YAML 1.2 file.
 
+    Args:
+        path: Path of the file.
+
+    Returns:
+        The document.
+
     Raises:
         InputError: missing or unreadable file, not UTF-8, not YAML, a duplicate key, a non-finite number.
     """
@@ -76,7 +97,18 @@ def read_yaml(path: Path) -> YamlDocument:
 
 
 def parse_yaml(text: str, file: Path | str) -> YamlDocument:
-    """Parse YAML 1.2 text; ``file`` names its source in messages."""
+    """Parse YAML 1.2 text.
+
+    Args:
+        text: Text of the file.
+        file: Name of the file, for messages.
+
+    Returns:
+        The document.
+
+    Raises:
+        FileFormatError: not YAML, a duplicate key, a non-finite number.
+    """
     from ruamel import yaml as ruamel
     from ruamel.yaml.error import YAMLError
 
@@ -122,7 +154,15 @@ def validate_document(model: type[M], document: YamlDocument, prefix: KeyPath = 
 
 
 def list_schema_errors(model: type[BaseModel], document: YamlDocument) -> list[tuple[KeyPath, str]]:
-    """Key path and message of everything in a document that its schema refuses; none: it is accepted."""
+    """List everything in a document that its schema refuses.
+
+    Args:
+        model: Schema as a pydantic model.
+        document: Parsed YAML file, with the line of each key for errors.
+
+    Returns:
+        Key path and message of each error; empty where the document is accepted.
+    """
     try:
         model.model_validate(document.value)
     except ValidationError as err:
@@ -131,13 +171,20 @@ def list_schema_errors(model: type[BaseModel], document: YamlDocument) -> list[t
 
 
 def _list_error_messages(model: type[BaseModel], err: ValidationError) -> list[tuple[KeyPath, str]]:
-    # an unknown key first: the missing key beside it is often the same one, misspelt
+    # an unknown key first: the missing key is often the same one, misspelt
     found = sorted(err.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     return [_describe_error(model, e) for e in found]
 
 
 def format_key_path(loc: KeyPath) -> str:
-    """``robot.limits.velocity_deg_s[2]`` from a key path."""
+    """Format a key path: ``robot.limits.velocity_deg_s[2]``.
+
+    Args:
+        loc: Key path of the value in the document.
+
+    Returns:
+        The text.
+    """
     out = ""
     for part in loc:
         out += f"[{part}]" if isinstance(part, int) else f".{part}" if out else part
@@ -145,7 +192,14 @@ def format_key_path(loc: KeyPath) -> str:
 
 
 def format_found_value(value: object) -> str:
-    """A found value as the user wrote it, kept short."""
+    """Format a found value as the user wrote it, shortened.
+
+    Args:
+        value: The value.
+
+    Returns:
+        The text.
+    """
     if value is None:
         return "nothing (null)"
     if isinstance(value, bool):

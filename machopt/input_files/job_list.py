@@ -1,10 +1,9 @@
-"""Lists of jobs, YAML, CSV or Parquet → :class:`ListedJob`: cell × toolpath × options, checked before anything starts.
+"""Job lists in YAML, CSV or Parquet → :class:`ListedJob`: cell × toolpath × options, checked before the first job.
 
-YAML: ``cells``, ``toolpaths`` and ``options`` (named variants) are combined, each with each; ``jobs`` stand for
-themselves. CSV, Parquet: one row a job; the columns are the keys of a job, of its reading, and planning options by
-their name (``method``, ``force_N.normal``). Paths are relative to the list's folder; toolpaths may be patterns
-(``*.nc``).
-``post: krl`` or ``posts: [rapid, mine.toml]`` name the robot programs of a job, or of all that name none themselves.
+YAML: ``cells``, ``toolpaths`` and ``options`` (named variants) are combined, each with each; ``jobs`` are single jobs.
+CSV, Parquet: one job per row. The columns are the keys of a job, of its reading options, and planning options by name
+(``method``, ``force_N.normal``). Paths are relative to the folder of the list; toolpaths may be patterns (``*.nc``).
+``post: krl`` or ``posts: [rapid, mine.toml]`` name the robot programs of a job, or of all jobs that name none.
 """
 
 from __future__ import annotations
@@ -96,7 +95,7 @@ class JobListKeys(CommonJobKeys):
 class ListedJob:
     """One job as the list names it."""
 
-    cell: Path | None  # None: the cell given beside the list
+    cell: Path | None  # None: the cell given with the list
     toolpath: Path
     name: str  # of the job or of the variant of options; empty where it has none
     options: dict[str, object]  # planning options under the user's keys
@@ -126,14 +125,18 @@ def read_joblist(path: Path) -> tuple[ListedJob, ...]:
 
 
 def is_job_table(path: Path) -> bool:
-    """True if a table has a column ``toolpath``: a list of jobs and no table of points."""
+    """Return whether a table has a column ``toolpath``: it is then a list of jobs and no table of points.
+
+    Args:
+        path: Path of the file.
+    """
     if not isfile(path):  # a pipe would wait
         return False
     if path.suffix.lower() == ".parquet":
         try:
             return "toolpath" in _read_parquet_table(path).column_names
         except InputError:
-            return False  # whoever reads it as points says why
+            return False  # the point reader gives the reason
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as lines:
             header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
@@ -143,7 +146,14 @@ def is_job_table(path: Path) -> bool:
 
 
 def convert_reading_to_si(keys: ReadingOptionKeys | None) -> dict[str, object]:
-    """What is given, as keywords of :func:`machopt.toolpath.toolpath_reader.read_toolpath`; the feed in m/s."""
+    """Convert reading options to keywords of :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
+
+    Args:
+        keys: Validated reading options, None for none.
+
+    Returns:
+        The given keywords; the feed in m/s.
+    """
     given = {} if keys is None else keys.model_dump(exclude_none=True)
     if "feed_mm_min" in given:
         given["default_feed"] = given.pop("feed_mm_min") / 60e3
@@ -348,7 +358,7 @@ def _resolve_cell(document: YamlDocument, loc: KeyPath, name: str) -> Path:
 
 
 def _resolve_posts(document: YamlDocument, loc: KeyPath, keys: CommonJobKeys) -> tuple[str | Path, ...]:
-    """The posts that stand in one place; files are looked for beside the list."""
+    """Resolve the posts of one key; files are searched next to the list."""
     if keys.post is not None and keys.posts is not None:
         raise document.build_error((*loc, "posts"), "post and posts stand together; keep one")
     out: list[str | Path] = []
@@ -377,7 +387,15 @@ def _find_toolpaths(document: YamlDocument, loc: KeyPath, name: str) -> list[Pat
 
 
 def find_matching_files(folder: Path, pattern: str) -> list[Path]:
-    """The files a pattern finds below ``folder`` (``**`` for any depth), in the order of their names."""
+    """Find the files below a folder that match a pattern.
+
+    Args:
+        folder: The folder.
+        pattern: Glob pattern, ``**`` for any depth.
+
+    Returns:
+        Paths, sorted by name.
+    """
     from glob import glob
 
     found = (folder / name for name in glob(str(Path(pattern).expanduser()), root_dir=folder, recursive=True))

@@ -1,6 +1,6 @@
-"""The JSON schemas of the YAML files that machopt reads, made from the models; they lie beside this file, for editors.
+"""JSON schemas of the YAML files that machopt reads, generated from the models, for editors.
 
-A file that begins with ``# yaml-language-server: $schema=PATH`` is checked and completed by them while it is written.
+An editor checks and completes a file that begins with ``# yaml-language-server: $schema=PATH``.
 """
 
 from __future__ import annotations
@@ -29,19 +29,34 @@ FILES: dict[str, type[BaseModel]] = {
 
 
 def format_schema_name(file: str) -> str:
-    """``cell.schema.json`` of ``cell.yaml``."""
+    """Return the name of a schema file: ``cell.schema.json`` of ``cell.yaml``.
+
+    Args:
+        file: Name of the YAML file, such as ``cell.yaml``.
+    """
     return f"{Path(file).stem}.schema.json"
 
 
 def render_schema(file: str) -> str:
-    """The schema of one file, as its own file has it."""
+    """Render the schema of one YAML file.
+
+    Args:
+        file: Name of the YAML file, such as ``cell.yaml``.
+
+    Returns:
+        Text of the schema file.
+    """
     schema = FILES[file].model_json_schema(mode="validation")
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": file}
     return json.dumps({**head, **schema, "title": file}, indent=1, ensure_ascii=False) + "\n"
 
 
 def write_schemas(folder: Path = FOLDER) -> None:
-    """Write all of them."""
+    """Write all schema files.
+
+    Args:
+        folder: Target folder.
+    """
     folder.mkdir(exist_ok=True)
     for file in FILES:
         (folder / format_schema_name(file)).write_text(render_schema(file), encoding="utf-8", newline="\n")

@@ -1,4 +1,4 @@
-"""Planning options as the user writes them: every key with its unit, default, bounds and meaning."""
+"""Schema of the planning options: every key with its unit, default, bounds and meaning."""
 
 from __future__ import annotations
 

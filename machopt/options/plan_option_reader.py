@@ -1,6 +1,6 @@
-"""Planning options from the layers they come in, to SI and back.
+"""Planning options from several layers, converted to SI and back.
 
-Layers, the later one wins: the cell's ``plan:``, the ``--plan`` file, ``--set key=value``, direct arguments.
+Layers, later ones take precedence: the cell's ``plan:``, the ``--plan`` file, ``--set key=value``, direct arguments.
 Mappings (``force_N``, ``weights``) merge key by key; lists are replaced.
 """
 
@@ -29,7 +29,7 @@ _MM, _MM_PER_MIN, _MS = 1e-3, 1e-3 / 60.0, 1e-3
 
 @dataclass(frozen=True)
 class PlanOptionField:
-    """How one planning option goes to SI and back; the keys tell unit, bounds and meaning, PlanOptions its default."""
+    """Conversion of one planning option to SI and back; the key has unit, bounds, meaning; PlanOptions the default."""
 
     key: str  # the user's
     name: str  # of the field of PlanOptions
@@ -133,12 +133,19 @@ def load_options(
     merged: dict[str, object] = {}
     for layer in layers:
         merged = _merge_layers(merged, layer)
-    # which layer a clash between two keys comes from cannot be told, so the message names only the keys
+    # the layer of a clash between two keys is unknown, so the message names only the keys
     return _to_si(validate_document(OptionKeys, YamlDocument(merged, {}, "options")))
 
 
 def find_options_without_effect(options: PlanOptions) -> tuple[str, ...]:
-    """Options that were changed and that something else among the options keeps from having an effect."""
+    """Find changed options that another option makes ineffective.
+
+    Args:
+        options: The planning options, SI units.
+
+    Returns:
+        One sentence per option.
+    """
     plain = PlanOptions()
     out = []
 
@@ -174,7 +181,14 @@ def _find_unused_external_keys(axis: ExternalJointOptions) -> Iterator[str]:
 
 
 def format_user_options(options: PlanOptions) -> dict[str, object]:
-    """The options under the user's keys and units, as result.json shows them and ``--plan`` takes them."""
+    """Format the options under the user's keys and units, as in result.json and for ``--plan``.
+
+    Args:
+        options: The planning options, SI units.
+
+    Returns:
+        Key → value.
+    """
     user: dict[str, object] = {}
     for option in OPTIONS:
         value = getattr(options, option.name)

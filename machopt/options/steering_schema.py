@@ -1,4 +1,4 @@
-"""A wish about some places of a plan as the user writes it: one entry of ``steer``."""
+"""Steering rules of a plan as the user writes them: one entry of ``steer``."""
 
 from __future__ import annotations
 
@@ -83,7 +83,14 @@ class SteerKeys(StrictSchema):
 
 
 def format_steering(wish: SteeringRule) -> dict[str, object]:
-    """A wish under the user's keys and units."""
+    """Format a steering rule under the user's keys and units.
+
+    Args:
+        wish: The rule, SI units.
+
+    Returns:
+        Key → value.
+    """
     out: dict[str, object] = {}
     if wish.operation:
         out["operation"] = wish.operation
@@ -109,7 +116,14 @@ def format_steering(wish: SteeringRule) -> dict[str, object]:
 
 
 def parse_steering(keys: SteerKeys) -> SteeringRule:
-    """The same in SI."""
+    """Convert a steering rule to SI.
+
+    Args:
+        keys: Validated keys of one entry of ``steer``.
+
+    Returns:
+        The rule.
+    """
     si: dict[str, object] = {} if keys.weight is None else {"weight": keys.weight}
     if keys.point is not None:
         si["points"] = (keys.point, keys.point)
@@ -141,5 +155,12 @@ def _convert_to_mm(m: float) -> float:
 
 
 def round_to_user_digits(value: float) -> float:
-    """Twelve significant digits: what the conversion to SI and back leaves of the user's number."""
+    """Round to twelve significant digits, which survive the conversion to SI and back.
+
+    Args:
+        value: The converted number.
+
+    Returns:
+        The rounded number.
+    """
     return float(f"{value:.12g}")

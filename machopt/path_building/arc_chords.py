@@ -1,4 +1,4 @@
-"""Arcs, helices and cubic B-splines as chords that stay within a tolerance. Any one length unit."""
+"""Chords of arcs, helices and cubic B-splines within a tolerance. Any consistent length unit."""
 
 from __future__ import annotations
 
@@ -94,7 +94,19 @@ def _compute_dot(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def count_chords(radius: float, sweep: float, tolerance: float) -> int:
-    """Fewest equal chords whose sagitta r(1 − cos(Δθ/2)) stays below the tolerance."""
+    """Compute the smallest number of equal chords whose sagitta r(1 − cos(Δθ/2)) is below the tolerance.
+
+    Args:
+        radius: Radius of the arc.
+        sweep: Angle of the arc, rad.
+        tolerance: Largest sagitta, unit of the radius.
+
+    Returns:
+        Number of chords.
+
+    Raises:
+        ArcError: the arc needs more than MAX_CHORDS chords.
+    """
     # arccos(1 − x) = 2 arcsin √(x/2), exact for small x too
     widest = 4.0 * math.asin(math.sqrt(min(tolerance / (2.0 * radius), 1.0)))
     widest = min(widest, math.pi / 4.0)  # a tiny circle still needs the shape of one
@@ -105,7 +117,16 @@ def count_chords(radius: float, sweep: float, tolerance: float) -> int:
 
 
 def compute_centre_from_radius(start: Array, end: Array, radius: float, normal: Array) -> Array:
-    """Centre of the arc from start to end, right-handed about ``normal``; negative radius: the longer arc.
+    """Compute the centre of the arc from start to end, right-handed about the normal.
+
+    Args:
+        start: Start point (3,).
+        end: End point (3,).
+        radius: Radius; negative for the longer arc.
+        normal: Normal of the plane (3,), unit vector.
+
+    Returns:
+        Centre (3,).
 
     Raises:
         ArcError: the end is farther away than the diameter, or start and end coincide.

@@ -1,4 +1,4 @@
-"""Coordinate systems that change inside one file, brought into the first one."""
+"""Coordinate systems that change inside one file, and their transforms into the first one."""
 
 from __future__ import annotations
 
@@ -36,6 +36,11 @@ class CoordinateSystem:
             raise FrameError("the axes are left-handed")
 
     def same_as(self, other: CoordinateSystem) -> bool:
+        """Return whether two coordinate systems agree within the tolerance SAME.
+
+        Args:
+            other: The other coordinate system.
+        """
         return bool(np.allclose(self.R, other.R, atol=SAME) and np.allclose(self.t, other.t, atol=SAME))
 
     def __str__(self) -> str:
@@ -52,25 +57,68 @@ class SystemTransform:
 
     @classmethod
     def between(cls, first: CoordinateSystem, later: CoordinateSystem) -> SystemTransform:
-        """p₁ = R₁ᵀ(R p + t − t₁)."""
+        """Compute the transform from a later system into the first: p₁ = R₁ᵀ(R p + t − t₁).
+
+        Args:
+            first: Target coordinate system.
+            later: Source coordinate system.
+
+        Returns:
+            The transform.
+        """
         return cls(first.R.T @ later.R, first.R.T @ (later.t - first.t))
 
     @classmethod
     def shift(cls, x: float, y: float, z: float) -> SystemTransform:
+        """Build a translation.
+
+        Args:
+            x: Shift along X, mm.
+            y: Shift along Y, mm.
+            z: Shift along Z, mm.
+
+        Returns:
+            The transform.
+        """
         return cls(np.eye(3), np.array([x, y, z]))
 
     @classmethod
     def rotation(cls, axis: str, angle_deg: float) -> SystemTransform:
-        """Right-handed about X, Y or Z."""
+        """Build a right-handed rotation about X, Y or Z.
+
+        Args:
+            axis: Letter of the axis.
+            angle_deg: Angle, degrees.
+
+        Returns:
+            The transform.
+        """
         return cls(compute_axis_turn(axis, angle_deg), np.zeros(3))
 
     def then(self, outer: SystemTransform) -> SystemTransform:
-        """``outer`` applied after this one."""
+        """Compose with a transform that is applied after this one.
+
+        Args:
+            outer: The transform applied second.
+
+        Returns:
+            The composition.
+        """
         return SystemTransform(outer.R @ self.R, outer.R @ self.t + outer.t)
 
     @classmethod
     def factors(cls, x: float, y: float, z: float, about: Vector = (0.0, 0.0, 0.0)) -> SystemTransform:
-        """Scales (or, below zero, mirrors) along X, Y and Z about a point: p₁ = c + S (p − c)."""
+        """Build a scale, or for negative factors a mirror, about a point: p₁ = c + S (p − c).
+
+        Args:
+            x: Factor along X.
+            y: Factor along Y.
+            z: Factor along Z.
+            about: Fixed point c, mm.
+
+        Returns:
+            The transform.
+        """
         S, c = np.diag([x, y, z]), np.array(about)
         return cls(S, c - S @ c)
 
@@ -98,20 +146,52 @@ class SystemTransform:
         return self.direction((0.0, 0.0, 1.0))
 
     def point(self, p: Vector) -> Vector:
+        """Transform one point.
+
+        Args:
+            p: Point, mm.
+
+        Returns:
+            Transformed point, mm.
+        """
         x, y, z = (self.R @ np.array(p) + self.t).tolist()
         return x, y, z
 
     def points(self, p: Array) -> Array:
+        """Transform points.
+
+        Args:
+            p: Points (N, 3), mm.
+
+        Returns:
+            Transformed points (N, 3), mm.
+        """
         return np.asarray(p @ self.R.T + self.t)
 
     def direction(self, d: Vector) -> Vector:
+        """Transform a direction; its length stays the same.
+
+        Args:
+            d: Direction.
+
+        Returns:
+            Transformed direction.
+        """
         turned = self.R @ np.array(d)
         x, y, z = turned.tolist() if self.rigid else (turned * np.linalg.norm(d) / np.linalg.norm(turned)).tolist()
         return x, y, z
 
 
 def compute_axis_turn(axis: str, angle_deg: float) -> Array:
-    """(3, 3) right-handed rotation about X, Y or Z; whole quarter turns are exact."""
+    """Compute the right-handed rotation about X, Y or Z; multiples of 90° are exact.
+
+    Args:
+        axis: Letter of the axis.
+        angle_deg: Angle, degrees.
+
+    Returns:
+        Rotation (3, 3).
+    """
     angle = math.radians(angle_deg)
     c, s = math.cos(angle), math.sin(angle)
     if angle_deg % 90.0 == 0.0:
@@ -124,7 +204,14 @@ def compute_axis_turn(axis: str, angle_deg: float) -> Array:
 
 
 def compute_rotation_about(axis: Vector, angle_deg: float) -> Array:
-    """(3, 3) right-handed rotation about any axis.
+    """Compute the right-handed rotation about any axis.
+
+    Args:
+        axis: Direction of the axis, any length.
+        angle_deg: Angle, degrees.
+
+    Returns:
+        Rotation (3, 3).
 
     Raises:
         FrameError: the axis is zero.

@@ -1,4 +1,4 @@
-"""Roundings and chamfers between two contour elements of one plane. Any one length unit; points are complex numbers."""
+"""Roundings and chamfers between two contour elements of one plane. Any length unit; points are complex numbers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,17 @@ class ContourElement:
         return abs(self.start - self.centre)
 
     def direction(self, at: complex) -> complex:
-        """Unit tangent at a point of it, the way it is travelled."""
+        """Compute the unit tangent at a point of the element, in the direction of travel.
+
+        Args:
+            at: Point of the element.
+
+        Returns:
+            Unit complex number.
+
+        Raises:
+            ArcError: the element has no length.
+        """
         turned = 1j if self.left else -1j
         d = self.end - self.start if self.centre is None else (at - self.centre) * turned
         if not abs(d) > 1e-12:
@@ -35,7 +45,14 @@ class ContourElement:
         return d / abs(d)
 
     def share(self, at: complex) -> float:
-        """Where a point of it lies, 0 at the start and 1 at the end."""
+        """Compute the relative position of a point of the element.
+
+        Args:
+            at: Point of the element.
+
+        Returns:
+            0 at the start, 1 at the end.
+        """
         if self.centre is None:
             d = self.end - self.start
             return ((at - self.start) * d.conjugate()).real / abs(d) ** 2
@@ -45,7 +62,17 @@ class ContourElement:
         return so_far / whole
 
     def nearest(self, to: complex) -> complex:
-        """Foot of the perpendicular from a point onto the line or circle it is part of."""
+        """Project a point perpendicularly onto the line or circle of the element.
+
+        Args:
+            to: The point.
+
+        Returns:
+            Foot of the perpendicular.
+
+        Raises:
+            ArcError: the point is the centre of the circle.
+        """
         if self.centre is None:
             d = self.direction(self.start)
             return self.start + ((to - self.start) * d.conjugate()).real * d
@@ -66,10 +93,18 @@ class CornerRounding:
 
 
 def compute_rounding(before: ContourElement, after: ContourElement, radius: float) -> CornerRounding | None:
-    """The arc of a radius that touches both elements; None where they go on without a corner.
+    """Compute the arc of a radius that touches both elements.
 
-    Its centre lies ``radius`` away from both, on the side they turn to; of the crossings of the two offset curves
-    the one nearest to the corner counts whose tangent points lie on the elements.
+    Its centre is ``radius`` away from both, on the side to which they turn. Of the intersections of the two offset
+    curves, the one nearest to the corner whose tangent points lie on the elements is taken.
+
+    Args:
+        before: Element before the corner.
+        after: Element behind the corner.
+        radius: Radius of the rounding.
+
+    Returns:
+        The rounding, None where the elements meet without a corner.
 
     Raises:
         ArcError: the elements turn back, or are too short for that radius.
@@ -91,12 +126,21 @@ def compute_rounding(before: ContourElement, after: ContourElement, radius: floa
 def compute_chamfer(
     before: ContourElement, after: ContourElement, *, setback: float | None, length: float | None
 ) -> CornerRounding | None:
-    """A straight cut across a corner of two lines, by its distance from the corner or its own length.
+    """Compute a straight chamfer at a corner of two lines, by its setback or its own length.
 
     length = 2 setback sin(θ/2), θ the angle between the lines inside the corner.
 
+    Args:
+        before: Element before the corner.
+        after: Element behind the corner.
+        setback: Distance of its ends from the corner, None where the length is given.
+        length: Length of the chamfer, None where the setback is given.
+
+    Returns:
+        The chamfer, None where the lines meet without a corner.
+
     Raises:
-        ArcError: an arc beside it, lines that turn back or are too short.
+        ArcError: an element is an arc, or the lines turn back or are too short.
     """
     if before.centre is not None or after.centre is not None:
         raise ArcError("a chamfer beside an arc is not supported; export its points")

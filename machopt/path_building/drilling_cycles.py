@@ -1,4 +1,4 @@
-"""Drilling cycles as single strokes along the tool axis; APT and G-code share it."""
+"""Drilling cycles as single strokes along the tool axis, shared by APT and G-code."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class DrillingCycle:
     first_peck: float = 0.0  # mm; 0: one stroke
     next_peck: float = 0.0  # mm; 0: as the first
     chip_break: bool = False  # back off a little instead of all the way
-    gap: float = 1.0  # mm kept from the last depth when coming back into the hole
+    gap: float = 1.0  # mm, distance from the last depth when re-entering the hole
     feed_out: bool = False  # bore, ream, tap: out at the feed
     dwell: float = 0.0  # s at the bottom; NaN: some, of a unit that is not known
     peck_from: float = 0.0  # height the first peck is measured from
@@ -44,7 +44,7 @@ class DrillingCycle:
         """Heights to go to, one after the other, beginning above the clearance height.
 
         Raises:
-            CycleError: an absurd dwell, the bottom is above the clearance height, or more than MAX_PECKS pecks.
+            DrillingCycleError: an absurd dwell, the bottom is above the clearance height, or more than MAX_PECKS pecks.
         """
         if self.dwell > MAX_DWELL_S:
             raise DrillingCycleError(
@@ -76,7 +76,7 @@ class DrillingCycle:
         cycles: CYCLE83, DAM).
 
         Raises:
-            CycleError: more than MAX_PECKS.
+            DrillingCycleError: more than MAX_PECKS.
         """
         if not self.first_peck > 0.0:
             return
@@ -98,10 +98,23 @@ class DrillingCycle:
 def append_hole_moves(
     builder: PathBuilder, cycle: DrillingCycle, hole: Vector, axis: Vector, line: int, before: Vector | None
 ) -> float:
-    """Append all moves of one hole; returns the height over ``hole`` at which the tip is afterwards (mm).
+    """Append all moves of one hole.
 
-    Rapid sideways at the present height (raised to the clearance height first where it is lower), rapid down,
-    then the strokes. ``before`` is the tip before the hole, None where it is not known.
+    Rapid sideways at the present height (first raised to the clearance height if lower), rapid down, then the strokes.
+
+    Args:
+        builder: Path builder that takes the moves.
+        cycle: Strokes and heights of the cycle, mm.
+        hole: Reference point of the hole, mm.
+        axis: Tool axis, unit vector.
+        line: Line number in the file (1-based).
+        before: Tool tip before the hole in mm, None where not known.
+
+    Returns:
+        Height of the tip over ``hole`` afterwards, mm.
+
+    Raises:
+        DrillingCycleError: the cycles have more than MAX_POINTS points.
     """
     if len(builder) > MAX_POINTS:
         raise DrillingCycleError(f"more than {MAX_POINTS} points of drilling cycles")

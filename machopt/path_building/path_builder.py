@@ -1,4 +1,4 @@
-"""Collects points, operations, events and unknown words while a reader walks through its source."""
+"""Collector of points, operations, events and unknown words while a reader processes its source."""
 
 from __future__ import annotations
 
@@ -63,7 +63,12 @@ class PathBuilder:
         return len(self._codes) // 4
 
     def count_from(self, offset: str, first: int | None = None) -> None:
-        """Points from ``first`` (the next one by default) on count from another work offset of the cell."""
+        """Use another work offset of the cell for the points from an index on.
+
+        Args:
+            offset: Name of the work offset.
+            first: Index of the first point, None for the next one.
+        """
         first = len(self) if first is None else first
         if self._offsets and self._offsets[-1][0] == first:
             self._offsets.pop()
@@ -71,7 +76,16 @@ class PathBuilder:
             self._offsets.append((first, offset))
 
     def add(self, p: Vector, axis: Vector, move: int, feed: float, line: int, *, cycle: bool = False) -> None:
-        """Append one programmed point (mm, mm/min; feed NaN for rapid moves)."""
+        """Append one programmed point.
+
+        Args:
+            p: Position, mm; NaN where not known.
+            axis: Tool axis, unit vector from tip to shank.
+            move: Kind of the move.
+            feed: Feed, mm/min; NaN for rapid moves.
+            line: Line number in the file (1-based).
+            cycle: Whether the point belongs to a drilling cycle.
+        """
         if not self._open:
             self._start_operation()
         if move == MoveKind.CUT and not feed > 0.0:
@@ -80,9 +94,14 @@ class PathBuilder:
         self._codes.extend((move, len(self._operations) - 1, line, cycle))
 
     def add_many(self, numbers: list[float], moves_and_lines: list[tuple[int, int]]) -> None:
-        """Append plain points at once: x y z i j k feed of each one after the other, and (move, line) of each.
+        """Append plain points; cutting moves must have their feed already (:meth:`feed_fallback`).
 
-        Cutting moves must have their feed already (:meth:`feed_fallback`).
+        Args:
+            numbers: x, y, z, i, j, k, feed of all points in sequence (mm, mm/min).
+            moves_and_lines: Kind of move and line number of each point.
+
+        Raises:
+            InputError: the file has too many points.
         """
         if not moves_and_lines:
             return
@@ -169,9 +188,13 @@ class PathBuilder:
         self._arcs.append(ArcSpan(first, len(self) - 1, line))
 
     def replace_points(self, first: int, points: Array) -> None:
-        """Let the points from index ``first`` on be (N, 3) others (mm), with the axis, feed and line of the first.
+        """Replace the points from an index on, with the axis, feed and line of the first replaced point.
 
-        Events after the last point stay there; arcs of the replaced points are one arc where N > 1.
+        Events after the last point stay there. Arcs of the replaced points become one arc where N > 1.
+
+        Args:
+            first: Index of the first replaced point.
+            points: New positions (N, 3), mm.
         """
         old, row, codes = len(self), self._numbers[7 * first : 7 * first + 7], self._codes[4 * first : 4 * first + 4]
         arcs = [a for a in self._arcs if a.first >= first]
@@ -187,10 +210,17 @@ class PathBuilder:
                     self._events[k] = ToolpathEvent(len(self), e.kind, e.text, e.value)
 
     def feed_fallback(self, feed: float, line: int) -> float:
-        """The feed of a cut that has none of its own (mm/min).
+        """Return the default feed of a cut that has no feed of its own.
+
+        Args:
+            feed: Feed, mm/min; NaN for rapid moves.
+            line: Line number in the file (1-based).
+
+        Returns:
+            Feed, mm/min.
 
         Raises:
-            InputError: no default feed was given.
+            InputError: the feed is not positive, or no default feed was given.
         """
         if feed <= 0.0:
             raise self.source.build_error(f"feed {feed:g} on a cutting move; expected a feed above zero", line)
@@ -205,7 +235,14 @@ class PathBuilder:
         return self.options.default_feed * 60e3
 
     def begin_operation(self, label: str, *, tool: str = "", comment: str = "", tool_named: str = "") -> None:
-        """Points from here on belong to a new operation, unless it is the one already open."""
+        """Begin an operation for the points that follow, unless it is already open.
+
+        Args:
+            label: Name of the operation.
+            tool: Name or number of the tool.
+            comment: Comment of the operation.
+            tool_named: Another name of the tool.
+        """
         label = " ".join(label.split()) or "unnamed"
         if self._open and self._operations[-1].label == label and not tool:
             return
@@ -213,22 +250,41 @@ class PathBuilder:
         self._open = False
 
     def change_tool(self, tool: str) -> None:
-        """A new operation for a new tool; one that was named but has no points yet keeps its name."""
+        """Begin an operation for a new tool; a named operation without points keeps its name.
+
+        Args:
+            tool: Name or number of the tool.
+        """
         named = not self._open and self._pending.label != "main"
         also = self._pending.tool if named and self._pending.tool != tool else ""
         self.begin_operation(self._pending.label if named else f"T{tool}", tool=tool, tool_named=also)
 
     def also_tool(self, word: str) -> None:
-        """Another word for the tool of an operation that was named and has no points yet."""
+        """Add another name for the tool of a named operation without points.
+
+        Args:
+            word: The other name.
+        """
         if not self._open and self._pending.tool != word:
             self._pending = replace(self._pending, tool_named=word)
 
     def event(self, kind: str, text: str, value: float = math.nan) -> None:
-        """Something that happens before the move to the next point starts."""
+        """Add an event before the next point.
+
+        Args:
+            kind: Kind of the event.
+            text: Text of the event.
+            value: Number of the event; NaN where it has none.
+        """
         self._events.append(ToolpathEvent(len(self), kind, text.strip()[:MAX_EVENT_TEXT], value))  # type: ignore[arg-type]
 
     def undo_event(self, kind: str, text: str) -> None:
-        """Drop the last event of its kind, if it is this one and stands here: what follows says it all (S8000, M3)."""
+        """Remove the last event if it is this one at this place, because the next one includes it (S8000, M3).
+
+        Args:
+            kind: Kind of the event.
+            text: Text of the event.
+        """
         for k in range(len(self._events) - 1, -1, -1):
             event = self._events[k]
             if event.index != len(self) or (event.kind == kind and event.text != text):
@@ -262,15 +318,30 @@ class PathBuilder:
         self._ignored[word] = replace(entry, count=entry.count + 1)
 
     def warn(self, message: str, line: int | None = None) -> None:
+        """Add a warning.
+
+        Args:
+            message: Text of the warning.
+            line: Line number (1-based), None where no line is meant.
+        """
         self.warnings.append(message if line is None else f"line {line}: {message}")
 
     def warn_once(self, message: str, line: int | None = None) -> None:
-        """A warning of which only the first occurrence is told."""
+        """Add a warning, the first time it occurs.
+
+        Args:
+            message: Text of the warning.
+            line: Line number (1-based), None where no line is meant.
+        """
         if not any(w.endswith(message) for w in self.warnings):
             self.warn(message, line)
 
     def keep_first(self, n: int) -> None:
-        """Leave out the points from index ``n`` on; what happens there happens after the last one that stays."""
+        """Remove the points from index ``n`` on; their events move behind the last point that stays.
+
+        Args:
+            n: Number of points that stay.
+        """
         del self._numbers[7 * n :], self._codes[4 * n :]
         self._arcs[:] = [a for a in self._arcs if a.last < n]
         for k, e in enumerate(self._events):
@@ -286,22 +357,38 @@ class PathBuilder:
         return np.array(self._codes, dtype=np.int32).reshape(-1, 4)[:, 0]
 
     def fill_coordinate(self, k: int, value: float) -> None:
-        """Coordinate ``k`` (mm) of the points so far where it is not known."""
+        """Set one coordinate of the points so far where it is not known.
+
+        Args:
+            k: Index of the coordinate: 0, 1, 2 for X, Y, Z.
+            value: Value, mm.
+        """
         column = self._table()[:, k]
         column[np.isnan(column)] = value
 
     def replace_positions(self, p_mm: Array) -> None:
-        """Overwrite all positions (N, 3) mm; for coordinates that become known only later."""
+        """Overwrite all positions, for coordinates that become known later.
+
+        Args:
+            p_mm: Positions (N, 3), mm.
+        """
         self._table()[:, :3] = p_mm
 
     def _table(self) -> Array:
         return np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 7)
 
     def build(self, *, reference: Array | None = None, tolerance_mm: Array | None = None) -> Toolpath:
-        """The finished toolpath in SI units.
+        """Build the finished toolpath.
+
+        Args:
+            reference: Reference direction of each point (N, 3), None where not given.
+            tolerance_mm: Tolerance of each point (N,) in mm, None where not given.
+
+        Returns:
+            The toolpath, SI units.
 
         Raises:
-            InputError: no cutting move, a number that is not finite or absurd, a zero tool axis.
+            InputError: no cutting move, a number that is not finite or too large, a zero tool axis.
         """
         n = len(self)
         if n == 0:
@@ -387,7 +474,12 @@ class PathBuilder:
 
 
 def check_radius(found: ArcChords, line: int, out: PathBuilder) -> None:
-    """Say where an arc's start and end are not equally far from its centre (mm).
+    """Warn where start and end of an arc have different distances from its centre.
+
+    Args:
+        found: Chords and radii of the arc, mm.
+        line: Line number in the file (1-based).
+        out: Path builder that takes the warning.
 
     Raises:
         ArcError: they differ by more than half a millimetre or a tenth of the radius.

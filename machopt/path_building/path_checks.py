@@ -1,4 +1,4 @@
-"""What a finished list of points is looked over for: numbers, tool axes, arc directions, kinds of operations."""
+"""Checks of a finished list of points: numbers, tool axes, arc directions, kinds of operations."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TANGENT = math.cos(math.radians(3.0))  # a line that runs within 3° into an arc
 
 @dataclass(frozen=True)
 class ArcSpan:
-    """Where the chords of one arc stand among the points."""
+    """Range of the points that are chords of one arc."""
 
     first: int  # index of the first chord's end
     last: int
@@ -34,7 +34,7 @@ class ArcSpan:
 
 @dataclass(frozen=True)
 class ArcDirections:
-    """Arcs whose end tangents run with, or against, the straight moves beside them."""
+    """Arcs whose end tangents run with, or against, the adjacent straight moves."""
 
     agree: int
     against: tuple[int, ...]  # lines
@@ -71,10 +71,17 @@ def check_numbers(source: SourceFile, table: Array, line: NDArray[np.int32]) -> 
 
 
 def check_extent(source: SourceFile, p: Array, line: NDArray[np.int32], limit: float) -> None:
-    """The path is no longer along X, Y or Z than ``limit`` (mm); (N, 3) points in mm.
+    """Check that the path is not longer along X, Y or Z than a limit.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        p: Points (N, 3), mm.
+        line: Line number of each point (N,).
+        limit: Largest extent, mm.
 
     Raises:
-        InputError: it is: a slip of units or of implied decimals, or a very large part, which is for the user to say.
+        InputError: it is longer: a wrong unit, wrong implied decimals, or a very large part, which the user must
+            confirm.
     """
     low, high = p.min(axis=0), p.max(axis=0)
     k = int(np.argmax(high - low))
@@ -159,7 +166,15 @@ def classify_operations(
 
 
 def compare_arc_directions(arcs: Sequence[ArcSpan], p: Array) -> ArcDirections:
-    """Compare each arc's end tangents with the straight moves before and after it; (N, 3) points."""
+    """Compare the end tangents of each arc with the straight moves before and after it.
+
+    Args:
+        arcs: Arcs of the path.
+        p: Points (N, 3), mm.
+
+    Returns:
+        Counts of matching and contradicting arcs.
+    """
     against: list[int] = []
     agree = 0
     for k, arc in enumerate(arcs):

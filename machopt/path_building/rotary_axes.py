@@ -120,7 +120,14 @@ class RotaryMachine:
         )
 
     def tool_axis(self, angles_deg: dict[str, float]) -> Vector:
-        """Unit vector from tip to shank in workpiece coordinates."""
+        """Compute the unit vector from tip to shank in workpiece coordinates.
+
+        Args:
+            angles_deg: Axis letter → angle, degrees.
+
+        Returns:
+            Unit vector.
+        """
         x, y, z = 0.0, 0.0, 1.0
         for letter, about, sign in reversed(self.axes):
             angle = sign * math.radians(angles_deg.get(letter, 0.0))
@@ -134,10 +141,16 @@ class RotaryMachine:
         return x, y, z
 
     def tip(self, angles_deg: dict[str, float]) -> SystemTransform:
-        """Workpiece coordinates of the tip from X, Y, Z programmed without tool-centre-point control (mm).
+        """Compute the transform from X, Y, Z without tool-centre-point control to the tip in the workpiece (mm).
+
+        Args:
+            angles_deg: Axis letter → angle, degrees.
+
+        Returns:
+            The transform.
 
         Raises:
-            InputError: the place of the axes was not given.
+            OptionError: the position of the axes was not given.
         """
         if not self.has_known_tip:
             raise OptionError(
@@ -165,10 +178,16 @@ class RotaryMachine:
 
 
 def parse_machine(text: str) -> RotaryMachine:
-    """The machine an option names, e.g. ``table-ac``, ``table-ab@0,0,-50`` or ``mixed-bc@250/0,0,0``.
+    """Parse a machine option, e.g. ``table-ac``, ``table-ab@0,0,-50`` or ``mixed-bc@250/0,0,0``.
+
+    Args:
+        text: Text of the option.
+
+    Returns:
+        The machine.
 
     Raises:
-        InputError: the name is unknown or what follows ``@`` does not fit it.
+        OptionError: the name is unknown, or the text behind ``@`` does not fit it.
     """
     name, at, rest = text.strip().lower().partition("@")
     if not at:

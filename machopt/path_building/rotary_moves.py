@@ -1,8 +1,8 @@
-"""Moves under tool-centre-point control on the path of the rotary axes.
+"""Interpolation of moves under tool-centre-point control along the path of the rotary axes.
 
-A control moves its rotary axes in proportion to the way of the tip, from the angles before a block to those it names,
-also by more than half a turn. Robots turn the tool axis evenly between two points, in the plane of both axes. A block
-is therefore divided so finely that the two agree, for every control: G-code, Sinumerik (TRAORI), Heidenhain (M128).
+A control moves its rotary axes in proportion to the tip travel, from the angles before a block to the programmed ones,
+also by more than half a turn. Robots rotate the tool axis at a constant rate in the plane of the start and end axes.
+A block is therefore divided so finely that both agree, for G-code, Sinumerik (TRAORI) and Heidenhain (M128).
 """
 
 from __future__ import annotations
@@ -39,7 +39,14 @@ class RotaryTurn:
         return sum(abs(self.after.get(c, 0.0) - self.before.get(c, 0.0)) for c in self.machine.letters)
 
     def axis(self, share: float) -> Vector:
-        """Unit vector from tip to shank at a share of the way."""
+        """Compute the unit vector from tip to shank at a share of the move.
+
+        Args:
+            share: Share of the move, 0 to 1.
+
+        Returns:
+            Unit vector.
+        """
         return self.machine.tool_axis(
             {
                 c: self.before.get(c, 0.0) + share * (self.after.get(c, 0.0) - self.before.get(c, 0.0))
@@ -48,7 +55,14 @@ class RotaryTurn:
         )
 
     def axes(self, shares: Array) -> Array:
-        """(N, 3) unit vectors at (N,) shares of the way."""
+        """Compute the unit vectors from tip to shank at shares of the move.
+
+        Args:
+            shares: Shares of the move (N,), 0 to 1.
+
+        Returns:
+            Unit vectors (N, 3).
+        """
         return np.array([self.axis(s) for s in shares.tolist()]).reshape(-1, 3)
 
     def steps(self) -> int:
@@ -82,9 +96,17 @@ class RotaryTurn:
 
 
 def compute_start_angle(before: float, after: float, mode: str) -> float:
-    """The angle a rotary axis comes from (deg), whole turns away from where it is, by the way round it takes.
+    """Compute the start angle of a rotary axis, whole turns from its position, by its direction of travel.
 
     ``DC``: the shortest way; ``ACP``, ``ACN``: in the positive or negative direction; else as programmed.
+
+    Args:
+        before: Angle before the move, degrees.
+        after: Programmed angle, degrees.
+        mode: ``DC``, ``ACP``, ``ACN`` or another text.
+
+    Returns:
+        Start angle, degrees.
     """
     if mode == "DC":
         return after - math.remainder(after - before, 360.0)

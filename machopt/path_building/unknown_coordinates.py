@@ -1,4 +1,4 @@
-"""Coordinates a program does not give yet: at its start, or after moves in the machine's own frame."""
+"""Coordinates that a program does not give: at its start, or after moves in the machine frame."""
 
 from __future__ import annotations
 
@@ -10,11 +10,18 @@ from machopt.path_building.path_builder import PathBuilder
 
 
 def fill_unknown(p: Array, out: PathBuilder) -> Array:
-    """Replace NaN coordinates (N, 3) mm by the next known value of the same coordinate.
+    """Replace NaN coordinates by the next known value of the same coordinate.
 
     For Z between two known values the higher one is taken, because the machine was above both. A coordinate
-    that never comes is zero. Rapids at the end whose coordinate was known once and is not again are left out: where
-    they lie is nowhere said. Each kind is told once.
+    that is never given is zero. Rapids at the end are removed where a coordinate was lost and is not given again.
+    Each kind of replacement is reported once.
+
+    Args:
+        p: Positions (N, 3), mm; NaN where not known.
+        out: Path builder that takes the warnings and removes points.
+
+    Returns:
+        Positions (N, 3), mm.
     """
     p = p.copy()
     p = p[: _count_known_points(p, out)]

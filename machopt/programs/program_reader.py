@@ -1,4 +1,4 @@
-"""Robot programs read back: the readers that prove our own programs, and that take foreign ones as toolpaths.
+"""Robot program readers, which verify our own programs and import foreign ones as toolpaths.
 
 They share no code with the writers in :mod:`machopt.programs.program_writer`.
 """
@@ -80,15 +80,22 @@ _READERS = (  # the first that fits: VAL3 holds movej( and movel( as URScript do
 
 
 def is_program(source: SourceFile) -> bool:
-    """True where the text is a robot program of a kind that is read here."""
+    """Return whether a text is a robot program in a supported language.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+    """
     return _select_language(source) is not None
 
 
 def is_program_file(path: Path) -> bool:
-    """True where a file is a robot program of a kind that is read here.
+    """Return whether a file is a robot program in a supported language.
+
+    Args:
+        path: Path of the file.
 
     Raises:
-        InputError: it cannot be read at all.
+        InputError: the file cannot be read.
     """
     return is_program(_read_source(path))
 

@@ -1,4 +1,4 @@
-"""A parsed robot program as a toolpath to be planned anew: tip, tool axis, feed, operations and events."""
+"""Conversion of a parsed robot program to a toolpath for planning: tip, tool axis, feed, operations and events."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from machopt.programs.reading.parsed_program import LINEAR, ParsedProgram
 from machopt.programs.reading.rotation_conventions import invert_pose
 
 URDF_JOINTS = ("csv", "json", "ros")  # dialects whose angles no joint map touches
-SAME_PLACE = 1e-4  # m; frames farther apart are told
+SAME_PLACE = 1e-4  # m; frames farther apart are reported
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,15 @@ class ProgramRobot:
     T_base_workpiece: Array  # (4, 4)
 
     def poses(self, program: ParsedProgram, rows: NDArray[np.intp]) -> Array:
-        """(M, 4, 4) in base_link, with the program's own tool frame where it gives one."""
+        """Compute the TCP poses of targets, with the tool frame of the program where it gives one.
+
+        Args:
+            program: The parsed program.
+            rows: Indices (M,) of the targets.
+
+        Returns:
+            Poses (M, 4, 4) in base_link, m.
+        """
         c, axes = self.controller, program.axes_deg[rows]
         m = None if program.dialect in URDF_JOINTS else c.joint_map
         q = np.radians(axes) if m is None else compute_urdf_joints(axes, m.sign, m.offset_deg, m.coupling)
@@ -46,7 +54,15 @@ class ProgramRobot:
         return T
 
     def frame(self, T_root_frame: Array, dialect: str) -> Array:
-        """(4, 4) in base_link of a frame given in the controller's robot coordinate system."""
+        """Convert a frame from the controller's robot coordinate system.
+
+        Args:
+            T_root_frame: Frame (4, 4) in the controller's robot coordinate system, m.
+            dialect: Language of the program.
+
+        Returns:
+            Frame (4, 4) in base_link, m.
+        """
         root = self.controller.T_base_root
         return T_root_frame if root is None or dialect in URDF_JOINTS else root @ T_root_frame
 

@@ -1,7 +1,7 @@
-"""Robot programs from a motion: one door for every maker. README.md explains posts to users.
+"""Writer of robot programs for every maker. README.md explains posts to users.
 
-A post is a template file; what a maker needs beyond the common fields (status, turns, confdata) is computed by a
-dialect. Nothing here is shared with the readers in :mod:`machopt.programs.program_reader`, which read programs back.
+A post is a template file. Maker-specific fields (status, turns, confdata) are computed by a dialect. The readers in
+:mod:`machopt.programs.program_reader` share no code with this module.
 """
 
 from __future__ import annotations
@@ -146,10 +146,17 @@ def write_program(
 
 
 def format_program_name(text: str, post: str | Path) -> str:
-    """The nearest name the post's controller takes: ``"2nd op-A"`` becomes ``p2nd_op_A``.
+    """Convert a text to the nearest name that the controller accepts: ``"2nd op-A"`` becomes ``p2nd_op_A``.
 
-    Letters of other scripts are written in ASCII. Names that were written so or cut short end in a mark of the whole,
-    so that two programs of one controller keep two names; words of the language get a ``p`` in front.
+    Letters of other scripts are transliterated to ASCII. A transliterated or shortened name ends in a hash of the whole
+    text, so that two programs of one controller keep different names. Words of the language get the prefix ``p``.
+
+    Args:
+        text: The wanted name.
+        post: Name of a shipped post, or path of a template file.
+
+    Returns:
+        The name.
     """
     keys = load_post(post).keys.name
     latin = text if text.isascii() else anyascii(text)
@@ -162,7 +169,11 @@ def format_program_name(text: str, post: str | Path) -> str:
 
 
 def has_sampled_output(post: str | Path) -> bool:
-    """True where the post takes the control samples with their times instead of the way points."""
+    """Return whether the post writes control samples with their times instead of way points.
+
+    Args:
+        post: Name of a shipped post, or path of a template file.
+    """
     return load_post(post).keys.samples
 
 
@@ -192,9 +203,15 @@ def render_expected_text(
 def estimate_program_feed(
     program: RobotProgram, post: str | Path, controller: RobotController
 ) -> FeedModelResult | None:
-    """The feed that the post's program will hold by the model of :mod:`machopt.programs.writing.feed_model`.
+    """Estimate the feed of the post's program by the model of :mod:`machopt.programs.writing.feed_model`.
 
-    None where the post streams samples, or nothing is known of the axes' accelerations.
+    Args:
+        program: Robot program: targets, poses and moves in SI units.
+        post: Name of a shipped post, or path of a template file.
+        controller: Controller settings of the cell.
+
+    Returns:
+        The result; None where the post writes samples or the axis accelerations are unknown.
     """
     loaded = load_post(post)
     if loaded.keys.samples:
@@ -210,7 +227,16 @@ def estimate_program_feed(
 
 
 def list_assumptions(program: RobotProgram, post: str | Path, controller: RobotController) -> tuple[str, ...]:
-    """What the post takes of the controller because the cell does not say it."""
+    """List what the post assumes about the controller because the cell does not give it.
+
+    Args:
+        program: Robot program: targets, poses and moves in SI units.
+        post: Name of a shipped post, or path of a template file.
+        controller: Controller settings of the cell.
+
+    Returns:
+        One sentence per assumption.
+    """
     loaded = load_post(post)
     job = PostJob.of(program, controller)
     return tuple(_list_assumptions(job, loaded.list_used_fields, MAKER_RULES[loaded.keys.dialect]))
@@ -226,9 +252,15 @@ def _list_assumptions(job: PostJob, used: frozenset[str], dialect: MakerRules) -
 def list_unstarted_events(
     post: PostTemplate | str | Path, program: RobotProgram, controller: RobotController
 ) -> tuple[str, ...]:
-    """What stands in the CAM file as spindle, coolant or tool word and in the program as a comment only.
+    """List spindle, coolant and tool words of the CAM file that the program holds as comments only.
 
-    A sentence for each, with the key of the cell that would make it a line of the program.
+    Args:
+        post: Name of a shipped post, or path of a template file.
+        program: Robot program: targets, poses and moves in SI units.
+        controller: Controller settings of the cell.
+
+    Returns:
+        One sentence each, with the key of the cell that would make it a line of the program.
     """
     loaded = post if isinstance(post, PostTemplate) else load_post(post)
     lines = controller.lines if MAKER_RULES[loaded.keys.dialect].maker else {}

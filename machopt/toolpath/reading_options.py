@@ -1,4 +1,4 @@
-"""How a toolpath was read, under the user's names: what a manifest records and ``verify`` takes again."""
+"""Reading options under the user's names, as a manifest records them and ``verify`` reads them again."""
 
 from __future__ import annotations
 
@@ -13,21 +13,34 @@ _FEED, _PER_MINUTE = "feed_mm_min", 60e3
 
 
 def format_reading_options(reading: Mapping[str, Any]) -> dict[str, object]:
-    """Keywords of ``read_toolpath`` that were given, the feed in mm/min."""
+    """Format the given keywords of ``read_toolpath`` under the user's names.
+
+    Args:
+        reading: Keywords of ``read_toolpath``, SI units.
+
+    Returns:
+        Name of the user → value; the feed in mm/min.
+    """
     out: dict[str, Any] = {
         k: list(v) if isinstance(v, tuple) else v
         for k, v in reading.items()
-        if v is not None and v is not False and v not in ((), [])  # 0 decimals are said, not left out
+        if v is not None and v is not False and v not in ((), [])  # 0 decimals are a given value
     }
     feed = out.pop("default_feed", None)
     return out if feed is None else {**out, _FEED: float(f"{feed * _PER_MINUTE:.12g}")}
 
 
 def parse_reading_options(user: Mapping[str, Any]) -> dict[str, Any]:
-    """The keywords again, in SI.
+    """Parse recorded reading options to keywords of ``read_toolpath``.
+
+    Args:
+        user: Name of the user → value, as recorded.
+
+    Returns:
+        Keywords, SI units.
 
     Raises:
-        InputError: a key is none of ours, or its value is not of the kind that is recorded.
+        InputError: a key is unknown, or its value has the wrong type.
     """
     known = {_FEED if k == "default_feed" else k for k in inspect.signature(read_toolpath).parameters} - {
         "path",

@@ -1,7 +1,7 @@
-"""One door for every toolpath file: tells what it is by its content and hands it to the reader.
+"""Reader of any toolpath file: detects the format from the content and calls the matching reader.
 
-The readers keep every programmed point in source order: a CSV row is a point, a GOTO or a G1 block is a point,
-arcs become chords within the arc tolerance, drilling cycles their strokes.
+The readers keep every programmed point in source order. A CSV row, a GOTO or a G1 block is one point. Arcs become
+chords within the arc tolerance; drilling cycles become their strokes.
 """
 
 from __future__ import annotations
@@ -119,12 +119,21 @@ def read_toolpath(
 
 
 def check_readable(path: Path, options: ReadOptions, robot: ProgramRobot | None) -> None:
-    """Read a file for its faults only."""
+    """Read a file only to find its errors.
+
+    Args:
+        path: Path of the file.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+        robot: Robot that gives the kinematics of a robot program; None where none is known.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
     _read_file(path, options, robot)
 
 
 def _read_file(path: Path, options: ReadOptions, robot: ProgramRobot | None) -> Toolpath:
-    """The file, by the reader that its content asks for."""
+    """Read the file with the reader that matches its content."""
     data = read_bytes(path)
     if data[:4] == b"PAR1":
         return read_parquet(path, data, options)

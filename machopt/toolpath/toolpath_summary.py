@@ -1,4 +1,4 @@
-"""What a toolpath holds, for a table, a page or JSON."""
+"""Summary of a toolpath for tables, pages and JSON."""
 
 from __future__ import annotations
 
@@ -14,15 +14,30 @@ if TYPE_CHECKING:
 
 
 def summarise_toolpath(toolpath: Toolpath) -> InspectedToolpathDocument:
-    """Points, operations, feeds, extent and unknown words of a toolpath (mm, mm/min, degrees)."""
+    """Summarise a toolpath: points, operations, feeds, extent and unknown words.
+
+    Args:
+        toolpath: The toolpath, SI units.
+
+    Returns:
+        The document (mm, mm/min, degrees).
+    """
     from machopt.data_types.documents.inspect_documents import InspectedToolpathDocument
 
     return InspectedToolpathDocument.model_validate(compute_summary_values(toolpath))
 
 
 def compute_summary_values(toolpath: Toolpath) -> dict[str, object]:
-    """The values of :func:`summarise_toolpath` by their keys: pydantic, slow to import, is not needed to print them as
-    text."""
+    """Compute the values of :func:`summarise_toolpath`.
+
+    To print them as text, pydantic is not needed, which is slow to import.
+
+    Args:
+        toolpath: The toolpath, SI units.
+
+    Returns:
+        Key → value (mm, mm/min, degrees).
+    """
     t = toolpath
     p = t.position * 1e3
     step = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)

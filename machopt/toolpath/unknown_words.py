@@ -1,8 +1,7 @@
-"""Words of a toolpath file that no reader understands: they stop a plan, because they may move points or frames.
+"""Unknown words of a toolpath file, which stop a plan because they may move points or frames.
 
-Each dialect has one reviewed list of words that cannot move anything (:mod:`machopt.toolpath.readers.harmless_words`
-and
-:mod:`machopt.programs.reading.harmless_words`). Every other word stops, unless the user accepts it by name.
+Each dialect has one reviewed list of words that cannot move anything (:mod:`machopt.toolpath.readers.harmless_words`,
+:mod:`machopt.programs.reading.harmless_words`). Every other word stops the plan, unless the user accepts it by name.
 """
 
 from __future__ import annotations
@@ -32,10 +31,17 @@ def read_for_plan(path: Path, **reading: Any) -> Toolpath:
 
 
 def refuse_unknown_words(toolpath: Toolpath, path: Path) -> Toolpath:
-    """Return the toolpath, unless its file holds words that may move points or frames.
+    """Return the toolpath, unless its file holds unknown words that may move points or frames.
+
+    Args:
+        toolpath: The toolpath with its unknown words.
+        path: Path of the file.
+
+    Returns:
+        The toolpath, unchanged.
 
     Raises:
-        InputError: names file, line, word and the option that accepts it.
+        FileFormatError: names file, line, word and the option that accepts it.
     """
     found = sorted((w for w in toolpath.ignored if w.stops), key=lambda w: w.first_line)
     if not found:
@@ -55,6 +61,13 @@ def refuse_unknown_words(toolpath: Toolpath, path: Path) -> Toolpath:
 
 
 def format_accept_option(word: str) -> str:
-    """The option that accepts a word, as a shell takes it."""
+    """Format the option that accepts a word, quoted for a shell.
+
+    Args:
+        word: The unknown word.
+
+    Returns:
+        The option.
+    """
     quoted = shlex.quote(word)
     return f"--accept-unknown={quoted}" if word.startswith("-") else f"--accept-unknown {quoted}"

@@ -1,7 +1,7 @@
-"""Reading options without effect on the file at hand: refused, because the user meant something by them.
+"""Reading options without effect on the given file, which are refused or reported.
 
-An option applies to kinds of files (:data:`APPLIES`). Within such a file it can still have nothing to act on: an offset
-that the file does not use, a word that it does not hold.
+An option applies to kinds of files (:data:`APPLIES`). Within such a file it can still have no effect: an offset that
+the file does not use, a word that it does not contain.
 """
 
 from __future__ import annotations
@@ -42,7 +42,14 @@ DEFAULTS = {"tool_axis": "-z", "cycle_order": ("depth", "clear", "retract")}
 
 
 def find_file_kind(toolpath: Toolpath) -> str:
-    """Which kind of file a toolpath was read from, one of :data:`ALL`."""
+    """Find the kind of file a toolpath was read from.
+
+    Args:
+        toolpath: The toolpath.
+
+    Returns:
+        One of :data:`ALL`.
+    """
     head = toolpath.format.partition("/")[0]
     if head == "gcode" and toolpath.meta.get("control") == "sinumerik":
         return SINUMERIK
@@ -52,13 +59,18 @@ def find_file_kind(toolpath: Toolpath) -> str:
 
 
 def check_reading_options(path: Path, toolpath: Toolpath, options: ReadOptions) -> Toolpath:
-    """Refuse options that can have no effect on a kind of file; warn of those without effect on this one.
+    """Refuse options that do not apply to a kind of file; warn of those without effect on this file.
+
+    Args:
+        path: Path of the file.
+        toolpath: The toolpath that was read.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
 
     Returns:
         The toolpath with its warnings.
 
     Raises:
-        InputError: names the option, the kind of file, and what the option applies to.
+        FileFormatError: names the option, the kind of file, and what the option applies to.
     """
     kind = find_file_kind(toolpath)
     for option in list_given_options(options):
@@ -78,7 +90,14 @@ def check_reading_options(path: Path, toolpath: Toolpath, options: ReadOptions) 
 
 
 def list_given_options(options: ReadOptions) -> list[str]:
-    """The options that were given with another value than the default."""
+    """List the options with a value other than the default.
+
+    Args:
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        Names of the options.
+    """
     given = {
         "--unit": options.unit is not None,
         "--feed": options.default_feed is not None,

@@ -1,5 +1,4 @@
-"""The moving joints of a cell, and the per-joint arrays that follow them: arm joints in chain order, then the external
-ones as the cell lists them."""
+"""Moving joints of a cell and their arrays: arm joints in chain order, then external joints in cell order."""
 
 from __future__ import annotations
 
@@ -44,8 +43,20 @@ class JointChain:
 def read_chain(urdf: UrdfModel, keys: CellKeys, document: YamlDocument, *, any_chain: bool = False) -> JointChain:
     """Find the arm and the external joints, and check that nothing else moves flange or workpiece.
 
-    The arm is six revolute joints, and joints between them that follow one of these; with ``any_chain`` one or more
-    that turn or slide.
+    The arm has six revolute joints, and mimic joints between them that follow one of these. With ``any_chain`` it has
+    one or more revolute or prismatic joints.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+        keys: Validated keys of cell.yaml.
+        document: Parsed YAML file, with the line of each key for errors.
+        any_chain: Whether the arm may have other than six revolute joints.
+
+    Returns:
+        The chain.
+
+    Raises:
+        InputError: the joints form no such chain.
     """
     robot = keys.robot
     for key, link in (("base_link", robot.base_link), ("flange_link", robot.flange_link)):
@@ -106,7 +117,20 @@ def read_chain(urdf: UrdfModel, keys: CellKeys, document: YamlDocument, *, any_c
 
 
 def read_limits(chain: JointChain, keys: CellKeys, document: YamlDocument, warnings: list[str]) -> JointLimits:
-    """Limits in SI, in the order of ``chain.moving``; positions: the narrower of URDF and cell."""
+    """Read the joint limits; for positions the narrower of URDF and cell applies.
+
+    Args:
+        chain: Arm joints and external joints of the cell.
+        keys: Validated keys of cell.yaml.
+        document: Parsed YAML file, with the line of each key for errors.
+        warnings: List that takes the warnings.
+
+    Returns:
+        Limits in the order of ``chain.moving``, SI units.
+
+    Raises:
+        InputError: a limit is missing or contradictory.
+    """
     limits = keys.robot.limits
     rates = {}
     told = {
@@ -158,10 +182,18 @@ def read_limits(chain: JointChain, keys: CellKeys, document: YamlDocument, warni
 
 
 def read_velocity_limits(chain: JointChain, keys: CellKeys, document: YamlDocument) -> list[float]:
-    """Velocity limits in the file's units, in the order of ``chain.moving``: the cell's, else the URDF's.
+    """Read the velocity limits: those of the cell, else of the URDF.
+
+    Args:
+        chain: Arm joints and external joints of the cell.
+        keys: Validated keys of cell.yaml.
+        document: Parsed YAML file, with the line of each key for errors.
+
+    Returns:
+        Limits in the order of ``chain.moving``, units of the file.
 
     Raises:
-        InputError: neither says one.
+        InputError: neither gives one.
     """
     given = keys.robot.limits.velocity_deg_s
     if given is not None:
@@ -178,7 +210,15 @@ def read_velocity_limits(chain: JointChain, keys: CellKeys, document: YamlDocume
 
 
 def describe_urdf_limits(chain: JointChain, keys: CellKeys) -> tuple[str, ...]:
-    """Which limits the cell leaves to the URDF, with their values, in words."""
+    """Describe the limits that the cell takes from the URDF, with their values.
+
+    Args:
+        chain: Arm joints and external joints of the cell.
+        keys: Validated keys of cell.yaml.
+
+    Returns:
+        One sentence each.
+    """
     limits, out = keys.robot.limits, []
     if limits.velocity_deg_s is None:
         values = ", ".join(
@@ -219,14 +259,34 @@ def describe_unused_motion(urdf: UrdfModel, chain: JointChain, limits: JointLimi
 
 
 def read_home(chain: JointChain, limits: JointLimits, keys: CellKeys, document: YamlDocument) -> Array:
-    """Home in SI, in the order of ``chain.moving``; as many values as the arm has joints leave the external at zero."""
+    """Read the home position; with as many values as the arm has joints, the external joints are zero.
+
+    Args:
+        chain: Arm joints and external joints of the cell.
+        limits: Joint limits in the order of ``chain.moving``, SI units.
+        keys: Validated keys of cell.yaml.
+        document: Parsed YAML file, with the line of each key for errors.
+
+    Returns:
+        Position in the order of ``chain.moving``, rad or m.
+    """
     return _read_joint_position(chain, limits, keys.robot.home_deg, "home_deg", document)
 
 
 def read_tool_change_position(
     chain: JointChain, limits: JointLimits, keys: CellKeys, document: YamlDocument
 ) -> Array | None:
-    """Where tools are changed, likewise; None where the cell does not say it."""
+    """Read the tool change position, as :func:`read_home`.
+
+    Args:
+        chain: Arm joints and external joints of the cell.
+        limits: Joint limits in the order of ``chain.moving``, SI units.
+        keys: Validated keys of cell.yaml.
+        document: Parsed YAML file, with the line of each key for errors.
+
+    Returns:
+        Position in the order of ``chain.moving``, rad or m; None where the cell gives none.
+    """
     values = keys.robot.tool_change_deg
     return None if values is None else _read_joint_position(chain, limits, values, "tool_change_deg", document)
 
@@ -298,7 +358,14 @@ def _find_arm_joints(
 
 
 def check_carrier(link: str, urdf: UrdfModel, chain: JointChain, document: YamlDocument, loc: KeyPath) -> None:
-    """That an obstacle may ride on a link.
+    """Check that a link may carry an obstacle.
+
+    Args:
+        link: Name of the link.
+        urdf: The robot: links, joints, bodies and masses.
+        chain: Arm joints and external joints of the cell.
+        document: Parsed YAML file, with the line of each key for errors.
+        loc: Key path of the value in the document.
 
     Raises:
         InputError: there is no such link, or the arm moves it.

@@ -1,12 +1,12 @@
-"""Mimic joints of a URDF: which of them follow the arm, and what they do to its limits.
+"""Mimic joints of a URDF: which of them follow the arm, and their effect on its limits.
 
 A joint with ``<mimic joint="s" multiplier="m" offset="o"/>`` has the value m·q_s + o. Parallel linkages are written so:
-an elbow that keeps its attitude while axis 2 turns is a joint in the chain with m = −1. A body on such a joint, which
-no joint of the arm moves on, would need a place that the model of a serial arm has not.
+an elbow that keeps its orientation while axis 2 turns is a joint in the chain with m = −1. A body on such a joint that
+no arm joint moves has no position in the model of a serial arm.
 
-A joint outside of the chain from base to flange (the cylinder of a balancer, the rod of a linkage) does not change
-where the flange is. Such joints are left out: their collision bodies are removed, their masses count where they are at
-zero, and a warning names them.
+A joint outside the chain from base to flange (the cylinder of a balancer, the rod of a linkage) does not move the
+flange. Such joints are left out: their collision bodies are removed, their masses count at joint value zero, and a
+warning names them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,14 @@ class OffChainMimicJoint:
     links: tuple[str, ...]
 
     def warning(self, urdf: UrdfModel) -> str | None:
-        """What is not checked and not counted; None where nothing hangs on the joint."""
+        """Describe what is not checked and not modelled.
+
+        Args:
+            urdf: The robot: links, joints, bodies and masses.
+
+        Returns:
+            The warning, None where the joint carries nothing.
+        """
         parts = [p for p in urdf.parts if p.name in self.links]
         bodies = [p.name for p in parts if p.collisions]
         mass = sum(p.mass or 0.0 for p in parts)
@@ -80,10 +87,19 @@ def find_mimic_joints(
     external: tuple[UrdfJoint, ...],
     side: tuple[OffChainMimicJoint, ...] = (),
 ) -> tuple[MimicJoint, ...]:
-    """Every mimic joint of the URDF; those of other joints than the arm's, and those of ``side``, stand still.
+    """Find every mimic joint; those that do not follow the arm, and those of ``side``, stay fixed.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+        arm: Arm joints in chain order.
+        external: External joints.
+        side: Mimic joints outside of the chain.
+
+    Returns:
+        The mimic joints.
 
     Raises:
-        InputError: one that follows the arm and cannot be planned: names it, and what would work.
+        InputError: one that follows the arm is not supported; names it and what would work.
     """
     by_name = {j.name: j for j in urdf.joints}
     beside = {s.joint.name for s in side}

@@ -1,4 +1,4 @@
-"""Is a body of a size that fits its robot, or a thousand times off it (mm for m, or m for mm)?"""
+"""Size check of a body against its robot, to detect wrong units (mm for m, or m for mm)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal
 from machopt.cell.mesh.mesh_errors import ErrorFactory
 
 _LARGE, _SMALL = 10.0, 1 / 500.0  # of the robot's reach: a thousand times off any part lies far beyond, both ways
-_LARGEST = 50.0  # m; what stands in a hall beside the robot
+_LARGEST = 50.0  # m; objects in a hall around the robot
 _SMALLEST = 3e-3  # m; the longest side of nothing in a cell that collides is shorter; a link of 3 m in mm has that
 _ODD = 5e-3  # m; few things are
 
@@ -34,10 +34,18 @@ class SizedBody:
 
 
 def check_body_size(body: SizedBody, scene: SceneSize, fail: ErrorFactory) -> str | None:
-    """A warning where a size is odd.
+    """Check that a body fits its robot in size; a factor of a thousand indicates a wrong unit (mm for m).
+
+    Args:
+        body: Name and size of the body.
+        scene: Sizes of robot and cell.
+        fail: Function that builds an error from a message.
+
+    Returns:
+        A warning for an unusual size, else None.
 
     Raises:
-        InputError: it is that of no body beside this robot.
+        InputError: the size is impossible for this robot.
     """
     wide = f"{body.what} is {body.extent:.4g} m wide"
     beside = f", the robot reaches {scene.reach:.3g} m" if scene.reach else ""

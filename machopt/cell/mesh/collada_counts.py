@@ -1,8 +1,8 @@
-"""Count the triangles of a COLLADA file from its own text, and refuse what a reader would drop.
+"""Triangle counts of a COLLADA file from its text, to refuse files that a reader would read incompletely.
 
-Independent of the library that reads the geometry: every number of every array that is used is checked, every declared
-count is compared with what is there, and the triangles of all geometries that the scene places are added up. A file
-whose reader finds another number is refused, never cut.
+The count is independent of the library that reads the geometry. Every number of every array in use is checked, and
+every declared count is compared with the data. The triangles of all geometries in the scene are summed. A file with
+another count in the reader is refused, never read partly.
 """
 
 from __future__ import annotations
@@ -41,6 +41,13 @@ class ColladaCounts:
 
 def count_collada(root: XmlElement, path: Path) -> ColladaCounts:
     """Return the counts of a COLLADA file.
+
+    Args:
+        root: Root element of the file.
+        path: Path of the file.
+
+    Returns:
+        Counts of the triangles.
 
     Raises:
         InputError: a number that is none, a count that is not that of the data, a reference to nothing, or something

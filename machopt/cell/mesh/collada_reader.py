@@ -1,10 +1,9 @@
-"""Triangles of a COLLADA file (.dae), for a copy as STL that the planner reads.
+"""Reader of COLLADA files (.dae), whose triangles are copied to an STL for the planner.
 
-COLLADA 1.4.1 and 1.5 (Khronos). The pycollada library reads the geometries and the transforms of the scene's nodes; the
-triangles it finds are compared with the file's own counts (:mod:`machopt.cell.mesh.collada_counts`), so nothing is
-dropped; the verifier's library must see the same body (:mod:`machopt.cell.mesh.second_library_check`). As RViz and
-MoveIt read the
-meshes of a URDF, the file's unit counts and its ``up_axis`` does not: the coordinates are those of the link.
+COLLADA 1.4.1 and 1.5 (Khronos). The pycollada library reads the geometries and the node transforms of the scene. Its
+triangles are compared with the counts of the file (:mod:`machopt.cell.mesh.collada_counts`), so nothing is lost. The
+verifier's library must load the same body (:mod:`machopt.cell.mesh.second_library_check`). As in RViz and MoveIt, the
+unit of the file applies and its ``up_axis`` does not: the coordinates are those of the link.
 """
 
 from __future__ import annotations
@@ -43,6 +42,12 @@ class ColladaMesh:
 def read_collada(path: Path) -> ColladaMesh:
     """Read a COLLADA file.
 
+    Args:
+        path: Path of the file.
+
+    Returns:
+        Triangles of the scene, m.
+
     Raises:
         InputError: not COLLADA, cut, without triangles, or with something that would make or move them and is not read.
     """
@@ -65,7 +70,14 @@ def read_collada(path: Path) -> ColladaMesh:
 
 
 def build_binary_stl(corners: Array) -> bytes:
-    """A binary STL of triangles (n, 3, 3)."""
+    """Build a binary STL file.
+
+    Args:
+        corners: Triangle corners (n, 3, 3).
+
+    Returns:
+        Content of the file.
+    """
     rows = np.zeros(len(corners), np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")]))
     rows["corners"] = corners
     return b"\0" * 80 + struct.pack("<I", len(corners)) + rows.tobytes()

@@ -1,6 +1,6 @@
-"""Is a mesh file whole? Told from its own counts, before a library reads it.
+"""Integrity check of a mesh file from its own counts, before a library reads it.
 
-The libraries behind planner and verifier differ in what they make of a cut file: fewer triangles, none, or a crash.
+The libraries of planner and verifier treat a truncated file differently: fewer triangles, none, or a crash.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _FREE_FORM = re.compile(rb"^[ \t]*(cstype|surf|curv2?|bmat|parm)\b", re.MULTILIN
 
 
 def read_whole_mesh(path: Path, fail: ErrorFactory) -> bytes:
-    """The bytes of a mesh file that is as long as it says.
+    """Read a mesh file whose length matches its counts.
 
     Args:
         path: the file.
@@ -122,7 +122,7 @@ def _check_libraries(path: Path, data: bytes, fail: ErrorFactory) -> None:
     """
     folder = path.resolve().parent
     for found in _LIBRARY.finditer(data):
-        for name in {found[1].strip(), *found[1].split()}:  # names may hold blanks, or stand one after the other
+        for name in {found[1].strip(), *found[1].split()}:  # names may hold blanks, or follow one another
             library = folder / os.fsdecode(name)
             try:
                 there = library.resolve()

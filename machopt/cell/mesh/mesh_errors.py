@@ -1,4 +1,4 @@
-"""How a mesh is refused: the caller knows where it is used."""
+"""Error of a mesh, which the caller locates in the cell."""
 
 from __future__ import annotations
 

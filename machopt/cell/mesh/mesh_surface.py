@@ -1,4 +1,4 @@
-"""What surface a mesh file holds: triangles that enclose something, wholly or nearly."""
+"""Surface of a mesh file: whether its triangles enclose a volume, completely or nearly."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.triangle_meshes import TriangleMesh
 
 _LEAST_TRIANGLES = 4  # a tetrahedron; fewer enclose nothing
-_FLAT = 1e-7  # thickness over width below which single precision cannot tell a body from a sheet
+_FLAT = 1e-7  # thickness over width below which single precision cannot distinguish a body from a sheet
 _HOLLOW = 1e-9  # volume over that of the box around it, likewise
 _NAMED = 6  # meshes in one warning
 # what trimesh's readers let through on a broken file
@@ -106,7 +106,14 @@ def _read_with_trimesh(path: Path, data: bytes, fail: ErrorFactory) -> TriangleM
 
 
 def find_open_surfaces(surfaces: Sequence[MeshSurface]) -> list[str]:
-    """Warnings of the meshes that bound no body, and what that means for collision checks."""
+    """Warn of meshes whose surface is not closed, and of the effect on collision checks.
+
+    Args:
+        surfaces: Surfaces of the meshes.
+
+    Returns:
+        One warning each.
+    """
     out = []
     gaps = list(dict.fromkeys(f"{s.name} ({s.open_edges} open edges)" for s in surfaces if s.open_edges))
     if gaps:

@@ -1,6 +1,6 @@
-"""PLY and OFF files checked against their own heads: every vertex, every face, every index.
+"""Check of PLY and OFF files against their headers: every vertex, every face, every index.
 
-The library behind the verifier trusts these files; a count or an index that is wrong ends the process there.
+The library of the verifier does not check these files; a wrong count or index crashes its process.
 """
 
 from __future__ import annotations
@@ -42,10 +42,18 @@ class MeshCounts:
 
 
 def check_ply(name: str, data: bytes, fail: ErrorFactory) -> MeshCounts:
-    """The counts of a PLY file whose body is as its head says.
+    """Check that the body of a PLY file matches its header.
+
+    Args:
+        name: Name of the file, for messages.
+        data: Content of the file.
+        fail: Function that builds an error from a message.
+
+    Returns:
+        Counts of vertices and faces.
 
     Raises:
-        InputError: damaged, or of a kind that not every library reads alike.
+        InputError: the file is damaged, or libraries read this kind differently.
     """
     head, mark, body = data.partition(b"end_header")
     lines = head.replace(b"\r", b"").strip().split(b"\n")
@@ -89,10 +97,18 @@ def check_ply(name: str, data: bytes, fail: ErrorFactory) -> MeshCounts:
 
 
 def check_off(name: str, data: bytes, fail: ErrorFactory) -> MeshCounts:
-    """The counts of an OFF file whose body is as its head says.
+    """Check that the body of an OFF file matches its header.
+
+    Args:
+        name: Name of the file, for messages.
+        data: Content of the file.
+        fail: Function that builds an error from a message.
+
+    Returns:
+        Counts of vertices and faces.
 
     Raises:
-        InputError: damaged.
+        InputError: the file is damaged.
     """
     rows = [row for row in (line.split(b"#")[0].strip() for line in data.split(b"\n")) if row]
     counts = rows[1].split() if len(rows) > 1 else []

@@ -1,4 +1,4 @@
-"""Divide plane polygons into triangles: n − 2 of a polygon with n corners, none outside of it."""
+"""Triangulation of plane polygons: n − 2 triangles of n corners, all inside the polygon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A mesh as the verifier loads it: another library, which must see the same body (the only importer of coal here)."""
+"""Check that the verifier's mesh library loads the same body (the only module that imports coal here)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def compare_with_second_library(path: Path, vertices: Array, faces: NDArray[np.i
 
 
 def compare_with_collada(copy: Path, fail: ErrorFactory) -> None:
-    """Compare a converted mesh with the COLLADA file that lies beside it, which the verifier reads.
+    """Compare a converted mesh with the COLLADA file in the same folder, which the verifier reads.
 
     Args:
         copy: ``NAME.dae.stl``; nothing is done where ``NAME.dae`` does not exist.
@@ -62,7 +62,14 @@ def compare_with_collada(copy: Path, fail: ErrorFactory) -> None:
 
 
 def find_collada_original(copy: Path) -> Path | None:
-    """The COLLADA file that a mesh was converted from, where it lies beside it."""
+    """Find the COLLADA file of which a mesh is a copy, in the same folder.
+
+    Args:
+        copy: Path of the mesh.
+
+    Returns:
+        Path of the COLLADA file, None where there is none.
+    """
     if copy.suffixes[-2:] != [".dae", ".stl"]:
         return None
     original = copy.with_suffix("")
@@ -70,13 +77,32 @@ def find_collada_original(copy: Path) -> Path | None:
 
 
 def read_metre(data: bytes) -> float:
-    """m per unit of a COLLADA file."""
+    """Read the unit of a COLLADA file.
+
+    Args:
+        data: Content of the file.
+
+    Returns:
+        m per unit.
+    """
     found = _UNIT.search(data)
     return float(found[1]) if found else 1.0
 
 
 def load_with_second_library(path: Path, scale: float, fail: ErrorFactory) -> Any:
-    """A mesh as the verifier's library loads it."""
+    """Load a mesh with the library of the verifier.
+
+    Args:
+        path: Path of the file.
+        scale: Factor to m.
+        fail: Function that builds an error from a message.
+
+    Returns:
+        The mesh of the library.
+
+    Raises:
+        InputError: the library cannot load the file.
+    """
     import coal
 
     # under the plainest tree that coal has: only the surface is compared

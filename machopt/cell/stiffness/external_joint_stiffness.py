@@ -1,4 +1,4 @@
-"""``external_joints`` of stiffness.yaml: how rails, gantries and positioners give way, and what their bodies weigh."""
+"""Block ``external_joints`` of stiffness.yaml: stiffness and masses of rails, gantries and positioners."""
 
 from __future__ import annotations
 
@@ -46,10 +46,17 @@ class ExternalJointStiffnessKeys(StrictSchema):
 def parse_external_springs(
     document: YamlDocument, given: dict[str, ExternalJointStiffnessKeys]
 ) -> tuple[ExternalJointSpring, ...]:
-    """The block in SI, in the order of the file.
+    """Convert the block ``external_joints`` to SI, in the order of the file.
+
+    Args:
+        document: Parsed YAML file, with the line of each key for errors.
+        given: Joint name → validated keys.
+
+    Returns:
+        The springs.
 
     Raises:
-        InputError: two stiffnesses, numbers of another unit, a body that pushes back, a joint of which nothing is said.
+        InputError: two stiffness values, a wrong unit, a negative stiffness, a joint without values.
     """
     return tuple(_parse_spring(document, ("external_joints", joint), joint, keys) for joint, keys in given.items())
 
@@ -153,7 +160,14 @@ def _parse_compliance(document: YamlDocument, loc: KeyPath, keys: ExternalJointS
 
 
 def format_external_springs(springs: tuple[ExternalJointSpring, ...]) -> dict[str, dict[str, object]]:
-    """The block as the file has it."""
+    """Convert springs to the block of the file.
+
+    Args:
+        springs: The springs, SI units.
+
+    Returns:
+        Joint name → keys and values.
+    """
     out: dict[str, dict[str, object]] = {}
     for s in springs:
         own: dict[str, object] = {}
@@ -181,7 +195,7 @@ def format_external_springs(springs: tuple[ExternalJointSpring, ...]) -> dict[st
 def match_springs_to_joints(
     springs: tuple[ExternalJointSpring, ...], joints: tuple[str, ...], slides: tuple[bool, ...], file: Path | None
 ) -> tuple[ExternalJointSpring, ...]:
-    """The springs by the names of the cell's external joints, which e1, e2 … stand for too.
+    """The springs by the names of the cell's external joints, for which e1, e2 … are aliases.
 
     Args:
         joints: the cell's external joints, with whether each slides.

@@ -1,4 +1,4 @@
-"""stiffness.yaml: joint stiffness, its covariance, a grid over the workspace, terms found by diagnosis."""
+"""Reader and writer of stiffness.yaml: joint stiffness, covariance, workspace grid, terms found by diagnosis."""
 
 from __future__ import annotations
 
@@ -105,6 +105,12 @@ class _StiffnessFileKeys(StrictSchema):
 def load_stiffness(path: Path | str) -> ArmStiffness:
     """Read stiffness.yaml.
 
+    Args:
+        path: Path of the file.
+
+    Returns:
+        The stiffness, SI units.
+
     Raises:
         InputError: names file, key, what was found and what was expected.
     """
@@ -139,7 +145,12 @@ def load_stiffness(path: Path | str) -> ArmStiffness:
 
 
 def write_stiffness(path: Path | str, stiffness: ArmStiffness) -> None:
-    """Write stiffness.yaml so that :func:`load_stiffness` returns the same numbers (mm ↔ m to the last bit but one)."""
+    """Write stiffness.yaml so that :func:`load_stiffness` returns the same numbers (mm ↔ m to the last bit but one).
+
+    Args:
+        path: Path of the file.
+        stiffness: The stiffness, SI units.
+    """
     from ruamel.yaml import YAML
 
     data: dict[str, object] = {"machopt_stiffness": 1, "joints_Nm_per_rad": _convert_to_rows(stiffness.joints)}

@@ -1,4 +1,4 @@
-"""A term to be fitted, as it is typed: ``EFFECT@LOCATION{key: value}``."""
+"""Parser of a term to be fitted: ``EFFECT@LOCATION{key: value}``."""
 
 from __future__ import annotations
 
@@ -10,10 +10,16 @@ from machopt.file_formats.strict_yaml import parse_yaml
 
 
 def parse_term(text: str) -> StiffnessTerm:
-    """``link_compliance@link:4`` or ``tool_compliance@tool{length_mm: 400}`` as a term to be fitted.
+    """Parse a term to be fitted: ``link_compliance@link:4`` or ``tool_compliance@tool{length_mm: 400}``.
+
+    Args:
+        text: Text of the term.
+
+    Returns:
+        The term.
 
     Raises:
-        InputError: not of that form.
+        OptionError: the text does not have that form.
     """
     head, brace, rest = text.partition("{")
     effect, at, location = head.strip().partition("@")

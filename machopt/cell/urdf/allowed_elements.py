@@ -1,11 +1,10 @@
-"""Which elements and attributes a URDF has, and what becomes of the others.
+"""Known elements and attributes of a URDF, and the treatment of all others.
 
-The parser behind the robot model drops what it does not know, or knows but cannot read, with a line on the log; a
-link then is lighter, or is not there in the collision check. So what is unknown is refused wherever it may be meant for
-something that is read: an element whose name is near one of the URDF's or that holds links, joints or bodies, an
-attribute whose name is near one that is missing, and every unknown attribute of an element that places, scales or
-couples (:data:`EXACT`). The rest is not used by any URDF parser: elements on :data:`ELSEWHERE` are counted, others are
-named in a warning.
+The parser of the robot model logs and drops what it does not know or cannot read. A link is then lighter, or missing
+in the collision check. So unknown content is refused wherever it may stand for something that is read. This applies to
+an element whose name is near a URDF name or that contains links, joints or bodies. It applies to an attribute whose
+name is near a missing one, and to every unknown attribute of an element that places, scales or couples
+(:data:`EXACT`). No URDF parser uses the rest: elements on :data:`ELSEWHERE` are counted, others are named in a warning.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ EXACT = frozenset(
 
 @dataclass(frozen=True)
 class ElementRule:
-    """What an element may hold: ``one`` at most once, ``ignored`` what says nothing that is used and is not opened."""
+    """What an element may hold: ``one`` at most once, ``ignored`` elements are unused and not opened."""
 
     attributes: tuple[str, ...] = ()
     one: tuple[str, ...] = ()
@@ -100,14 +99,21 @@ _BODIES = {"link", "joint", "inertial", "visual", "collision", "geometry"}
 
 @dataclass(frozen=True)
 class UnusedContent:
-    """What a URDF holds beside links and joints."""
+    """Content of a URDF besides links and joints."""
 
     counts: dict[str, int]  # element → how often; nothing in them is used
-    warnings: tuple[str, ...]  # of elements nobody here knows
+    warnings: tuple[str, ...]  # of unknown elements
 
 
 def check_vocabulary(path: Path, robot: XmlElement) -> UnusedContent:
-    """Refuse every word that may be a body, a mass or a joint that is not read.
+    """Refuse every unknown word that may describe a body, a mass or a joint.
+
+    Args:
+        path: Path of the file.
+        robot: Root element.
+
+    Returns:
+        Elements that are known and not used.
 
     Raises:
         InputError: names file, line and element, what was found and what would work.

@@ -1,4 +1,4 @@
-"""Which links and joints of a URDF are the arm, where nobody says so."""
+"""Detection of the arm's links and joints in a URDF, where the user does not give them."""
 
 from __future__ import annotations
 
@@ -28,15 +28,23 @@ class ArmLinks:
 
 
 def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | None = None) -> ArmLinks:
-    """The arm of a URDF.
+    """Find the arm of a URDF.
 
-    Without ``flange_link``, it is the first of :data:`FLANGES` behind six joints that turn, else the outermost link
-    fixed to the sixth; joints behind the sixth that are called a gripper's do not count, and what bears them is the
-    flange then. Without ``base_link`` it is ``base_link`` where a link has that name and nothing moves between it and
-    the arm, else the link that bears the first joint.
+    Without ``flange_link``, the flange is the first of :data:`FLANGES` behind six revolute joints, else the outermost
+    link fixed to the sixth. Joints behind the sixth whose names are those of a gripper do not count; the link that
+    carries them is then the flange. Without ``base_link``, the base is the link named
+    ``base_link`` where nothing moves between it and the arm, else the parent link of the first joint.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+        base_link: Base link given by the user, None to detect it.
+        flange_link: Flange link given by the user, None to detect it.
+
+    Returns:
+        Base, flange and joints.
 
     Raises:
-        InputError: there is no such link, no chain of six joints that turn, or more than one.
+        InputError: no such link, no chain of six revolute joints, or more than one.
     """
     for option, link in (("--base-link", base_link), ("--flange-link", flange_link)):
         if link is not None and link not in urdf.links:

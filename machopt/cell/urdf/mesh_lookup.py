@@ -1,4 +1,4 @@
-"""Which file a mesh URI of a URDF means."""
+"""Lookup of the file of a mesh URI in a URDF."""
 
 from __future__ import annotations
 
@@ -27,10 +27,23 @@ class MeshLocation:
 def find_mesh(
     urdf: UrdfModel, uri: str, packages: dict[str, Path], cell_folder: Path, fail: ErrorFactory
 ) -> MeshLocation:
-    """File behind a mesh URI.
+    """Find the file of a mesh URI.
 
-    ``package://name/rest`` is looked up in ``packages``, else as a folder ``name`` beside the URDF or in the
-    cell folder; ``file://`` is absolute; anything else is relative to the URDF.
+    ``package://name/rest`` is searched in ``packages``, else as a folder ``name`` next to the URDF or in the cell
+    folder. ``file://`` is absolute. Anything else is relative to the URDF.
+
+    Args:
+        urdf: The robot: links, joints, bodies and masses.
+        uri: URI of the mesh.
+        packages: ROS package → folder.
+        cell_folder: Cell folder.
+        fail: Function that builds an error from a message.
+
+    Returns:
+        Location of the file.
+
+    Raises:
+        InputError: built by ``fail``: the package or the file does not exist.
     """
     scheme, mark, _ = uri.partition("://")
     if mark and scheme not in _SCHEMES:
@@ -70,9 +83,18 @@ def find_package_around(name: str, rests: Iterable[str], file: Path, up: int) ->
 
 
 def find_package_with_file(name: str, file: Path, rests: Iterable[str], up: int) -> Path | None:
-    """Folder of a package by its name that has a file asked for: of the robot's file, above it, or beside one above.
+    """Find the folder of a package that contains a requested file: of the robot file, above it, or next to one above.
 
-    Packages are often passed on inside a folder that bears the same name.
+    Packages are often distributed inside a folder of the same name.
+
+    Args:
+        name: Name of the package.
+        file: Path of the robot file.
+        rests: Paths of the requested files inside the package.
+        up: Number of folder levels to search upwards.
+
+    Returns:
+        The folder, None where there is none.
     """
     wanted = [rest for rest in rests if rest and ".." not in Path(rest).parts]
     for above in file.resolve().parents[: up + 1]:
@@ -93,11 +115,21 @@ def _read_package_name(folder: Path) -> str | None:
 
 
 def find_package(name: str, file: Path, packages: dict[str, Path], cell_folder: Path) -> Path:
-    """Folder that ``$(find name)`` in a xacro file means: of the cell's ``packages``, else one of that name above or
-    beside the file, as far up as the cell folder.
+    """Find the folder of ``$(find name)`` in a xacro file.
+
+    The ``packages`` of the cell come first, then a folder of that name above or near the file, up to the cell folder.
+
+    Args:
+        name: Name of the package.
+        file: Path of the robot file.
+        packages: ROS package → folder.
+        cell_folder: Cell folder.
+
+    Returns:
+        The folder.
 
     Raises:
-        InputError: there is none.
+        RobotModelError: there is none.
     """
     if name in packages:
         return packages[name]

@@ -1,4 +1,4 @@
-"""A robot's description, whether written as URDF or as xacro."""
+"""Reader of a robot description in URDF or xacro."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from machopt.errors import InputError, RobotModelError
 from machopt.file_formats.file_reading import MARKUP, read_text
 
 _PACKAGE = re.compile(r"[A-Za-z0-9][\w.-]*", re.ASCII)
-_UP = 5  # folders above a lone robot's file in which its packages are looked for
+_UP = 5  # folders above a lone robot's file in which its packages are searched
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,15 @@ def _convert_to_accepted_urdf(urdf: UrdfModel, text: str) -> str | None:
 
 
 def read_robot(path: Path, arguments: Mapping[str, str] | None = None) -> UrdfModel:
-    """A URDF or xacro file by itself, its packages beside it or a few folders above."""
+    """Read a URDF or xacro file without a cell; packages are searched next to it and a few folders above.
+
+    Args:
+        path: Path of the file.
+        arguments: xacro argument → value, None for none.
+
+    Returns:
+        The robot.
+    """
     return read_standalone_description(path, arguments=arguments).urdf
 
 
@@ -163,7 +171,7 @@ def find_standalone_package(name: str, path: Path, packages: Mapping[str, Path],
 
 
 def _list_package_files(name: str, path: Path) -> list[str]:
-    """What the robot's file, and the xacro files beside it, want of a package."""
+    """What the robot's file, and the xacro files next to it, need of a package."""
     wanted = re.compile(rf"\$\(find\s+{re.escape(name)}\s*\)/([^\"'$]+)[\"']")
     files = [path, *sorted(p for p in path.parent.glob("*.xacro") if p != path)]
     return [rest for file in files for rest in wanted.findall(read_text(file, expected="a xacro file", most=MARKUP))]

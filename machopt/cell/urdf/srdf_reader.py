@@ -1,7 +1,7 @@
-"""Which pairs of links an SRDF switches off: ``disable_collisions``, and the defaults of its newer form.
+"""Link pairs that an SRDF disables: ``disable_collisions``, and the defaults of its newer form.
 
-``<disable_default_collisions link="a"/>`` switches a link off against all others, ``<enable_collisions>`` one pair of
-them on again.
+``<disable_default_collisions link="a"/>`` disables a link against all others; ``<enable_collisions>`` enables one of
+these pairs again.
 
 Source: MoveIt's srdfdom, urdf of the planning scene's allowed collision matrix.
 """

@@ -1,4 +1,4 @@
-"""What a cell needs of a URDF: links, joints, bodies and masses, and the tree they make."""
+"""URDF model as a cell needs it: links, joints, bodies and masses, and their tree."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOVING = ("revolute", "continuous", "prismatic", "planar", "floating")
 
 @dataclass(frozen=True)
 class UrdfMimic:
-    """A joint that stands at ``multiplier`` times another's value plus ``offset``."""
+    """A joint whose value is ``multiplier`` times another's value plus ``offset``."""
 
     joint: str
     multiplier: float
@@ -93,7 +93,11 @@ class UrdfModel:
         return any(p.collisions for p in self.parts)
 
     def chain(self, link: str) -> tuple[UrdfJoint, ...]:
-        """Every joint from the root of the tree to ``link``, in order."""
+        """Return every joint from the root of the tree to a link, in order.
+
+        Args:
+            link: Name of the link.
+        """
         above = {j.child: j for j in self.joints}
         out: list[UrdfJoint] = []
         while link in above:
@@ -103,10 +107,15 @@ class UrdfModel:
 
 
 def check_tree(path: Path, links: tuple[str, ...], joints: tuple[UrdfJoint, ...]) -> None:
-    """Every joint hangs between links that exist, no link on two joints, one root, no loop.
+    """Check the tree: links of joints exist, no link has two parent joints, one root, no loop.
+
+    Args:
+        path: Path of the file.
+        links: Names of the links.
+        joints: The joints.
 
     Raises:
-        InputError: names file and line.
+        RobotModelError: names file and line.
     """
     above: dict[str, UrdfJoint] = {}
     for j in joints:

@@ -1,4 +1,4 @@
-"""A URDF read strictly: every number is one, every element is known, or the file is refused with its line."""
+"""Strict URDF reader: a malformed number or unknown element refuses the file with its line."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""xacro → URDF, by the ``xacro`` package of the ROS maintainers.
+"""Expansion of xacro to URDF by the ``xacro`` package of the ROS maintainers.
 
-Every file that is read is told, so that it counts among a cell's inputs. ``$(find NAME)`` knows the packages of the
-cell and no others: what an index on this machine would find makes another robot elsewhere. For the same reason
-``$(env …)`` is refused. Expressions in ``${…}`` are evaluated by xacro, without Python's own functions but a few.
+Every file that is read is recorded as an input of the cell. ``$(find NAME)`` resolves packages of the cell only: a
+package index of this computer would give another robot elsewhere. For the same reason ``$(env …)`` is refused.
+Expressions in ``${…}`` may use only a few Python functions.
 """
 
 from __future__ import annotations
@@ -38,7 +38,11 @@ class ExpandedXacro:
 
 
 def is_xacro(path: Path) -> bool:
-    """By its name, or because it uses the language."""
+    """Return whether a file is xacro, by its name or because it uses the language.
+
+    Args:
+        path: Path of the file.
+    """
     return path.suffix.lower() == ".xacro" or bool(_ELEMENT.search(_read_without_comments(path, "a URDF")))
 
 
@@ -141,7 +145,7 @@ def _check_arguments(path: Path, files: tuple[Path, ...], arguments: Mapping[str
 
 @contextlib.contextmanager
 def _replace_package_index(find: PackageFinder) -> Iterator[None]:
-    """Stand in for the index of packages that xacro asks, and put back what was there."""
+    """Replace the package index of xacro, and restore it afterwards."""
 
     def folder(name: str) -> str:
         return str(find(name))

@@ -45,6 +45,14 @@ class EvaluationBudget:
     left: int = 20_000_000  # some ten seconds; a large public robot needs 100,000
 
     def spend(self, parts: int) -> None:
+        """Reduce the remaining evaluation work.
+
+        Args:
+            parts: Amount of work.
+
+        Raises:
+            XacroExpressionError: the budget is used up.
+        """
         self.left -= parts
         if self.left < 0:
             raise XacroExpressionError("takes more work than any robot; its macros or loops grow without bound")
@@ -59,7 +67,7 @@ class ExpressionFunction:
 
 
 class FunctionTable(dict[str, object]):
-    """Functions and constants by name: what stands before the dot of ``math.sin``."""
+    """Functions and constants by name: the part before the dot of ``math.sin``."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +124,7 @@ def evaluate_expression(text: str, symbols: SymbolTable, budget: EvaluationBudge
         budget: of the whole file; one of its own where none is given.
 
     Raises:
-        ExpressionError: no expression, a construct that is not evaluated, a bound exceeded, or a value of a wrong type.
+        XacroExpressionError: no expression, an unsupported construct, a bound exceeded, or a value of a wrong type.
     """
     text = text.strip()
     if len(text) > MAX_EXPRESSION:
@@ -264,16 +272,29 @@ class _ExpressionEvaluator:
 
 
 def check_bounds(value: object) -> object:
-    """Return a value unchanged; raises as :func:`count_parts` does."""
+    """Return a value unchanged; raises as :func:`count_parts` does.
+
+    Args:
+        value: Value of an expression.
+
+    Returns:
+        The value.
+    """
     count_parts(value)
     return value
 
 
 def count_parts(value: object) -> int:
-    """Return how many numbers, texts and containers a value holds, shared ones as often as they are reached.
+    """Count the numbers, texts and containers of a value; shared ones count each time they are reached.
+
+    Args:
+        value: Value of an expression.
+
+    Returns:
+        The count.
 
     Raises:
-        ExpressionError: of a type that expressions have not, or larger than the bounds of this module.
+        XacroExpressionError: a type that expressions do not have, or a value beyond the bounds of this module.
     """
     parts, open_values = 0, [value]
     while open_values:

@@ -1,4 +1,4 @@
-"""List the functions and constants that expressions of xacro files may use.
+"""Functions and constants that expressions of xacro files may use.
 
 The names are those of the xacro package: mathematics directly and under ``math.``, Python's own under ``python.`` and
 partly directly, xacro's under ``xacro.``. A name that is not listed is not defined, whatever the package offers.

@@ -1,4 +1,4 @@
-"""Run the xacro package without its ways to Python, to other files and to unlimited memory.
+"""Restriction of the xacro package: no access to Python, other files or unlimited memory.
 
 The package evaluates expressions with ``eval``, opens every file that a robot names, and grows without bound where
 macros or properties double. While :func:`limit_xacro` is entered, these functions of the package are replaced:
@@ -254,7 +254,15 @@ def _build_environment_error() -> InputError:
 
 
 def build_missing_argument_error(name: str, path: Path | None = None) -> InputError:
-    """The refusal of a file whose argument has no value."""
+    """Build the error of a file whose argument has no value.
+
+    Args:
+        name: Name of the argument.
+        path: Path of the file, None where not known.
+
+    Returns:
+        The error, not raised.
+    """
     return RobotModelError(
         f"needs the argument {name}; --xacro-arg {name}=VALUE (in cell.yaml `xacro_args: {{{name}: …}}` under robot:) "
         "would work",

@@ -1,4 +1,4 @@
-"""Read the YAML files of xacro's ``load_yaml`` as plain values.
+"""Reader of the YAML files of xacro's ``load_yaml`` as plain values.
 
 No object is constructed but numbers, text, truth values, None, lists and dictionaries; the units of angle and length
 of xacro are the only tags. Values that anchors repeat are counted as often as they are reached. YAML 1.1, as xacro has.
@@ -27,6 +27,13 @@ _CONSTANTS = FunctionTable(pi=math.pi)
 
 def read_plain_yaml(text: str, path: Path) -> object:
     """Return the content of a YAML file.
+
+    Args:
+        text: Text of the file.
+        path: Path of the file.
+
+    Returns:
+        Numbers, text, truth values, None, lists and dictionaries.
 
     Raises:
         InputError: no YAML, a tag or merge that is not read, or more than :data:`MAX_ITEMS` values.

@@ -1,4 +1,4 @@
-"""XML as a tree with line numbers, read the way a URDF parser reads it: raw names, no entities, no other files."""
+"""XML tree with line numbers, read as URDF parsers do: raw names, no entities, no external files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST = 500_000  # elements; the largest robots have some thousand
 
 @dataclass
 class XmlElement:
-    """One element; ``text`` is what stands between its children, stripped."""
+    """One element; ``text`` is the stripped text between its children."""
 
     tag: str  # as written, a prefix included
     attributes: dict[str, str]
@@ -25,9 +25,19 @@ class XmlElement:
     text: str = ""
 
     def find_children(self, tag: str) -> list[XmlElement]:
+        """Return the child elements with a name.
+
+        Args:
+            tag: Name of the element.
+        """
         return [c for c in self.children if c.tag == tag]
 
     def find_first_child(self, tag: str) -> XmlElement | None:
+        """Return the first child element with a name, None where there is none.
+
+        Args:
+            tag: Name of the element.
+        """
         return next((c for c in self.children if c.tag == tag), None)
 
     def descendants(self) -> list[XmlElement]:
@@ -38,17 +48,36 @@ class XmlElement:
 
 
 def read_markup(path: Path, expected: str) -> XmlElement:
-    """The root element of an XML file.
+    """Read the root element of an XML file.
+
+    Args:
+        path: Path of the file.
+        expected: Description of the expected file, for messages.
+
+    Returns:
+        The root element.
 
     Raises:
-        InputError: unreadable, not UTF-8, not well-formed, too deep or too large, or it declares entities or a
-            document type that lies elsewhere.
+        InputError: unreadable, not UTF-8, not well-formed, too deep, too large, or with entities or an external
+            document type.
     """
     return parse_markup(read_text(path, expected=expected, most=MARKUP), path, expected)
 
 
 def parse_markup(text: str, path: Path, expected: str) -> XmlElement:
-    """The root element of an XML text that came from ``path``; raises as :func:`read_markup` does."""
+    """Parse the root element of an XML text.
+
+    Args:
+        text: Text of the file.
+        path: Path of the file.
+        expected: Description of the expected file, for messages.
+
+    Returns:
+        The root element.
+
+    Raises:
+        RobotModelError: as for :func:`read_markup`.
+    """
     if not text.strip():
         raise RobotModelError(f"is empty; expected {expected}", file=path)
     builder = _XmlTreeBuilder(path)
@@ -65,10 +94,16 @@ def parse_markup(text: str, path: Path, expected: str) -> XmlElement:
 
 
 def add_missing_prefixes(text: str) -> str | None:
-    """A URDF that declares every prefix it uses, None where it does already.
+    """Declare every namespace prefix that a URDF uses.
 
-    Simulators add words of their own, ``drake:acceleration``, and URDF parsers read names as they are written; one
-    that knows namespaces refuses a prefix that nothing declares.
+    Simulators add elements such as ``drake:acceleration``. URDF parsers read names literally; a parser with namespaces
+    refuses an undeclared prefix.
+
+    Args:
+        text: Text of the file.
+
+    Returns:
+        The new text, None where all prefixes are declared.
     """
     used, declared, root = set[str](), {"xml", "xmlns"}, list[int]()
 
@@ -123,7 +158,7 @@ class _XmlTreeBuilder:
         self._texts.append([])
 
     def expected(self) -> str:
-        """What would close the element that stands open, for messages; nothing where none does."""
+        """Closing tag of the open element, for messages; empty where none is open."""
         if not self._open:
             return ""
         last = self._open[-1]

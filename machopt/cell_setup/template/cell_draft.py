@@ -1,4 +1,4 @@
-"""A new cell as far as the URDF and the user tell it."""
+"""Draft of a new cell from the URDF and the user's options."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def draft_cell(
 def aim_tool(
     new: NewCellContent, request: InitRequest, out: Array | None, span: float
 ) -> tuple[NewCellContent, tuple[str, ...]]:
-    """The tool along the direction (3,) in which the flange looks, in the flange frame; None: not known.
+    """The tool along the flange direction (3,), in the flange frame; None: not known.
 
     Args:
         new: the cell so far.
@@ -197,7 +197,7 @@ def _list_joint_ranges(
 def _list_joint_velocities(
     request: InitRequest, joints: tuple[UrdfJoint, ...], slides: tuple[bool, ...], urdf: UrdfModel
 ) -> tuple[list[float], str, tuple[str, ...]]:
-    """deg/s (mm/s), who says so, and the joints for which nobody does."""
+    """Velocity in deg/s (mm/s), its origin, and the joints without a value."""
     given = request.velocity_deg_s
     if given is not None:
         if len(given) != len(joints):

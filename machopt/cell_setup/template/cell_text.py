@@ -1,4 +1,4 @@
-"""The text of a new cell: cell.yaml and stiffness.yaml with what each number rests on."""
+"""Text of a new cell: cell.yaml and stiffness.yaml with the origin of each number."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class NewCellContent:
     lower: Sequence[float]
     upper: Sequence[float]
     velocity: Sequence[float]
-    velocity_of: str  # who says so
+    velocity_of: str  # origin of the value
     home: Sequence[float]
     tcp_mm: Sequence[float]
     tcp_rpy_deg: Sequence[float]
@@ -67,7 +67,15 @@ def estimate_joint_stiffness(span: float) -> tuple[float, ...]:
 
 
 def format_stiffness_yaml(joints: Sequence[float], *, span: float) -> str:
-    """stiffness.yaml of an estimate."""
+    """Format stiffness.yaml of an estimate.
+
+    Args:
+        joints: Joint stiffness of the arm, N·m/rad.
+        span: Length of the arm's links from base to flange, m.
+
+    Returns:
+        Text of the file.
+    """
     rows = [[0.0] * 6 for _ in range(6)]
     for i, k in enumerate(joints):
         rows[i][i] = float(f"{(RELATIVE_COMPLIANCE_SIGMA / k) ** 2:.4g}")
@@ -91,7 +99,14 @@ def format_stiffness_yaml(joints: Sequence[float], *, span: float) -> str:
 
 
 def format_cell_yaml(c: NewCellContent) -> str:
-    """cell.yaml; every number that is a guess says GUESS, every one by a rule ESTIMATED."""
+    """Format cell.yaml; guessed numbers are marked GUESS, numbers computed by a rule ESTIMATED.
+
+    Args:
+        c: Content of the new cell.
+
+    Returns:
+        Text of the file.
+    """
     acceleration = [v / RUN_UP_S for v in c.velocity]
     jerk = [a / JERK_S for a in acceleration]
     arrays = ", ".join(f"{n}{' (mm)' if slide else ''}" for n, slide in zip(c.joints, c.prismatic, strict=True))

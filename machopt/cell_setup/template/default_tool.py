@@ -1,7 +1,7 @@
-"""The tool of a new cell: a spindle along the flange axis, or on a bracket that turns it by 45 or 90 degrees.
+"""Default tool of a new cell: a spindle along the flange axis, or on a bracket at 45 or 90 degrees.
 
-A spindle along axis 6 leaves the rotation about the tool axis without effect: axis 6 alone carries it out. With a
-bracket the rotation moves all joints, which is what machopt chooses it for; hence 45 degrees where nothing is known.
+With a spindle along axis 6 the rotation about the tool axis has no effect, because axis 6 alone performs it. With a
+bracket the rotation moves all joints, so machopt can optimise it. The default is therefore 45 degrees.
 """
 
 from __future__ import annotations
@@ -33,10 +33,16 @@ class DefaultTool:
 
 
 def select_tool_angle(request: InitRequest) -> float:
-    """Degrees between spindle and flange axis: as stated, 0 where another option states the tool, else 45.
+    """Select the angle between spindle and flange axis: as given, 0 where another option gives the tool, else 45.
+
+    Args:
+        request: Validated options of the command.
+
+    Returns:
+        Angle, degrees.
 
     Raises:
-        InputError: stated twice.
+        OptionError: the tool is given twice, or the angle is not 0, 45 or 90.
     """
     stated = [n for n in ("tcp_mm", "tcp_rpy_deg") if getattr(request, n) is not None]
     if request.tool_angle_deg is not None:

@@ -1,4 +1,4 @@
-"""What the user of ``machopt init`` asked for."""
+"""Validated options of ``machopt init``."""
 
 from __future__ import annotations
 

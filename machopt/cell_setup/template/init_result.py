@@ -1,4 +1,4 @@
-"""What ``machopt init`` has to say of a cell that it wrote."""
+"""Result of ``machopt init``."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""In which unit the meshes of a new cell are: as stated, or metres unless a body would then be larger than any beside
-this robot."""
+"""Unit of the meshes of a new cell: as given, else metres unless a body would be too large for the robot."""
 
 from __future__ import annotations
 

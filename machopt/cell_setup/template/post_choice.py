@@ -1,4 +1,4 @@
-"""The robot program of a new cell: a post that can be written from what a new cell says."""
+"""Choice of the post of a new cell: one that needs no values beyond those of a new cell."""
 
 from __future__ import annotations
 

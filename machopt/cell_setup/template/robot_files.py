@@ -1,4 +1,4 @@
-"""A robot's files, copied into a folder that needs nothing outside it."""
+"""Copies of the robot files in a folder without external references."""
 
 from __future__ import annotations
 
@@ -102,7 +102,12 @@ def _copy_mesh(source: Path, target: Path) -> list[str]:
 
 
 def copy_meshes(request: InitRequest, folder: Path) -> None:
-    """Copy the meshes of tool and workpiece that the user names into a folder."""
+    """Copy the meshes of tool and workpiece that the user names into a folder.
+
+    Args:
+        request: Validated options of the command.
+        folder: Folder of the new cell.
+    """
     for file, name in ((request.tool_mesh, "tool"), (request.workpiece_mesh, "workpiece")):
         if file is not None:
             copy_file(file, folder / f"{name}{file.suffix.lower()}")
@@ -110,6 +115,10 @@ def copy_meshes(request: InitRequest, folder: Path) -> None:
 
 def copy_file(source: Path, target: Path) -> None:
     """Copy the content of a file.
+
+    Args:
+        source: Path of the file.
+        target: Path of the copy.
 
     Raises:
         InputError: it cannot be read or written.
@@ -152,7 +161,17 @@ def _find_free_name(place: str, taken: dict[str, str]) -> str:
 
 @contextlib.contextmanager
 def create_cell_folder(out: Path) -> Iterator[Path]:
-    """A temporary sibling that takes the place of ``out`` at the end; ``out`` is new or empty."""
+    """Create a temporary sibling folder that replaces ``out`` at the end; ``out`` is new or empty.
+
+    Args:
+        out: Folder of the new cell.
+
+    Returns:
+        Context with the temporary folder.
+
+    Raises:
+        RobotModelError: the folder cannot be created, or is not empty.
+    """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise RobotModelError("is not empty; name a new folder for the cell", file=out)
     try:
@@ -163,14 +182,25 @@ def create_cell_folder(out: Path) -> Iterator[Path]:
     try:
         yield partial
         partial.chmod(0o755)  # a temporary folder is its owner's alone
-        os.replace(partial, out)  # an empty folder gives way
+        os.replace(partial, out)  # an empty folder is replaced
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
 
 @contextlib.contextmanager
 def restore_user_paths_in_errors(folder: Path, request: InitRequest) -> Iterator[None]:
-    """Name the user's own files in what is refused: those of the new folder are gone by the time it is read."""
+    """Replace paths of the temporary folder in errors by the user's own paths.
+
+    Args:
+        folder: Folder of the new cell.
+        request: Validated options of the command.
+
+    Returns:
+        Context without a value.
+
+    Raises:
+        RobotModelError: the error, with the user's paths.
+    """
     try:
         yield
     except InputError as wrong:
@@ -180,5 +210,5 @@ def restore_user_paths_in_errors(folder: Path, request: InitRequest) -> Iterator
         own = {URDF: request.robot, "stiffness.yaml": request.stiffness}.get(place.as_posix()) or request.out / place
         where = wrong.where
         if place.name == "cell.yaml" and wrong.key == "robot.urdf":
-            own, where = request.robot, None  # a line of a file that was never kept
+            own, where = request.robot, None  # a line of a temporary file
         raise RobotModelError(wrong.reason, file=own, where=where) from None

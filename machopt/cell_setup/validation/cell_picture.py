@@ -1,4 +1,4 @@
-"""A cell at its home pose from three sides."""
+"""Picture of a cell at its home position from three sides."""
 
 from __future__ import annotations
 
@@ -33,10 +33,16 @@ _FILL = {"link": "#f2a33a", "tool": "#5b7db1", "cutter": "#1b2430", "workpiece":
 
 
 def render_cell_picture(cell: Cell) -> Markup:
-    """Arm, tool, workpiece and obstacles in world, mm, with the axes of TCP and workpiece; as SVG.
+    """Render arm, tool, workpiece and obstacles at home from three sides, with the axes of TCP and workpiece.
+
+    Args:
+        cell: The cell.
+
+    Returns:
+        SVG in world coordinates, mm.
 
     Raises:
-        InputError: the arm's bodies cannot be read.
+        InputError: the bodies of the arm cannot be read.
     """
     robot, shapes = load_chain(cell)
     machine = load_machine(cell, robot)
@@ -106,7 +112,14 @@ def _draw_view(
 
 
 def compute_convex_hull(points: Array) -> Array:
-    """(k, 2) corners of the convex hull of points (n, 2), counter-clockwise (Andrew's monotone chain)."""
+    """Compute the convex hull of points in the plane (Andrew's monotone chain).
+
+    Args:
+        points: Points (n, 2).
+
+    Returns:
+        Corners (k, 2), counter-clockwise.
+    """
     some = np.unique(np.round(points, 1), axis=0).tolist()
 
     def half(rows: list[list[float]]) -> list[list[float]]:

@@ -1,4 +1,4 @@
-"""What a planner would refuse about a cell, and what it would plan with although it is odd."""
+"""Checks of a cell for what a planner would refuse or warn of."""
 
 from __future__ import annotations
 
@@ -56,7 +56,14 @@ class CellRemark:
 
 
 def list_remarks(cell: Cell) -> Iterator[CellRemark]:
-    """Everything but what the reader says itself."""
+    """List everything that a planner would refuse or warn of, except the reader's own errors.
+
+    Args:
+        cell: The cell.
+
+    Returns:
+        The remarks.
+    """
     try:
         options = load_options(cell.plan)
     except InputError as problem:

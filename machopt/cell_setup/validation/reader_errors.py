@@ -1,4 +1,4 @@
-"""Everything that the reader refuses about a cell: what is wrong is put aside and the rest read on."""
+"""Collection of all reader errors of a cell: a wrong value is removed or repaired and reading continues."""
 
 from __future__ import annotations
 
@@ -38,15 +38,22 @@ _MOST = 50  # problems; a file with more is not a cell with mistakes
 class PartialCell:
     """A cell as far as it can be read."""
 
-    cell: Cell | None  # without what was put aside; None where the rest cannot be read either
+    cell: Cell | None  # without the removed keys; None where the rest cannot be read either
     problems: tuple[InputError, ...]
     removed_keys: tuple[str, ...]  # keys
 
 
 def read_all(path: Path, *, allow_external: bool = False) -> PartialCell:
-    """Read a cell, and on after each mistake as if what is wrong were not there, or were what it seems to mean.
+    """Read a cell and continue after each error as if the wrong value were absent or repaired.
 
-    Where the robot itself cannot be read, what stands for itself still is: files beside it.
+    Where the robot cannot be read, files that are independent of it are read still.
+
+    Args:
+        path: Cell folder or cell.yaml.
+        allow_external: Whether files outside the cell folder are allowed.
+
+    Returns:
+        The parts that could be read, and all errors.
     """
     try:
         document = read_yaml(find_cell_file(path))
@@ -82,7 +89,12 @@ def read_all(path: Path, *, allow_external: bool = False) -> PartialCell:
 
 
 def remove_key(document: YamlDocument, loc: KeyPath) -> YamlDocument:
-    """The same document without a key or an entry of a list; what stood behind the entry counts one less."""
+    """Return the document without a key or list entry; the index of later entries decreases by one.
+
+    Args:
+        document: Parsed YAML file, with the line of each key for errors.
+        loc: Key path of the value in the document.
+    """
     value = copy.deepcopy(document.value)
     at: Any = value
     for part in loc[:-1]:
@@ -103,7 +115,7 @@ def _shift_key_after_removal(key: KeyPath, gone: KeyPath) -> KeyPath:
 
 
 def _list_removable_places(document: YamlDocument) -> Iterator[KeyPath]:
-    """What can be put aside, where it is there."""
+    """List the keys that can be removed, where present."""
     for loc in _LISTS:
         found = _get_value_at(document, loc)
         if isinstance(found, list):
@@ -112,7 +124,7 @@ def _list_removable_places(document: YamlDocument) -> Iterator[KeyPath]:
 
 
 def _find_removable_key(document: YamlDocument, loc: KeyPath) -> KeyPath | None:
-    """What to put aside so that a mistake at a key path is gone: the key where it is unknown, else what it is in."""
+    """Find the key whose removal clears an error: the key itself if unknown, else its parent."""
     for n in range(len(loc), 0, -1):
         part = loc[:n]
         listed = any(part[:-1] == place and isinstance(part[-1], int) for place in _LISTS)

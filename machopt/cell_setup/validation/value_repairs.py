@@ -1,6 +1,6 @@
-"""Mistakes about the robot, which cannot be put aside: what is written is replaced by what it seems to mean.
+"""Repairs of wrong robot values, which cannot be removed: each is replaced by a plausible value.
 
-A mended cell is only looked at for further mistakes; nobody plans with it.
+A repaired cell is used only to find further errors, never for planning.
 """
 
 from __future__ import annotations
@@ -34,7 +34,14 @@ class ValueRepair:
 
 
 def list_value_repairs(document: YamlDocument) -> Iterator[ValueRepair]:
-    """Every value of ``robot:`` that can be replaced, each by itself."""
+    """List every value of ``robot:`` that can be replaced by a plausible one, each separately.
+
+    Args:
+        document: Parsed YAML file, with the line of each key for errors.
+
+    Returns:
+        The repairs.
+    """
     robot = document.value["robot"] if isinstance(document.value, dict) else {}
     folder = Path(document.file).resolve().parent
     files = sorted(f.name for pattern in ("*.urdf", "*.xacro") for f in folder.glob(pattern))

@@ -14,11 +14,18 @@ from machopt.numerics.array_types import Array
 from machopt.programs.writing.maker_rules import MakerRules
 from machopt.programs.writing.template_fields import PostJob
 
-PRINTED = 4  # decimals: an axis that stands at its zero by print counts as standing there
+PRINTED = 4  # decimals: an axis printed as zero counts as zero
 
 
 def compute_quarter_turn(axis_deg: Array) -> Array:
-    """Quarter-turn index of an axis (...,) deg."""
+    """Compute the quarter-turn index of an axis.
+
+    Args:
+        axis_deg: Axis angle (...,), degrees.
+
+    Returns:
+        Index (...,): floor(angle / 90°).
+    """
     return np.asarray(np.floor(np.round(axis_deg, PRINTED) / 90.0) + 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Data of RAPID modules: what is declared and assigned, and the targets, speeds, zones and frames that it says."""
+"""Data of RAPID modules: declarations and assignments, and their targets, speeds, zones and frames."""
 
 from __future__ import annotations
 
@@ -41,7 +41,11 @@ class RapidData:
         self.looked_around = False
 
     def declare(self, s: RapidStatement) -> None:
-        """One CONST, PERS or VAR; values that cannot be had are not needed until they are used."""
+        """Store one CONST, PERS or VAR; a value that cannot be evaluated matters only when it is used.
+
+        Args:
+            s: The statement.
+        """
         words = list(s.tokens)
         at = 0
         while at < len(words) and words[at].text.upper() in ("LOCAL", "TASK", "CONST", "PERS", "VAR"):
@@ -64,9 +68,15 @@ class RapidData:
         self.values[name] = (value, kind)
 
     def assign(self, s: RapidStatement) -> None:
-        """Give a variable, an element or a component its value from here on, as the controller would.
+        """Assign a value to a variable, an element or a component, as the controller does.
 
-        What cannot be had is unknown from here on, so that a target or a frame that needs it is refused.
+        A value that cannot be evaluated is unknown from here on: a target or frame that needs it is refused.
+
+        Args:
+            s: The statement.
+
+        Raises:
+            RapidSyntaxError: the left side is no variable.
         """
         at = next(k for k, t in enumerate(s.tokens) if t.text == ":=")
         target = RapidValueReader(s.tokens[:at]).value()
@@ -88,11 +98,21 @@ class RapidData:
             self.values[target.text] = (replace_component(old, kind, target.tail, value), kind)
 
     def has(self, name: RapidName) -> bool:
-        """True for an element of an array whose elements are known one by one."""
+        """Return whether a name is an element of an array whose elements are known one by one.
+
+        Args:
+            name: Name with its index or component.
+        """
         return name.tail.startswith("{") and name.text + name.tail in self.values
 
     def mark_value_unknown(self, name: str, line: int, *, keep_elements: bool = False) -> None:
-        """What a variable holds is not known from this line on."""
+        """Mark the value of a variable as unknown from a line on.
+
+        Args:
+            name: Name of the variable.
+            line: Line number in the file (1-based).
+            keep_elements: Whether known elements of an array stay known.
+        """
         _, kind = self.values.get(name, (None, ""))
         self.values[name] = (None, kind)
         self.changed[name] = line
@@ -101,17 +121,32 @@ class RapidData:
                 self.values[key] = (None, kind)
 
     def frame_name(self, value: object, default: str) -> str:
-        """A name of a tool or work object that is another one after each assignment to it."""
+        """Return the name of a tool or work object, which is a new name after each assignment to it.
+
+        Args:
+            value: Parsed RAPID value: number, text, list, name or function call.
+            default: Name for a value without a name.
+
+        Returns:
+            The name.
+        """
         if not isinstance(value, RapidName):
             return default
         line = self.changed.get(value.text)
         return value.text + value.tail + ("" if line is None else f" of line {line}")
 
     def resolve_name(self, value: object, depth: int = 0) -> object:
-        """A list from a name or an Offs, RelTool of one.
+        """Resolve a name, or an Offs or RelTool of a name, to its list.
+
+        Args:
+            value: Parsed RAPID value: number, text, list, name or function call.
+            depth: Depth of nested names, to stop circular definitions.
+
+        Returns:
+            The value.
 
         Raises:
-            RapidError: not declared, or a formula.
+            RapidSyntaxError: the name is not declared, or the value is a formula.
         """
         if depth > DEEPEST:
             raise RapidSyntaxError("data that refers to itself")
@@ -137,7 +172,18 @@ class RapidData:
         return value
 
     def shift_target(self, value: RapidFunctionCall, depth: int) -> object:
-        """Offs(point, x, y, z) along the work object's axes, RelTool(point, x, y, z) along the tool's."""
+        """Evaluate Offs(point, x, y, z) along the work object axes or RelTool(point, x, y, z) along the tool axes.
+
+        Args:
+            value: Parsed RAPID value: number, text, list, name or function call.
+            depth: Depth of nested names, to stop circular definitions.
+
+        Returns:
+            The shifted robtarget.
+
+        Raises:
+            RapidSyntaxError: another function, or its arguments are not known.
+        """
         numbers = value.arguments[1:]
         if value.name in ("CROBT", "CJOINTT", "CPOS"):
             raise RapidSyntaxError(f"{value.name.lower()}() is where the robot stands: known only while it runs")
@@ -164,7 +210,11 @@ class RapidData:
         return [[x + d[0], y + d[1], z + d[2]], list(q), *rest]
 
     def load_sibling_modules(self, name: str) -> None:
-        """Declarations in the other modules of the folder."""
+        """Read the declarations in the other modules of the folder.
+
+        Args:
+            name: Name that is looked for.
+        """
         if self.looked_around:
             return
         self.looked_around = True
@@ -175,18 +225,27 @@ class RapidData:
             before = dict(self.values)
             for s in read_rapid_module(other).data:
                 self.declare(s)
-            self.values |= before  # what this module says holds
+            self.values |= before  # this module has priority
             self.out.files.append(file)
 
     def speed(self, value: object, line: int, proc: RapidProcedure) -> float:
-        """m/s; NaN where it is set elsewhere."""
+        """Return the speed of a move.
+
+        Args:
+            value: Parsed RAPID value: number, text, list, name or function call.
+            line: Line number in the file (1-based).
+            proc: The procedure that holds the move.
+
+        Returns:
+            Speed in m/s; NaN where it is set elsewhere.
+        """
         if isinstance(value, RapidName) and value.text not in self.values:
             known = _SPEED.fullmatch(value.text)
             if known:
                 return float(known.group(1)) * 1e-3
             if value.text != "VMAX":
                 where = "an argument of the procedure" if value.text in proc.parameters else "declared elsewhere"
-                # its feed is asked for
+                # its feed is required
                 self.out.ignore(f"speed {value.shown} ({where})", line, understood=False, stops=False)
             return math.nan
         found = self.resolve_name(value)
@@ -195,7 +254,14 @@ class RapidData:
         return math.nan
 
     def zone(self, value: object) -> float:
-        """m; 0 for a stop point."""
+        """Return the zone of a move.
+
+        Args:
+            value: Parsed RAPID value: number, text, list, name or function call.
+
+        Returns:
+            Radius in m; 0 for a stop point.
+        """
         if isinstance(value, RapidName) and value.text not in self.values:
             known = _ZONE.fullmatch(value.text)
             if known:
@@ -208,7 +274,14 @@ class RapidData:
         return math.nan
 
     def find_carrying_unit(self, value: object) -> str:
-        """The mechanical unit that carries a work object, empty for one that stands still or is not known."""
+        """Find the mechanical unit that carries a work object.
+
+        Args:
+            value: Parsed RAPID value: number, text, list, name or function call.
+
+        Returns:
+            Name of the unit; empty for a fixed work object or an unknown one.
+        """
         if not isinstance(value, RapidName) or value.text not in self.values:
             return ""
         try:
@@ -218,7 +291,19 @@ class RapidData:
         return _find_moving_unit(found) if isinstance(found, list) else ""
 
     def frame(self, value: object, zero: str, work_object: bool) -> Array | None:
-        """(4, 4) of tooldata or wobjdata, None where the controller holds it."""
+        """Return the frame of tooldata or wobjdata.
+
+        Args:
+            value: Parsed RAPID value: number, text, list, name or function call.
+            zero: Name of the frame that is the identity (tool0, wobj0).
+            work_object: Whether the value is wobjdata instead of tooldata.
+
+        Returns:
+            Transform (4, 4) in m, None where only the controller holds it.
+
+        Raises:
+            RapidSyntaxError: the value is no such data, or the tool is stationary (robhold).
+        """
         if value is None or (isinstance(value, RapidName) and value.text == zero):
             return np.eye(4)
         if isinstance(value, RapidName) and value.text not in self.values:
@@ -237,7 +322,7 @@ class RapidData:
             )
             raise RapidSyntaxError(f"{name} (robhold): {STANDING_TOOL}")
         places = found[3:5] if work_object else found[1:2]
-        if work_object and _find_moving_unit(found):  # what the user frame says does not count, the unit's place does
+        if work_object and _find_moving_unit(found):  # the unit's pose counts instead of the user frame
             places = found[4:5]
         out = np.eye(4)
         for place in places:
@@ -252,7 +337,7 @@ class RapidData:
 
 
 def _find_moving_unit(found: list[object]) -> str:
-    """The mechanical unit that moves wobjdata (ufprog FALSE), empty for one that stands still."""
+    """The mechanical unit that moves wobjdata (ufprog FALSE), empty for a fixed one."""
     if len(found) < 3 or not (isinstance(found[1], RapidName) and found[1].text == "FALSE"):
         return ""
     return found[2] if isinstance(found[2], str) else "?"

@@ -1,4 +1,4 @@
-"""RAPID text as tokens, routines and values."""
+"""Parser of RAPID text: tokens, routines and values."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _PLAIN_MOVE = re.compile(
     re.IGNORECASE,
 )
 MOST_DEPTH = 30
-NONE_EXTERNAL = 8.9e9  # 9E9 says: no such axis
+NONE_EXTERNAL = 8.9e9  # 9E9: no such axis
 
 
 class RapidToken(NamedTuple):
@@ -57,7 +57,7 @@ class RapidSyntaxError(ValueError):
 
 @dataclass
 class RapidStatement:
-    """The tokens up to a semicolon, or a block word; comments stand alone."""
+    """The tokens up to a semicolon, or a block word; a comment is a statement of its own."""
 
     line: int
     tokens: list[RapidToken]
@@ -105,8 +105,14 @@ class RapidFunctionCall:
 def read_rapid_module(source: SourceFile) -> RapidModule:
     """Split a file into declarations and procedures.
 
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+
+    Returns:
+        The module.
+
     Raises:
-        InputError: blocks that do not match.
+        InputError: blocks do not match.
     """
     out = RapidModule()
     current: RapidProcedure | None = None
@@ -258,16 +264,33 @@ class RapidValueReader:
         return self.tokens[self.at].text if self.more else ""
 
     def take(self, text: str | None = None) -> RapidToken:
+        """Take the next token.
+
+        Args:
+            text: Text that the token must have; None for any.
+
+        Returns:
+            The token.
+
+        Raises:
+            RapidSyntaxError: the token is another one, or the text ends.
+        """
         if not self.more or (text is not None and self.tokens[self.at].text != text):
             raise RapidSyntaxError(f"found {self.peek()[:20] or 'the end'!r}; expected {text or 'a value'!r}")
         self.at += 1
         return self.tokens[self.at - 1]
 
     def value(self, depth: int = 0) -> object:
-        """A number, text, list, :class:`RapidName` or :class:`RapidFunctionCall`.
+        """Read a value.
+
+        Args:
+            depth: Depth of nested lists and calls, to stop malformed text.
+
+        Returns:
+            A number, text, list, :class:`RapidName` or :class:`RapidFunctionCall`.
 
         Raises:
-            RapidError: something else, such as a formula.
+            RapidSyntaxError: something else, such as a formula.
         """
         if depth > MOST_DEPTH:
             raise RapidSyntaxError("brackets are nested too deeply")
@@ -298,6 +321,17 @@ class RapidValueReader:
         return out
 
     def items(self, depth: int) -> list[object]:
+        """Read the values up to the closing bracket.
+
+        Args:
+            depth: Depth of nested lists and calls, to stop malformed text.
+
+        Returns:
+            The values.
+
+        Raises:
+            RapidSyntaxError: the list is malformed.
+        """
         out: list[object] = []
         if self.peek() == "]":
             self.take()
@@ -310,6 +344,15 @@ class RapidValueReader:
                 raise RapidSyntaxError(f"found {self.tokens[self.at - 1].text[:20]!r} in a list; expected a comma or ]")
 
     def name(self, token: RapidToken, depth: int) -> object:
+        """Read a name, with its index and components, or a function call.
+
+        Args:
+            token: The first token.
+            depth: Depth of nested lists and calls, to stop malformed text.
+
+        Returns:
+            A :class:`RapidName`, a :class:`RapidFunctionCall` or a constant.
+        """
         if self.peek() == "(":
             self.take()
             arguments: list[object] = []
@@ -357,7 +400,15 @@ class RapidValueReader:
 
 
 def list_numbers(value: object, count: int) -> list[float] | None:
-    """A list of so many numbers, or None."""
+    """Return a value as a list of numbers.
+
+    Args:
+        value: Parsed RAPID value.
+        count: Required length.
+
+    Returns:
+        The numbers, None where the value is no such list.
+    """
     if not isinstance(value, list) or len(value) != count:
         return None
     found = [v for v in value if isinstance(v, float)]
@@ -365,7 +416,17 @@ def list_numbers(value: object, count: int) -> list[float] | None:
 
 
 def parse_robtarget(value: object) -> tuple[float, float, float, tuple[float, float, float, float], list[object]]:
-    """x, y, z, quaternion and the rest (confdata, external axes) of a robtarget."""
+    """Split a robtarget into its parts.
+
+    Args:
+        value: Parsed RAPID value.
+
+    Returns:
+        x, y, z in mm, quaternion, and the rest (confdata, external axes).
+
+    Raises:
+        RapidSyntaxError: the value is no robtarget.
+    """
     if isinstance(value, list) and len(value) >= 2:
         p, q = list_numbers(value[0], 3), list_numbers(value[1], 4)
         if p is not None and q is not None:
@@ -374,7 +435,17 @@ def parse_robtarget(value: object) -> tuple[float, float, float, tuple[float, fl
 
 
 def parse_jointtarget(value: object) -> tuple[list[float], list[float]]:
-    """The axes and external axes of a jointtarget."""
+    """Split a jointtarget into its parts.
+
+    Args:
+        value: Parsed RAPID value.
+
+    Returns:
+        Robot axes and external axes, degrees or mm.
+
+    Raises:
+        RapidSyntaxError: the value is no jointtarget.
+    """
     if isinstance(value, list) and value:
         axes = list_numbers(value[0], 6)
         if axes is not None:
@@ -383,7 +454,14 @@ def parse_jointtarget(value: object) -> tuple[list[float], list[float]]:
 
 
 def list_external_axes(value: object) -> list[float]:
-    """External axes as far as they are used; NaN for one that is not."""
+    """Return the external axes up to the last one in use.
+
+    Args:
+        value: Parsed RAPID value.
+
+    Returns:
+        Values in degrees or mm; NaN for an unused axis.
+    """
     axes = list_numbers(value, 6) or []
     used = [math.nan if v >= NONE_EXTERNAL else v for v in axes]
     while used and math.isnan(used[-1]):
@@ -392,6 +470,13 @@ def list_external_axes(value: object) -> list[float]:
 
 
 def parse_confdata(value: object) -> dict[str, object]:
-    """Quarter turns and cfx."""
+    """Return the quarter turns and cfx of confdata.
+
+    Args:
+        value: Parsed RAPID value.
+
+    Returns:
+        Name → value; empty where the value is no confdata.
+    """
     found = list_numbers(value, 4)
     return dict(zip(("cf1", "cf4", "cf6", "cfx"), map(int, found), strict=True)) if found is not None else {}

@@ -1,6 +1,6 @@
-"""ABB RAPID: a module followed from its main procedure, without formulas and branches.
+"""Reader of ABB RAPID: executes a module from its main procedure, without formulas and branches.
 
-What names stand for is in :mod:`machopt.programs.abb.program_data`.
+:mod:`machopt.programs.abb.program_data` resolves names.
 """
 
 from __future__ import annotations
@@ -64,6 +64,14 @@ NORMALISED = 1e-3  # of the sum of squares: three printed decimals are within; a
 
 def read_rapid(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a RAPID module.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
+    Returns:
+        Moves, frames, events and unknown words of the program.
 
     Raises:
         InputError: names file and line, what was found and what would work.
@@ -188,10 +196,10 @@ class _RapidReader:
         self.out.ignore(f"{s.word} without moves inside", s.line, understood=True)
 
     def decision(self, s: RapidStatement, inner: RapidStatement) -> None:
-        """What stands in a branch or loop, or behind a compact IF: nothing that moves or jumps.
+        """Check that a branch, loop or compact IF holds no motion or jump.
 
         Raises:
-            RapidError: it does.
+            RapidSyntaxError: it does.
         """
         names = {t.text.upper() for t in (inner.tokens if inner.word == "IF" else inner.tokens[:1])}
         if names & {*_MOVES, *self.procs, *_DISPLACES, "GOTO", "VELSET", "SPEEDREFRESH"}:

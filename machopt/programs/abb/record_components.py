@@ -1,4 +1,4 @@
-"""Components of RAPID records, such as ``p10.trans.z`` or ``wobj1.oframe.trans.x``, by their place in the value."""
+"""Components of RAPID records, such as ``p10.trans.z`` or ``wobj1.oframe.trans.x``, by their index in the value."""
 
 from __future__ import annotations
 

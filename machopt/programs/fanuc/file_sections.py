@@ -1,4 +1,4 @@
-"""FANUC TP files as lines and positions, before anything is carried out."""
+"""FANUC TP files split into lines and positions, before execution."""
 
 from __future__ import annotations
 
@@ -41,7 +41,14 @@ class FanucFile:
 
 
 def split_sections(source: SourceFile) -> FanucFile:
-    """The sections of a file."""
+    """Split a TP file into its sections.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+
+    Returns:
+        Header, lines and positions.
+    """
     part = FanucFile(source)
     section = ""
     open_line, text = 0, ""

@@ -1,8 +1,8 @@
-"""FANUC: CONFIG of Cartesian positions.
+"""CONFIG of FANUC Cartesian positions.
 
 Turn numbers count how often J1, J4 and J6 have passed ±180°: sign(a) · floor((|a| + 180°) / 360°). F or N is the
-flip of the wrist by the sign of J5, which documents give either way: the cell must say it
-(``controller.nonflip_j5``). U or D is the elbow, T or B the side of the wrist root to J1. The post fanuc_joint
+wrist flip by the sign of J5. Documents disagree on its direction, so the cell must give it
+(``controller.nonflip_j5``). U or D is the elbow, T or B the side of the wrist root relative to J1. The post fanuc_joint
 writes joint positions only and needs none of this.
 """
 
@@ -26,13 +26,27 @@ SLOWEST = 1e-4  # m/s: speeds are printed in tenths of mm/s
 
 
 def compute_turn_number(axis_deg: Array) -> Array:
-    """Turn number of an axis (...,) deg."""
+    """Compute the turn number of an axis.
+
+    Args:
+        axis_deg: Axis angle (...,), degrees.
+
+    Returns:
+        Turn number (...,).
+    """
     a = np.round(axis_deg, PRINTED)
     return np.asarray(np.sign(a) * np.floor((np.abs(a) + 180.0) / 360.0) + 0.0)
 
 
 def compute_cnt_values(job: PostJob) -> Array:
-    """(M,) n of CNTn at each move's end, 0 for FINE; see the head of this file."""
+    """Compute n of CNTn at the end of each move; the module docstring gives the rule.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
+
+    Returns:
+        n (M,); 0 for FINE.
+    """
     p, zone = job.program, job.zone
     a = compute_line_acceleration(p)
     n = np.zeros(len(p))
@@ -105,10 +119,13 @@ def _list_assumptions(job: PostJob, used: frozenset[str]) -> Sequence[str]:
 
 
 def check_slowest_feed(job: PostJob) -> None:
-    """Refuse a feed that would be printed as another one.
+    """Refuse a feed that would be printed as another value.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
 
     Raises:
-        InputError: a feed below a tenth of a mm/s.
+        PostError: a feed is below a tenth of a mm/s.
     """
     least = np.nanmin(job.program.feed) if (job.program.kind == LIN).any() else 1.0
     if least < SLOWEST:

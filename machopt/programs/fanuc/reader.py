@@ -1,4 +1,4 @@
-"""FANUC TP programs as text (.ls): motion lines of /MN with the positions of /POS."""
+"""Reader of FANUC TP programs as text (.ls): motion lines of /MN with the positions of /POS."""
 
 from __future__ import annotations
 
@@ -46,6 +46,14 @@ _DEEPEST = 20
 
 def read_fanuc(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a FANUC program.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
+    Returns:
+        Moves, frames, events and unknown words of the program.
 
     Raises:
         InputError: names file and line, what was found and what would work.
@@ -183,7 +191,7 @@ class _FanucReader:
         )
 
     def step(self, by: FanucPosition, kind: int, feed: float, blend: float, line: int, part: FanucFile) -> None:
-        """INC: the position's numbers are added to the place where the robot stands, along the user frame."""
+        """INC: add the numbers of the position to the present one, along the user frame."""
         if "X" not in by.values or self.out.last is None:
             raise self.out.error(
                 "INC starts where the robot stands, and the program does not say where that is (or gives axes); "
@@ -243,7 +251,7 @@ class _FanucReader:
         )
 
     def read_motion_options(self, text: str, line: int, part: FanucFile) -> tuple[float, float]:
-        """Feed in m/s and blend in m of what stands behind a position."""
+        """Read feed in m/s and blend in m from the text behind a position."""
         feed, blend = math.nan, math.nan
         for switched in _SWITCHES.findall(text):
             self.out.event(switched, "comment")

@@ -1,4 +1,4 @@
-"""Generic CSV and JSON: joints as the URDF counts them, poses in the workpiece."""
+"""Generic CSV and JSON programs: joints in URDF convention, poses in the workpiece."""
 
 from __future__ import annotations
 

@@ -26,6 +26,14 @@ SAME_AXIS = 1e-6  # both are printed to nine decimals
 def read_csv_program(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a program table.
 
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
+    Returns:
+        Moves, frames and events of the program.
+
     Raises:
         InputError: names line and column, what was found and what was expected.
     """
@@ -56,6 +64,14 @@ def read_csv_program(source: SourceFile, arc_tolerance: float, strict: bool = Fa
 
 def read_json_program(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a program as JSON.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
+    Returns:
+        Moves, frames and events of the program.
 
     Raises:
         InputError: says what was found and what was expected.
@@ -101,10 +117,17 @@ def read_json_program(source: SourceFile, arc_tolerance: float, strict: bool = F
 
 
 def parse_json_object(out: ProgramBuilder, source: SourceFile) -> Mapping[str, object]:
-    """The file as one JSON object.
+    """Parse the file as one JSON object.
+
+    Args:
+        out: Program builder, for errors.
+        source: Lines of the file, with its path and the builder of its errors.
+
+    Returns:
+        The object.
 
     Raises:
-        InputError: it is none.
+        InputError: the file is no JSON object.
     """
     try:
         value = json.loads("\n".join(source.lines), parse_constant=_refuse_constant)

@@ -1,4 +1,4 @@
-"""KRL data: numbers, enumerations, aggregates ``{X 1,Y 2}``, variables and arrays of them."""
+"""KRL values: numbers, enumerations, aggregates ``{X 1,Y 2}``, variables and arrays of them."""
 
 from __future__ import annotations
 
@@ -27,10 +27,18 @@ class KrlMemory:
     arrays: dict[str, dict[int, Value]] = field(default_factory=dict)
 
     def get(self, name: str, index: int | None, fields: list[str]) -> Value:
-        """The value of ``name[index].field…``.
+        """Return the value of ``name[index].field…``.
+
+        Args:
+            name: Name of the variable.
+            index: Index of an array element, None where there is none.
+            fields: Names of nested components.
+
+        Returns:
+            The value.
 
         Raises:
-            KrlError: it is not declared, or has no value.
+            KrlValueError: it is not declared, or has no value.
         """
         value: Value
         if index is not None:
@@ -56,7 +64,17 @@ class KrlMemory:
         return value
 
     def put(self, name: str, index: int | None, fields: list[str], value: Value) -> None:
-        """Assign; components of an aggregate are changed in a copy, as KRL does."""
+        """Assign a value; components of an aggregate change in a copy, as in KRL.
+
+        Args:
+            name: Name of the variable.
+            index: Index of an array element, None where there is none.
+            fields: Names of nested components.
+            value: The new value.
+
+        Raises:
+            KrlValueError: the variable is not declared.
+        """
         store: dict[str, Value] | dict[int, Value]
         key: str | int
         if index is None:
@@ -80,7 +98,15 @@ class KrlMemory:
 
 
 def split_variable_name(text: str, memory: KrlMemory) -> tuple[str, int | None, list[str]] | None:
-    """``NAME[i].X`` as name, index and components, or None where it is no variable."""
+    """Split ``NAME[i].X`` into name, index and components.
+
+    Args:
+        text: Text of the expression.
+        memory: Values of the declared variables.
+
+    Returns:
+        The parts, None where the text is no variable.
+    """
     found = _NAME.match(text)
     if found is None:
         return None
@@ -94,10 +120,17 @@ def split_variable_name(text: str, memory: KrlMemory) -> tuple[str, int | None, 
 
 
 def evaluate_whole_number(text: str, memory: KrlMemory) -> int:
-    """A whole number, from a constant or a variable.
+    """Evaluate an integer from a constant or a variable.
+
+    Args:
+        text: Text of the expression.
+        memory: Values of the declared variables.
+
+    Returns:
+        The integer.
 
     Raises:
-        KrlError: it is none.
+        KrlValueError: the value is no integer.
     """
     value = evaluate_expression(text, memory)
     if not isinstance(value, float) or value != int(value) or abs(value) > 1e9:
@@ -106,10 +139,18 @@ def evaluate_whole_number(text: str, memory: KrlMemory) -> int:
 
 
 def evaluate_expression(text: str, memory: KrlMemory, depth: int = 0) -> Value:
-    """The value of an expression: a constant, an aggregate or a variable; formulas are not evaluated.
+    """Evaluate a constant, an aggregate or a variable; formulas are not evaluated.
+
+    Args:
+        text: Text of the expression.
+        memory: Values of the declared variables.
+        depth: Depth of nested aggregates.
+
+    Returns:
+        The value.
 
     Raises:
-        KrlError: it is something else, or a variable without a value.
+        KrlValueError: another expression, or a variable without a value.
     """
     text = text.strip()
     plain = parse_number(text)
@@ -128,7 +169,14 @@ def evaluate_expression(text: str, memory: KrlMemory, depth: int = 0) -> Value:
 
 
 def parse_plain_aggregate(text: str) -> Aggregate | None:
-    """``{X 1.5,Y -2}`` at once; None where it has anything but different components and their numbers."""
+    """Parse ``{X 1.5,Y -2}`` in one step.
+
+    Args:
+        text: Text of the expression.
+
+    Returns:
+        Component → number; None where the text holds anything but different components with numbers.
+    """
     out: Aggregate = {}
     items = text[1:-1].split(",")
     for item in items:
@@ -174,7 +222,15 @@ def _split_at_commas(text: str) -> list[str]:
 
 
 def try_evaluate(text: str, memory: KrlMemory) -> Value:
-    """The value, or None where it cannot be had: it may never be needed."""
+    """Evaluate an expression if possible; its value may never be needed.
+
+    Args:
+        text: Text of the expression.
+        memory: Values of the declared variables.
+
+    Returns:
+        The value, None where it cannot be evaluated.
+    """
     try:
         return evaluate_expression(text, memory)
     except KrlValueError:

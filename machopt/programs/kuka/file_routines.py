@@ -1,4 +1,4 @@
-"""KRL files as routines and blocks, before anything is carried out."""
+"""KRL files split into routines and blocks, before execution."""
 
 from __future__ import annotations
 
@@ -50,6 +50,12 @@ class KrlModule:
 def read_krl_module(source: SourceFile) -> KrlModule:
     """Split a file into its routines and data.
 
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+
+    Returns:
+        Routines and data of the file.
+
     Raises:
         InputError: a block is closed that was not opened, or the other way round.
     """
@@ -99,13 +105,27 @@ def _match_blocks(routine: KrlRoutine) -> None:
 
 
 def get_first_word(code: str) -> str:
-    """The word a statement begins with, in upper case."""
+    """Return the first word of a statement in upper case.
+
+    Args:
+        code: The statement.
+
+    Returns:
+        The word; empty where there is none.
+    """
     found = _WORD.match(code)
     return found.group(0).upper() if found else ""
 
 
 def split_comment(raw: str) -> tuple[str, str]:
-    """Code and comment of a line; a semicolon inside quotes starts no comment."""
+    """Split a line into code and comment; a semicolon inside quotes begins no comment.
+
+    Args:
+        raw: Text of the line.
+
+    Returns:
+        Code and comment.
+    """
     at = raw.find(";")
     if at >= 0 and '"' in raw[:at]:
         quoted, at = False, -1

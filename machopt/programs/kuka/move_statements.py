@@ -1,4 +1,4 @@
-"""Moves of KRL: PTP, LIN, CIRC, SPL and those relative to the last target, given to the builder."""
+"""KRL motion statements: PTP, LIN, CIRC, SPL and their relative forms."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from machopt.programs.reading.parsed_program import JOINT, LINEAR
 from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import compute_fixed_xyz_rotation
 
-_HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # where the robot stands
+_HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # the present robot position
 _HOME = re.compile(r"(?:X?HOME\d*|\$H_POS)\s*", re.IGNORECASE)
 
 
@@ -33,7 +33,7 @@ class KrlMoves:
             rest: what stands behind it: targets, approximation words, WITH.
 
         Raises:
-            KrlError: the target cannot be known, or the move is not followed.
+            KrlValueError: the target cannot be known, or the move is not followed.
         """
         name = re.split(r"\s+C_", rest.strip())[0]
         if _HERE.fullmatch(name):

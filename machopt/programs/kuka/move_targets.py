@@ -1,4 +1,4 @@
-"""Targets of KRL moves: aggregates and names, and the components that they leave out."""
+"""Targets of KRL moves: aggregates and names, and their omitted components."""
 
 from __future__ import annotations
 
@@ -26,7 +26,18 @@ class KrlTargets:
         self.pose, self.axes = {}, {}
 
     def read(self, text: str, count: int) -> tuple[list[dict[str, object]], list[str]]:
-        """The targets of a motion, and the approximation words after them."""
+        """Read the targets of a motion.
+
+        Args:
+            text: Text behind the motion word.
+            count: Number of targets.
+
+        Returns:
+            The targets, and the approximation words behind them.
+
+        Raises:
+            KrlValueError: a target cannot be evaluated.
+        """
         text = re.split(r"\s+WITH\s", text, maxsplit=1, flags=re.IGNORECASE)[0]
         out: list[dict[str, object]] = []
         rest = text.strip()
@@ -63,7 +74,17 @@ class KrlTargets:
         return out, [w.upper() for w in flags]
 
     def full(self, target: dict[str, object]) -> dict[str, float]:
-        """All six components; those left out are the last ones."""
+        """Complete a pose; missing components keep their last values.
+
+        Args:
+            target: Components of the target: name → value.
+
+        Returns:
+            All six components, mm and degrees.
+
+        Raises:
+            KrlValueError: a component has no value yet, or is no number.
+        """
         self.pose |= {c: get_numeric_component(target, c) for c in POSE if c in target}
         missing = [c for c in POSE if c not in self.pose]
         if missing:
@@ -71,7 +92,17 @@ class KrlTargets:
         return dict(self.pose)
 
     def joints(self, target: dict[str, object]) -> list[float]:
-        """All six axes (deg); those left out are the last ones."""
+        """Complete an axis target; missing axes keep their last values.
+
+        Args:
+            target: Components of the target: name → value.
+
+        Returns:
+            All six axes, degrees.
+
+        Raises:
+            KrlValueError: an axis has no value yet, or is no number.
+        """
         self.axes |= {a: get_numeric_component(target, a) for a in AXES if a in target}
         missing = [a for a in AXES if a not in self.axes]
         if missing:
@@ -80,6 +111,18 @@ class KrlTargets:
 
 
 def get_numeric_component(target: dict[str, object], component: str) -> float:
+    """Return a numeric component of a target.
+
+    Args:
+        target: Components of the target: name → value.
+        component: Name of the component.
+
+    Returns:
+        The number.
+
+    Raises:
+        KrlValueError: the component is no number.
+    """
     value = target[component]
     if not isinstance(value, float):
         raise KrlValueError(f"{component} is no number")
@@ -87,11 +130,27 @@ def get_numeric_component(target: dict[str, object], component: str) -> float:
 
 
 def list_external_values(target: dict[str, object]) -> list[float]:
+    """Return the external axes E1 … of a target.
+
+    Args:
+        target: Components of the target: name → value.
+
+    Returns:
+        Values, degrees or mm.
+    """
     most = max((k for k in range(1, 7) if f"E{k}" in target), default=0)
     return [get_numeric_component(target, f"E{k}") if f"E{k}" in target else math.nan for k in range(1, most + 1)]
 
 
 def build_pose(full: dict[str, float]) -> Array:
+    """Build the pose of a complete target.
+
+    Args:
+        full: Components X, Y, Z in mm and A, B, C in degrees.
+
+    Returns:
+        Pose (4, 4), m.
+    """
     rows = compute_fixed_xyz_rotation(full["C"], full["B"], full["A"])
     return build_pose_matrix(rows, full["X"] * 1e-3, full["Y"] * 1e-3, full["Z"] * 1e-3)
 

@@ -23,16 +23,32 @@ from machopt.programs.writing.maker_rules import MakerRules
 from machopt.programs.writing.template_fields import PostJob
 from machopt.programs.writing.template_language import TemplateValue
 
-PRINTED = 5  # decimals of axis angles: a bit must agree with the number beside it
+PRINTED = 5  # decimals of axis angles: a bit must agree with the printed number
 
 
 def compute_turn_bits(axes_deg: Array) -> NDArray[np.int64]:
-    """T (...,) of axes (..., 6) in the controller's degrees: bit i set where axis i+1 is below 0°."""
+    """Compute the turn bits T: bit i is set where axis i+1 is below 0°.
+
+    Args:
+        axes_deg: Axes (..., 6) in controller degrees.
+
+    Returns:
+        T (...,).
+    """
     return np.asarray((np.round(axes_deg, PRINTED) < 0.0) @ (1 << np.arange(6)), dtype=np.int64)
 
 
 def compute_status_bits(axes_deg: Array, behind: NDArray[np.bool_], elbow_up: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """S (...,): see the head of this file."""
+    """Compute the status bits S; the module docstring gives the rule.
+
+    Args:
+        axes_deg: Axes (..., 6) in controller degrees.
+        behind: Whether the wrist root lies behind axis 1 (...,).
+        elbow_up: Whether bit 1 (elbow) is set (...,).
+
+    Returns:
+        S (...,).
+    """
     flip = np.round(np.asarray(axes_deg)[..., 4], PRINTED) < 0.0
     return np.asarray(behind.astype(np.int64) | elbow_up.astype(np.int64) << 1 | flip.astype(np.int64) << 2)
 

@@ -1,4 +1,4 @@
-"""KUKA KRL: a ``.src`` with its ``.dat``, followed as the controller would, without formulas and branches."""
+"""Reader of KUKA KRL: executes a ``.src`` with its ``.dat`` as the controller does, without formulas and branches."""
 
 from __future__ import annotations
 
@@ -44,6 +44,14 @@ EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
 
 def read_krl(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a KRL program.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
+    Returns:
+        Moves, frames, events and unknown words of the program.
 
     Raises:
         InputError: names file and line, what was found and what would work.

@@ -1,4 +1,4 @@
-"""KRL statements by their words: moves, declarations, and what moves nothing within a branch."""
+"""Patterns of KRL statements: moves, declarations, and statements without motion inside a branch."""
 
 from __future__ import annotations
 
@@ -51,7 +51,11 @@ _WITHIN = (
 
 
 def is_harmless_statement(code: str) -> bool:
-    """True for a statement within a branch that neither moves nor assigns, or that another check looks at."""
+    """Return whether a statement in a branch neither moves nor assigns, or is covered by another check.
+
+    Args:
+        code: The statement in upper case.
+    """
     word = get_first_word(code)
     known = (*OPENS, *OPENS.values(), *_WITHIN, *KRL_STATEMENTS, *TYPES)
     switches = word == "TRIGGER" and SWITCHES.search(code) is not None

@@ -1,4 +1,4 @@
-"""An arc of a robot program, through three poses, as chords."""
+"""Arcs of a robot program through three poses, divided into chords."""
 
 from __future__ import annotations
 

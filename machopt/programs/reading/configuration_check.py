@@ -1,6 +1,6 @@
-"""Status, turns and confdata counted again from the joints alone: what a program's own words for them must be.
+"""Status, turns and confdata recomputed from the joints, to check the values in a program.
 
-An axis that stands at a boundary by print may count to either side. The meanings are in ``posts/README.md``.
+An axis that lies on a boundary as printed may count to either side. ``posts/README.md`` gives the meanings.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def find_first_difference(
     posture: PostureWords | None,
     nonflip_j5: Literal["negative", "positive"] | None = None,
 ) -> tuple[int, int | None]:
-    """How many moves say something that can be counted again, and the first of them that says it wrongly.
+    """Count the moves with values that can be recomputed, and find the first wrong one.
 
     Args:
         dialect: of the parsed program.
@@ -48,7 +48,7 @@ def _compare_words(
 ) -> list[bool]:
     """One for each word that is known here."""
     low, high = [v - SLACK for v in a], [v + SLACK for v in a]
-    below = [{low[k] < 0.0, high[k] < 0.0} for k in range(6)]  # what may be said of each axis
+    below = [{low[k] < 0.0, high[k] < 0.0} for k in range(6)]  # accepted values of each axis
     out: list[bool] = []
     if dialect == "krl":
         if isinstance(said.get("T"), int):

@@ -1,7 +1,7 @@
-"""Words of robot programs that cannot move points or frames, with the reason; one list per language.
+"""Robot program statements that cannot move points or frames, with the reason; one list per language.
 
-A statement that is on no list and that the reader does not carry out stops a plan
-(:mod:`machopt.toolpath.unknown_words`). FANUC and Yaskawa statements are known by their beginning.
+A statement that is neither listed nor executed by the reader stops a plan (:mod:`machopt.toolpath.unknown_words`).
+FANUC and Yaskawa statements are identified by their beginning.
 """
 
 from __future__ import annotations
@@ -163,6 +163,13 @@ VAL3_TYPES: dict[str, str] = dict.fromkeys(("num", "bool", "string", "dio", "aio
 
 
 def compile_beginning_pattern(words: dict[str, str]) -> re.Pattern[str]:
-    """A pattern for statements that begin with one of the words; one that ends with a letter ends there."""
+    """Compile a pattern for statements that begin with one of the words; a word that ends with a letter ends there.
+
+    Args:
+        words: Word → reason why it cannot move anything.
+
+    Returns:
+        The pattern.
+    """
     ordered = sorted(words, key=len, reverse=True)
     return re.compile("|".join(re.escape(w) + (r"(?![A-Z])" if w[-1].isalpha() else "") for w in ordered))

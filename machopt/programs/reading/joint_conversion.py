@@ -1,4 +1,4 @@
-"""Joint positions of a URDF from the axis angles of a controller: the way back, with plain numbers."""
+"""Conversion of controller axis angles to URDF joint positions: the inverse of the writer, in plain numbers."""
 
 from __future__ import annotations
 

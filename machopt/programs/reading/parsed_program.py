@@ -1,4 +1,4 @@
-"""A robot program as its reader understood it. Nothing here knows how programs are written."""
+"""Data of a parsed robot program, independent of the writers."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class ParsedProgram:
 
     dialect: str
     name: str
-    files: tuple[Path, ...]  # the one that was asked for first
+    files: tuple[Path, ...]  # the requested file first
     kind: NDArray[np.int8]  # (M,) JOINT or LINEAR
     axes_deg: Array  # (M, 6) as the program counts them; NaN where the target is a pose
     T_base_tcp: Array  # (M, 4, 4) m; NaN where the target is given in axes
-    feed: Array  # (M,) m/s of the TCP on linear moves; NaN where the program does not say
-    blend: Array  # (M,) m, how far from the target the robot may leave it; 0 exact stop, NaN not said in mm
+    feed: Array  # (M,) m/s of the TCP on linear moves; NaN where the program gives none
+    blend: Array  # (M,) m, how far from the target the robot may leave it; 0 exact stop, NaN not given in mm
     time: Array  # (M,) s from the start, NaN where the format gives none
     external: Array  # (M, E) as written: mm, deg or pulses, of messages of ROS m or rad; NaN where absent
     configuration: tuple[Mapping[str, object], ...]  # (M,) status, turns, confdata … in the maker's own names
@@ -43,7 +43,7 @@ class ParsedProgram:
     tool: NDArray[np.int32]  # (M,) index into ``tools``
     bases: tuple[ProgramFrame, ...]
     tools: tuple[ProgramFrame, ...]
-    move: NDArray[np.int8]  # (M,) Move codes: joint moves rapid, linear ones what a comment says, else cut
+    move: NDArray[np.int8]  # (M,) Move codes: joint moves rapid, linear ones as in a comment, else cut
     operation: NDArray[np.int32]  # (M,) index into ``operations``, −1 before the first
     operations: tuple[str, ...]
     events: tuple[ToolpathEvent, ...]  # index of the move they come before

@@ -1,4 +1,4 @@
-"""Collects moves, frames, events and unknown words while a reader follows a program."""
+"""Collector of moves, frames, events and unknown words while a reader executes a program."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ class ProgramBuilder:
     feed: float = math.nan
     speed_override: float = 1.0  # the program's own override: what every feed is multiplied by
     has_external_values_in_comments: bool = (
-        False  # the language has no external axes: a comment says where they must stand
+        False  # the language has no external axes: a comment gives their required positions
     )
-    commented_external_values: tuple[float, ...] = ()  # mm or deg, what it said
-    last: Array | None = None  # (4, 4) the pose the robot stands at in the active base, None where unknown
+    commented_external_values: tuple[float, ...] = ()  # mm or deg, the value of that comment
+    last: Array | None = None  # (4, 4) present pose in the active base, None where unknown
     _numbers: array[float] = field(default_factory=lambda: array("d"))  # 6 axes, 12 pose, feed, blend, time
     _codes: array[int] = field(default_factory=lambda: array("i"))  # kind base tool move operation line
     _external: list[tuple[float, ...]] = field(default_factory=list)
@@ -72,7 +72,7 @@ class ProgramBuilder:
     _operations: list[str] = field(default_factory=list)
     _operation: int = -1
     _word: MoveKind = MoveKind.CUT
-    _has_move_comment: bool = False  # a comment said what kind of move follows
+    _has_move_comment: bool = False  # a comment gave the kind of the next moves
     _ignored: dict[tuple[str, bool, bool], list[int]] = field(default_factory=dict)
     _steps: int = 0
 
@@ -80,10 +80,23 @@ class ProgramBuilder:
         return len(self._codes) // 6
 
     def error(self, message: str, line: int | None = None, source: SourceFile | None = None) -> InputError:
+        """Build an error of the program file.
+
+        Args:
+            message: Description of the error.
+            line: Line number (1-based), None where no line is meant.
+            source: File of the line; None for the main file.
+
+        Returns:
+            The error, not raised.
+        """
         return (source or self.source).build_error(message, line)
 
     def step(self, line: int) -> None:
         """Count a statement that is carried out.
+
+        Args:
+            line: Line number in the file (1-based).
 
         Raises:
             InputError: the program does not end.
@@ -93,10 +106,14 @@ class ProgramBuilder:
             raise self.error(f"more than {MOST_STEPS} statements are carried out: a loop does not end here", line)
 
     def override(self, percent: float | None, line: int) -> None:
-        """The program sets its override: feeds behind it are that share of what they say.
+        """Set the speed override: feeds that follow are this share of their programmed values.
+
+        Args:
+            percent: Override in %, None where it is known only at run time.
+            line: Line number in the file (1-based).
 
         Raises:
-            InputError: the share is known only while the robot runs.
+            InputError: the override is not known here.
         """
         if percent is None or not 0.0 < percent <= 100.0:
             raise self.error("the override is set to a value that is not known here; expected 1 to 100 %", line)
@@ -107,7 +124,11 @@ class ProgramBuilder:
             )
 
     def may_end(self, line: int) -> None:
-        """A branch holds a RETURN: most often a check of arguments, so it is read as not taken, and said."""
+        """Warn of a branch with RETURN; most often it checks arguments, so it is read as not taken.
+
+        Args:
+            line: Line number in the file (1-based).
+        """
         self.warn_once("a branch may end the routine early (RETURN); read as if it does not", line)
 
     # ---- moves
@@ -125,7 +146,22 @@ class ProgramBuilder:
         configuration: Mapping[str, object] | None = None,
         pose: Array | None = None,
     ) -> None:
-        """A target in axes (6 numbers; NaN where only pulses are known); ``pose`` where the file gives it too."""
+        """Add a target in axes.
+
+        Args:
+            axes_deg: Six axes in degrees; NaN where only pulses are known.
+            line: Line number in the file (1-based).
+            kind: Kind of move: joint, linear or circular.
+            feed: Feed, m/s; NaN where not given.
+            blend: Blend distance at the end of the move, m; 0 for an exact stop.
+            time: Time of the target in s; a constant where not given.
+            external: Values of the external axes as in the file; NaN for unused ones.
+            configuration: Names and values of the arm configuration; None where not given.
+            pose: Pose (4, 4) of the target in m, where the file gives it too.
+
+        Raises:
+            InputError: the target is malformed.
+        """
         for value in axes_deg:
             if abs(value) > MOST_DEGREES or math.isinf(value):
                 raise self.error(f"axis at {value:g} degrees; expected a position of a robot's axis", line)
@@ -146,7 +182,20 @@ class ProgramBuilder:
         external: Sequence[float] = (),
         configuration: Mapping[str, object] | None = None,
     ) -> None:
-        """A target as a pose, position in m."""
+        """Add a target as a rotation and a position.
+
+        Args:
+            kind: Kind of move: joint, linear or circular.
+            rows: Rotation, nine numbers row by row.
+            x: Position along x, m.
+            y: Position along y, m.
+            z: Position along z, m.
+            line: Line number in the file (1-based).
+            feed: Feed, m/s; NaN where not given.
+            blend: Blend distance at the end of the move, m; 0 for an exact stop.
+            external: Values of the external axes as in the file; NaN for unused ones.
+            configuration: Names and values of the arm configuration; None where not given.
+        """
         a, b, c, d, e, f, g, h, i = rows
         T = np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
         self.add_pose_move(kind, T, line, feed=feed, blend=blend, external=external, configuration=configuration)
@@ -162,7 +211,20 @@ class ProgramBuilder:
         external: Sequence[float] = (),
         configuration: Mapping[str, object] | None = None,
     ) -> None:
-        """A target as a pose (4, 4)."""
+        """Add a target as a pose.
+
+        Args:
+            kind: Kind of move: joint, linear or circular.
+            T: Pose (4, 4), m.
+            line: Line number in the file (1-based).
+            feed: Feed, m/s; NaN where not given.
+            blend: Blend distance at the end of the move, m; 0 for an exact stop.
+            external: Values of the external axes as in the file; NaN for unused ones.
+            configuration: Names and values of the arm configuration; None where not given.
+
+        Raises:
+            InputError: the target is malformed.
+        """
         x, y, z = T[:3, 3].tolist()
         if not all(math.isfinite(v) and abs(v) <= FARTHEST for v in (x, y, z)):
             raise self.error(f"target at {x:g}, {y:g}, {z:g} m; expected a place in a robot cell", line)
@@ -181,12 +243,23 @@ class ProgramBuilder:
         configuration: Mapping[str, object] | None = None,
         sweep_deg: float | None = None,
     ) -> None:
-        """An arc from where the robot stands through ``via`` to ``end``, poses (4, 4), as chords.
+        """Add an arc from the present pose through ``via`` to ``end`` as chords.
 
-        With ``sweep_deg`` it ends after that angle instead, the other way round where negative (KUKA's CA).
+        With ``sweep_deg`` the arc ends after that angle instead, in reverse where negative (KUKA's CA).
+
+        Args:
+            via: Pose (4, 4) on the arc, m.
+            end: Pose (4, 4) at its end, m.
+            line: Line number in the file (1-based).
+            feed: Feed, m/s; NaN where not given.
+            blend: Blend distance at the end of the move, m; 0 for an exact stop.
+            external: Values of the external axes as in the file; NaN for unused ones.
+            configuration: Names and values of the arm configuration; None where not given.
+            sweep_deg: Angle of the arc in degrees, None where ``end`` ends it.
 
         Raises:
-            InputError: the start is not known, or the three points lie on a line; or, with an angle, the tool turns.
+            InputError: the start is not known, the three points lie on a line, or the tool rotates on an arc with an
+                angle.
         """
         if self.last is None:
             raise self.error("an arc begins at a joint target, whose place is not known without the robot", line)
@@ -238,16 +311,29 @@ class ProgramBuilder:
     # ---- frames
 
     def set_base(self, frame: ProgramFrame) -> None:
-        """The frame that poses are given in from here on."""
+        """Set the frame of the poses that follow.
+
+        Args:
+            frame: Name and transform of the frame.
+        """
         self._base = _find_or_add_frame(self._bases, frame)
 
     def set_tool(self, frame: ProgramFrame) -> None:
+        """Set the tool frame of the moves that follow.
+
+        Args:
+            frame: Name and transform of the frame.
+        """
         self._tool = _find_or_add_frame(self._tools, frame)
 
     # ---- what is no move
 
     def comment(self, text: str) -> None:
-        """A comment: our own ones name operations, kinds of move and events of the CAM file."""
+        """Read a comment: those of our own programs name operations, kinds of move and events of the CAM file.
+
+        Args:
+            text: Text in the program.
+        """
         found = _LABEL.fullmatch(text)
         if found is None:
             return
@@ -265,7 +351,11 @@ class ProgramBuilder:
             self.event(rest, fresh=True)
 
     def begin(self, label: str) -> None:
-        """Moves from here on belong to this operation."""
+        """Begin an operation for the moves that follow.
+
+        Args:
+            label: Name of the operation.
+        """
         if not label or (self._operation >= 0 and self._operations[self._operation] == label):
             return
         if label not in self._operations:
@@ -273,22 +363,37 @@ class ProgramBuilder:
         self._operation = self._operations.index(label)
 
     def begin_or_none(self, label: str) -> None:
-        """As :meth:`begin`, for formats that say it of every move: without a label it belongs to none."""
+        """Begin an operation, for formats that give it with every move; without a label a move belongs to none.
+
+        Args:
+            label: Name of the operation.
+        """
         self.begin(label)
         if not label:
             self._operation = -1
 
     def word(self, word: str) -> None:
-        """Moves from here on are of this kind."""
+        """Set the kind of the moves that follow.
+
+        Args:
+            word: Word of the kind.
+        """
         self._word = _MOVES.get(word, self._word)
 
     @property
     def find_streamed_kind(self) -> int:
-        """Kind of a streamed joint target: linear where a comment says that the tool is led along the path."""
+        """Kind of a streamed joint target: linear where a comment marks the move as a path move."""
         return LINEAR if self._has_move_comment and self._word != MoveKind.RAPID else JOINT
 
     def event(self, text: str, kind: str | None = None, value: float = math.nan, *, fresh: bool = False) -> None:
-        """Something that happens before the next move; a statement right after a CAM comment explains that one."""
+        """Add an event before the next move; a statement directly after a CAM comment explains that comment.
+
+        Args:
+            text: Text in the program.
+            kind: Kind of the event; None to derive it from the text.
+            value: Number of the event; NaN where it has none.
+            fresh: Whether the event stays separate from the previous comment.
+        """
         if self._is_last_event_comment and not fresh:
             last = self._events[-1]
             known = kind if kind is not None and kind != "comment" else last.kind
@@ -302,9 +407,18 @@ class ProgramBuilder:
         self._is_last_event_comment = fresh
 
     def ignore(self, word: str, line: int, *, understood: bool, stops: bool | None = None) -> None:
-        """Count a statement without effect here; with ``strict`` the first not understood one is refused.
+        """Count a statement without effect here.
 
-        One that is not understood may move points or frames, so it stops a plan; ``stops=False``: it cannot.
+        One that is not understood may move points or frames, so it stops a plan, unless ``stops`` is False.
+
+        Args:
+            word: The statement.
+            line: Line number in the file (1-based).
+            understood: Whether the statement is known.
+            stops: Whether the statement stops a plan; None to derive it.
+
+        Raises:
+            InputError: with ``strict``, the statement is not understood.
         """
         key = (word[:40], understood, not understood if stops is None else stops)
         entry = self._ignored.setdefault(key, [0, line])
@@ -313,6 +427,12 @@ class ProgramBuilder:
             raise self.error(f"{word[:40]!r} is not understood and strict reading was asked for", line)
 
     def warn_once(self, message: str, line: int | None = None) -> None:
+        """Add a warning, the first time it occurs.
+
+        Args:
+            message: Description of the error.
+            line: Line number (1-based), None where no line is meant.
+        """
         if not any(w.endswith(message) for w in self.warnings):
             self.warnings.append(message if line is None else f"line {line}: {message}")
 
@@ -376,7 +496,14 @@ def _find_or_add_frame(frames: list[ProgramFrame], frame: ProgramFrame) -> int:
 
 
 def parse_number(text: str) -> float | None:
-    """A finite number, or None."""
+    """Parse a finite number.
+
+    Args:
+        text: Text of the number.
+
+    Returns:
+        The number, None where the text is none.
+    """
     try:
         value = float(text)
     except ValueError:

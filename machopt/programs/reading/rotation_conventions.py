@@ -1,4 +1,4 @@
-"""Rotations from the numbers of robot programs, written out for one target at a time: nine floats, row by row."""
+"""Rotation conventions of robot programs, for one target at a time: nine floats, row by row."""
 
 from __future__ import annotations
 
@@ -14,7 +14,16 @@ LEAST_NORM = 0.9  # of a quaternion as printed; programs with four decimals are 
 
 
 def compute_fixed_xyz_rotation(x_deg: float, y_deg: float, z_deg: float) -> Rows:
-    """Turned about the fixed x, then y, then z axis: KUKA's C, B, A; FANUC's W, P, R; Yaskawa's Rx, Ry, Rz."""
+    """Compute rotations about the fixed x, then y, then z axis: KUKA's C, B, A; FANUC's W, P, R; Yaskawa's Rx, Ry, Rz.
+
+    Args:
+        x_deg: Angle about x, degrees.
+        y_deg: Angle about y, degrees.
+        z_deg: Angle about z, degrees.
+
+    Returns:
+        Rotation, nine numbers row by row.
+    """
     x, y, z = math.radians(x_deg), math.radians(y_deg), math.radians(z_deg)
     cx, sx, cy, sy, cz, sz = math.cos(x), math.sin(x), math.cos(y), math.sin(y), math.cos(z), math.sin(z)
     return (
@@ -31,7 +40,16 @@ def compute_fixed_xyz_rotation(x_deg: float, y_deg: float, z_deg: float) -> Rows
 
 
 def compute_moving_xyz_rotation(x_deg: float, y_deg: float, z_deg: float) -> Rows:
-    """Turned about its own x, then its new y, then its new z axis: Stäubli's rx, ry, rz."""
+    """Compute rotations about the own x, then the new y, then the new z axis: Stäubli's rx, ry, rz.
+
+    Args:
+        x_deg: Angle about x, degrees.
+        y_deg: Angle about y, degrees.
+        z_deg: Angle about z, degrees.
+
+    Returns:
+        Rotation, nine numbers row by row.
+    """
     x, y, z = math.radians(x_deg), math.radians(y_deg), math.radians(z_deg)
     cx, sx, cy, sy, cz, sz = math.cos(x), math.sin(x), math.cos(y), math.sin(y), math.cos(z), math.sin(z)
     return (
@@ -48,7 +66,17 @@ def compute_moving_xyz_rotation(x_deg: float, y_deg: float, z_deg: float) -> Row
 
 
 def convert_quaternion(w: float, x: float, y: float, z: float) -> Rows | None:
-    """Of a quaternion with the scalar first, normalised; None where it is none (far from unit length)."""
+    """Convert a quaternion, which is normalised.
+
+    Args:
+        w: Scalar part.
+        x: First vector component.
+        y: Second vector component.
+        z: Third vector component.
+
+    Returns:
+        Rotation, nine numbers row by row; None where the quaternion is far from unit length.
+    """
     square = w * w + x * x + y * y + z * z
     if not LEAST_NORM < square < 1.0 / LEAST_NORM:
         return None
@@ -67,7 +95,16 @@ def convert_quaternion(w: float, x: float, y: float, z: float) -> Rows | None:
 
 
 def convert_rotation_vector(x: float, y: float, z: float) -> Rows:
-    """Of a rotation vector in rad, as Universal Robots write it."""
+    """Convert a rotation vector as Universal Robots writes it.
+
+    Args:
+        x: Component along x, rad.
+        y: Component along y, rad.
+        z: Component along z, rad.
+
+    Returns:
+        Rotation, nine numbers row by row.
+    """
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
         return (1.0, -z, y, z, 1.0, -x, -y, x, 1.0)
@@ -79,13 +116,30 @@ def convert_rotation_vector(x: float, y: float, z: float) -> Rows:
 
 
 def build_pose_matrix(rows: Rows, x: float, y: float, z: float) -> Array:
-    """(4, 4) of a rotation and a position in m."""
+    """Build a pose from a rotation and a position.
+
+    Args:
+        rows: Rotation, nine numbers row by row.
+        x: Position along x, m.
+        y: Position along y, m.
+        z: Position along z, m.
+
+    Returns:
+        Pose (4, 4), m.
+    """
     a, b, c, d, e, f, g, h, i = rows
     return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
 
 
 def invert_pose(T: Array) -> Array:
-    """Inverse of a rigid transform (4, 4)."""
+    """Invert a rigid transform.
+
+    Args:
+        T: Transform (4, 4), m.
+
+    Returns:
+        Inverse (4, 4), m.
+    """
     out = np.eye(4)
     out[:3, :3] = T[:3, :3].T
     out[:3, 3] = -T[:3, :3].T @ T[:3, 3]
@@ -93,7 +147,16 @@ def invert_pose(T: Array) -> Array:
 
 
 def interpolate_rotations(R0: Array, R1: Array, share: Array) -> Array:
-    """(N, 3, 3) on the shortest turn from R0 to R1 at shares (N,) of it."""
+    """Interpolate rotations on the shortest rotation from R0 to R1.
+
+    Args:
+        R0: Start rotation (3, 3).
+        R1: End rotation (3, 3).
+        share: Shares (N,) of the angle, 0 to 1.
+
+    Returns:
+        Rotations (N, 3, 3).
+    """
     turn = R0.T @ R1
     v = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     angle = math.atan2(float(np.linalg.norm(v)), float(np.trace(turn)) - 1.0)
@@ -113,7 +176,16 @@ def interpolate_rotations(R0: Array, R1: Array, share: Array) -> Array:
 
 
 def compute_halfway_pose(a: Array, b: Array, c: Array) -> Array:
-    """A pose on the circle through three places, half-way from the second to the third."""
+    """Compute a pose on the circle through three positions, half-way from the second to the third.
+
+    Args:
+        a: First pose (4, 4), m.
+        b: Second pose (4, 4), m.
+        c: Third pose (4, 4), m.
+
+    Returns:
+        Pose (4, 4), m.
+    """
     p, q, r = (T[:3, 3] for T in (a, b, c))
     n = np.cross(q - p, r - q)
     rows = np.array([q - p, r - p, n])

@@ -1,4 +1,4 @@
-"""ROS trajectory_msgs/JointTrajectory and its kin: radians of the URDF's joints, times strictly rising."""
+"""ROS trajectory_msgs/JointTrajectory and related formats: URDF joints in rad, strictly increasing times."""
 
 from __future__ import annotations
 

@@ -22,8 +22,16 @@ _KEY = re.compile(r"\b([a-z_]+):(?=\s)")
 def read_ros(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a JointTrajectory.
 
-    Every point is a joint move; where an ``.events.json`` or comments say that a part of it cuts, those points are
+    Every point is a joint move; where an ``.events.json`` or comments mark a part of it as cutting, those points are
     linear, as they were planned.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
+    Returns:
+        Moves and events of the program.
 
     Raises:
         InputError: says what was found and what was expected.
@@ -177,7 +185,7 @@ def _read_yaml_comments(source: SourceFile) -> dict[int, list[tuple[str, str]]]:
 
 
 def _read_events_file(out: ProgramBuilder, source: SourceFile) -> dict[int, list[tuple[str, str]]]:
-    """The events file beside a JSON message."""
+    """Read the events file next to a JSON message."""
     path = source.path.with_name(source.path.stem + ".events.json")
     other = try_read_source(path) if path.is_file() else None
     if other is None:

@@ -1,4 +1,4 @@
-"""Stäubli VAL3: configuration words of a point. movel keeps the configuration, so they matter to movej only."""
+"""Stäubli VAL3: configuration words of a point. movel keeps the configuration, so they affect movej only."""
 
 from __future__ import annotations
 

@@ -41,7 +41,15 @@ class Val3Application:
 
 
 def read_val3(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
-    """Read an application from its .pjx, or from one .pgx with the data beside it.
+    """Read an application from its .pjx, or from one .pgx with the data file of the same folder.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
+    Returns:
+        Moves, frames, events and unknown words of the program.
 
     Raises:
         InputError: names file and line, what was found and what would work.
@@ -87,7 +95,7 @@ class _Val3Reader:
         return self.out.build()
 
     def add(self, name: str, source: SourceFile) -> None:
-        """A file that the project names, beside it."""
+        """Add a file of the project, from the same folder."""
         path = source.path.parent / name
         if not name or Path(name).name != name:
             raise self.out.error(f"names the file {name!r}; expected one beside the project")

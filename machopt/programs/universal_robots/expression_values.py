@@ -1,4 +1,4 @@
-"""URScript values: numbers, lists, poses, ``pose_trans``; arithmetic of numbers, nothing that runs."""
+"""URScript values: numbers, lists, poses, ``pose_trans`` and arithmetic of numbers; nothing is executed."""
 
 from __future__ import annotations
 
@@ -42,10 +42,18 @@ class ScriptPose:
 
 
 def evaluate_expression(text: str, memory: Mapping[str, object], quietly: bool = False) -> object:
-    """The value of an expression; :class:`UnknownValue` with ``quietly`` where it cannot be had.
+    """Evaluate an expression.
+
+    Args:
+        text: Text of the expression or of the arguments.
+        memory: Variable → value.
+        quietly: Whether a value that cannot be evaluated becomes :class:`UnknownValue` instead of an error.
+
+    Returns:
+        The value.
 
     Raises:
-        ScriptError: it cannot be had.
+        ScriptValueError: it cannot be evaluated, and not ``quietly``.
     """
     try:
         plain = _parse_plain_value(text)
@@ -66,7 +74,7 @@ def _parse_plain_value(text: str) -> float | list[object] | ScriptPose | None:
     """A number, or a list or a pose of numbers, at once: nearly all there is in a program of thousands of moves.
 
     Raises:
-        ScriptError: a pose that is none.
+        ScriptValueError: a pose that is none.
     """
     text = text.strip()
     if not text.endswith("]"):
@@ -86,10 +94,18 @@ def _parse_plain_value(text: str) -> float | list[object] | ScriptPose | None:
 def parse_arguments(
     text: str, memory: Mapping[str, object], quietly: bool = False
 ) -> tuple[list[object], dict[str, object]]:
-    """Positional and named arguments of a call.
+    """Evaluate the arguments of a call.
+
+    Args:
+        text: Text of the expression or of the arguments.
+        memory: Variable → value.
+        quietly: Whether a value that cannot be evaluated becomes :class:`UnknownValue` instead of an error.
+
+    Returns:
+        Positional arguments, and named arguments.
 
     Raises:
-        ScriptError: one cannot be had, and not ``quietly``.
+        ScriptValueError: one cannot be evaluated, and not ``quietly``.
     """
     values: list[object] = []
     named: dict[str, object] = {}

@@ -1,4 +1,4 @@
-"""Universal Robots: everything in m, rad and rotation vectors; blend radii never overlap (columns.rounding)."""
+"""Universal Robots: units m and rad, rotation vectors; blend radii never overlap (columns.rounding)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Universal Robots script: a program's functions followed from its call, without branches on inputs."""
+"""Reader of Universal Robots scripts: executes the functions from their call, without branches on inputs."""
 
 from __future__ import annotations
 
@@ -64,6 +64,14 @@ class ScriptFunction:
 
 def read_urscript(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a script.
+
+    Args:
+        source: Lines of the file, with its path and the builder of its errors.
+        arc_tolerance: Largest distance of a chord from its arc, m.
+        strict: Whether the first statement that is not understood is an error.
+
+    Returns:
+        Moves, frames, events and unknown words of the program.
 
     Raises:
         InputError: names file and line, what was found and what would work.
@@ -206,7 +214,7 @@ class _ScriptReader:
         """What a branch or function that is not followed assigns is unknown from here on.
 
         Raises:
-            ScriptError: it changes frames, or moves the tool off its targets.
+            ScriptValueError: it changes frames, or moves the tool off its targets.
         """
         for line in body.lines:
             called = _CALL.search(line.code)

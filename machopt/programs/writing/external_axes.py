@@ -1,9 +1,9 @@
-"""External axes as a controller counts them, and which of its frames the workpiece is in.
+"""External axes in the numbering of the controller, and the controller frame that holds the workpiece.
 
-A controller that knows its rail or positioner computes the tool's place from all axes by itself. Targets are then
-given in a frame that rides with the part: on a positioner in that unit's flange (KUKA: an external kinematic, ABB: a
-work object on a mechanical unit), on a rail alone in the hall, which the controller calls WORLD. Each joint counts
-there as sign · value + offset.
+A controller that knows its rail or positioner computes the tool position from all axes. Targets are then given in a
+frame that moves with the part. On a positioner it is the flange of that unit (KUKA: an external kinematic, ABB: a work
+object on a mechanical unit). With a rail alone it is the fixed frame that the controller calls WORLD. The controller
+value of each joint is sign · value + offset.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from machopt.programs.writing.template_language import TemplateColumn, TemplateV
 
 MOST = 6  # external axes that controllers number
 GROUP = 3  # of them in one group of FANUC or Yaskawa
-UNIT, MACHINE = "STN1", 2  # taken and told where the cell does not say them
-STILL = 1e-9  # rad or m: an axis that moves less stands still
+UNIT, MACHINE = "STN1", 2  # assumed and reported where the cell gives none
+STILL = 1e-9  # rad or m: an axis that moves less is fixed
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,15 @@ class DrivenAxis:
 
 
 def list_driven_axes(program: RobotProgram, controller: RobotController) -> tuple[DrivenAxis, ...]:
-    """Every external axis of a program, by the controller's numbers."""
+    """List the external axes of a program in the numbering of the controller.
+
+    Args:
+        program: Robot program: targets, poses and moves in SI units.
+        controller: Controller settings of the cell.
+
+    Returns:
+        The axes.
+    """
     out = []
     for k, axis in enumerate(program.external_axes):
         drive = controller.external.get(axis.joint, ExternalAxisMap())
@@ -52,8 +60,17 @@ def list_driven_axes(program: RobotProgram, controller: RobotController) -> tupl
 def build_external_columns(
     program: RobotProgram, controller: RobotController
 ) -> dict[str, Callable[[], TemplateColumn]]:
-    """``e1`` … ``e6`` by number; ``rail1`` …, ``table1`` … of the group that carries the robot or the part; NaN where
-    there is none."""
+    """Build the template columns of the external axes.
+
+    ``e1`` … ``e6`` by number; ``rail1`` …, ``table1`` … of the group that carries the robot or the part.
+
+    Args:
+        program: Robot program: targets, poses and moves in SI units.
+        controller: Controller settings of the cell.
+
+    Returns:
+        Field → function that computes its column; NaN where there is no such axis.
+    """
     axes, n = list_driven_axes(program, controller), len(program)
     by_name: dict[str, DrivenAxis] = {f"e{d.number}": d for d in axes}
     for group, part in (("rail", False), ("table", True)):
@@ -82,7 +99,15 @@ def build_external_columns(
 
 
 def build_external_fields(program: RobotProgram, controller: RobotController) -> dict[str, TemplateValue]:
-    """Of the whole program: how many axes there are, and the unit that carries the part."""
+    """Build the template fields of the whole program: number of axes, and the unit that carries the part.
+
+    Args:
+        program: Robot program: targets, poses and moves in SI units.
+        controller: Controller settings of the cell.
+
+    Returns:
+        Field → value.
+    """
     axes = list_driven_axes(program, controller)
     tables = [d for d in axes if d.axis.carries_part]
     machine, unit = (next((v for d in tables if (v := getattr(d.drive, key))), None) for key in ("machine", "unit"))
@@ -106,7 +131,16 @@ def _build_pulse_fields(group: str, axes: Sequence[DrivenAxis]) -> dict[str, Tem
 
 
 def list_external_assumptions(program: RobotProgram, controller: RobotController, used: frozenset[str]) -> list[str]:
-    """What a coupled controller is taken to do because the cell does not say it."""
+    """List what a coupled controller is assumed to do because the cell does not give it.
+
+    Args:
+        program: Robot program: targets, poses and moves in SI units.
+        controller: Controller settings of the cell.
+        used: Names of the template fields that the post uses.
+
+    Returns:
+        One sentence per assumption.
+    """
     out = []
     for d in list_driven_axes(program, controller):
         if d.axis.joint not in controller.external:
@@ -126,7 +160,15 @@ def list_external_assumptions(program: RobotProgram, controller: RobotController
 
 
 def list_external_notes(program: RobotProgram, controller: RobotController) -> list[str]:
-    """Which axis is which, for the head of the program."""
+    """List which external axis is which, for the head of the program.
+
+    Args:
+        program: Robot program: targets, poses and moves in SI units.
+        controller: Controller settings of the cell.
+
+    Returns:
+        Lines of the note.
+    """
     carried = {True: "the part", False: "the robot"}
     return [
         f"external axis {d.number} is {d.axis.joint} in {d.word}, it carries {carried[d.axis.carries_part]}"
@@ -135,10 +177,15 @@ def list_external_notes(program: RobotProgram, controller: RobotController) -> l
 
 
 def refuse_external_axes(program: RobotProgram, why: str, *, unless_still: bool) -> None:
-    """End where a language has no external axes.
+    """Refuse a program with external axes where a language has none.
+
+    Args:
+        program: Robot program: targets, poses and moves in SI units.
+        why: Reason, for the message.
+        unless_still: Whether external axes that never move are accepted.
 
     Raises:
-        InputError: the program has some, or with ``unless_still`` moves some.
+        PostError: the program has external axes, or with ``unless_still`` moves some.
     """
     if not program.external_axes:
         return

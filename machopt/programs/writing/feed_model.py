@@ -78,7 +78,14 @@ class FeedModelResult:
 
 
 def compute_line_acceleration(program: RobotProgram) -> Array | None:
-    """(M,) m/s² along each line, equation (1); None where the axes' limits are not known."""
+    """Compute the acceleration along each line, equation (1).
+
+    Args:
+        program: Robot program: targets, poses and moves in SI units.
+
+    Returns:
+        Acceleration (M,) in m/s², None where the axis limits are unknown.
+    """
     if program.axis_acceleration is None:
         return None
     way = np.linalg.norm(np.diff(program.T_workpiece_tcp[:, :3, 3], axis=0), axis=1)

@@ -1,4 +1,4 @@
-"""What one maker's posts add to the common fields."""
+"""Rules that the posts of one maker add to the common fields."""
 
 from __future__ import annotations
 
@@ -21,7 +21,15 @@ class CornerPassing:
 
 
 def compute_zone_passing(job: PostJob, used: frozenset[str]) -> CornerPassing:
-    """Makers whose zone is a distance that the post prints; without such a field every end is an exact stop."""
+    """Compute corner passing of makers whose zone is a printed distance; without it every end is an exact stop.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
+        used: Names of the template fields that the post uses.
+
+    Returns:
+        Zone distance in m and passing speed limit of each move.
+    """
     distance = job.blend if used & ROUNDED else np.zeros(len(job.program))
     return CornerPassing(distance, np.full(len(job.program), np.inf))
 
@@ -43,4 +51,4 @@ class MakerRules:
     absent: Mapping[str, str] = field(default_factory=dict)
     """Why a field may have no value, and what would work; said where a template cannot do without it."""
     coupled: bool = False  # the controller itself computes the tool's place with rail and positioner
-    maker: bool = True  # False: angles are the URDF's, whatever the cell's joint map says
+    maker: bool = True  # False: angles are the URDF's, independent of the cell's joint map

@@ -1,4 +1,4 @@
-"""Rotations as robot controllers write them. Everything in degrees, mm, or without unit; arrays (..., 3, 3) in."""
+"""Orientation representations of robot controllers, in degrees, mm or without unit, from rotations (..., 3, 3)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,15 @@ UPRIGHT = 1e-9  # cosine of the middle angle below which the other two turn abou
 
 
 def convert_to_abc_deg(R: Array) -> Array:
-    """A, B, C in degrees (..., 3): R = Rz(A) Ry(B) Rx(C); A = 0 where |B| = 90°.
+    """Convert to A, B, C: R = Rz(A) Ry(B) Rx(C); A = 0 where |B| = 90°.
 
-    The same three numbers in the other order are roll, pitch and yaw about fixed axes: FANUC's W, P, R and
-    Yaskawa's Rx, Ry, Rz.
+    In reverse order they are roll, pitch and yaw about fixed axes: FANUC's W, P, R and Yaskawa's Rx, Ry, Rz.
+
+    Args:
+        R: Rotations (..., 3, 3).
+
+    Returns:
+        Angles (..., 3), degrees.
     """
     R = np.asarray(R, float)
     cos_b = np.hypot(R[..., 0, 0], R[..., 1, 0])
@@ -26,7 +31,14 @@ def convert_to_abc_deg(R: Array) -> Array:
 
 
 def convert_to_xyz_deg(R: Array) -> Array:
-    """Stäubli's rx, ry, rz in degrees (..., 3): R = Rx(rx) Ry(ry) Rz(rz); rz = 0 where |ry| = 90°."""
+    """Convert to Stäubli's rx, ry, rz: R = Rx(rx) Ry(ry) Rz(rz); rz = 0 where |ry| = 90°.
+
+    Args:
+        R: Rotations (..., 3, 3).
+
+    Returns:
+        Angles (..., 3), degrees.
+    """
     R = np.asarray(R, float)
     cos_y = np.hypot(R[..., 1, 2], R[..., 2, 2])
     y = np.arctan2(R[..., 0, 2], cos_y)
@@ -37,11 +49,25 @@ def convert_to_xyz_deg(R: Array) -> Array:
 
 
 def convert_to_positive_quaternion(R: Array) -> Array:
-    """Unit quaternion (..., 4), scalar first and not negative."""
+    """Convert to unit quaternions with a scalar part that is not negative.
+
+    Args:
+        R: Rotations (..., 3, 3).
+
+    Returns:
+        Quaternions (..., 4), scalar first.
+    """
     q = rigid_transforms.convert_to_quaternion(R)
     return np.asarray(np.where(q[..., :1] < 0.0, -q, q) + 0.0)
 
 
 def convert_to_ur_rotation_vector(R: Array) -> Array:
-    """Universal Robots' rx, ry, rz in rad (..., 3): axis times angle, at most π long."""
+    """Convert to the rotation vectors of Universal Robots: axis times angle, at most π long.
+
+    Args:
+        R: Rotations (..., 3, 3).
+
+    Returns:
+        Rotation vectors (..., 3), rad.
+    """
     return rigid_transforms.convert_to_rotation_vector(R) + 0.0  # no -0

@@ -1,4 +1,4 @@
-"""What a post can lack, by kind: who writes its message asks for the class, not for words in it."""
+"""Error classes of posts, so that callers distinguish them by class instead of message text."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from machopt.errors import InputError
 
 
 class MissingControllerKeyError(InputError):
-    """The cell's ``controller`` does not say what a dialect needs; the template is not to blame, and not named."""
+    """Error of a ``controller`` key that a dialect needs and the cell lacks; it does not name the template."""
 
 
 class MissingFieldValueError(InputError):

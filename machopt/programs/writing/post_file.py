@@ -1,4 +1,4 @@
-"""A post: the TOML file that says what a program looks like. README.md explains it to users."""
+"""Reader of a post: the TOML file that defines the text of a program. README.md explains it to users."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class PostTemplate:
     part_text: tuple[TextTemplate | str, ...]
     blocks: Mapping[str, Mapping[str, TextTemplate]]
     separators: Mapping[str, str]
-    whole: frozenset[str]  # blocks that hold every move of the program wherever they stand
+    whole: frozenset[str]  # blocks that hold every move of the program, at any place
     origin: Path | str
 
     def list_texts(self) -> list[TextTemplate]:
@@ -117,10 +117,16 @@ def list_post_names() -> tuple[str, ...]:
 
 
 def read_post_text(name: str) -> str:
-    """The template of a shipped post, to be copied and edited.
+    """Return the template text of a shipped post, to be copied and edited.
+
+    Args:
+        name: Name of the post.
+
+    Returns:
+        Text of the template file.
 
     Raises:
-        InputError: there is no such post.
+        PostError: there is no such post.
     """
     name = ALIASES.get(name, name)
     if name not in list_post_names():
@@ -131,10 +137,16 @@ def read_post_text(name: str) -> str:
 
 
 def load_post(post: str | Path) -> PostTemplate:
-    """A post by its name, or from a template file (anything that ends in .toml or is a Path).
+    """Load a post by its name or from a template file.
+
+    Args:
+        post: Name of a shipped post, or a file: a Path or a text that ends in .toml.
+
+    Returns:
+        The parsed template.
 
     Raises:
-        InputError: no such post or file, not TOML, an unknown key, item or field.
+        PostError: no such post or file, not TOML, an unknown key, item or field.
     """
     if isinstance(post, str) and not post.endswith(".toml"):
         return _compile_post(read_post_text(post), f"post {post}")
@@ -143,7 +155,7 @@ def load_post(post: str | Path) -> PostTemplate:
     return _compile_post(read_text(path, expected=expected, most=TEMPLATE), path)
 
 
-@lru_cache(maxsize=32)  # one plan asks for the same post some twenty times; nobody writes into a Post
+@lru_cache(maxsize=32)  # one plan loads the same post about twenty times; a post is never modified
 def _compile_post(text: str, origin: Path | str) -> PostTemplate:
     try:
         value = tomllib.loads(text)

@@ -1,8 +1,8 @@
-"""Way points close enough that what a controller draws between them is the motion, within a stated tolerance.
+"""Selection of way points so that the controller's interpolation follows the motion within a tolerance.
 
-Between two Cartesian targets a controller leads the tool tip on a straight line and turns it evenly about one axis, and
-takes rails and positioners along evenly. The planned motion is known by its samples; where they leave that line, the
-sample that is farthest off becomes a target.
+Between two Cartesian targets a controller moves the tool tip on a straight line, rotates the tool at a constant rate
+about one axis, and moves rails and positioners in proportion. The planned motion is known by its samples. Where they
+leave that line, the sample with the largest deviation becomes a target.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_axis_rotation
 
-SHORT = 1e-4  # m; on a shorter line the place says nothing about how far the tool has turned
+SHORT = 1e-4  # m; on a shorter line the position does not determine the rotation
 AXIS_LEVER = 0.0229  # m/rad: 0.02 mm of place and 0.05° of the tool axis count alike
 SPIN = 1e-3  # sine of the angle between tool axis and rotation axis, below which the tool axis does not move
 APART = 1e-4  # m from another target: moves of a few micrometres make a controller stumble
@@ -49,7 +49,14 @@ class LineDeviation:
         return tuple(float(v.max(initial=0.0)) for v in (self.position, self.axis, self.turn))  # type: ignore[return-value]
 
     def share(self, tolerance: ProgramTolerance) -> Array:
-        """(K,) of the tolerance."""
+        """Return the deviation as a share of the tolerance.
+
+        Args:
+            tolerance: Tolerance of position, orientation and external axes.
+
+        Returns:
+            Shares (K,); above 1 the tolerance is exceeded.
+        """
         pairs = ((getattr(self, name), getattr(tolerance, name)) for name in ("position", "axis", "turn", "external"))
         parts = [off / most for off, most in pairs]
         return np.asarray(np.max(parts, axis=0))
@@ -105,12 +112,19 @@ def insert_targets(
     tolerance: ProgramTolerance,
     external: tuple[Array, Array] | None = None,
 ) -> NDArray[np.intp]:
-    """Samples to be made targets so that all samples keep to the lines; arguments as for
-    :func:`measure_line_deviation`.
+    """Select samples to become targets so that all samples keep to the lines.
+
+    Args:
+        T: Poses of the samples (K, 4, 4), m.
+        targets: As in :func:`measure_line_deviation`.
+        at: As in :func:`measure_line_deviation`.
+        linear: As in :func:`measure_line_deviation`.
+        tolerance: Tolerance of position, orientation and external axes.
+        external: As in :func:`measure_line_deviation`; None without external axes.
 
     Returns:
-        (A,) rising. Where no sample is left to add, the lines stay as far off as they are; nothing is added within a
-        tenth of a millimetre of another target, unless the tool turns there rather than travels.
+        Ascending sample indices (A,). Where no sample is left to add, the deviation remains. Nothing is added
+        within 0.1 mm of another target, unless the tool mainly rotates there.
     """
     added: list[NDArray[np.intp]] = []
     samples: NDArray[np.intp] = np.arange(len(T))
@@ -145,7 +159,16 @@ def _find_pure_rotations(A: Array, B: Array) -> NDArray[np.bool_]:
 
 
 def compare_with_line(T: Array, A: Array, B: Array) -> Array:
-    """(K, 4) m, rad, rad: poses T (K, 4, 4) against the lines A → B; and their share of the way."""
+    """Compare poses with the straight lines A → B.
+
+    Args:
+        T: Poses of the samples (K, 4, 4), m.
+        A: Start pose of each line (K, 4, 4), m.
+        B: End pose of each line (K, 4, 4), m.
+
+    Returns:
+        (K, 4): deviations in m, rad and rad, and the share of the line.
+    """
     p, start = T[:, :3, 3], A[:, :3, 3]
     way = B[:, :3, 3] - start
     length2 = np.sum(way * way, axis=-1)
@@ -156,7 +179,7 @@ def compare_with_line(T: Array, A: Array, B: Array) -> Array:
     by_turn = AXIS_LEVER * arc > np.sqrt(length2)
     share = np.where(by_turn, turned, share)
     gap = np.linalg.norm(p - start - share[:, None] * way, axis=-1)
-    share = np.where(length2 < SHORT**2, turned, share)  # the place does not tell how far the tool has turned there
+    share = np.where(length2 < SHORT**2, turned, share)  # the position does not determine the rotation there
     R = A[:, :3, :3] @ compute_axis_rotation(axis, share * angle)
     z = np.linalg.norm(R[:, :, 2] - T[:, :3, 2], axis=-1)
     return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), _compute_angle(R, T[:, :3, :3]), share])

@@ -1,8 +1,8 @@
-"""Targets that lie too close together are left out, where the line past them keeps to the tolerance.
+"""Removal of targets that lie too close together, where the line without them keeps to the tolerance.
 
-A controller plans its speed from target to target and needs some milliseconds a move. Moves of a few hundredths of a
-millimetre, which CAM systems write for small tolerances, make it brake at every point, and its blend zones become
-shorter than it can hold. So of targets nearer than :data:`APART` only those stay that the shape of the path needs.
+A controller plans its speed from target to target and needs some milliseconds per move. CAM systems with small
+tolerances write moves of a few hundredths of a millimetre. The controller then brakes at every point, and the blend
+zones become too short. Of targets nearer than :data:`APART` only those remain that the path shape needs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SHARE = 0.75  # of the tolerance: targets are printed, and corners rounded, on t
 PATH = ProgramTolerance(
     position=2e-5, axis=float(np.radians(0.05))
 )  # the CAM file's own points, whatever the program may do
-INTERPOLATION = 0.012  # s, a usual interpolation cycle: a shorter move cannot be told from its neighbours
+INTERPOLATION = 0.012  # s, a usual interpolation cycle: a shorter move cannot be separated from its neighbours
 
 
 def find_needed_targets(

@@ -1,4 +1,4 @@
-"""Walks over a program's moves and fills a post's templates: the one place that knows the order of things."""
+"""Template engine: iterates over the moves of a program, in output order, and fills the templates of a post."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ MOVE_FIELDS = (
     "zone_number",
     "corner",
     "corner_number",
-)  # beside the columns
+)  # in addition to the columns
 ITEM_FIELDS = ("number", "text", "value")  # of items that are no moves
 SPEED_FIELDS = ("speed", "number", "feed_m_s", "feed_mm_s", "feed_mm_min")
 ZONE_FIELDS = ("number", "blend_m", "blend_mm")
@@ -125,7 +125,7 @@ class TemplateEngine:
         }
 
     def _check_fields(self) -> None:
-        """Every field of the post exists where it stands."""
+        """Check that every field of the post exists at its place."""
         general = [*self.values, *PART_FIELDS]
         for template in self.post.list_texts():
             check_names(template, general)
@@ -349,7 +349,14 @@ def _parse_zone_fields(text: str) -> dict[str, TemplateValue]:
 
 
 def find_event_item(event: ToolpathEvent) -> str:
-    """The template item of an event, one of EVENT_LINES."""
+    """Find the template item of an event.
+
+    Args:
+        event: The event of the toolpath.
+
+    Returns:
+        One of EVENT_LINES.
+    """
     words = event.text.upper()
     off = "OFF" in words or event.value == 0.0 or any(w in words.split() for w in ("M5", "M9", "M05", "M09"))
     if event.kind in ("spindle", "coolant"):
@@ -389,12 +396,33 @@ def _mark_cutting_runs(job: PostJob, speed_of: Sequence[int], start: int, stop: 
 
 
 def compute_part_length(post: PostTemplate, controller: RobotController) -> int | None:
-    """Most moves in a part: the cell's number instead of the template's, for posts that can be split at all."""
+    """Compute the largest number of moves per part; the cell's number takes precedence over the template's.
+
+    Args:
+        post: The template.
+        controller: Controller settings of the cell.
+
+    Returns:
+        Number of moves, None where the post cannot be split.
+    """
     return None if post.keys.moves_per_part is None else controller.moves_per_part or post.keys.moves_per_part
 
 
 def write_program_files(folder: Path, files: Mapping[str, str], encoding: str, line_end: str) -> list[Path]:
-    """Write the files; refuses names that would leave ``folder``."""
+    """Write the files of a program.
+
+    Args:
+        folder: Output folder.
+        files: File name → text.
+        encoding: Text encoding.
+        line_end: Line end.
+
+    Returns:
+        Paths of the files.
+
+    Raises:
+        PostError: a name would leave the folder.
+    """
     out = []
     for name, text in files.items():
         parts = Path(name).parts

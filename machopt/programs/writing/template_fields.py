@@ -1,4 +1,4 @@
-"""The fields templates may use: one value a move, and values of the whole program. README.md lists them."""
+"""Fields of the templates: one value per move, and values of the whole program. README.md lists them."""
 
 from __future__ import annotations
 
@@ -44,6 +44,16 @@ class PostJob:
 
     @classmethod
     def of(cls, program: RobotProgram, controller: RobotController, moves_per_part: int | None = None) -> PostJob:
+        """Build a job from a program and its controller.
+
+        Args:
+            program: Robot program: targets, poses and moves in SI units.
+            controller: Controller settings of the cell.
+            moves_per_part: Largest number of moves per part, None without a limit.
+
+        Returns:
+            The job.
+        """
         axes = (controller.joint_map or JointMap()).compute_axes_deg(program.q)
         return cls(program, controller, axes, compute_blend_zones(program, moves_per_part))
 
@@ -77,7 +87,15 @@ class PostJob:
 
 
 def build_pose_fields(prefix: str, T: Array) -> dict[str, Callable[[], Array]]:
-    """Every way to write the poses (..., 4, 4): mm, m, and the orientation of each maker."""
+    """Build every representation of poses: mm, m, and the orientation of each maker.
+
+    Args:
+        prefix: Prefix of the field names.
+        T: Poses (..., 4, 4), m.
+
+    Returns:
+        Field → function that computes its values.
+    """
     p, R = T[..., :3, 3], T[..., :3, :3]
 
     def named(names: str, make: Callable[[], Array]) -> dict[str, Callable[[], Array]]:
@@ -103,7 +121,14 @@ def build_pose_fields(prefix: str, T: Array) -> dict[str, Callable[[], Array]]:
 
 
 def build_move_columns(job: PostJob) -> dict[str, Callable[[], TemplateColumn]]:
-    """Fields of every move, computed when they are asked for."""
+    """Build the template fields of every move, computed on demand.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
+
+    Returns:
+        Field → function that computes its column.
+    """
     p, c = job.program, job.controller
     n = len(p)
     out: dict[str, Callable[[], TemplateColumn]] = {**build_pose_fields("", p.T_workpiece_tcp)}
@@ -138,7 +163,14 @@ def build_move_columns(job: PostJob) -> dict[str, Callable[[], TemplateColumn]]:
 
 
 def build_program_fields(job: PostJob) -> dict[str, TemplateValue]:
-    """Fields of the whole program."""
+    """Build the template fields of the whole program.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
+
+    Returns:
+        Field → value.
+    """
     p, c = job.program, job.controller
     largest = float(job.blend.max(initial=0.0))
     out: dict[str, TemplateValue] = {
@@ -168,7 +200,16 @@ def build_program_fields(job: PostJob) -> dict[str, TemplateValue]:
 
 
 def list_common_notes(job: PostJob, used: frozenset[str], samples: bool) -> list[str]:
-    """What the reader of any program must know: where frames and angles are from, and what was not given."""
+    """List the notes for every program: origin of frames and angles, and what was not given.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
+        used: Names of the template fields that the post uses.
+        samples: Whether the post writes samples.
+
+    Returns:
+        Lines of the note.
+    """
     p = job.program
     notes = [
         f"written by machopt{f' from {p.source}' if p.source else ''}",
@@ -193,7 +234,14 @@ def list_common_notes(job: PostJob, used: frozenset[str], samples: bool) -> list
 
 
 def list_common_assumptions(job: PostJob) -> list[str]:
-    """What is taken of a controller because the cell does not say it, for makers' programs."""
+    """List what is assumed about a controller because the cell does not give it, for makers' programs.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
+
+    Returns:
+        One sentence per assumption.
+    """
     c = job.controller
     out = []
     if c.joint_map is None:

@@ -1,4 +1,4 @@
-"""The templates' own small language: fields and optional sections, and nothing that could run.
+"""Template language: fields and optional sections, without executable code.
 
 ::
 
@@ -33,14 +33,21 @@ _SPEC = re.compile(r"[ 0-]?\d{0,3}(?:\.(\d{1,2}))?[dfgs]")
 
 @dataclass(frozen=True)
 class TemplateField:
-    """One ``@{name:spec}``, with the section it stands in."""
+    """One ``@{name:spec}``, with its section."""
 
     name: str
     spec: str
     decimals: int | None
 
     def text(self, value: TemplateValue) -> str:
-        """``value`` printed; no negative zero."""
+        """Format a value, without negative zero.
+
+        Args:
+            value: Value of the field.
+
+        Returns:
+            The text.
+        """
         if not self.spec:
             return str(value)
         if self.spec[-1] == "s":
@@ -76,10 +83,16 @@ class TextTemplate:
         return frozenset(fields | {s.needs for s in self.sections if s.needs})
 
     def one(self, values: Mapping[str, TemplateValue]) -> str:
-        """The text for one set of values.
+        """Fill the template with one set of values.
+
+        Args:
+            values: Field → value.
+
+        Returns:
+            The text.
 
         Raises:
-            InputError: a field outside a section has no value.
+            MissingFieldValueError: a field outside a section has no value.
         """
         out = []
         for section in self.sections:
@@ -96,7 +109,15 @@ class TextTemplate:
         return "".join(out)
 
     def rows(self, columns: Mapping[str, TemplateColumn], rows: Sequence[int]) -> list[str]:
-        """The text for each of ``rows``: a column at a time, which is several times faster than :meth:`one`."""
+        """Fill the template for many rows: column by column, several times faster than :meth:`one`.
+
+        Args:
+            columns: Field → values of all rows.
+            rows: Indices of the rows.
+
+        Returns:
+            One text per row.
+        """
         pieces: list[list[str]] = []
         for section in self.sections:
             chosen = None
@@ -141,11 +162,23 @@ class TextTemplate:
         return out
 
     def missing(self, name: str) -> MissingFieldValueError:
+        """Build the error of a field without a value.
+
+        Args:
+            name: Name of the field.
+
+        Returns:
+            The error, not raised.
+        """
         return MissingFieldValueError(name, self.where)
 
 
 def is_present(value: TemplateValue) -> bool:
-    """False for None, NaN, the empty text and False."""
+    """Return whether a value counts as present: not None, NaN, the empty text or False.
+
+    Args:
+        value: Value of the field.
+    """
     if value is None or value is False or value == "":
         return False
     if isinstance(value, np.bool_):
@@ -197,8 +230,12 @@ def compile_template(text: str, where: str) -> TextTemplate:
 def check_names(template: TextTemplate, known: Sequence[str]) -> None:
     """Refuse fields that do not exist.
 
+    Args:
+        template: The template.
+        known: Names of the existing fields.
+
     Raises:
-        InputError: names the field and the nearest one.
+        PostError: names the field and the nearest existing one.
     """
     for name in sorted(template.names):
         if name not in known:

@@ -1,10 +1,8 @@
-"""What a program must say beside its coordinates: every line of every file, word by word.
+"""Comparison of everything in a program except its coordinates: every line of every file, word by word.
 
-The post writes the program that was read back a second time, with a mark for each number of a target. Whatever else a
-file holds (head, declarations, frames, loads, speeds, zones, events, order of lines, line counts, END) has then to be
-the same text. The targets themselves are compared by :mod:`machopt.verification.programs.motion_comparison`, which
-shares nothing with the
-posts.
+The post writes the parsed program a second time, with a mark for each number of a target. All other text (head,
+declarations, frames, loads, speeds, zones, events, order of lines, line counts, END) must be identical. The targets are
+compared by :mod:`machopt.verification.programs.motion_comparison`, which shares nothing with the posts.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ import numpy as np
 from machopt.programs.writing.template_fields import LazyColumns
 from machopt.programs.writing.template_language import TemplateColumn
 
-MARK = 98765.4321  # no coordinate: stands for one until it is compared
+MARK = 98765.4321  # placeholder of a coordinate until it is compared
 WORD = "machoptword"  # the same for configuration words
 _POSES = "x y z x_m y_m z_m a b c r p w qw qx qy qz rvx rvy rvz ex ey ez i j k".split()  # noqa: SIM905 shorter
 _AXES = [
@@ -43,7 +41,15 @@ _LABEL = re.compile(r"\W*(?:\d+:)?\W*(?:operation|move): ")
 def mark_coordinates(
     columns: Mapping[str, Callable[[], TemplateColumn]], said: Mapping[str, Sequence[object]]
 ) -> LazyColumns:
-    """The columns with a mark in place of every coordinate; ``said`` replaces some by what the program says."""
+    """Replace every coordinate in the columns by a mark.
+
+    Args:
+        columns: Field → function that computes its column.
+        said: Field → values that the program file holds, which replace the column.
+
+    Returns:
+        Columns, computed on demand.
+    """
 
     def hole(name: str) -> Callable[[], TemplateColumn]:
         def column() -> TemplateColumn:
@@ -93,7 +99,15 @@ def find_text_difference(found: str, expected: Sequence[str]) -> TextDifference 
 
 
 def find_undecodable_bytes(data: bytes, encoding: str) -> tuple[int, str] | None:
-    """Line (from 1) and bytes of the first character that the encoding has not; None where there is none."""
+    """Find the first character that an encoding does not have.
+
+    Args:
+        data: Content of the file.
+        encoding: Text encoding.
+
+    Returns:
+        Line number (1-based) and bytes, None where all are valid.
+    """
     try:
         data.decode(encoding)
     except UnicodeDecodeError as problem:

@@ -34,7 +34,14 @@ def _list_rconf_words(job: PostJob) -> list[str]:
 
 
 def compute_position_levels(job: PostJob) -> NDArray[np.int64]:
-    """(M,) PL at each move's end; see the head of this file."""
+    """Compute the position level PL at the end of each move; the module docstring gives the rule.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
+
+    Returns:
+        PL (M,).
+    """
     zone, stated = job.zone, job.controller.position_levels
     if stated is None:
         return zone.free.astype(np.int64)

@@ -1,4 +1,4 @@
-"""Yaskawa INFORM jobs (.JBI): positions of //POS with the instructions of //INST."""
+"""Reader of Yaskawa INFORM jobs (.JBI): positions of //POS with the instructions of //INST."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the beginning of a CAM file tells its dialect, apart from the readers: only the one that is meant is loaded."""
+"""Detection of the dialect of a CAM file from its beginning, so that only the matching reader is imported."""
 
 from __future__ import annotations
 

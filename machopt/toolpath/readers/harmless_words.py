@@ -1,8 +1,8 @@
-"""Every word that is counted as understood without changing the path, with the reason why it cannot change it.
+"""Words that are understood and do not change the path, each with the reason.
 
-A word that is not here either changes the path in its reader, is refused there, or is reported as not understood.
-``CARRIED_OUT`` names what is counted as understood although its reader does use it. Codes of G are ten times the
-number, so G43.4 is 434.
+A word that is not listed changes the path in its reader, is refused there, or is reported as not understood.
+``CARRIED_OUT`` lists words that count as understood although their reader uses them. G codes are ten times the
+number: G43.4 is 434.
 """
 
 from __future__ import annotations

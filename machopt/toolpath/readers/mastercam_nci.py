@@ -1,8 +1,8 @@
-"""Mastercam NCI: two lines a record, a number that says what it is and the numbers themselves.
+"""Reader of Mastercam NCI files: two lines per record, a record code and its numbers.
 
-Known are 0 and 1 (rapid, feed), 2 and 3 (arcs), 11 (five axes), 1000 … 1003 (tools, end), 1014 (tool plane) and
-the comments. Where the order of the numbers differs between versions (arcs, five axes) the one is taken that fits
-every record of the file: equal radii, unit tool vectors. Drilling records (81 and further) are refused.
+Supported codes: 0 and 1 (rapid, feed), 2 and 3 (arcs), 11 (five axes), 1000 … 1003 (tools, end), 1014 (tool plane) and
+comments. The order of the numbers of arcs and five-axis records differs between versions. The order that fits every
+record of the file is used: equal radii, unit tool vectors. Drilling records (81 and above) are refused.
 """
 
 from __future__ import annotations
@@ -49,7 +49,14 @@ class _NciRecord:
 
 
 def read_nci(source: SourceFile, options: ReadOptions) -> Toolpath:
-    """Read an NCI file; it does not say its unit.
+    """Read an NCI file, which does not give its unit.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
 
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.

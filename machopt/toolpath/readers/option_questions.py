@@ -1,4 +1,4 @@
-"""Questions come last: what no option can cure is reported before an option is asked for."""
+"""Order of errors: errors that no option can resolve are reported before an option is requested."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ANSWERS: dict[str, tuple[tuple[str, Any], ...]] = {  # option → keyword and v
     "machine": (("machine", "table-ac@0,0,0"), ("machine", "table-bc@0,0,0"), ("machine", "table-ab@0,0,0")),
 }
 _MOST = 4  # questions one after the other
-MAX_LINES = 50_000  # of a file that is read again; longer ones are asked about at once
+MAX_LINES = 50_000  # of a file that is read again; longer ones raise at once
 
 
 def find_fault_behind(

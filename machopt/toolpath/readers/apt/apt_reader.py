@@ -1,7 +1,7 @@
 """APT / cutter location readers: NX CLSF, CATIA aptsource, Creo ncl, CAMWorks APT and CLT, HSM/Fusion, plain APT.
 
-One statement reader serves them all; what differs is kept in :class:`CamDialect`. Coordinates stay in the system
-they are printed in, which is ``workpiece``; where a file changes it, later points are brought into the first one.
+One statement reader handles all dialects; :class:`CamDialect` holds the differences. Coordinates stay in the system
+of the file, which is ``workpiece``. Where a file changes the system, later points are transformed into the first one.
 """
 
 from __future__ import annotations
@@ -45,6 +45,13 @@ Handler = Callable[[str, str, int], None]
 
 def read_apt(source: SourceFile, options: ReadOptions) -> Toolpath:
     """Read a cutter location file.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
 
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.

@@ -1,4 +1,4 @@
-"""Which CAM system wrote a cutter location file, and in which unit."""
+"""Detection of the CAM system and the length unit of a cutter location file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,14 @@ class CamDialect(enum.Enum):
 
 
 def detect_dialect(source: SourceFile) -> CamDialect:
-    """Which CAM system's words the first lines hold."""
+    """Detect the CAM system whose words the first lines hold.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+
+    Returns:
+        The dialect; plain APT where no word of a CAM system occurs.
+    """
     head = "\n".join(source.lines[:400]).upper()
     if "TOOL PATH/" in head or "TLDATA/" in head or "MSYS/" in head:
         return CamDialect.NX
@@ -41,7 +48,14 @@ def detect_dialect(source: SourceFile) -> CamDialect:
 
 
 def parse_unit(rest: str) -> float | None:
-    """mm per unit of a UNITS statement, None where it names none."""
+    """Convert the argument of a UNITS statement to a length factor.
+
+    Args:
+        rest: Text behind the slash of the statement.
+
+    Returns:
+        mm per unit, None where the statement names no unit.
+    """
     word = (split_fields(rest) or [""])[0]
     if word in ("MM", "METRIC"):
         return 1.0
@@ -49,7 +63,21 @@ def parse_unit(rest: str) -> float | None:
 
 
 def find_unit_scale(source: SourceFile, options: ReadOptions, out: PathBuilder) -> float:
-    """mm per unit of the file, from its UNITS word or its feed words, else from the option."""
+    """Find the length unit of the file.
+
+    The UNITS word or the words of the feeds decide first, then the option.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+        out: Path builder that takes the points and warnings.
+
+    Returns:
+        mm per unit of the file.
+
+    Raises:
+        InputError: units are mixed, contradict the option, or are neither in the file nor given as an option.
+    """
     named: dict[str, int] = {}
     feeds: dict[str, int] = {}
     for line, raw in enumerate(source.lines, 1):
@@ -84,7 +112,7 @@ def find_unit_scale(source: SourceFile, options: ReadOptions, out: PathBuilder) 
             )
         unit = options.unit
     elif options.unit is not None and options.unit != unit and len(named) < 2:
-        said = (named or feeds).get(unit)
-        raise source.build_error(f"the file is in {unit} but --unit {options.unit} was given", said)
+        unit_line = (named or feeds).get(unit)
+        raise source.build_error(f"the file is in {unit} but --unit {options.unit} was given", unit_line)
     out.meta["unit"] = unit
     return 1.0 if unit == "mm" else MM_PER_INCH

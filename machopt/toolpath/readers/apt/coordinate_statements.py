@@ -1,4 +1,4 @@
-"""CL words that say which coordinate system points are in, and those that shift or scale what follows."""
+"""CL statements that set the coordinate system of points, or shift or scale the points that follow."""
 
 from __future__ import annotations
 
@@ -15,6 +15,16 @@ class CoordinateSystemReader(AptMotionReader):
     """Carries them out."""
 
     def msys(self, word: str, rest: str, line: int) -> None:
+        """Carry out MSYS: coordinate system of the points that follow (NX).
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the numbers describe no coordinate system.
+        """
         v = parse_numbers(rest)
         if len(v) != 9:
             raise ValueError(f"{len(v)} numbers; expected origin, x axis and y axis (9)")
@@ -22,8 +32,19 @@ class CoordinateSystemReader(AptMotionReader):
         self.use_frame(CoordinateSystem(np.column_stack([x, y, np.cross(x, y)]), np.array(v[:3]) * self.scale), line)
 
     def csys(self, word: str, rest: str, line: int) -> None:
-        """Three rows of four. CAMWorks prints points in the world system (TRNTYP/WORLD) and here only how the tool
-        stands in it: the third column is the tool axis (seen on 127 plunges and drilled holes, none against)."""
+        """Carry out CSYS: three rows of four numbers.
+
+        CAMWorks prints points in the world system (TRNTYP/WORLD). The statement then gives only the tool orientation:
+        the third column is the tool axis (confirmed on 127 plunges and drilled holes, no counterexample).
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the numbers describe no coordinate system.
+        """
         v = parse_numbers(rest)
         if len(v) != 12:
             raise ValueError(f"{len(v)} numbers; expected three rows of four (12)")
@@ -53,12 +74,27 @@ class CoordinateSystemReader(AptMotionReader):
             self.use_frame(frame, line)
 
     def transfer_type(self, word: str, rest: str, line: int) -> None:
+        """Carry out TRNTYP: whether points are in the world system.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         name = (split_fields(rest) or [""])[0]
         self.world = name == "WORLD"
         self.out.ignore("TRNTYP" if self.world else f"TRNTYP/{name}", line, understood=self.world)
 
     def shift(self, word: str, rest: str, line: int) -> None:
-        """TRANS/x,y,z is added to every point that follows; TRANS/0,0,0 or none ends it."""
+        """Carry out TRANS: a shift that is added to every point that follows.
+
+        ``TRANS/0,0,0`` or ``TRANS`` without numbers ends it.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         values = _parse_numbers(rest, (0, 3))
         x, y, z = (v * self.scale for v in values or [0.0] * 3)
         self.change_placement(SystemTransform.shift(x, y, z), "TRANS")
@@ -66,7 +102,16 @@ class CoordinateSystemReader(AptMotionReader):
         self.out.ignore(word, line, understood=True)
 
     def enlarge(self, word: str, rest: str, line: int) -> None:
-        """SCALE/f: every point that follows is f times as far from the zero."""
+        """Carry out SCALE: a factor about the zero for every point that follows.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the factor is not one positive number.
+        """
         factor = _parse_numbers(rest, (1,))[0]
         if not factor > 0.0:
             raise ValueError(f"a factor of {factor:g}; expected one above zero")
@@ -75,7 +120,16 @@ class CoordinateSystemReader(AptMotionReader):
             self.out.warn_once("SCALE enlarges the points that follow it, as a post would put them out", line)
 
     def origin(self, word: str, rest: str, line: int) -> None:
-        """ORIGIN names the machine's zero, not the part's; another one on the way places the part anew."""
+        """Carry out ORIGIN: the zero of the machine, which moves no point.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: ORIGIN changes in the middle of the path.
+        """
         values = _parse_numbers(rest, (0, 3, 6))
         if len(self.out) and values != self.shifts.get(word, [0.0] * len(values)):
             raise self.source.build_error(
@@ -87,7 +141,16 @@ class CoordinateSystemReader(AptMotionReader):
         self.out.ignore(word, line, understood=True)
 
     def coordinate_word(self, word: str, rest: str, line: int) -> None:
-        """Words that copy or transform what follows: only their end, or no change, is taken."""
+        """Carry out a word that copies or transforms what follows.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the word changes something; only its end or an identity is supported.
+        """
         parts = split_fields(rest)
         if parts in (["NOMORE"], ["OFF"]):
             return
@@ -98,6 +161,16 @@ class CoordinateSystemReader(AptMotionReader):
         raise self.source.build_error(f"{word}/ is not supported: {REFUSED[word]}", line)
 
     def rotate_table(self, word: str, rest: str, line: int) -> None:
+        """Carry out a rotation of the machine table.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the arguments are not an angle and an axis.
+        """
         parts = split_fields(rest)
         angle = parse_number(parts[0]) if parts else None
         name = next((p for p in parts if p.endswith("AXIS")), None)

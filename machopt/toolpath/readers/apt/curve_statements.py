@@ -1,4 +1,4 @@
-"""Curves of the CL dialects: CIRCLE, MOVARC, TLON,GOFWD and NURBS as chord ends in mm."""
+"""Curves of the CL dialects (CIRCLE, MOVARC, TLON,GOFWD, NURBS), converted to chord end points in mm."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from machopt.path_building.arc_chords import (
 from machopt.path_building.path_builder import PathBuilder, check_radius
 from machopt.toolpath.readers.apt.statement_parser import parse_groups, parse_leading_numbers, parse_number
 
-_ARC_WORDS = ("TIMES", "ANGLE", "CLOCKWISE", "COUNTERCLOCKWISE", "CLW", "CCLW")  # the axis says the direction
+_ARC_WORDS = ("TIMES", "ANGLE", "CLOCKWISE", "COUNTERCLOCKWISE", "CLW", "CCLW")  # the axis gives the direction
 ANGLE_WARN = 0.02  # rad
 _PLACE_WORDS = ("CENTER", "AXIS", "RADIUS")  # of MOVARC, before the numbers they name
 _SWEEP_AT, _WITH_SWEEP = 7, 11  # place of the sweep, and how many numbers such a record has
@@ -56,6 +56,15 @@ class CurveState:
         Read are ``CIRCLE/x,y,z,i,j,k[,r,…][,TIMES,n]``, ``MOVARC/x,y,z,i,j,k,r,ANGLE,deg`` and
         ``MOVARC/CENTER,x,y,z,AXIS,i,j,k,RADIUS,r``. With ``states_sweep``, the number behind the radius of a CIRCLE of
         eleven numbers is the sweep in degrees (CAMplete).
+
+        Args:
+            word: Major word of the statement.
+            parts: Arguments of the statement.
+            line: Line number of the statement (1-based).
+            scale: mm per unit of the program.
+
+        Raises:
+            ArcError: the numbers describe no arc.
         """
         if self.pending is not None:
             raise ArcError(f"the arc of line {self.pending.line} has no end point (GOTO) yet")
@@ -86,12 +95,21 @@ class CurveState:
             sweep = math.radians(values[_SWEEP_AT])
             if not 0.0 < sweep <= 1000.0 * math.tau:
                 raise ArcError(f"the sweep is {values[_SWEEP_AT]:g}°; expected more than 0")
-            normal = -normal  # the axis of clockwise travel; the sweep decides where it says otherwise
+            normal = -normal  # axis of clockwise travel; the sweep has priority
         centre = np.array(values[:3]) * scale
         self.pending = PendingArc(centre=centre, normal=normal, turns=turns, line=line, angle=angle, sweep=sweep)
 
     def arc_to(self, start: Array, end: Array, out: PathBuilder) -> Array:
-        """Chord ends of the pending arc."""
+        """Compute the chord end points of the pending arc.
+
+        Args:
+            start: Start point (3,), mm.
+            end: End point (3,), mm.
+            out: Path builder that takes the points and warnings.
+
+        Returns:
+            Chord end points (N, 3), mm.
+        """
         wait, on_the_way = self.pending, self.on_the_way
         assert wait is not None
         self.pending = self.on_the_way = None
@@ -123,7 +141,19 @@ class CurveState:
         return found.points
 
     def arc_of_sweep(self, wait: PendingArc, sweep: float, start: Array, end: Array, out: PathBuilder) -> Array:
-        """Chord ends of an arc whose record states its sweep: that one of the two directions which has it.
+        """Compute the chord end points of an arc whose record states its sweep.
+
+        Of the two directions of travel, the one with that sweep is taken.
+
+        Args:
+            wait: The pending arc.
+            sweep: Sweep of the arc, degrees.
+            start: Start point (3,), mm.
+            end: End point (3,), mm.
+            out: Path builder that takes the points and warnings.
+
+        Returns:
+            Chord end points (N, 3), mm.
 
         Raises:
             ArcError: neither direction has that sweep.
@@ -141,13 +171,30 @@ class CurveState:
         )
 
     def expect(self, points: Array) -> None:
-        """Points (N, 3) mm on the way of the pending arc."""
+        """Record points that lie on the pending arc.
+
+        Args:
+            points: Points (N, 3), mm.
+        """
         self.on_the_way = points[:: max(len(points) // 50, 1)]
 
     def drive(self, rest: str, start: Array, scale: float, line: int, out: PathBuilder) -> Array:
         """CATIA's ``TLON,GOFWD/(CIRCLE/c,R),ON,(LINE/c,end)`` after ``INDIRV/tangent``.
 
-        The sense axis is (start − centre) × tangent; the end stands only in LINE, as its second point.
+        The sense axis is (start − centre) × tangent; the end is only in LINE, as its second point.
+
+        Args:
+            rest: Text behind the slash, with the groups CIRCLE and LINE.
+            start: Start point (3,), mm.
+            scale: mm per unit of the program.
+            line: Line number of the statement (1-based).
+            out: Path builder that takes the points and warnings.
+
+        Returns:
+            Chord end points (N, 3), mm.
+
+        Raises:
+            ArcError: the statement describes no arc.
         """
         shapes = parse_groups(rest)
         if self.tangent is None or len(self.tangent) != 3:
@@ -179,7 +226,19 @@ class CurveState:
         return found.points
 
     def spline(self, start: Array) -> Array:
-        """NX NURBS: cubic, the present point is the first control point, the knots are the inner ones and 1."""
+        """Compute the points of an NX NURBS curve.
+
+        The curve is cubic. The present point is the first control point; the statements give the inner knots and 1.
+
+        Args:
+            start: Start point (3,), mm.
+
+        Returns:
+            Points (N, 3), mm.
+
+        Raises:
+            ArcError: the numbers describe no curve.
+        """
         knots, control = self.knots, self.control
         self.spline_open, self.knots, self.control = False, [], []
         if not knots or not control:

@@ -42,7 +42,7 @@ POSITIONAL = ("depth", "clear", "retract")  # CATIA's default table; HSM/Fusion 
 
 @dataclass(frozen=True, kw_only=True)
 class CycleWords:
-    """The numbers of one CYCLE statement in the file's unit, None where it does not say."""
+    """The numbers of one CYCLE statement in the file's unit, None where not given."""
 
     name: str
     depth: float | None = None  # positive downwards, except NX: height of the bottom
@@ -64,9 +64,9 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
 
     Args:
         parts: name, then words and numbers.
-        order: what numbers without a word stand for, one after the other; words that were named are left out.
+        order: meaning of numbers without a word, in sequence; words that are given by name are skipped.
     Raises:
-        CycleError: no cycle name.
+        DrillingCycleError: no cycle name.
     """
     if not parts or parse_number(parts[0]) is not None:
         raise DrillingCycleError("a CYCLE statement begins with its name, e.g. DRILL")
@@ -154,7 +154,7 @@ def build_drilling_cycle(words: CycleWords, *, signed_depth: bool, scale: float,
         scale: mm per file unit.
         feed: mm/min, NaN where the file gives none.
     Raises:
-        CycleError: depth or clearance is missing.
+        DrillingCycleError: depth or clearance is missing.
     """
     if words.depth is None:
         raise DrillingCycleError(f"CYCLE/{words.name} without a depth; expected FEDTO, DEPTH or a first number")
@@ -190,10 +190,17 @@ class HsmDrillingCycle:
     feed: float  # mm/min
 
     def build_cycle_at(self, bottom: Vector, axis: Vector) -> DrillingCycle:
-        """Heights over the bottom of one hole (mm).
+        """Build the drilling cycle of one hole.
+
+        Args:
+            bottom: Bottom of the hole, mm.
+            axis: Tool axis, unit vector.
+
+        Returns:
+            The cycle with heights over the bottom of the hole, mm.
 
         Raises:
-            CycleError: the numbers do not fit that reading.
+            DrillingCycleError: the numbers do not fit this form of the statement.
         """
         w, s = self.words, self.scale
         if w.depth is None or w.clear is None:

@@ -1,4 +1,4 @@
-"""Text that CL data hands through to the control's program (INSERT), and codes of PREFUN and AUXFUN."""
+"""Text that CL data passes to the control program (INSERT), and the codes of PREFUN and AUXFUN."""
 
 from __future__ import annotations
 
@@ -17,9 +17,15 @@ _HARMLESS = "NMSTFHDEP"
 
 
 def has_nc_words(text: str) -> bool:
-    """True where a text reads as words of a control's program that may move axes or frames.
+    """Return whether a text reads as words of a control program that may move axes or frames.
 
-    A block is a text that consists of words such as ``X10.`` only. A sentence that mentions ``X40.`` is none.
+    A block is a text that consists of words such as ``X10.`` only. A sentence that mentions ``X40.`` is no block.
+
+    Args:
+        text: The inserted text.
+
+    Returns:
+        True where the text may move axes or frames.
     """
     code = _COMMENT.sub(" ", text.upper()).strip().strip("'\"")
     if _FRAME.search(code):

@@ -54,7 +54,7 @@ class AptMotionReader:
         self.transfer: SystemTransform | None = None  # printed points in the first system
         self.of_frame: SystemTransform | None = None  # its part by MSYS, CSYS or a CATIA matrix
         self.placement: dict[str, SystemTransform] = {}  # its parts by SCALE and TRANS
-        self.world = False  # points are in one system whatever CSYS says
+        self.world = False  # points are in one system, independent of CSYS
         self.catia_rows: list[list[float]] | None = None
         self.tool, self.tool_text, self.count = "", "", 0
         self.rotations: dict[str, float] = {}
@@ -66,6 +66,16 @@ class AptMotionReader:
     # ---- motion
 
     def goto(self, rest: str, line: int) -> None:
+        """Carry out GOTO: a straight move to one point.
+
+        Args:
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the arguments are not three or six finite numbers, or the start of an arc is not
+                known.
+        """
         try:
             values = parse_numbers(rest) if "_" in rest else [float(v) for v in rest.split(",")]
         except ValueError:
@@ -75,7 +85,7 @@ class AptMotionReader:
             raise ValueError("a number is not finite or absurdly large")
         width = 6 if self.multax else 3
         if self.dialect is CamDialect.CREO and count > width and count % width == 0:
-            self.several(values, width, line)  # points on the way of an arc, the last one is its end
+            self.several(values, width, line)  # points of an arc, the last one is its end
             return
         if count not in (3, 6):
             raise ValueError(f"{count} numbers; expected x, y, z or x, y, z, i, j, k")
@@ -100,7 +110,15 @@ class AptMotionReader:
         self.move_to(to, axis, line)
 
     def several(self, values: list[float], width: int, line: int) -> None:
-        """Creo: GOTO with more than one point; after CIRCLE only the last one counts, the others lie on the arc."""
+        """Carry out a GOTO with more than one point (Creo).
+
+        After CIRCLE only the last point is the target; the others lie on the arc.
+
+        Args:
+            values: Coordinates of all points, program units.
+            width: Numbers per point.
+            line: Line number in the file (1-based).
+        """
         rows = [values[k : k + width] for k in range(0, len(values), width)]
         if self.curves.pending is not None:
             on_the_way = np.array(rows[:-1])[:, :3] * self.scale
@@ -110,6 +128,17 @@ class AptMotionReader:
             self.goto(",".join(map(repr, row)), line)
 
     def move_to(self, to: Vector, axis: Vector, line: int, *, rapid: bool = False) -> None:
+        """Add a move to a point, or the arc that this point ends.
+
+        Args:
+            to: Target position in programmed coordinates, mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            line: Line number in the file (1-based).
+            rapid: Whether the move is a rapid traverse.
+
+        Raises:
+            ValueError: a cut begins at an unknown position.
+        """
         if self.away and not (self.rapid or rapid):
             raise ValueError(
                 f"a cut from an unknown place: the move of line {self.away} ends where the file does not say; expected "
@@ -127,6 +156,13 @@ class AptMotionReader:
             self.check_rotation(line)
 
     def add_curve(self, points: Array, axis: Vector, line: int) -> None:
+        """Add the points of a curve as cuts.
+
+        Args:
+            points: Points (N, 3), mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            line: Line number in the file (1-based).
+        """
         before = self.axis
         self.axis = axis
         if self.transfer is not None:
@@ -140,6 +176,12 @@ class AptMotionReader:
             self.check_rotation(line)
 
     def drill(self, hole: Vector, line: int) -> None:
+        """Add the strokes of the active drilling cycle at one hole.
+
+        Args:
+            hole: Programmed point of the hole, mm.
+            line: Line number in the file (1-based).
+        """
         assert self.cycle is not None
         self.rapid = False
         axis, before = self.axis, self.position
@@ -159,7 +201,15 @@ class AptMotionReader:
         self.check_rotation(line)
 
     def height_before(self, hole: Vector, axis: Vector, clear: float) -> float:
-        """Height over a hole of the plane that the tool was in before the cycle (RTRCTO,AUTO).
+        """Return the height over a hole of the plane that the tool was in before the cycle (RTRCTO,AUTO).
+
+        Args:
+            hole: Programmed point of the hole, mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            clear: Clearance over the hole, mm.
+
+        Returns:
+            Height, mm.
 
         Raises:
             ValueError: that plane is not known, or the tool axis has turned since.
@@ -178,6 +228,16 @@ class AptMotionReader:
         return self.feed * self.rpm if self.per_revolution else self.feed
 
     def go_from(self, word: str, rest: str, line: int) -> None:
+        """Carry out FROM: the position before the first move.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the arguments are no position.
+        """
         values, after = parse_leading_numbers(split_fields(rest))
         if len(values) not in (3, 6) or after:
             raise ValueError("expected x, y, z or x, y, z, i, j, k")
@@ -186,6 +246,13 @@ class AptMotionReader:
         self.move_to((values[0] * s, values[1] * s, values[2] * s), axis, line, rapid=True)
 
     def go_home(self, word: str, rest: str, line: int) -> None:
+        """Carry out GOHOME: a move to a position that the file does not give.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         if len(parse_leading_numbers(split_fields(rest))[0]) >= 3:
             self.go_from(word, rest, line)
         else:
@@ -193,6 +260,16 @@ class AptMotionReader:
             self.position, self.away = None, line
 
     def go_delta(self, word: str, rest: str, line: int) -> None:
+        """Carry out GODLTA: a move by increments.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the arguments are no increments, or the present position is not known.
+        """
         values = [v * self.scale for v in parse_numbers(rest)]
         if self.position is None or len(values) not in (1, 3):
             raise ValueError("expected dx, dy, dz or a distance along the tool axis, after a first GOTO")
@@ -201,11 +278,28 @@ class AptMotionReader:
         self.move_to((x, y, z), self.axis, line)
 
     def rapid_next(self, word: str, rest: str, line: int) -> None:
+        """Carry out RAPID: the next move is a rapid traverse.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         self.rapid = True
 
     # ---- curves
 
     def circle(self, word: str, rest: str, line: int) -> None:
+        """Carry out an arc statement; the next GOTO ends the arc.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: a drilling cycle is active.
+        """
         if self.cycle is not None and word != "INDIRV":
             raise ValueError("stands inside a drilling cycle; expected CYCLE/OFF before it")
         if word == "INDIRV":
@@ -214,6 +308,16 @@ class AptMotionReader:
             self.curves.begin(word, split_fields(rest), line, self.scale)
 
     def drive(self, word: str, rest: str, line: int) -> None:
+        """Carry out ``TLON,GOFWD``: an arc along a drive curve (CATIA).
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the present position is not known.
+        """
         if self.position is None:
             raise ValueError("an arc starts here but no point is known; expected a GOTO before it")
         points = self.curves.drive(rest, np.array(self.position), self.scale, line, self.out)
@@ -221,6 +325,16 @@ class AptMotionReader:
         self.position = tuple(points[-1].tolist())
 
     def spline(self, word: str, rest: str, line: int) -> None:
+        """Collect one statement of a NURBS curve (NX).
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the statement is outside of a NURBS, or has not three coordinates.
+        """
         if word == "NURBS":
             if self.curves.spline_open:
                 self.end_spline(line)
@@ -236,6 +350,14 @@ class AptMotionReader:
             self.curves.control.append([v * self.scale for v in values])
 
     def end_spline(self, line: int) -> None:
+        """Add the points of the collected NURBS curve.
+
+        Args:
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: no point precedes the curve, or its numbers describe none.
+        """
         if self.position is None:
             raise self.source.build_error("a NURBS without a point before it; expected a GOTO first", line)
         try:
@@ -248,6 +370,12 @@ class AptMotionReader:
     # ---- coordinate systems
 
     def use_frame(self, frame: CoordinateSystem, line: int) -> None:
+        """Change the coordinate system of the points that follow.
+
+        Args:
+            frame: The coordinate system in the first one of the file.
+            line: Line number in the file (1-based).
+        """
         if self.first_frame is None or (not len(self.out) and self.transfer is None):
             self.first_frame = frame
             return
@@ -259,7 +387,14 @@ class AptMotionReader:
         self.place()
 
     def change_placement(self, one: SystemTransform, name: str) -> None:
-        """TRANS and SCALE: points are scaled, then shifted, in the present coordinate system."""
+        """Replace one of the transforms TRANS and SCALE.
+
+        Points are scaled, then shifted, in the present coordinate system.
+
+        Args:
+            one: The transform; the identity ends it.
+            name: Word of the transform.
+        """
         self.placement.pop(name, None)
         if not one.nothing:
             self.placement[name] = one
@@ -280,7 +415,16 @@ class AptMotionReader:
                 self.position = back if self.transfer is None else self.transfer.inverse().point(back)
 
     def check_rotation(self, line: int) -> None:
-        """CLT: coordinates are those of the turned table; one position only can be ``workpiece``."""
+        """Check that all points belong to one position of the table (CLT).
+
+        Coordinates are those of the turned table, and one position only can be ``workpiece``.
+
+        Args:
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: points follow at another position of the table.
+        """
         if not self.rotations and self.cut_rotation is None:
             return
         now = {k: v for k, v in self.rotations.items() if v != 0.0}

@@ -1,4 +1,4 @@
-"""CL statements about operations, tools, the spindle's surroundings and how the post writes its program."""
+"""CL statements about operations, tools, spindle, coolant and the output of the post-processor."""
 
 from __future__ import annotations
 
@@ -18,6 +18,13 @@ class OperationStatementReader(CoordinateSystemReader):
     """Keeps them as operations and events; what may move points is counted as not understood."""
 
     def tool_path(self, word: str, rest: str, line: int) -> None:
+        """Carry out TOOL PATH: an operation begins (NX).
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         parts = [p.strip() for p in rest.split(",")]
         tool = parts[2] if len(parts) > 2 else ""
         self.ended = False
@@ -25,9 +32,23 @@ class OperationStatementReader(CoordinateSystemReader):
         self.out.begin_operation(parts[0] or "TOOL PATH", tool=tool)
 
     def feature(self, word: str, rest: str, line: int) -> None:
+        """Begin an operation with the name of a feature.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         self.out.begin_operation(rest, tool=self.tool)
 
     def load_tool(self, word: str, rest: str, line: int) -> None:
+        """Carry out LOADTL or TOOLNO: a tool change.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         parts = split_fields(rest)
         value = parse_number(parts[0]) if parts else None
         if parts and parts[0] == self.tool:
@@ -42,6 +63,13 @@ class OperationStatementReader(CoordinateSystemReader):
             self.out.also_tool(self.tool)
 
     def load(self, word: str, rest: str, line: int) -> None:
+        """Carry out ``LOAD/TOOL``: a tool change.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         parts = rest.split(",")
         if parts[0].strip().upper() == "TOOL" and len(parts) > 1:
             self.load_tool("LOAD", ",".join(parts[1:]), line)
@@ -49,6 +77,13 @@ class OperationStatementReader(CoordinateSystemReader):
             self.out.ignore(f"LOAD/{parts[0].strip()}", line, understood=False)
 
     def insert(self, word: str, rest: str, line: int) -> None:
+        """Carry out INSERT: text for the control program.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         if rest.startswith("["):
             self.tool_text = rest.partition("]")[2].strip() or rest
         if has_nc_words(rest):  # the post copies the text into its program
@@ -56,7 +91,15 @@ class OperationStatementReader(CoordinateSystemReader):
         self.out.event("comment", rest)
 
     def function_code(self, word: str, rest: str, line: int) -> None:
-        """PREFUN/n writes Gn, AUXFUN/n writes Mn into the program: read are codes that move nothing."""
+        """Carry out PREFUN or AUXFUN.
+
+        PREFUN/n writes Gn and AUXFUN/n writes Mn into the program. Codes that move nothing are accepted.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         code = parse_number((split_fields(rest) or [""])[0])
         if code is None:
             known = False
@@ -67,14 +110,35 @@ class OperationStatementReader(CoordinateSystemReader):
         self.out.ignore(word if known else f"{word}/{rest.strip()[:20]}", line, understood=known)
 
     def tool_number(self, word: str, rest: str, line: int) -> None:
+        """Carry out a statement that gives the number of the tool.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         if "TURN" in split_fields(rest):
             self.out.warn_once("a turning tool: the work turns, its points are not those of a milling tool", line)
         self.out.ignore(word, line, understood=True)
 
     def coolant(self, word: str, rest: str, line: int) -> None:
+        """Carry out COOLNT: record a coolant event.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         self.out.event("coolant", f"COOLNT/{rest}")
 
     def compensation(self, word: str, rest: str, line: int) -> None:
+        """Carry out CUTCOM: cutter radius compensation.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         side = split_fields(rest)[:1]
         if side and side[0] in ("LEFT", "RIGHT"):
             self.out.warn_once(
@@ -83,18 +147,46 @@ class OperationStatementReader(CoordinateSystemReader):
         self.out.ignore("CUTCOM", line, understood=True)
 
     def delay(self, word: str, rest: str, line: int) -> None:
+        """Carry out DELAY: record a dwell event.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         value = parse_number((split_fields(rest) or [""])[0])
         self.out.event("dwell", f"DELAY/{rest}", math.nan if value is None else value)
 
     def stop(self, word: str, rest: str, line: int) -> None:
+        """Carry out STOP or OPSTOP: record a stop event.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         self.out.event("stop", word)
 
     def remark(self, word: str, rest: str, line: int) -> None:
+        """Carry out a comment statement: record its text.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         text = rest.strip().strip("'")
         self.remarks = text or self.remarks
         self.out.event("comment", text)
 
     def set_mode(self, word: str, rest: str, line: int) -> None:
+        """Carry out ``SET/MODE`` or another mode of the post-processor.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         parts = split_fields(rest)
         if "INCR" in parts:
             self.ask_for_increments("SET/MODE,INCR", line)
@@ -102,10 +194,16 @@ class OperationStatementReader(CoordinateSystemReader):
         self.out.ignore(f"SET/{name[:20]}", line, understood=name in harmless_words.APT_SET)
 
     def ask_for_increments(self, word: str, line: int) -> None:
-        """INCR: an order to the post to write increments (NX), whose GOTO stay absolute, or GOTO in increments.
+        """Decide the meaning of INCR by the user's option.
+
+        In NX it orders the post-processor to write increments and GOTO stays absolute; elsewhere GOTO is incremental.
+
+        Args:
+            word: Major word of the statement.
+            line: Line number in the file (1-based).
 
         Raises:
-            InputError: the user has not said which.
+            InputError: the user has not given the option.
         """
         if normalise_word(word) not in self.options.accept_unknown:
             raise self.source.build_error(
@@ -117,7 +215,13 @@ class OperationStatementReader(CoordinateSystemReader):
         self.out.ignore(word, line, understood=False)
 
     def units(self, word: str, rest: str, line: int) -> None:
-        """A further UNITS statement holds for what follows (HSM/Fusion writes one a section)."""
+        """Carry out a further UNITS statement (HSM/Fusion writes one per section).
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         scale = parse_unit(rest)
         if scale is not None and scale != self.scale:
             self.out.warn_once("the unit changes within the file", line)
@@ -125,6 +229,13 @@ class OperationStatementReader(CoordinateSystemReader):
         self.out.ignore(word if scale else f"{word}/{rest.strip()[:20]}", line, understood=scale is not None)
 
     def mode(self, word: str, rest: str, line: int) -> None:
+        """Carry out MODE: absolute or incremental points.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         parts = split_fields(rest)
         if "INCR" in parts:
             self.ask_for_increments("MODE/INCR", line)
@@ -135,13 +246,26 @@ class OperationStatementReader(CoordinateSystemReader):
             self.out.ignore(f"MODE/{strange[0]}" if strange else word, line, understood=not strange)
 
     def multi_axis(self, word: str, rest: str, line: int) -> None:
+        """Carry out MULTAX: whether points carry a tool axis.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         self.multax = "OFF" not in split_fields(rest)
         if not self.multax and self.dialect is CamDialect.HSM:
             self.axis = (0.0, 0.0, 1.0)
         self.out.ignore(word, line, understood=True)
 
     def cutter(self, word: str, rest: str, line: int) -> None:
-        """HSM/Fusion: the first statement of an operation after its name."""
+        """Carry out CUTTER: in HSM/Fusion the first statement of an operation after its name.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
         if self.dialect is CamDialect.HSM and self.remarks:
             self.out.begin_operation(self.remarks, tool=self.tool)
         self.out.ignore(word, line, understood=True)

@@ -1,4 +1,4 @@
-"""The hot path of long cutter location files: plain ``GOTO/x,y,z[,i,j,k]`` lines, many at a time."""
+"""Fast path for long cutter location files: reads many plain ``GOTO/x,y,z[,i,j,k]`` lines at a time."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.toolpath.readers.apt.motion_statements import AptMotionReader
 from machopt.toolpath.readers.apt.statement_parser import LARGEST
 
-_AT_ONCE = 50_000  # points kept before they are handed over
+_AT_ONCE = 50_000  # points collected before they are added
 
 
 def is_plain_goto_mode(r: AptMotionReader) -> bool:
-    """True while nothing but the position and the tool axis changes from one GOTO to the next."""
+    """Return whether only position and tool axis change from one GOTO to the next.
+
+    Args:
+        r: The reader, whose state is updated.
+    """
     return (
         not r.ended
         and not r.rapid
@@ -28,7 +32,15 @@ def is_plain_goto_mode(r: AptMotionReader) -> bool:
 
 
 def read_plain_gotos(r: AptMotionReader, at: int) -> int:
-    """Carry out plain GOTO lines from index ``at`` on; returns the index of the first line that is none."""
+    """Carry out plain GOTO lines.
+
+    Args:
+        r: The reader, whose state is updated.
+        at: Index of the first line.
+
+    Returns:
+        Index of the first line that is no plain GOTO.
+    """
     lines, scale, feed, cut = r.source.lines, r.scale, r.feed_mm_min(), MoveKind.CUT.value
     i, j, k = r.axis
     x, y, z = r.position or (math.nan, math.nan, math.nan)

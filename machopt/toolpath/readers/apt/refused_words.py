@@ -1,4 +1,4 @@
-"""CL words that refuse a file; those that change nothing stand in :mod:`machopt.toolpath.readers.harmless_words`."""
+"""CL words that make a file unsupported; words without effect are in :mod:`machopt.toolpath.readers.harmless_words`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Statements of APT / cutter location text: continuation lines, comments, major word and the rest."""
+"""Parser of APT and cutter location statements: continuation lines, comments, major word and arguments."""
 
 from __future__ import annotations
 
@@ -15,11 +15,18 @@ AptStatement = tuple[int, str, str]  # line, major word in upper case, text afte
 
 
 def parse_statement_at(lines: list[str], at: int) -> tuple[int, list[AptStatement]]:
-    """The statement that begins at index ``at`` and the comments in it, and the index after it.
+    """Parse the statement that begins at a line, and the comments in it.
 
-    Comments come as the word ``$$``; Creo's ``$$-> WORD / …`` are statements. One continued with ``$`` has its first
-    line's number; a line that does not begin with a word comes with that text as its word, for the reader to count
-    as not understood.
+    Comments have the word ``$$``; Creo's ``$$-> WORD / …`` are statements. A statement continued with ``$`` has the
+    number of its first line. A line that does not begin with a word has its text as word: the reader counts it as
+    not understood.
+
+    Args:
+        lines: Lines of the file.
+        at: Index of the first line of the statement.
+
+    Returns:
+        Index of the line after the statement, and the statements.
     """
     found: list[AptStatement] = []
     joined, start = "", at + 1
@@ -47,7 +54,14 @@ def parse_statement_at(lines: list[str], at: int) -> tuple[int, list[AptStatemen
 
 
 def split_statement(text: str) -> tuple[str, str]:
-    """Major word and the rest of one statement."""
+    """Split one statement at its slash.
+
+    Args:
+        text: Text of the statement.
+
+    Returns:
+        Major word, and the text behind the slash.
+    """
     head, slash, rest = text.partition("/")
     head = head.strip().upper()
     if slash and _HEAD.fullmatch(head):
@@ -62,7 +76,16 @@ def split_statement(text: str) -> tuple[str, str]:
 
 
 def split_fields(rest: str) -> list[str]:
-    """Arguments in upper case; blanks separate as commas do, one empty place per missing argument."""
+    """Split the arguments of a statement.
+
+    Blanks separate as commas do.
+
+    Args:
+        rest: Text behind the slash of the statement.
+
+    Returns:
+        Arguments in upper case; an empty text per missing argument.
+    """
     found: list[str] = []
     for part in rest.split(","):
         words = part.split()
@@ -73,7 +96,14 @@ def split_fields(rest: str) -> list[str]:
 
 
 def parse_number(text: str) -> float | None:
-    """The number a field holds, None where it is a word; not finite numbers are None too."""
+    """Parse one field as a number.
+
+    Args:
+        text: Text of the field.
+
+    Returns:
+        The number; None where the field is a word or not finite.
+    """
     try:
         value = float(text)
     except ValueError:
@@ -82,7 +112,14 @@ def parse_number(text: str) -> float | None:
 
 
 def parse_leading_numbers(parts: list[str]) -> tuple[list[float], list[str]]:
-    """The numbers a statement begins with, and what stands after them."""
+    """Parse the numbers that a statement begins with.
+
+    Args:
+        parts: Arguments of the statement.
+
+    Returns:
+        The numbers, and the arguments behind them.
+    """
     values: list[float] = []
     for k, part in enumerate(parts):
         value = parse_number(part)
@@ -93,7 +130,14 @@ def parse_leading_numbers(parts: list[str]) -> tuple[list[float], list[str]]:
 
 
 def parse_groups(rest: str) -> list[tuple[str, list[float]]]:
-    """The ``(WORD/numbers)`` groups of a drive statement such as ``(CIRCLE/x,y,z,r),ON,(LINE/…)``."""
+    """Parse the ``(WORD/numbers)`` groups of a drive statement such as ``(CIRCLE/x,y,z,r),ON,(LINE/…)``.
+
+    Args:
+        rest: Text behind the slash of the statement.
+
+    Returns:
+        Word and numbers of each group.
+    """
     found: list[tuple[str, list[float]]] = []
     for word, inside in re.findall(r"\(\s*([A-Z]+)\s*/([^()]*)\)", rest.upper()):
         found.append((word, parse_leading_numbers([p for p in _SEPARATOR.split(inside.strip()) if p])[0]))
@@ -101,10 +145,16 @@ def parse_groups(rest: str) -> list[tuple[str, list[float]]]:
 
 
 def parse_numbers(rest: str) -> list[float]:
-    """All arguments as numbers.
+    """Parse all arguments as numbers.
+
+    Args:
+        rest: Text behind the slash of the statement.
+
+    Returns:
+        The numbers.
 
     Raises:
-        ValueError: one of them is not a number.
+        ValueError: one argument is not a number.
     """
     values, after = parse_leading_numbers(split_fields(rest))
     if after:
@@ -113,7 +163,14 @@ def parse_numbers(rest: str) -> list[float]:
 
 
 def try_parse_numbers(rest: str) -> list[float] | None:
-    """All arguments as numbers, None where one is not."""
+    """Parse all arguments as numbers, if they are numbers.
+
+    Args:
+        rest: Text behind the slash of the statement.
+
+    Returns:
+        The numbers, None where one argument is not a number.
+    """
     try:
         return parse_numbers(rest)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Arcs of G-code: by centre, radius, intermediate point or tangent."""
+"""G-code arcs given by centre, radius, intermediate point or tangent."""
 
 from __future__ import annotations
 
@@ -24,7 +24,17 @@ class ArcMoveReader(ControlState):
     """Circular motion."""
 
     def arc(self, to: list[float], axis: Vector, words: dict[str, float], b: ProgramBlock) -> None:
-        """G2 or G3 from ``p`` to ``to`` (programmed mm)."""
+        """Carry out G2 or G3 from the present position.
+
+        Args:
+            to: Target position in programmed coordinates, mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            ArcError: the words describe no arc, or a spiral or cone.
+        """
         if words.keys() & {"Q", "L"}:
             raise ArcError(
                 f"an arc with {' and '.join(sorted(words.keys() & {'Q', 'L'}))} (a spiral or cone): not read"
@@ -52,10 +62,17 @@ class ArcMoveReader(ControlState):
         self.along_arc(start, end, centre, normal, unknown, axis, b.line, turns=turns)
 
     def opening_angle(self, words: dict[str, float], b: ProgramBlock) -> float:
-        """AR=: the angle of the arc at its centre, rad; beside it stands its end or its centre, not both.
+        """Return the opening angle AR= of an arc; the block gives its end or its centre too.
+
+        Args:
+            words: Words of the block: letter or name → number.
+            b: The block: its words, calls and line number.
+
+        Returns:
+            Angle, rad.
 
         Raises:
-            ArcError: both, or a radius too, or no angle between 0° and 360°.
+            ArcError: both, a radius too, or no angle between 0° and 360°.
         """
         degrees = b.named["AR"]
         if not 0.0 < degrees < 360.0:
@@ -67,9 +84,16 @@ class ArcMoveReader(ControlState):
         return math.radians(degrees)
 
     def arc_ends(self, to: list[float], line: int) -> tuple[Array, Array, list[bool]]:
-        """Start and end of an arc, and which coordinates are not known at its start.
+        """Return the ends of an arc and the coordinates that are unknown at its start.
 
-        A height that only the end gives is that of the whole arc.
+        A height that only the end gives is used for the whole arc.
+
+        Args:
+            to: Target position in programmed coordinates, mm.
+            line: Line number in the file (1-based).
+
+        Returns:
+            Start (3,) and end (3,) in programmed mm, and whether each start coordinate is unknown.
 
         Raises:
             InputError: a coordinate of the plane is not known, or the height was lost and is not given.
@@ -100,20 +124,32 @@ class ArcMoveReader(ControlState):
         return start, end, [u and math.isnan(v) for u, v in zip(unknown, to, strict=True)]
 
     def whole_turns(self, value: float) -> int:
-        """P: the turns of an arc, its last part included.
+        """Check the number of turns P of an arc, its last part included.
+
+        Args:
+            value: Number behind P.
+
+        Returns:
+            Number of turns.
 
         Raises:
-            ArcError: it is no natural number.
+            ArcError: the number is no integer from 1 to 999.
         """
         if value != round(value) or not 1.0 <= value <= 999.0:
             raise ArcError(f"an arc with P{value:g}; expected a number of turns from 1 to 999")
         return round(value)
 
     def full_circles(self, b: ProgramBlock) -> int:
-        """TURN=: full circles before the arc.
+        """Return the number of full circles before the arc (TURN=).
+
+        Args:
+            b: The block: its words, calls and line number.
+
+        Returns:
+            Number of circles.
 
         Raises:
-            ArcError: it is no natural number.
+            ArcError: the number is no natural number.
         """
         turns = b.named.get("TURN", 0.0)
         if turns != round(turns) or not 0.0 <= turns <= 999.0:
@@ -133,10 +169,21 @@ class ArcMoveReader(ControlState):
         turns: int = 1,
         in_plane: bool = True,
     ) -> None:
-        """Carry out an arc whose centre is known; ``normal`` is the axis of right-handed travel.
+        """Add an arc whose centre is known.
+
+        Args:
+            start: Start (3,) in programmed mm.
+            end: End (3,) in programmed mm.
+            centre: Centre (3,) in programmed mm.
+            normal: Axis of right-handed travel (3,), unit vector.
+            unknown: Whether each start coordinate is unknown.
+            axis: Tool axis in programmed coordinates, unit vector.
+            line: Line number in the file (1-based).
+            turns: Number of turns, the last part included.
+            in_plane: Whether the arc lies in the working plane.
 
         Raises:
-            ArcError: its numbers describe none, or it lies under different scales.
+            ArcError: the numbers describe no arc, or it lies under different scales.
         """
         if not self.setup.even:
             raise ArcError("an arc under different scales along its axes is no arc any more: not supported")
@@ -185,7 +232,12 @@ class ArcMoveReader(ControlState):
     # ---- further arcs
 
     def through(self, to: list[float], axis: Vector, b: ProgramBlock) -> None:
-        """CIP: the circle through the start, an intermediate point I1=, J1=, K1= and the end.
+        """Carry out CIP: the circle through the start, an intermediate point I1=, J1=, K1= and the end.
+
+        Args:
+            to: Target position in programmed coordinates, mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            b: The block: its words, calls and line number.
 
         Raises:
             ArcError: a point is not known, or the three lie on a line.
@@ -205,12 +257,17 @@ class ArcMoveReader(ControlState):
         self.along_arc(start, end, centre, normal, [False] * 3, axis, b.line, in_plane=flat)
 
     def tangential(self, to: list[float], axis: Vector, line: int) -> None:
-        """CT: the arc in the working plane that goes on from the element before without a corner.
+        """Carry out CT: an arc in the working plane that continues the previous element tangentially.
 
         Its centre lies on the normal n of the tangent at the start, at r = |d|² / (2 d·n), d from start to end.
 
+        Args:
+            to: Target position in programmed coordinates, mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            line: Line number in the file (1-based).
+
         Raises:
-            ArcError: no element before it.
+            ArcError: there is no element before it, or no tangent arc reaches the end.
         """
         if self.segment is None:
             raise ArcError("a tangential arc (CT) without a contour element before it")
@@ -233,7 +290,13 @@ class ArcMoveReader(ControlState):
         self.along_arc(start, end, centre, self.plane * math.copysign(1.0, aside), unknown, axis, line)
 
     def about_the_pole(self, to: list[float], axis: Vector, b: ProgramBlock) -> None:
-        """G2 or G3 with AP=: an arc about the pole."""
+        """Carry out G2 or G3 with AP=: an arc about the pole.
+
+        Args:
+            to: Target position in programmed coordinates, mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            b: The block: its words, calls and line number.
+        """
         first, second = find_plane_axes(self.plane)
         start, end, unknown = self.arc_ends(to, b.line)
         centre = start.copy()
@@ -243,7 +306,18 @@ class ArcMoveReader(ControlState):
 
 
 def compute_arc_end(start: Array, end: Array, centre: Array, opening: float, normal: Array) -> Array:
-    """Where an arc of ``opening`` rad about ``centre`` ends; its height along ``normal`` is that of ``end``."""
+    """Compute the end of an arc from its opening angle.
+
+    Args:
+        start: Start point (3,), mm.
+        end: Point (3,) whose height along the normal is that of the result, mm.
+        centre: Centre (3,), mm.
+        opening: Opening angle, rad.
+        normal: Axis of right-handed travel (3,), unit vector.
+
+    Returns:
+        End point (3,), mm.
+    """
     n = normal / np.linalg.norm(normal)
     out = start - centre
     out = out - (out @ n) * n
@@ -252,12 +326,20 @@ def compute_arc_end(start: Array, end: Array, centre: Array, opening: float, nor
 
 
 def compute_circumcircle(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """Centre of the circle through three points, and the axis about which a → b → c is right-handed.
+    """Compute the circle through three points.
 
     centre = a + ((|u|² v − |v|² u) × (u × v)) / (2 |u × v|²), with u = b − a and v = c − a.
 
+    Args:
+        a: First point (3,), mm.
+        b: Second point (3,), mm.
+        c: Third point (3,), mm.
+
+    Returns:
+        Centre (3,) in mm, and the unit axis (3,) about which a → b → c is right-handed.
+
     Raises:
-        ArcError: they lie on a line or coincide.
+        ArcError: the points lie on a line or coincide.
     """
     u, v = b - a, c - a
     n = np.cross(u, v)

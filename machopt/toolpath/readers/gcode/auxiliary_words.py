@@ -1,4 +1,4 @@
-"""Words of a block that move nothing: feeds and their unit, spindle, tools, coolant, stops, dwells."""
+"""Words of a block without motion: feed and its unit, spindle, tool, coolant, stop, dwell."""
 
 from __future__ import annotations
 
@@ -20,9 +20,15 @@ class AuxiliaryWordReader(ModeReader):
         self.next_tool, self.next_name = float("nan"), ""
 
     def unit_of_feeds(self, g: int) -> float:
-        """mm per unit of the feeds behind a unit word; NaN where the file does not say it.
+        """Return the unit of the feeds behind a unit word.
 
-        Sinumerik's G70 and G71 change lengths only, feeds stay in the control's own unit; G700 and G710 change both.
+        Sinumerik's G70 and G71 change lengths only: feeds stay in the unit of the control. G700 and G710 change both.
+
+        Args:
+            g: Ten times the number of the G word.
+
+        Returns:
+            mm per unit; NaN where the file does not give it.
         """
         if not self.siemens or g not in (700, 710):
             return self.scale
@@ -31,21 +37,36 @@ class AuxiliaryWordReader(ModeReader):
         return 1.0 if g == 710 else math.nan
 
     def use_unit(self, g: int, line: int) -> None:
-        """G20, G21, G70, G71, G700, G710."""
+        """Carry out G20, G21, G70, G71, G700 or G710.
+
+        Args:
+            g: Ten times the number of the G word.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the unit contradicts the option ``--unit``.
+        """
         unit = UNITS[g]
-        asked, lengths_only = self.options.unit, self.siemens and g in (700, 710)
-        if asked not in (None, unit) and not self.unit_used_at and self.unit_by_words and not lengths_only:
-            raise self.source.build_error(f"the file is in {unit} but --unit {asked} was given", line)
+        option_unit, lengths_only = self.options.unit, self.siemens and g in (700, 710)
+        if option_unit not in (None, unit) and not self.unit_used_at and self.unit_by_words and not lengths_only:
+            raise self.source.build_error(f"the file is in {unit} but --unit {option_unit} was given", line)
         self.unit_used_at = self.unit_used_at or line
         self.scale = UNIT_NAMES[unit]
         self.feed_unit = self.unit_of_feeds(g)
         self.unit_said = True
 
     def check_unit(self, g_words: list[int], words: dict[str, float], b: ProgramBlock) -> None:
-        """Lengths and feeds before the first unit word have the control's own unit, which the file does not say.
+        """Check that the unit is known before the first length or feed.
+
+        Before the first unit word the unit is that of the control, which is not in the file.
+
+        Args:
+            g_words: G words of the block, times ten.
+            words: Words of the block: letter or name → number.
+            b: The block: its words, calls and line number.
 
         Raises:
-            InputError: such a block, and no option says it.
+            InputError: lengths or feeds occur before a unit word, and no option gives the unit.
         """
         if any(g in MACHINE_FRAME or g == 40 for g in g_words):
             return
@@ -60,10 +81,14 @@ class AuxiliaryWordReader(ModeReader):
             self.unit_used_at = self.unit_used_at or b.line
 
     def take_feed(self, feed: float, line: int) -> None:
-        """F.
+        """Carry out F.
+
+        Args:
+            feed: Number behind F, program units.
+            line: Line number in the file (1-based).
 
         Raises:
-            InputError: its unit is not said.
+            InputError: the unit of the feed is not known.
         """
         if math.isnan(self.feed_unit) and self.feed_mode != "inverse":
             raise self.source.build_error(
@@ -74,7 +99,13 @@ class AuxiliaryWordReader(ModeReader):
         self.feed, self.feed_scale, self.fed_at = feed, self.feed_unit, line
 
     def use_feed_mode(self, mode: str) -> None:
-        """G93, G94, G95: what F was before is no feed under G93, nor the other way round."""
+        """Carry out G93, G94 or G95.
+
+        An earlier F is no feed under G93, and an F under G93 is no feed later.
+
+        Args:
+            mode: Feed mode.
+        """
         if mode != self.feed_mode and "inverse" in (mode, self.feed_mode):
             self.feed = math.nan
         self.feed_mode = mode
@@ -111,6 +142,16 @@ class AuxiliaryWordReader(ModeReader):
                 )
 
     def m_words(self, m_words: list[int], words: dict[str, float], line: int) -> None:
+        """Carry out the M words of a block.
+
+        Args:
+            m_words: Numbers of the M words.
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: an M word calls a subprogram that is not in the file.
+        """
         for m in m_words:
             if m in (3, 4, 5):
                 if m != 5:
@@ -149,10 +190,14 @@ class AuxiliaryWordReader(ModeReader):
                     words.pop(letter, None)
 
     def dwell(self, words: dict[str, float], b: ProgramBlock) -> None:
-        """G4.
+        """Carry out G4.
+
+        Args:
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            b: The block: its words, calls and line number.
 
         Raises:
-            InputError: it waits longer than any program does: its unit is another.
+            InputError: the dwell is longer than in any program, so its unit is another one.
         """
         value = float("nan")
         for letter in ("X", "U", "P", "F"):

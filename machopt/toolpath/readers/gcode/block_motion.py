@@ -1,4 +1,4 @@
-"""One block's motion: rotary words, tool vectors, then the straight move, arc or hole they belong to."""
+"""Motion of one block: rotary words and tool vectors, then the straight move, arc or hole."""
 
 from __future__ import annotations
 
@@ -23,6 +23,15 @@ class BlockMotionReader(DrillingMoveReader):
     """Carries out what the words of a block move."""
 
     def move(self, words: dict[str, float], b: ProgramBlock) -> None:
+        """Carry out the motion of one block.
+
+        Args:
+            words: Words of the block: letter or name → number; may be changed in place.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            InputError: the words describe no supported motion, or its position in the workpiece is not known.
+        """
         self.turned_from = self.axis_before_turn = None
         vector = self.vector(words, b)
         turns = vector is None and self.turn(words, b)
@@ -73,7 +82,13 @@ class BlockMotionReader(DrillingMoveReader):
         self.report_unused_words(words, b)
 
     def tap(self, to: list[float], axis: Vector, words: dict[str, float], line: int) -> None:
-        """G33.1: to the target and back to the start, K of way a turn of the spindle.
+        """Carry out G33.1: to the target and back to the start, K of travel per spindle turn.
+
+        Args:
+            to: Target position in programmed coordinates, mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            line: Line number in the file (1-based).
 
         Raises:
             InputError: K is not given, or the start is not known.
@@ -90,7 +105,15 @@ class BlockMotionReader(DrillingMoveReader):
         self.feed, self.feed_scale, self.feed_mode = modal
 
     def take_corner(self, b: ProgramBlock, *, element: bool) -> None:
-        """RND=, CHF=, CHR=, ``,R``, ``,C``: what goes between this block's element and the next one."""
+        """Read a corner: RND=, CHF=, CHR=, ``,R`` or ``,C`` between this element and the next one.
+
+        Args:
+            b: The block: its words, calls and line number.
+            element: Whether the block holds a contour element.
+
+        Raises:
+            InputError: the size is not positive, or the block has no contour element.
+        """
         feed = None
         for name in ("FRCM", "FRC"):
             if name in b.named:
@@ -110,7 +133,17 @@ class BlockMotionReader(DrillingMoveReader):
                 self.corner = ContourCorner(kind, size, b.line, feed or self.corner_feed)
 
     def not_known(self, why: str, to: list[float], target: list[float] | None, line: int) -> None:
-        """A move whose place in the workpiece cannot be told: rapids are left out, cuts refused."""
+        """Handle a move whose position in the workpiece is not known: rapids are left out, cuts are refused.
+
+        Args:
+            why: Reason, for the message.
+            to: Target position in programmed coordinates, mm.
+            target: Target of the block in programmed mm, None where it has no X, Y or Z.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the move is a cut.
+        """
         if self.motion != 0:
             raise self.source.build_error(why, line)
         for k in range(3):
@@ -119,12 +152,30 @@ class BlockMotionReader(DrillingMoveReader):
         self.out.ignore("rapid with turned rotary axes and no tool-centre-point control", line, understood=True)
 
     def report_unused_words(self, words: dict[str, float], b: ProgramBlock) -> None:
+        """Report the words of a block that nothing has used.
+
+        Args:
+            words: Words of the block: letter or name → number.
+            b: The block: its words, calls and line number.
+        """
         for letter in words:
             unused = letter in "RIJK" and self.motion in (0, 1) and self.canned is None and self.modal_call is None
             if letter not in "XYZABCIJKRPLQ" or letter in "PLQ" or unused:
                 self.out.ignore(letter, b.line, understood=False)
 
     def vector(self, words: dict[str, float], b: ProgramBlock) -> Vector | None:
+        """Read the tool vector of a block.
+
+        Args:
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            b: The block: its words, calls and line number.
+
+        Returns:
+            Tool axis as a unit vector, None where the block has no vector.
+
+        Raises:
+            InputError: the vector is zero or not finite, or TRAORI is not active.
+        """
         named = [b.named.get(n) for n in ("A3", "B3", "C3")]
         if any(v is not None for v in named):
             if self.setup.tcp is None:
@@ -143,7 +194,15 @@ class BlockMotionReader(DrillingMoveReader):
         return vector
 
     def turn(self, words: dict[str, float], b: ProgramBlock) -> bool:
-        """Take the rotary words; True where the block has any."""
+        """Read the rotary words of a block.
+
+        Args:
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            b: The block: its words, calls and line number.
+
+        Returns:
+            Whether the block has rotary words.
+        """
         self.turned_from, self.axis_before_turn = None, self.axis
         given: dict[str, float] = {}
         before_turn = dict(self.setup.angles)

@@ -60,10 +60,16 @@ class CannedCycle:
             self.dwell = convert_dwell(words.pop("P"), letter="P", bare=b.bare("P"), control=control)
 
     def build_cycle_at_hole(self, *, back_to_initial: bool) -> DrillingCycle:
-        """Strokes with heights over the plane z = 0.
+        """Build the strokes of the cycle with heights over the plane z = 0.
+
+        Args:
+            back_to_initial: Whether the tool retracts to the initial level (G98) instead of the R plane (G99).
+
+        Returns:
+            The drilling cycle, heights in mm.
 
         Raises:
-            CycleError: Z or R was never given.
+            DrillingCycleError: Z or R was never given.
         """
         if self.z is None or self.r is None:
             letter, what = (self.depth, "the depth") if self.z is None else ("R", "the height the feed begins at")
@@ -85,10 +91,18 @@ class CannedCycle:
 
 
 def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
-    """``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)`` with heights over the plane z = 0; its feed is that at each hole.
+    """Parse ``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)``; its feed is the feed that is active at each hole.
+
+    Args:
+        name: Name of the cycle.
+        text: Text of its arguments.
+        scale: mm per unit of the program.
+
+    Returns:
+        The drilling cycle with heights over the plane z = 0, mm.
 
     Raises:
-        CycleError: an argument is not a number, or depth or planes are missing.
+        DrillingCycleError: an argument is invalid, or depth or planes are missing.
     """
     values: list[float | None] = []
     for part in map(str.strip, text.split(",")):

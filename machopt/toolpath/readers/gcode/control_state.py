@@ -1,7 +1,7 @@
-"""What a control knows while it carries out a program: modes, coordinate systems, the place of the tool.
+"""State of a control while it runs a program: modes, coordinate systems, tool position.
 
-The state both G-code and Heidenhain's conversational programs keep; the readers set it word by word. ``p`` is what
-the program says, ``setup`` brings it into the workpiece.
+G-code and Heidenhain readers share this state and update it word by word. ``p`` is the programmed position; ``setup``
+transforms it into the workpiece.
 """
 
 from __future__ import annotations
@@ -89,7 +89,11 @@ class ControlState:
     # ---- coordinate systems
 
     def change_setup(self, **changes: object) -> None:
-        """Another coordinate system, tilted plane or mode: the tool does not move, its coordinates change."""
+        """Change the coordinate system, tilted plane or mode: the tool does not move, its coordinates change.
+
+        Args:
+            **changes: Fields of :class:`CoordinateSetup` and their new values.
+        """
         before = self.setup.transfer
         self.setup = self.setup.with_changes(**changes)
         self.follow(before)
@@ -97,7 +101,11 @@ class ControlState:
             self.end_contour("the coordinate system changes")
 
     def follow(self, before: SystemTransform | None) -> None:
-        """Coordinates of the same place after ``setup`` changed from ``before``."""
+        """Recompute the programmed coordinates of the present position after ``setup`` changed.
+
+        Args:
+            before: Transform into the workpiece before the change; None where it was not known.
+        """
         self.axis = self.setup.tool_axis()
         if before is None and self.setup.transfer is None:
             return
@@ -108,7 +116,13 @@ class ControlState:
         self.p = p
 
     def mark_position_unknown(self, words: dict[str, float], name: str, line: int) -> None:
-        """A move in the machine's frame: where the tip is in the workpiece is not known after it."""
+        """Mark the position as unknown after a move in the machine frame.
+
+        Args:
+            words: Words of the block: letter or name → number.
+            name: Word that moved the machine, for messages.
+            line: Line number in the file (1-based).
+        """
         axes = [k for k in range(3) if AXES[k] in words]
         if not axes and name in ("G53", "G153", "SUPA"):
             return  # suppresses an offset, moves nothing
@@ -124,7 +138,13 @@ class ControlState:
         self.out.ignore(f"{name} (move in the machine's frame)", line, understood=True)
 
     def follow_turn(self, before: SystemTransform | None) -> None:
-        """Rotary axes moved: without tool-centre-point control the programmed coordinates stay what they are."""
+        """Update the tool axis and the coordinates after rotary axes moved.
+
+        Without tool-centre-point control the programmed coordinates stay the same.
+
+        Args:
+            before: Transform into the workpiece before the change; None where it was not known.
+        """
         self.axis = self.setup.tool_axis()
         if self.setup.tcp or self.setup.tilted:
             self.follow(before)
@@ -132,9 +152,17 @@ class ControlState:
     # ---- straight moves
 
     def target(self, words: dict[str, float], b: ProgramBlock) -> list[float] | None:
-        """Where the block goes to (mm), None where it has no X, Y or Z.
+        """Return the target of a block; an incremental zero leaves an unknown coordinate unknown.
 
-        Incremental zeros leave a coordinate that is not known unknown.
+        Args:
+            words: Words of the block: letter or name → number; may be changed in place.
+            b: The block: its words, calls and line number.
+
+        Returns:
+            Position in programmed mm, None where the block has no X, Y or Z.
+
+        Raises:
+            InputError: an increment starts from an unknown coordinate.
         """
         relative = self.incremental
         self.polar_step = None
@@ -174,7 +202,18 @@ class ControlState:
         return to
 
     def go(self, to: list[float], axis: Vector, move: int, feed: float, line: int) -> None:
-        """One point at ``to`` (programmed coordinates)."""
+        """Add one point.
+
+        Args:
+            to: Target position in programmed coordinates, mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            move: Kind of the move.
+            feed: Feed, mm/min.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the position in the workpiece is not known.
+        """
         if move != MoveKind.CUT:
             self.end_contour("a rapid move follows")
         mixed = self.setup.mixes([math.isnan(v) for v in to])
@@ -192,6 +231,14 @@ class ControlState:
         self.out.add(self.setup.point((to[0], to[1], to[2])), axis, move, feed, line)
 
     def describe_unknown_position(self, k: int) -> str:
+        """Describe why a coordinate is not known.
+
+        Args:
+            k: Index of the coordinate: 0, 1, 2 for X, Y, Z.
+
+        Returns:
+            Text for a message.
+        """
         name = self.lost[k]
         if name in ("G53", "G153", "SUPA"):
             return (
@@ -220,10 +267,15 @@ class ControlState:
         return RotaryTurn(s.machine, self.turned_from, s.angles)
 
     def cut(self, to: list[float], axis: Vector, line: int) -> None:
-        """A straight cut.
+        """Add a straight cut.
+
+        Args:
+            to: Target position in programmed coordinates, mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            line: Line number in the file (1-based).
 
         Raises:
-            InputError: it begins where a coordinate was lost, so which way it takes is not in the file.
+            InputError: the cut begins at a lost coordinate, so its direction is not in the file.
         """
         for k in range(3):
             if math.isnan(self.p[k]) and self.lost[k]:
@@ -254,7 +306,11 @@ class ControlState:
         self.segment = one
 
     def begin_path(self, line: int) -> None:
-        """A path that begins with a cut: its start is a point of its own where it is known."""
+        """Begin a path with a cut: its start becomes a point where it is known.
+
+        Args:
+            line: Line number in the file (1-based).
+        """
         if len(self.out):
             return
         if any(map(math.isnan, self.p)):
@@ -267,7 +323,19 @@ class ControlState:
     # ---- contour corners
 
     def turn_corner(self, one: ContourSegment, axis: Vector, line: int) -> ContourSegment:
-        """Put the rounding or chamfer that waits between the element before and ``one``; returns what is left of it."""
+        """Add the pending rounding or chamfer between the previous element and this one.
+
+        Args:
+            one: The element behind the corner.
+            axis: Tool axis in programmed coordinates, unit vector.
+            line: Line number in the file (1-based).
+
+        Returns:
+            The part of the element that is left.
+
+        Raises:
+            InputError: the corner does not fit between the elements.
+        """
         before, corner = self.segment, self.corner or self.modal_corner
         self.corner = None
         if corner is None:
@@ -294,7 +362,14 @@ class ControlState:
         return dataclasses.replace(one, start=found.between[-1], first=len(self.out))
 
     def end_contour(self, why: str) -> None:
-        """The tool leaves the contour: a corner that waits for the next element has none."""
+        """End the contour.
+
+        Args:
+            why: Reason, for the message.
+
+        Raises:
+            InputError: a rounding or chamfer still waits for the next element.
+        """
         if self.corner is not None:
             raise self.source.build_error(
                 f"a rounding or chamfer without a contour element after it: {why}", self.corner.line
@@ -306,7 +381,13 @@ class ControlState:
         return self.tolerance / self.setup.stretch
 
     def swept_cut(self, to: list[float], angles: dict[str, float], line: int) -> None:
-        """Linear and rotary axes at once without tool-centre-point control: the tip's way is curved."""
+        """Add a cut of linear and rotary axes together without tool-centre-point control: the tip moves on a curve.
+
+        Args:
+            to: Target position in programmed coordinates, mm.
+            angles: Target angles: axis letter → degrees.
+            line: Line number in the file (1-based).
+        """
         points, axes = self.setup.sweep(self.p, to, angles, self.tolerance)
         start = self.setup.before_turn(angles, self.p)
         length = float(np.linalg.norm(np.diff(np.vstack([start, points]), axis=0), axis=1).sum())
@@ -325,10 +406,17 @@ class ControlState:
         return not self.siemens and self.feed_scale != self.feed_unit and not math.isnan(self.feed)
 
     def feed_mm_min(self, length: float, line: int) -> float:
-        """Feed of a block along which the tip travels ``length`` mm; NaN where none is programmed.
+        """Compute the feed of a block.
+
+        Args:
+            length: Travel of the tool tip, mm.
+            line: Line number in the file (1-based).
+
+        Returns:
+            Feed in mm/min; NaN where none is programmed.
 
         Raises:
-            InputError: F is of before a change of unit, or has to stand in this block and does not.
+            InputError: F precedes a change of unit, or must be in this block and is missing.
         """
         if self.feed_mode != "inverse":
             if self.feed_outlives_its_unit():

@@ -1,4 +1,4 @@
-"""Drilling cycles of G-code and Sinumerik, carried out at the holes they are called for."""
+"""Execution of G-code and Sinumerik drilling cycles at their holes."""
 
 from __future__ import annotations
 
@@ -17,18 +17,27 @@ from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
 
 _Z = (0.0, 0.0, 1.0)
 _PRESENT = 1e-9  # mm
-_PARALLEL = 1.0 - 1e-6  # cosine: the tool stands along the program's z
+_PARALLEL = 1.0 - 1e-6  # cosine: the tool is parallel to the program's z
 
 
 class DrillingMoveReader(ArcMoveReader):
     """Canned cycles, modal cycle calls and their holes."""
 
     def along_z(self) -> bool:
-        """True where the tool stands along the program's z axis."""
+        """Return whether the tool is parallel to the program's z axis."""
         z = self.setup.direction(_Z)
         return sum(a * b for a, b in zip(self.axis, z, strict=True)) > _PARALLEL
 
     def begin_cycle(self, code: int, b: ProgramBlock) -> None:
+        """Begin a canned cycle.
+
+        Args:
+            code: Number of the G word.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            InputError: the position along the drilling axis is not known.
+        """
         if code in (76, 77, 87, 88):
             self.out.warn_once(f"G{code} is read as a plain boring stroke", b.line)
         along = self.depth_axis()
@@ -51,7 +60,13 @@ class DrillingMoveReader(ArcMoveReader):
         return int(np.argmax(np.abs(self.plane)))
 
     def report_conventions(self, c: CannedCycle, given: set[str], b: ProgramBlock) -> None:
-        """Say what of a canned cycle depends on the control, where the points of this block do."""
+        """Report the conventions of a canned cycle that depend on the control and affect this block.
+
+        Args:
+            c: The canned cycle.
+            given: Letters that the block gives.
+            b: The block: its words, calls and line number.
+        """
         above = c.r is not None and c.initial > c.r + _PRESENT
         if not self.retract_said and above:
             self.out.warn_once("no G98 or G99 before a cycle: read as G98 (Fanuc); LinuxCNC begins with G99", b.line)
@@ -60,8 +75,8 @@ class DrillingMoveReader(ArcMoveReader):
                 f"G{c.code} feeds out to R and goes on in rapid (Fanuc); LinuxCNC feeds up to the initial height",
                 b.line,
             )
-        kept = not {"R", AXES[self.depth_axis()]} <= given
-        if self.incremental and kept and not (c.counted and self.back_to_initial):
+        has_modal_height = not {"R", AXES[self.depth_axis()]} <= given
+        if self.incremental and has_modal_height and not (c.counted and self.back_to_initial):
             self.out.warn_once(
                 "heights of a cycle stay what they are under G91 (Fanuc); LinuxCNC counts them anew at each hole",
                 b.line,
@@ -70,6 +85,18 @@ class DrillingMoveReader(ArcMoveReader):
             self.out.warn_once("P of a cycle without a decimal point: seconds or milliseconds is not known", b.line)
 
     def cycle_of_block(self, words: dict[str, float], b: ProgramBlock) -> DrillingCycle | None:
+        """Build the drilling cycle of a block.
+
+        Args:
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            b: The block: its words, calls and line number.
+
+        Returns:
+            The cycle, None where none is active.
+
+        Raises:
+            InputError: the words do not describe the cycle, or the tool is not parallel to Z.
+        """
         if self.canned is None:
             return self.modal_call
         c = self.canned
@@ -92,7 +119,18 @@ class DrillingMoveReader(ArcMoveReader):
         return c.build_cycle_at_hole(back_to_initial=self.back_to_initial)
 
     def holes(self, cycle: DrillingCycle, words: dict[str, float], target: list[float] | None, b: ProgramBlock) -> None:
-        """The hole of this block, and its repeats."""
+        """Drill the hole of this block and its repeats.
+
+        Args:
+            cycle: Drilling cycle, heights over z = 0.
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            target: Position of the hole in programmed mm, None where the block has no X, Y or Z.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            InputError: the position of the hole is not known, or the tool axis or a scale does not allow the
+                cycle.
+        """
         why = self.setup.describe_unknown_place()
         if why:
             raise self.source.build_error(why, b.line)
@@ -144,6 +182,12 @@ class DrillingMoveReader(ArcMoveReader):
             self.modal_call = None
 
     def straight(self, points: Array, feed: float, line: int) -> None:
-        """Cuts through (N, 3) programmed points one after the other."""
+        """Add cuts through points in sequence.
+
+        Args:
+            points: Points (N, 3) in programmed mm.
+            feed: Feed, mm/min.
+            line: Line number in the file (1-based).
+        """
         for x, y, z in points.tolist():
             self.go([x, y, z], self.setup.tool_axis(), MoveKind.CUT, feed, line)

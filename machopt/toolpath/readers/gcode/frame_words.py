@@ -1,4 +1,4 @@
-"""Words that turn, mirror or scale a program's coordinates: G68, G68.2 with G53.1, G51, Siemens frames."""
+"""Words that rotate, mirror or scale program coordinates: G68, G68.2 with G53.1, G51, Siemens frames."""
 
 from __future__ import annotations
 
@@ -32,7 +32,11 @@ class FrameWordReader(WorkOffsetReader):
         self.given_centres = self.setup.machine.centres if self.setup.machine else ()
 
     def dynamic_offset(self, *, on: bool) -> None:
-        """G254 and G255 (Haas): the zero goes along with the table, so the part turns about the program's zero."""
+        """Carry out G254 and G255 (Haas): the zero moves with the table, so the part turns about the program zero.
+
+        Args:
+            on: Whether the dynamic offset is switched on.
+        """
         machine = self.setup.machine
         if machine is not None and machine.kind == "table":
             centres = ((0.0, 0.0, 0.0),) if on else self.given_centres
@@ -41,7 +45,16 @@ class FrameWordReader(WorkOffsetReader):
     # ---- planes
 
     def plane_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> None:
-        """G68, G69, G68.2 with G53.1 or G53.6."""
+        """Carry out G68, G69, or G68.2 with G53.1 or G53.6.
+
+        Args:
+            g: Ten times the number of the G word.
+            words: Words of the block: letter or name → number; changed in place.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            FrameError: G53.1 without a tilted plane, or the words describe no plane.
+        """
         if g in (680, 682):
             origin = self.read_plane_point(words)
             plane = (
@@ -67,11 +80,24 @@ class FrameWordReader(WorkOffsetReader):
         return x, y, z
 
     def read_plane_point(self, words: dict[str, float]) -> Vector:
+        """Read the origin of a plane from X, Y, Z; a missing one is zero.
+
+        Args:
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+
+        Returns:
+            Origin, mm.
+        """
         x, y, z = (words.pop(c, 0.0) * self.scale for c in XYZ)
         return x, y, z
 
     def tilt(self, plane: SystemTransform, tilted: str) -> None:
-        """Coordinates from here on are those of ``plane``; a former one ends."""
+        """Use a plane for the coordinates that follow; an earlier one ends.
+
+        Args:
+            plane: Transform of the plane into the system before it.
+            tilted: Tool alignment with the plane: ``aligned``, ``not yet``, or empty without a plane.
+        """
         self.tilted_plane = None if plane.nothing else plane
         level = is_upright(plane)
         self.change_setup(
@@ -82,7 +108,7 @@ class FrameWordReader(WorkOffsetReader):
         self.out.meta["tilted_planes"] = str(int(self.out.meta.get("tilted_planes", "0")) + 1)
 
     def stand_upright(self) -> None:
-        """The control puts the tool upright on the plane; where its rotary axes stand then is its own business."""
+        """Align the tool with the plane; the control decides the rotary angles."""
         self.change_setup(tilted="aligned", aligned_by_control=True)
 
     def end_tilt(self) -> None:
@@ -110,7 +136,11 @@ class FrameWordReader(WorkOffsetReader):
     # ---- mirrors, scales, rotations in the plane
 
     def use_inner(self, name: str, one: SystemTransform | None) -> None:
-        """A mirror, scale, rotation or programmable frame inside of the plane; None or no change: it ends.
+        """Set a mirror, scale, rotation or programmable frame inside the plane.
+
+        Args:
+            name: Name of the transform.
+            one: The transform; None or the identity ends it.
 
         Raises:
             FrameError: Z or a tool vector would be mirrored.
@@ -138,7 +168,14 @@ class FrameWordReader(WorkOffsetReader):
             raise FrameError("scales X and Y differently while corners are rounded (RNDM): not supported")
 
     def mirror_word(self, g: int, words: dict[str, float]) -> None:
-        """G51.1 mirrors about X, Y, Z; G50.1 ends that for the axes it names (none: all)."""
+        """Carry out G51.1 and G50.1.
+
+        G51.1 mirrors about X, Y, Z. G50.1 ends that for its axes, or for all axes if it has none.
+
+        Args:
+            g: Ten times the number of the G word.
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+        """
         axes = [k for k in range(3) if XYZ[k] in words]
         for k in axes or (range(3) if g == 501 else ()):
             self.mirrors.pop(k, None)
@@ -150,10 +187,14 @@ class FrameWordReader(WorkOffsetReader):
         self.use_inner("mirror", SystemTransform.factors(x, y, z, about=about) if self.mirrors else None)
 
     def scale_word(self, words: dict[str, float], b: ProgramBlock) -> None:
-        """G51 X Y Z P, or I J K: scales about a point; factors below zero mirror.
+        """Carry out G51: X Y Z P, or I J K, scale about a point; negative factors mirror.
+
+        Args:
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            b: The block: its words, calls and line number.
 
         Raises:
-            FrameError: no factor, or one whose decimals the control's parameters decide.
+            FrameError: there is no factor, or a parameter of the control decides its decimals.
         """
         about = self.read_plane_point({c: words.get(c, self.p[k] / self.scale) for k, c in enumerate(XYZ)})
         for c in XYZ:
@@ -180,7 +221,15 @@ class FrameWordReader(WorkOffsetReader):
     # ---- Siemens frames
 
     def swivel(self, text: str, line: int) -> None:
-        """``CYCLE800(…)``: a swivelled plane, the tool upright on it; nothing in it: back."""
+        """Carry out ``CYCLE800(…)``: a swivelled plane with the tool perpendicular to it; without arguments it ends.
+
+        Args:
+            text: Text of the arguments.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: an argument is not a number.
+        """
         values: list[float | None] = []
         for part in text.split(","):
             try:
@@ -203,9 +252,17 @@ class FrameWordReader(WorkOffsetReader):
         self.tilt(plane, "aligned")
 
     def siemens_frame(self, name: str, words: dict[str, float], b: ProgramBlock) -> None:
-        """TRANS, ROT, SCALE, MIRROR replace the programmable frame, with A before them they add to it.
+        """Carry out TRANS, ROT, SCALE or MIRROR: replace the programmable frame, or add to it (ATRANS, AROT, …).
 
-        It lies inside of a swivelled plane (CYCLE800), which stays.
+        The frame lies inside a swivelled plane (CYCLE800), which stays active.
+
+        Args:
+            name: Name of the call.
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            FrameError: a factor is not positive.
         """
         kind = name.removeprefix("A") if name != "ASCALE" else "SCALE"
         additive = name.startswith("A")
@@ -237,5 +294,9 @@ class FrameWordReader(WorkOffsetReader):
 
 
 def is_upright(plane: SystemTransform) -> bool:
-    """Its z axis is that of the system it lies in."""
+    """Return whether the z axis of a plane is that of the system it lies in.
+
+    Args:
+        plane: Transform of the plane into the system before it.
+    """
     return abs(plane.z[2] - 1.0) < 1e-9

@@ -1,8 +1,8 @@
-"""G-code reader: Fanuc, Haas, LinuxCNC, Sinumerik; three axes, 3+2 and five axes.
+"""G-code reader for Fanuc, Haas, LinuxCNC and Sinumerik; three axes, 3+2 and five axes.
 
 Coordinates are those of the first work offset, which is ``workpiece``. Subprograms, loops and expressions are
-carried out as far as the file holds them; tilted planes and tool-centre-point control are followed; without either
-X, Y, Z of turned rotary axes need the machine's kinematics (``--machine``).
+evaluated as far as the file contains them. Tilted planes and tool-centre-point control are supported. Without either,
+X, Y, Z with rotary axes need the kinematics of the machine (``--machine``).
 """
 
 from __future__ import annotations
@@ -63,6 +63,13 @@ _HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.\d]|^[-+.\d]")
 
 def read_gcode(source: SourceFile, options: ReadOptions) -> Toolpath:
     """Read a G-code program.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
 
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
@@ -143,7 +150,14 @@ class GcodeReader(AuxiliaryWordReader):
         return self.source.find_line(module.NEEDS_FLOW) is not None
 
     def plain_from(self, at: int) -> int:
-        """Carry out the plain lines from index ``at`` on; the index of the first that is not plain."""
+        """Carry out plain lines.
+
+        Args:
+            at: Index of the first line.
+
+        Returns:
+            Index of the first line that is not plain.
+        """
         return read_plain_lines(self, at, SIEMENS if self.siemens else PLAIN)
 
     def carry_out_lines(self) -> None:
@@ -160,6 +174,14 @@ class GcodeReader(AuxiliaryWordReader):
                 self.carry_out(iter([(at, *found)]))
 
     def carry_out(self, items: Iterator[FlowItem]) -> None:
+        """Carry out the lines in the order of the program flow.
+
+        Args:
+            items: Lines and comments in the order in which the control runs them.
+
+        Raises:
+            InputError: a line cannot be carried out.
+        """
         for line, text, comments in items:
             if self.ended:
                 self.out.ignore("text after the program end", line, understood=True)
@@ -178,19 +200,38 @@ class GcodeReader(AuxiliaryWordReader):
                 self.report_place(self.flow, line)
 
     def report_place(self, flow: MacroFlow, line: int) -> None:
-        """Let expressions read where the tool is; report conventions that an expression depended on."""
+        """Give the present position to the expressions, and report the conventions that an expression depended on.
+
+        Args:
+            flow: Program flow with its parameters.
+            line: Line number in the file (1-based).
+        """
         x, y, z = (v / self.scale for v in self.p)
         flow.parameters.present = (x, y, z)
         while flow.parameters.notes:
             self.out.warn_once(flow.parameters.notes.pop(), line)
 
     def code(self, line: int, text: str) -> None:
+        """Carry out one line of code.
+
+        Args:
+            line: Line number in the file (1-based).
+            text: Text in upper case without comments.
+        """
         if text.startswith("%"):
             return  # the head of a program in an archive
         self.block(self.blocks.block(line, text))
 
     def clean(self, line: int, raw: str) -> tuple[str, list[str]] | None:
-        """Code in upper case and comments of one line; None where it holds neither."""
+        """Split one line into code and comments.
+
+        Args:
+            line: Line number in the file (1-based).
+            raw: Text of the line.
+
+        Returns:
+            Code in upper case and the comments; None where the line holds neither.
+        """
         if raw.startswith("====="):
             self.listing += 1
         if self.listing and (self.listing < 2 or raw.startswith("=====")):
@@ -218,9 +259,23 @@ class GcodeReader(AuxiliaryWordReader):
         return (text, comments) if text or comments else None
 
     def first_unit(self, source: SourceFile, options: ReadOptions) -> tuple[str, str]:
+        """Find the unit of lengths before the first unit word.
+
+        Args:
+            source: Lines of the file, with its path and the builders of its errors.
+            options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+        Returns:
+            Name of the unit, and its origin.
+        """
         return find_first_unit(source, options, self.blocks, siemens=self.siemens)
 
     def comment(self, text: str) -> None:
+        """Record a comment, or begin the operation that it names.
+
+        Args:
+            text: Text of the comment.
+        """
         found = OPERATION.match(text)
         if found and found.group(1):
             self.out.begin_operation(found.group(1))
@@ -230,6 +285,14 @@ class GcodeReader(AuxiliaryWordReader):
     # ---- one block
 
     def block(self, b: ProgramBlock) -> None:
+        """Carry out one block.
+
+        Args:
+            b: The block: its words, calls and line number.
+
+        Raises:
+            InputError: the block cannot be carried out.
+        """
         if b.junk:
             if re.match(r"[A-Z]\s*=|[A-Z]\d*\s*=|.*[=(*]", b.junk):
                 raise self.source.build_error(f"{b.junk[:30]!r}: this formula or call is not understood", b.line)
@@ -282,7 +345,16 @@ class GcodeReader(AuxiliaryWordReader):
             self.ended = True
 
     def g_words(self, g_words: list[int], words: dict[str, float], b: ProgramBlock) -> str | None:
-        """Carry out the G words; the name of a machine-frame word where the block has one."""
+        """Carry out the G words of a block.
+
+        Args:
+            g_words: G words of the block, times ten.
+            words: Words of the block: letter or name → number; may be changed in place.
+            b: The block: its words, calls and line number.
+
+        Returns:
+            Name of a machine-frame word, None where the block has none.
+        """
         machine_frame = None
         for g in g_words:
             if self.state_word(g, words, b) or self.frame_word(g, words, b):
@@ -299,7 +371,19 @@ class GcodeReader(AuxiliaryWordReader):
         return machine_frame
 
     def state_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> bool:
-        """How the words of this and later blocks are meant: kind of move, unit, plane, counting; False: none of it."""
+        """Carry out a word that sets how coordinates are read: kind of move, unit, plane, distance mode.
+
+        Args:
+            g: Ten times the number of the G word.
+            words: Words of the block: letter or name → number.
+            b: The block: its words, calls and line number.
+
+        Returns:
+            Whether the word is one of these.
+
+        Raises:
+            InputError: the word asks for a hole pattern (Haas), which is not supported.
+        """
         if g in MOTION:
             self.motion = MOTION[g]
             self.canned = None
@@ -335,7 +419,16 @@ class GcodeReader(AuxiliaryWordReader):
         return True
 
     def frame_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> bool:
-        """What coordinates are in: poles, mirrors, scales, offsets, planes, tool centre points; False: none of it."""
+        """Carry out a word that sets the coordinate system: pole, mirror, scale, offset, plane, TCP control.
+
+        Args:
+            g: Ten times the number of the G word.
+            words: Words of the block: letter or name → number; may be changed in place.
+            b: The block: its words, calls and line number.
+
+        Returns:
+            Whether the word is one of these.
+        """
         if g in (150, 160) and not (g == 150 and "H" in words):
             self.polar.switch(on=g == 160)
         elif g in POLES and self.siemens:
@@ -365,11 +458,25 @@ class GcodeReader(AuxiliaryWordReader):
         return True
 
     def shifts_the_zero(self, g: int, words: dict[str, float]) -> bool:
-        """Sinumerik's G58 and G59 with axis words, which name no work offset."""
+        """Return whether the word is Sinumerik's G58 or G59 with axis words, which names no work offset.
+
+        Args:
+            g: Ten times the number of the G word.
+            words: Words of the block: letter or name → number.
+        """
         return g in (580, 590) and self.siemens and bool(words.keys() & set("XYZ"))
 
     def refuse_misread(self, g: int, words: dict[str, float], b: ProgramBlock) -> None:
-        """Words that mean another thing by those they stand with, and a thing that is not carried out."""
+        """Refuse words whose meaning depends on other words, and words that are not supported.
+
+        Args:
+            g: Ten times the number of the G word.
+            words: Words of the block: letter or name → number; may be changed in place.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            InputError: the word is one of these.
+        """
         if self.shifts_the_zero(g, words):
             raise self.source.build_error(
                 f"G{g // 10} with axis words shifts the zero (Sinumerik) and names no work offset: not supported; "
@@ -384,7 +491,16 @@ class GcodeReader(AuxiliaryWordReader):
             )
 
     def other_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> None:
-        """What changes no point, or nobody knows; refused where points hang on it."""
+        """Handle a word that changes no point or is unknown.
+
+        Args:
+            g: Ten times the number of the G word.
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            InputError: the word is unknown and may move points.
+        """
         if g == 50 and not words.keys() & set("XYZ"):
             self.out.ignore("G5", b.line, understood=True)  # G5 P10000: high speed mode
             words.pop("P", None)

@@ -1,10 +1,9 @@
-"""Subprograms and loops of Fanuc, Haas and LinuxCNC programs, as far as the file holds them.
+"""Subprograms and loops of Fanuc, Haas and LinuxCNC programs, executed as far as the file contains them.
 
-M98 P and M97 P with L repeats, M99, G65 with arguments; IF […] GOTO, IF […] THEN, WHILE … DO n … END n, GOTO;
-LinuxCNC O-words (sub, call, return, if, while, do, repeat, break, continue). Lines come out in the order they are
-carried out, with every expression replaced by its number. What else a block with M98, M99 or THEN says is carried out
-before the program goes on elsewhere; a block whose other words cannot be is refused. Nothing behind M2 or M30 is
-evaluated.
+Supported: M98 P and M97 P with L repeats, M99, G65 with arguments; IF […] GOTO, IF […] THEN, WHILE … DO n … END n,
+GOTO; LinuxCNC O-words (sub, call, return, if, while, do, repeat, break, continue). Lines are returned in execution
+order, with every expression replaced by its number. Other words of a block with M98, M99 or THEN are executed before
+the jump. A block whose other words cannot be executed is refused. Nothing behind M2 or M30 is evaluated.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _CALL = re.compile(r"M\s*9([78])(?!\d)")
 _MACRO = re.compile(r"G\s*65(?![\d.])")
 _RETURN = re.compile(r"M\s*99(?!\d)")
 _PROGRAM_END = re.compile(r"(?<![A-Z])M\s*0*(?:2|30)(?![\d.])")
-_ANY_WORD = re.compile(r"[A-MO-Z]\s*[-+.\d]")  # beside the block's number
+_ANY_WORD = re.compile(r"[A-MO-Z]\s*[-+.\d]")  # in addition to the block number
 _SAVE = re.compile(r"(?<![A-Z])M\s*73(?![\d.])")
 _IF = re.compile(r"(?:N\d+\s*)?IF\s*(\[.*\])\s*(GOTO|THEN)\s*(.*)")
 _WHILE = re.compile(r"(?:N\d+\s*)?(?:WHILE\s*(\[.*\])\s*)?DO\s*(\d)\s*")

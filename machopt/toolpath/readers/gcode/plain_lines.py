@@ -1,6 +1,6 @@
-"""The hot path of long programs: plain ``G1 X Y Z A B C F`` lines, many at a time.
+"""Fast path for long programs: reads many plain ``G1 X Y Z A B C F`` lines at a time.
 
-Only what changes nothing but coordinates and feed is taken here; every other line goes the long way.
+Only lines that change nothing but coordinates and feed are read here. All other lines go to the general reader.
 """
 
 from __future__ import annotations
@@ -29,12 +29,16 @@ HEIDENHAIN = re.compile(
     rf"(?:TX{_NUMBER}TY{_NUMBER}TZ{_NUMBER})?(?:R0\s*)?{_FEED}",
     re.ASCII,
 )
-_AT_ONCE = 50_000  # points kept before they are handed over
+_AT_ONCE = 50_000  # points collected before they are added
 _SHORTEST, _LONGEST = 1e-6, 1e9  # tool vectors
 
 
 def is_plain_line_mode(r: BlockMotionReader) -> bool:
-    """True while the program's modes let plain lines be carried out by :func:`read_plain_lines`."""
+    """Return whether the modes let plain lines be carried out by :func:`read_plain_lines`.
+
+    Args:
+        r: The reader, whose modes are checked.
+    """
     s = r.setup
     return bool(
         r.motion in (0, 1)
@@ -61,7 +65,7 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
     """Carry out plain lines from index ``at`` on; returns the index of the first one that is not.
 
     Args:
-        r: the reader, whose modes :func:`is_plain_line_mode` has looked at.
+        r: the reader, whose modes :func:`is_plain_line_mode` has checked.
         at: index of a line.
         pattern: what a plain line is, one of those above.
         linear: lines without a G word are feed moves, whatever the one before was.

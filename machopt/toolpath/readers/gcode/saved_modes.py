@@ -39,7 +39,11 @@ class ModeReader(SiemensCallReader):
         return None
 
     def saved_modes(self, m: int, line: int) -> None:
-        """M70 … M73.
+        """Carry out M70 to M73.
+
+        Args:
+            m: Number of the M word.
+            line: Line number in the file (1-based).
 
         Raises:
             InputError: M72 without saved modes.
@@ -75,6 +79,15 @@ class ModeReader(SiemensCallReader):
             self.restore(found, line)
 
     def restore(self, s: SavedModes, line: int) -> None:
+        """Restore saved modes.
+
+        Args:
+            s: The saved modes.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the program did not name the saved work offset.
+        """
         if s.work_offset != self.work_offset:
             if s.work_offset is None:
                 raise self.source.build_error("M72 restores a work offset that the program did not name before", line)

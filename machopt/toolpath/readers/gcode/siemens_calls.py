@@ -27,12 +27,29 @@ class SiemensCallReader(FrameWordReader):
     """Carries out what is called by name."""
 
     def calls(self, b: ProgramBlock, words: dict[str, float]) -> None:
+        """Carry out the calls of a block.
+
+        Args:
+            b: The block: its words, calls and line number.
+            words: Words of the block: letter or name → number; may be changed in place.
+        """
         for name, args in b.calls:
             self.call(name, args, words, b)
         if any(name == "MCALL" for name, _ in b.calls):
             self.once = 0  # the cycle is carried out at the points that follow
 
     def call(self, name: str, args: str, words: dict[str, float], b: ProgramBlock) -> None:
+        """Carry out one call.
+
+        Args:
+            name: Name of the call.
+            args: Text of the arguments.
+            words: Words of the block: letter or name → number; may be changed in place.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            InputError: the call is not supported.
+        """
         line = b.line
         if name in _FRAMES:
             self.siemens_frame(name, words, b)
@@ -95,14 +112,27 @@ class SiemensCallReader(FrameWordReader):
         self.out.ignore(name, line, understood=known)
 
     def torot(self, name: str, line: int) -> None:
-        """TOROT turns the coordinates to the tool; read only where the plane was already tilted that way."""
+        """Carry out TOROT; it is read only where the plane is already aligned with the tool.
+
+        Args:
+            name: Name of the call.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the plane is not aligned with the tool.
+        """
         if self.setup.tilted != "aligned":
             raise self.source.build_error(
                 f"{name} makes a coordinate system of the tool's direction: not supported", line
             )
 
     def use_tcp(self, mode: str | None, line: int) -> None:
-        """Tool-centre-point control on ("angles", "vector", "spatial") or off (None)."""
+        """Switch tool-centre-point control on or off.
+
+        Args:
+            mode: ``angles``, ``vector`` or ``spatial``; None for off.
+            line: Line number in the file (1-based).
+        """
         self.change_setup(tcp=mode)
         self.setup.check_letters(line)
         self.check_mirror()
@@ -112,6 +142,14 @@ class SiemensCallReader(FrameWordReader):
 
         Places are in the axes of the working plane: X, Y in G17; Z, X in G18; Y, Z in G19. The modal cycle (MCALL) is
         carried out at every hole.
+
+        Args:
+            name: Name of the call.
+            text: Text of the arguments.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the arguments describe no pattern, or no modal cycle precedes it.
         """
         if self.modal_call is None:
             raise self.source.build_error(f"{name} without a modal cycle (MCALL CYCLE81 …) before it", line)

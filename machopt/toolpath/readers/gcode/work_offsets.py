@@ -1,8 +1,8 @@
-"""Words that move a program's zero: work offsets (G54 …), G10 L2, G52 and G92.
+"""Words that move the program zero: work offsets (G54 …), G10 L2, G52 and G92.
 
-The workpiece is the first work offset used. Another one lies where ``--offset`` or G10 L2 say; G10 L2 gives places in
-the machine, so two of them are needed. G52 and G92 shift the zero inside of the work offset. Where controls differ in
-what follows from them together, the program is refused.
+The workpiece is the first work offset in use. ``--offset`` or G10 L2 give the position of another one. G10 L2 gives
+machine positions, so two of them are needed. G52 and G92 shift the zero inside the work offset. Where controls differ
+in the combination of these words, the program is refused.
 """
 
 from __future__ import annotations
@@ -36,19 +36,31 @@ class WorkOffsetReader(BlockMotionReader):
         self.preset_unknown = [False] * 3  # G92 named the place of an axis where its place was not known
         self.zero_lost = ""  # why no coordinates have a place any more
         self.preset_kept: list[float] | None = None  # by G92.2, for G92.3
-        self.g53_is_an_offset = "G53" in dict(options.offsets)  # as some posts mean it; told by the user only
-        self.table: dict[str, tuple[list[float], float]] = {}  # G10 L2: place in the machine (NaN: not said), angle
+        self.g53_is_an_offset = "G53" in dict(options.offsets)  # as some posts use it; only by user option
+        self.table: dict[str, tuple[list[float], float]] = {}  # G10 L2: machine position (NaN: not given), angle
         self.first_place: tuple[list[float], float] | None = None  # of the first work offset when the path began
 
     # ---- work offsets
 
     def use_offset(self, g: int, words: dict[str, float], line: int) -> None:
-        """G54 … G59.3, G54.1 P, G505 …: another one than the first needs its place given."""
+        """Carry out G54 … G59.3, G54.1 P, G505 …; the position of every offset except the first must be given.
+
+        Args:
+            g: Ten times the number of the G word.
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            line: Line number in the file (1-based).
+        """
         number = g * 1000 + (round(words.pop("P", 0.0)) if g in MANY_OFFSETS or g == 540 else 0)
         number += round(words.pop("H", 0.0)) if g == 150 else 0  # Okuma's G15 H
         self.use_offset_number(number, line)
 
     def use_offset_number(self, number: int, line: int) -> None:
+        """Use a work offset by its number.
+
+        Args:
+            number: Ten thousand times the G number plus P, as in :func:`format_offset_name`.
+            line: Line number in the file (1-based).
+        """
         self.named_offsets.add(normalise_offset_name(format_offset_name(number)))
         if self.options.cell_offsets:
             if number != self.work_offset:
@@ -56,8 +68,8 @@ class WorkOffsetReader(BlockMotionReader):
             self.work_offset = number
             return
         key = normalise_offset_name(format_offset_name(number))
-        told = key in dict(self.options.offsets) or key in self.table
-        if self.first_offset is None and len(self.out) and told:
+        is_position_known = key in dict(self.options.offsets) or key in self.table
+        if self.first_offset is None and len(self.out) and is_position_known:
             self.first_offset = _FIRST  # what controls start with
         elif self.first_offset is None and len(self.out):
             self.out.warn(
@@ -79,9 +91,16 @@ class WorkOffsetReader(BlockMotionReader):
             self.first_place = list(place), angle
 
     def of_cell(self, name: str, line: int | None = None) -> None:
-        """Coordinates from here on count from a work offset of the cell, which is told and placed later.
+        """Use a work offset of the cell, which is reported now and placed later.
 
-        Where the tool is in it is not known before all axes are given.
+        The tool position in it is unknown until all axes are given.
+
+        Args:
+            name: Name of the work offset.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the cell has no such offset, or points before it have none.
         """
         known, key = self.options.cell_offsets, normalise_offset_name(name)
         if key not in known:
@@ -97,7 +116,12 @@ class WorkOffsetReader(BlockMotionReader):
         self.out.count_from(key)
 
     def take_offset(self, name: str, first: str) -> None:
-        """Coordinates from here on count from work offset ``name``; moves are refused where its place is not given."""
+        """Use a work offset for the coordinates that follow; moves are refused where its position is not given.
+
+        Args:
+            name: Name of the work offset.
+            first: Name of the first work offset, which is ``workpiece``.
+        """
         if self.options.cell_offsets:
             self.of_cell(name)
             return
@@ -111,10 +135,20 @@ class WorkOffsetReader(BlockMotionReader):
                 self.p, self.lost = [math.nan] * 3, ["in the other work offset"] * 3
 
     def place_of(self, name: str, first: str) -> tuple[SystemTransform | None, str]:
-        """Where a work offset lies in the first one (None: it is that one), and why that is not known."""
-        key, told = normalise_offset_name(name), dict(self.options.offsets)
-        if key in told:
-            origin = np.array(told[key]) - np.array(told.get(normalise_offset_name(first), (0.0, 0.0, 0.0)))
+        """Find the transform of a work offset into the first one.
+
+        Args:
+            name: Name of the work offset.
+            first: Name of the first work offset, which is ``workpiece``.
+
+        Returns:
+            The transform, None for the first offset itself; and why it is not known, else empty.
+        """
+        key, given_origins = normalise_offset_name(name), dict(self.options.offsets)
+        if key in given_origins:
+            origin = np.array(given_origins[key]) - np.array(
+                given_origins.get(normalise_offset_name(first), (0.0, 0.0, 0.0))
+            )
             return (None if name == first else SystemTransform.shift(*origin.tolist())), ""
         unknown = ([math.nan] * 3, 0.0)
         origin_place = self.first_place or self.table.get(normalise_offset_name(first), unknown)
@@ -148,10 +182,14 @@ class WorkOffsetReader(BlockMotionReader):
     # ---- G10
 
     def set_offset(self, words: dict[str, float], line: int) -> None:
-        """G10: L2 sets a work offset; L20 of Fanuc one of G54.1, of LinuxCNC by where the tool stands.
+        """Carry out G10: L2 sets a work offset; L20 sets one of G54.1 (Fanuc) or one by the tool position (LinuxCNC).
+
+        Args:
+            words: Words of the block: letter or name → number.
+            line: Line number in the file (1-based).
 
         Raises:
-            InputError: it changes the present coordinates in a way that the file does not say.
+            InputError: it changes the present coordinates in a way that the file does not give.
         """
         kind = words.get("L")
         given = {c: words[c] for c in XYZ if c in words}
@@ -192,7 +230,16 @@ class WorkOffsetReader(BlockMotionReader):
     # ---- G52 and G92
 
     def shift_origin(self, g: int, words: dict[str, float], line: int) -> None:
-        """G10, G52 and G92."""
+        """Carry out G10, G52 and G92.
+
+        Args:
+            g: Ten times the number of the G word.
+            words: Words of the block: letter or name → number; changed in place.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the shift moves a rotary axis in the middle of the path.
+        """
         axes = [k for k in range(3) if XYZ[k] in words]
         name = f"G{g / 10:g}"
         if g == 100:
@@ -211,10 +258,14 @@ class WorkOffsetReader(BlockMotionReader):
         words.clear()
 
     def shift_locally(self, to: dict[int, float], line: int) -> None:
-        """G52: its zero lies at ``to`` (axis → mm) in the work offset.
+        """Carry out G52: shift the zero inside the work offset.
+
+        Args:
+            to: Axis index → coordinate, mm.
+            line: Line number in the file (1-based).
 
         Raises:
-            InputError: a G92 holds for that axis: LinuxCNC replaces it, Fanuc adds both.
+            InputError: a G92 is active for the axis: LinuxCNC replaces it, Fanuc adds both.
         """
         preset = self.shifts.get("G92", [0.0] * 3)
         both = [k for k in to if abs(preset[k]) > _PRESENT or self.preset_unknown[k]]
@@ -230,9 +281,16 @@ class WorkOffsetReader(BlockMotionReader):
         self.use_shifts()
 
     def name_place(self, to: dict[int, float], line: int) -> None:
-        """G92: the present place gets these coordinates (axis → mm), whatever G52 said for the axis before.
+        """Carry out G92: give the present position new coordinates; an earlier G52 of the axis has no effect.
 
-        Where the place of an axis was never said, G92 says it, and the workpiece is its system.
+        Where the position of an axis was never given, G92 gives it, and the workpiece is its system.
+
+        Args:
+            to: Axis index → coordinate, mm.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the present position is not known, or the coordinate system is rotated.
         """
         if len(self.out) and (self.setup.local is not None or self.setup.by_machine):
             raise self.source.build_error("G92 in a turned coordinate system is not supported", line)
@@ -257,7 +315,13 @@ class WorkOffsetReader(BlockMotionReader):
         self.use_shifts()
 
     def end_preset(self, g: int, line: int) -> None:
-        """G92.1 and G92.2 end G92, and G52 with it (LinuxCNC has one register); G92.3 brings it back.
+        """Carry out G92.1, G92.2 and G92.3.
+
+        G92.1 and G92.2 end G92, and G52 with it (LinuxCNC has one register); G92.3 restores it.
+
+        Args:
+            g: Ten times the number of the G word.
+            line: Line number in the file (1-based).
 
         Raises:
             InputError: G92.3 without G92.2 before it.
@@ -294,6 +358,13 @@ def _turn_work_offset(place: list[float], angle: float) -> SystemTransform:
 
 
 def format_offset_name(number: int) -> str:
-    """G54, G59.3, G54.1 P2 … from ten thousand times the G number plus P."""
+    """Format the name of a work offset: G54, G59.3, G54.1 P2 ….
+
+    Args:
+        number: Ten thousand times the G number plus P.
+
+    Returns:
+        The name.
+    """
     g, p = divmod(number, 1000)
     return f"G{g / 10:g}" + (f" {'H' if g == 150 else 'P'}{p}" if p else "")

@@ -1,7 +1,7 @@
-"""APPR and DEP of Heidenhain: how the tool comes to a contour and leaves it.
+"""Approach and departure of Heidenhain contours (APPR, DEP).
 
-LT goes along the tangent of the first or last contour element, LN square to it, CT on an arc that touches it, LCT on
-such an arc and then straight on to a place. All lie in the working plane, as complex numbers in mm.
+LT runs along the tangent of the first or last contour element, LN perpendicular to it, CT on a tangent arc. LCT runs
+on a tangent arc and then straight to a position. All lie in the working plane, as complex numbers in mm.
 """
 
 from __future__ import annotations
@@ -31,16 +31,24 @@ class LeadIn:
     """The words of one APPR or DEP."""
 
     kind: Lead
-    side: float  # of the tool by radius compensation: +1 left of the contour, -1 right, 0 not said
+    side: float  # of the tool by radius compensation: +1 left of the contour, -1 right, 0 not given
     length: float = 0.0  # mm, LEN
     radius: float = 0.0  # mm; below zero: away from the tool's side
     sweep: float = 0.0  # rad, CCA
 
     def compute_approach(self, at: complex, tangent: complex, outside: complex) -> LeadPath:
-        """The way to a contour that begins at ``at`` in the direction ``tangent`` (unit), from a place outside.
+        """Compute the path to a contour from an outside position.
+
+        Args:
+            at: Contour point in the working plane, mm.
+            tangent: Direction of the contour, unit complex number.
+            outside: Position before the approach in the working plane, mm.
+
+        Returns:
+            The path to the contour point.
 
         Raises:
-            ArcError: the side is not said, or the place lies inside of the arc.
+            ArcError: the side is not given, or the position lies inside the arc.
         """
         if self.kind == "LT":
             return LeadPath(at - self.length * tangent)
@@ -64,7 +72,19 @@ class LeadIn:
         raise AssertionError("one of the two tangents runs the way the arc turns")
 
     def compute_departure(self, at: complex, tangent: complex, outside: complex | None) -> LeadPath:
-        """The way from a contour that ends at ``at``: that to one which runs the other way, travelled backwards."""
+        """Compute the path away from a contour: the approach of the reversed contour, travelled backwards.
+
+        Args:
+            at: Contour point in the working plane, mm.
+            tangent: Direction of the contour, unit complex number.
+            outside: Position after the departure in the working plane, mm; None where not given.
+
+        Returns:
+            The path from the contour point.
+
+        Raises:
+            ArcError: the side is not given, or the position lies inside the arc.
+        """
         if self.kind == "LCT" and outside is not None and ((outside - at) / tangent).imag * self.side < 0.0:
             raise ArcError("DEP LCT to a place on the other side of the contour than the tool: not supported")
         back = LeadIn(self.kind, -self.side, self.length, self.radius, self.sweep)
@@ -85,4 +105,9 @@ class ContourApproach:
 
 
 def convert_to_plane_point(p: Array) -> complex:
+    """Convert a point to a complex number of the working plane.
+
+    Args:
+        p: Point (2,) or (3,), mm.
+    """
     return complex(p[0], p[1])

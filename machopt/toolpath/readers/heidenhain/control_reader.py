@@ -1,4 +1,4 @@
-"""What Heidenhain's conversational and DIN/ISO programs share: pole, polar moves, datum chain, cycles, tools."""
+"""Common part of the Heidenhain readers (conversational, DIN/ISO): pole, polar moves, datum chain, cycles, tools."""
 
 from __future__ import annotations
 
@@ -65,7 +65,18 @@ class HeidenhainControlReader(DatumAndPlaneReader):
     # ---- moves
 
     def own_m_words(self, m_words: list[int], line: int) -> list[int]:
-        """Carry out the M words that only this control has; returns the others."""
+        """Carry out the M words that only this control has.
+
+        Args:
+            m_words: Numbers of the M words.
+            line: Line number in the file (1-based).
+
+        Returns:
+            The other M words.
+
+        Raises:
+            InputError: an M word is not supported.
+        """
         for m in m_words:
             if m in (136, 137):
                 self.feed_mode = "revolution" if m == 136 else "minute"
@@ -89,11 +100,25 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         return [m for m in m_words if m not in mine]
 
     def feed_word(self, f: float, line: int) -> None:
+        """Carry out F.
+
+        Args:
+            f: Feed, program units per minute.
+            line: Line number in the file (1-based).
+        """
         if self.scale != 1.0:
             self.out.warn_once("F of an inch program is read in tenths of an inch a minute", line)
         self.feed = f * (MM_PER_INCH * 0.1 if self.scale != 1.0 else 1.0) / self.scale
 
     def other_program(self, line: int) -> None:
+        """Refuse a motion after a call of another program.
+
+        Args:
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: another program was called, whose motion is not in the file.
+        """
         if self.left_out is not None:
             name, at = self.left_out
             raise self.source.build_error(
@@ -103,7 +128,15 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             )
 
     def absolute(self, words: dict[str, float], line: int) -> None:
-        """Incremental coordinates IX … as absolute ones, in place; program units."""
+        """Convert incremental coordinates IX … in place to absolute ones, program units.
+
+        Args:
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: an increment starts from an unknown coordinate.
+        """
         for k, letter in enumerate("XYZ"):
             if "I" + letter in words:
                 if math.isnan(self.p[k]):
@@ -114,6 +147,11 @@ class HeidenhainControlReader(DatumAndPlaneReader):
                 words[letter] = self.setup.angles.get(letter, 0.0) + words.pop("I" + letter)
 
     def set_pole(self, words: dict[str, float]) -> None:
+        """Carry out CC: set the pole.
+
+        Args:
+            words: Words of the block: letter or name → number.
+        """
         given = ""
         for k, letter in enumerate("XYZ"):
             if letter in words:
@@ -128,7 +166,18 @@ class HeidenhainControlReader(DatumAndPlaneReader):
     def circle(
         self, kind: str, words: dict[str, float], left: bool | None, radius: float | None, b: ProgramBlock
     ) -> None:
-        """C about the pole or CR by its radius; ``left``: DR+."""
+        """Carry out C about the pole or CR by its radius.
+
+        Args:
+            kind: C or CR.
+            words: Words of the block: letter or name → number; changed in place.
+            left: Direction of rotation: True for DR+, False for DR−, None where not given.
+            radius: Radius in program units, None for an arc about the pole.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            ArcError: the words describe no arc.
+        """
         if left is None:
             raise ArcError(f"{kind} without DR+ or DR-")
         self.motion = 3 if left else 2
@@ -150,7 +199,15 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         self.move(words, b)
 
     def to_cartesian(self, words: dict[str, float], line: int) -> None:
-        """PR, PA (IPR, IPA) about the pole become X and Y, in place; only in the XY plane."""
+        """Convert PR, PA (IPR, IPA) about the pole in place to X and Y; XY plane only.
+
+        Args:
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the pole or one of the polar coordinates is not known.
+        """
         if math.isnan(self.pole[0]) or math.isnan(self.pole[1]):
             raise self.source.build_error("polar coordinates before a pole (CC) was set", line)
         dx, dy = self.p[0] - self.pole[0], self.p[1] - self.pole[1]
@@ -164,7 +221,16 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         words["Y"] = (self.pole[1] + radius * math.sin(math.radians(angle))) / self.scale
 
     def polar_circle(self, words: dict[str, float], left: bool | None, b: ProgramBlock) -> None:
-        """CP: an arc or helix about the pole by its angle; IPA may be more than a turn."""
+        """Carry out CP: an arc or helix about the pole by its angle; IPA may exceed one turn.
+
+        Args:
+            words: Words of the block: letter or name → number; changed in place.
+            left: Direction of rotation: True for DR+, False for DR−, None where not given.
+            b: The block: its words, calls and line number.
+
+        Raises:
+            ArcError: the words describe no arc.
+        """
         if left is None:
             raise ArcError("CP without DR+ or DR-")
         sweep = words.get("IPA")
@@ -185,7 +251,12 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         self.circle("C", words, left, None, b)
 
     def retract(self, distance: float, line: int) -> None:
-        """M140 MB: back along the tool axis."""
+        """Carry out M140 MB: retract along the tool axis.
+
+        Args:
+            distance: Distance, mm.
+            line: Line number in the file (1-based).
+        """
         if self.along_z():
             words = {"Z": (self.p[2] + distance) / self.scale}
             if not math.isnan(self.p[2]):
@@ -197,7 +268,17 @@ class HeidenhainControlReader(DatumAndPlaneReader):
     # ---- ends of contours and corners
 
     def wait_for_corner(self, kind: CornerKind, size: float, f: float | None, line: int) -> None:
-        """RND, CHF (DIN/ISO: G25, G24) with a size and a feed of its own, program units."""
+        """Read RND or CHF (DIN/ISO: G25, G24): a corner with its size and its own feed.
+
+        Args:
+            kind: Rounding or chamfer.
+            size: Radius or length, program units.
+            f: Feed in program units per minute, None where not given.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the size is not positive.
+        """
         feed, own = self.feed, None
         if f is not None:
             self.feed_word(f, line)
@@ -210,7 +291,14 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         self.corner = ContourCorner(kind, size * self.scale, line, own)
 
     def lead_in(self, approach: ContourApproach) -> None:
-        """APPR: the tool comes to the first contour point once the element behind it is known."""
+        """Carry out APPR: the path to the first contour point follows once the next element is known.
+
+        Args:
+            approach: The pending approach.
+
+        Raises:
+            InputError: the position before the approach or its target is not known.
+        """
         self.end_contour("an approach (APPR) follows")
         if any(map(math.isnan, (*self.p, *approach.place))):
             raise self.source.build_error("APPR from or to a place that is not known", approach.line)
@@ -218,11 +306,29 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         self.p = list(approach.place)
 
     def end_contour(self, why: str) -> None:
+        """End the contour.
+
+        Args:
+            why: Reason, for the message.
+
+        Raises:
+            InputError: an approach, a rounding or a chamfer still waits for the next element.
+        """
         if self.approach is not None:
             raise self.source.build_error(f"APPR without a contour element after it: {why}", self.approach.line)
         super().end_contour(why)
 
     def turn_corner(self, one: ContourSegment, axis: Vector, line: int) -> ContourSegment:
+        """Add the pending approach or corner before an element.
+
+        Args:
+            one: The element behind it.
+            axis: Tool axis in programmed coordinates, unit vector.
+            line: Line number in the file (1-based).
+
+        Returns:
+            The part of the element that is left.
+        """
         approach, self.approach = self.approach, None
         if approach is not None:
             tangent = one.element(self.plane).direction(one.element(self.plane).start)
@@ -240,7 +346,14 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         return super().turn_corner(one, axis, line)
 
     def move_to_contour(self, helper: complex, height: float, approach: ContourApproach, axis: Vector) -> None:
-        """To the auxiliary point: in the plane first, then along the tool axis."""
+        """Move to the auxiliary point: first in the plane, then along the tool axis.
+
+        Args:
+            helper: Auxiliary point in the working plane, mm.
+            height: Height of the contour, mm.
+            approach: The pending approach.
+            axis: Tool axis in programmed coordinates, unit vector.
+        """
         for z in (self.p[2], height):
             to = [helper.real, helper.imag, z]
             if to != self.p:
@@ -248,6 +361,15 @@ class HeidenhainControlReader(DatumAndPlaneReader):
                 self.go(to, axis, move, approach.feed_before, approach.line)
 
     def lead_arc(self, path: LeadPath, end: Array, axis: Vector, feed: float, line: int) -> None:
+        """Add the arc of an approach or departure.
+
+        Args:
+            path: Path of the approach or departure in the working plane.
+            end: End point (3,) in programmed mm.
+            axis: Tool axis in programmed coordinates, unit vector.
+            feed: Feed, mm/min.
+            line: Line number in the file (1-based).
+        """
         assert path.centre is not None
         centre = np.array([path.centre.real, path.centre.imag, self.p[2]])
         normal = self.plane * (1.0 if path.left else -1.0)
@@ -256,7 +378,17 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         self.feed = modal
 
     def lead_out(self, path: LeadIn, outside: complex | None, height: float | None, line: int) -> None:
-        """DEP: away from the last contour element, on to ``outside`` (mm) where it is given, at last to a height."""
+        """Carry out DEP: leave the last contour element.
+
+        Args:
+            path: The departure.
+            outside: Position after it in the working plane, mm; None where not given.
+            height: Height after it, mm; None where not given.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: there is no contour element before the departure.
+        """
         if self.segment is None or np.isnan(self.segment.end).any():
             raise self.source.build_error("DEP without a contour element before it", line)
         if self.corner is not None:
@@ -281,10 +413,14 @@ class HeidenhainControlReader(DatumAndPlaneReader):
     # ---- tools and cycles
 
     def drill_pattern(self, number: int, line: int) -> None:
-        """Cycles 220 (circle) and 221 (rows): the last drilling cycle at every place.
+        """Carry out cycles 220 (circle) and 221 (rows): the last drilling cycle at every position.
+
+        Args:
+            number: Number of the cycle.
+            line: Line number in the file (1-based).
 
         Raises:
-            CycleError: no drilling cycle before it, or a parameter is missing.
+            DrillingCycleError: no drilling cycle precedes it, or a parameter is missing.
         """
         if self.cycle is None or self.cycle < 200:
             raise DrillingCycleError(f"cycle {number} before any drilling cycle was defined")
@@ -313,6 +449,17 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             self.holes(plan, {}, [x * s, y * s, self.p[2]], ProgramBlock(line=line, words=[]))
 
     def call_tool(self, tool: str, rpm: float | None, text: str, line: int) -> None:
+        """Carry out a tool call.
+
+        Args:
+            tool: Name or number of the tool.
+            rpm: Spindle speed in 1/min, None where not given.
+            text: Text of the call.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the tool axis of the call is not Z.
+        """
         if rpm is not None:
             self.rpm = rpm
             self.out.event("spindle", text, self.rpm)
@@ -339,6 +486,15 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             self.out.change_tool(tool)
 
     def begin_q_cycle(self, number: int, line: int) -> None:
+        """Begin a cycle whose parameters are Q numbers.
+
+        Args:
+            number: Number of the cycle.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the cycle is not supported.
+        """
         if number not in SUPPORTED:
             raise self.source.build_error(
                 f"cycle {number}: only the drilling cycles {', '.join(map(str, SUPPORTED))} are supported; export its "
@@ -358,7 +514,14 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             del self.q[name]  # each cycle names its own
 
     def drill_here(self, b: ProgramBlock) -> None:
-        """M99, CYCL CALL or G79: one hole at the present place."""
+        """Carry out M99, CYCL CALL or G79: one hole at the present position.
+
+        Args:
+            b: The block: its words, calls and line number.
+
+        Raises:
+            DrillingCycleError: no cycle is defined, or the tool position is not known.
+        """
         if self.cycle is None:
             raise DrillingCycleError("a cycle call (M99, CYCL CALL, G79) before any drilling cycle was defined")
         if np.isnan(self.p).any():

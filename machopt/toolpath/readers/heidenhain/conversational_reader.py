@@ -1,7 +1,7 @@
 """Heidenhain conversational programs (``BEGIN PGM``): L, LN, CC, C, CR, LP, CP, PLANE, CYCL DEF, LBL, Q parameters.
 
-The circle centre CC stays until the next one. Under M128 or FUNCTION TCPM the points are the tool tip's; LN gives
-the tool axis as TX, TY, TZ.
+The circle centre CC is modal. Under M128 or FUNCTION TCPM the points are tool tip positions. LN gives the tool axis as
+TX, TY, TZ.
 """
 
 from __future__ import annotations
@@ -54,6 +54,13 @@ _REFUSED = {
 def read_heidenhain(source: SourceFile, options: ReadOptions) -> Toolpath:
     """Read a conversational program.
 
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
+
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
     """
@@ -87,14 +94,14 @@ class _ConversationalReader(DefinitionReader):
             if found:
                 named = "mm" if found.group(1).upper() == "MM" else "inch"
                 break
-        asked = options.unit
-        if named is None and asked is None:
+        option_unit = options.unit
+        if named is None and option_unit is None:
             raise source.build_option_question(
                 "unit", "BEGIN PGM names neither MM nor INCH; give --unit mm or --unit inch"
             )
-        if named and asked and named != asked:
-            raise source.build_error(f"the program is in {named} but --unit {asked} was given")
-        return named or asked or "", "BEGIN PGM" if named else "option"
+        if named and option_unit and named != option_unit:
+            raise source.build_error(f"the program is in {named} but --unit {option_unit} was given")
+        return named or option_unit or "", "BEGIN PGM" if named else "option"
 
     def clean(self, line: int, raw: str) -> tuple[str, list[str]] | None:
         found = super().clean(line, raw)

@@ -1,4 +1,4 @@
-"""Heidenhain's coordinate systems: datum shifts, mirrors, scales, rotations and tilted planes, in their own order."""
+"""Heidenhain coordinate systems: datum shifts, mirrors, scales, rotations and tilted planes, in required order."""
 
 from __future__ import annotations
 
@@ -18,6 +18,14 @@ _ROTARY = {f"{i}{c}" for i in ("", "I") for c in "ABC"}
 
 
 def parse_value(text: str) -> float:
+    """Parse a number that may contain blanks.
+
+    Args:
+        text: Text of the number.
+
+    Returns:
+        The number.
+    """
     return float("".join(text.split()))
 
 
@@ -56,7 +64,13 @@ class DatumAndPlaneReader(GcodeReader):
             )
 
     def shift_datum(self, words: dict[str, float], line: int, word: str = "CYCL DEF 7") -> None:
-        """CYCL DEF 7, TRANS DATUM; inside a tilted plane it shifts along the tilted axes."""
+        """Carry out CYCL DEF 7 or TRANS DATUM; in a tilted plane it shifts along the tilted axes.
+
+        Args:
+            words: Words of the block: letter or name → number.
+            line: Line number in the file (1-based).
+            word: Name of the statement, for messages.
+        """
         name = "datum" if "plane" not in self.chain or next(iter(self.chain)) == "datum" else "inner"
         if "plane" in self.chain:
             name = "inner"
@@ -75,7 +89,15 @@ class DatumAndPlaneReader(GcodeReader):
         self.out.ignore(word, line, understood=True)
 
     def trans(self, text: str, line: int) -> None:
-        """TRANS DATUM, MIRROR, ROTATION, SCALE: as the cycles 7, 8, 10 and 11; RESET ends each."""
+        """Carry out TRANS DATUM, MIRROR, ROTATION, SCALE (as cycles 7, 8, 10 and 11); RESET ends each.
+
+        Args:
+            text: Text of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the statement is not supported.
+        """
         _, kind, *rest = text.split(maxsplit=2)
         arguments = rest[0] if rest else ""
         off = arguments.startswith("RESET")
@@ -97,7 +119,17 @@ class DatumAndPlaneReader(GcodeReader):
             )
 
     def transform(self, name: str, one: SystemTransform, word: str, line: int) -> None:
-        """Mirror or scale inside of what was switched on before it; no change ends it."""
+        """Set a mirror or scale inside the transforms that are already active; the identity ends it.
+
+        Args:
+            name: Name of the transform.
+            one: The transform.
+            word: Name of the statement, for messages.
+            line: Line number in the file (1-based).
+
+        Raises:
+            FrameError: tool-centre-point control is active, or the tool axis would be mirrored.
+        """
         self.chain.pop(name, None)
         if not one.nothing:
             if self.setup.tcp is not None:
@@ -107,7 +139,16 @@ class DatumAndPlaneReader(GcodeReader):
         self.out.ignore(word, line, understood=True)
 
     def mirror_axes(self, text: str, word: str, line: int) -> None:
-        """CYCL DEF 8 and G28: the axes that are named are mirrored, none is mirrored without a name."""
+        """Carry out CYCL DEF 8 and G28: mirror the axes that are listed; without axes the mirror ends.
+
+        Args:
+            text: Text of the statement.
+            word: Name of the statement, for messages.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: an axis cannot be mirrored.
+        """
         named = set(re.findall(r"\b([XYZABC])\b", text))
         if named - {"X", "Y"}:
             raise self.source.build_error(f"{word} mirrors {text.strip()}: only X and Y are supported", line)
@@ -115,13 +156,28 @@ class DatumAndPlaneReader(GcodeReader):
         self.transform("mirror", SystemTransform.factors(x, y, 1.0), word, line)
 
     def scale_all(self, factor: float, line: int, word: str = "CYCL DEF 11") -> None:
-        """CYCL DEF 11, TRANS SCALE: one factor for all lengths."""
+        """Carry out CYCL DEF 11 and TRANS SCALE: one factor for all lengths.
+
+        Args:
+            factor: The factor.
+            line: Line number in the file (1-based).
+            word: Name of the statement, for messages.
+
+        Raises:
+            InputError: the factor is not positive.
+        """
         if not factor > 0.0:
             raise self.source.build_error(f"{word} with a factor of {factor:g}; expected one above zero", line)
         self.transform("scale", SystemTransform.factors(factor, factor, factor), word, line)
 
     def turn_plane(self, degrees: float, line: int, word: str = "CYCL DEF 10") -> None:
-        """CYCL DEF 10, TRANS ROTATION: rotation in the plane."""
+        """Carry out CYCL DEF 10 and TRANS ROTATION: rotation in the plane.
+
+        Args:
+            degrees: Angle, degrees.
+            line: Line number in the file (1-based).
+            word: Name of the statement, for messages.
+        """
         self.chain.pop("turn", None)
         self.turned_by = degrees
         if degrees:
@@ -130,7 +186,12 @@ class DatumAndPlaneReader(GcodeReader):
         self.out.ignore(word, line, understood=True)
 
     def set_plane(self, plane: SystemTransform | None, line: int) -> None:
-        """PLANE … or CYCL DEF 19: the tool stands upright on it."""
+        """Set the plane of PLANE … or CYCL DEF 19: the tool is perpendicular to it.
+
+        Args:
+            plane: Transform of the plane into the system before it; None ends it.
+            line: Line number in the file (1-based).
+        """
         self.chain.pop("plane", None)
         self.chain.pop("inner", None)
         if plane is None or plane.nothing:
@@ -144,6 +205,15 @@ class DatumAndPlaneReader(GcodeReader):
         self.out.meta["tilted_planes"] = str(int(self.out.meta.get("tilted_planes", "0")) + 1)
 
     def plane_statement(self, text: str, line: int) -> None:
+        """Carry out a PLANE statement.
+
+        Args:
+            text: Text of the statement.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: this kind of PLANE is not supported.
+        """
         kind = text.split()[1] if len(text.split()) > 1 else ""
         self.stays, self.cycle_19 = re.search(r"\bSTAY\b", text) is not None, False
         v = {name: parse_value(n) for name, n in _ANGLE.findall(text)}
@@ -172,7 +242,12 @@ class DatumAndPlaneReader(GcodeReader):
             )
 
     def tilt_angles(self, angles: dict[str, float], line: int) -> None:
-        """CYCL DEF 19 (G80): read as spatial angles."""
+        """Carry out CYCL DEF 19 (G80) as spatial angles.
+
+        Args:
+            angles: Axis letter → degrees.
+            line: Line number in the file (1-based).
+        """
         if sum(v != 0.0 for v in angles.values()) > 1:
             self.out.warn_once(
                 "cycle 19 is read as spatial angles A, B, C; a machine setting can make them axis angles", line
@@ -182,10 +257,17 @@ class DatumAndPlaneReader(GcodeReader):
         self.set_plane(compute_spatial_plane(a, b, c), line)
 
     def insert_computed_angles(self, text: str, line: int) -> str:
-        """The line with the axes that PLANE … STAY or cycle 19 worked out in place of Q120 to Q122.
+        """Replace Q120 to Q122 in a line by the angles that PLANE … STAY or cycle 19 computed.
+
+        Args:
+            text: Text of the line.
+            line: Line number in the file (1-based).
+
+        Returns:
+            The line with numbers.
 
         Raises:
-            InputError: neither was before it.
+            InputError: neither statement precedes the line.
         """
         if not (self.stays or self.cycle_19):
             raise self.source.build_error(
@@ -200,7 +282,11 @@ class DatumAndPlaneReader(GcodeReader):
         return " ".join(text.replace("COMPUTED", " ").split())
 
     def use_preset(self, number: float) -> None:
-        """CYCL DEF 247: another datum of the preset table is another work offset."""
+        """Carry out CYCL DEF 247: another datum of the preset table is another work offset.
+
+        Args:
+            number: Number of the preset.
+        """
         if self.preset is None or not len(self.out):
             self.preset = number
         self.take_offset(f"preset {number:g}", f"preset {self.preset:g}")

@@ -21,28 +21,59 @@ class DefinitionReader(SentenceReader):
     pattern_text: tuple[int, int] | None = None  # cycle 220 or 221 whose parameters are being read, and its line
 
     def parameters(self, text: str) -> list[tuple[str, str]]:
-        """Numbers of the Q parameters that a line sets, and what to."""
+        """Find the Q parameters that a line sets.
+
+        Args:
+            text: Text of the line.
+
+        Returns:
+            Number and value text of each.
+        """
         return _Q.findall(text)
 
     def take_parameters(self, found: list[tuple[str, str]]) -> None:
+        """Set Q parameters.
+
+        Args:
+            found: Number and value text of each.
+        """
         for number, text in found:
             self.q[int(number)] = parse_value(text)
             if number == "339":
                 self.use_preset(parse_value(text))
 
     def close_pattern(self, text: str) -> None:
-        """Drill the pattern whose parameters were read, where this line is none of them."""
+        """Drill the pattern whose parameters were read, where this line holds no further parameter.
+
+        Args:
+            text: Text of the line.
+        """
         if self.pattern_text is not None and not text.startswith("Q"):
             number, at = self.pattern_text
             self.pattern_text = None
             self.drill_pattern(number, at)
 
     def tool_call(self, text: str, line: int) -> None:
+        """Carry out TOOL CALL.
+
+        Args:
+            text: Text of the line.
+            line: Line number in the file (1-based).
+        """
         found = re.match(r"TOOL CALL\s*(\"[^\"]*\"|\d+)?(?:.*?\bS\s*" + NUMBER + ")?", text)
         rpm = parse_value(found.group(2)) if found and found.group(2) else None
         self.call_tool((found.group(1) or "").strip('"') if found else "", rpm, text, line)
 
     def select_preset(self, text: str, line: int) -> None:
+        """Carry out PRESET SELECT.
+
+        Args:
+            text: Text of the line.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the statement has another form than ``PRESET SELECT #n``.
+        """
         preset = re.fullmatch(r"PRESET SELECT\s*#\s*(\d+)(?: KEEP TRANS)?", text)
         if preset is None:
             raise self.source.build_error(f"{text[:40]!r}: read is PRESET SELECT #n", line)
@@ -50,11 +81,25 @@ class DefinitionReader(SentenceReader):
         self.out.ignore("PRESET SELECT", line, understood=True)
 
     def call_program(self, text: str, line: int) -> None:
+        """Record CALL PGM as a call of another program.
+
+        Args:
+            text: Text of the line.
+            line: Line number in the file (1-based).
+        """
         self.left_out = (text[:40], line)
         self.out.ignore("CALL PGM", line, understood=False)
 
     def tcpm(self, text: str, line: int) -> None:
-        """FUNCTION TCPM: whose axes A, B and C turn about, and which point of the tool is programmed."""
+        """Carry out FUNCTION TCPM: meaning of A, B, C and the programmed point of the tool.
+
+        Args:
+            text: Text of the line.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the variant is not supported.
+        """
         if "CENTER-CENTER" in text:
             raise self.source.build_error(
                 "REFPNT CENTER-CENTER: the points are the tool's centre, how far from its tip is not in the file; "
@@ -65,15 +110,37 @@ class DefinitionReader(SentenceReader):
         self.use_tcp("spatial" if re.search(r"\bAXIS\s+SPAT\b", text) else "angles", line)
 
     def end_tcpm(self, _: str, line: int) -> None:
+        """End FUNCTION TCPM.
+
+        Args:
+            _: Text of the line, not used.
+            line: Line number in the file (1-based).
+        """
         self.use_tcp(None, line)
 
     def define(self, text: str, line: int) -> None:
-        """A cycle, with those of its parameters that stand on its line."""
+        """Carry out a cycle definition with the parameters on its line.
+
+        Args:
+            text: Text of the line.
+            line: Line number in the file (1-based).
+        """
         if self.cycle_definition(text, line):
             self.take_parameters(self.parameters(text))
 
     def cycle_definition(self, text: str, line: int) -> bool:
-        """CYCL DEF n or n.m; True where Q parameters of the cycle follow on the line."""
+        """Carry out CYCL DEF n or n.m.
+
+        Args:
+            text: Text of the line.
+            line: Line number in the file (1-based).
+
+        Returns:
+            Whether Q parameters of the cycle follow on the line.
+
+        Raises:
+            InputError: the cycle is not supported or malformed.
+        """
         found = re.match(r"CYCL DEF\s+(\d+)(?:\.(\d+))?\s*(.*)", text)
         if not found:
             raise self.source.build_error(f"{text[:24]!r}: expected CYCL DEF and a number", line)
@@ -133,7 +200,12 @@ class DefinitionReader(SentenceReader):
         return False
 
     def machine_cycle(self, number: int, line: int) -> None:
-        """A cycle that tunes the machine is left out; one of the machine builder's own may do anything."""
+        """Handle a cycle of the machine: tuning cycles are left out, cycles of the machine builder are reported.
+
+        Args:
+            number: Number of the cycle.
+            line: Line number in the file (1-based).
+        """
         known = number in harmless_words.HEIDENHAIN_CYCLES
         if known:
             self.out.warn_once(f"cycle {number} (tunes or checks the machine) is left out: it moves no point", line)
@@ -142,6 +214,17 @@ class DefinitionReader(SentenceReader):
         self.out.ignore(f"CYCL DEF {number}", line, understood=known)
 
     def old_cycle_line(self, number: int, part: str | None, rest: str, line: int) -> None:
+        """Carry out one line of a cycle in the old form n.m.
+
+        Args:
+            number: Number of the cycle.
+            part: Number behind the point, None where there is none.
+            rest: Text behind the number.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the line is not supported.
+        """
         if part in (None, "0"):
             self.cycle, self.cycle_words = number, {}
             return

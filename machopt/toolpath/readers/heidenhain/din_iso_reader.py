@@ -1,7 +1,7 @@
-"""Heidenhain DIN/ISO programs (``%NAME G71 *``): I, J is a pole that stays, cycles are G200 …, labels G98 L.
+"""Heidenhain DIN/ISO programs (``%NAME G71 *``): modal pole I, J; cycles G200 …; labels G98 L.
 
-The words mean other things than in G-code: G54 shifts the datum, G73 rotates, G80 tilts the plane, G79 calls a cycle,
-G10 to G13 are polar.
+The words differ from G-code: G54 shifts the datum, G73 rotates, G80 tilts the plane, G79 calls a cycle, G10 to G13 are
+polar moves.
 """
 
 from __future__ import annotations
@@ -39,6 +39,13 @@ _REFUSED = {
 
 def read_heidenhain_iso(source: SourceFile, options: ReadOptions) -> Toolpath:
     """Read a DIN/ISO program.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
 
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
@@ -95,7 +102,7 @@ class _DinIsoReader(HeidenhainControlReader):
             return
         if " COMPUTED" in text:
             text = self.insert_computed_angles(text, line)
-        if _MIRROR.fullmatch(text):  # its axes stand without numbers; none: off
+        if _MIRROR.fullmatch(text):  # its axes have no numbers; none: off
             self.mirror_axes(text[text.index("G28") + 3 :], "G28", line)
             return
         self.iso_block(*self.split(text, line), ProgramBlock(line=line, words=[]))

@@ -25,21 +25,28 @@ OLD_WORD = r"(DIST|SET ?UP|DEPTH|PLNGNG|PECKG|PECKING|DWELL|PITCH|F)"
 
 
 def normalise_old_cycle_word(text: str) -> str:
-    """The one name of a line of cycles 1, 2 and 17, whatever the software version calls it."""
+    """Return the standard name of a line of cycles 1, 2 and 17, independent of the software version.
+
+    Args:
+        text: Word of the line.
+
+    Returns:
+        The standard name.
+    """
     return _OLD_WORDS[text.replace(" ", "")]
 
 
 def build_old_cycle(number: int, words: dict[str, float], height: float, scale: float, rpm: float) -> DrillingCycle:
-    """Cycles 1 (pecking), 2 (tapping) and 17 (rigid tapping): the tool stands at the set-up clearance when called.
+    """Cycles 1 (pecking), 2 (tapping) and 17 (rigid tapping): the tool is at the set-up clearance when called.
 
     Args:
         number: of the cycle.
         words: its lines, see :func:`normalise_old_cycle_word`, in the program's unit.
-        height: mm, where the tool stands.
+        height: Height of the tool, mm.
         scale: mm per program unit.
         rpm: 1/min of the spindle.
     Raises:
-        CycleError: clearance or depth is missing.
+        DrillingCycleError: clearance or depth is missing.
     """
     if "SETUP" not in words or "DEPTH" not in words:
         raise DrillingCycleError(f"cycle {number} without set-up clearance or depth")
@@ -61,10 +68,19 @@ def build_old_cycle(number: int, words: dict[str, float], height: float, scale: 
 
 
 def build_q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) -> DrillingCycle:
-    """Cycles 200 … 209 and 240 by their Q parameters (lengths in the program's unit).
+    """Build cycles 200 … 209, 240 and 241 from their Q parameters (lengths in program units).
+
+    Args:
+        number: Number of the cycle.
+        q: Q number → value.
+        scale: mm per unit of the program.
+        rpm: Spindle speed, 1/min.
+
+    Returns:
+        The drilling cycle, heights over z = 0 in mm.
 
     Raises:
-        CycleError: a parameter is missing, or the depth follows from a diameter.
+        DrillingCycleError: a parameter is missing, or the depth depends on a diameter.
     """
     if number == 204:
         return _build_back_boring(q, scale)
@@ -80,7 +96,7 @@ def build_q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) ->
     if number in (207, 209):
         feed = abs(q.get(239, math.nan)) * rpm
     if not feed > 0.0:
-        feed = math.nan  # none, or a pitch of zero: the default feed is asked for
+        feed = math.nan  # none, or a pitch of zero: the default feed is required
     peck = q.get(202, 0.0) if number in (200, 203, 205) else 0.0
     return DrillingCycle(
         name=f"CYCL {number}",
@@ -105,7 +121,7 @@ def _is_upward_depth(word: str, depth: float) -> str:
 
 
 def _build_back_boring(q: dict[int, float], scale: float) -> DrillingCycle:
-    """Cycle 204 as the stroke down to below the part and the cut upwards; the step beside the axis is left out."""
+    """Cycle 204 as the stroke down to below the part and the cut upwards; the lateral step is left out."""
     if 200 not in q or 249 not in q:
         raise DrillingCycleError("cycle 204 without Q200 (clearance) or Q249 (depth of the counterbore)")
     top = q.get(203, 0.0) * scale

@@ -1,4 +1,4 @@
-"""Labels, jumps and Q parameters of Heidenhain programs, as far as the file holds them."""
+"""Labels, jumps and Q parameters of Heidenhain programs, executed as far as the file contains them."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class LabelFlow:
 
     def _call(self, at: int, label: str, repeat: str | None) -> int:
         start = self._place(label, at)
-        if repeat is not None:  # repeats a part of the program; no way back is kept
+        if repeat is not None:  # repeats a part of the program without a return address
             left = self.repeats.get(at, int(repeat))
             if left <= 0:
                 self.repeats.pop(at, None)

@@ -1,4 +1,4 @@
-"""Words and flags of a conversational sentence, and those that begin or end a contour."""
+"""Words and flags of a conversational sentence, and the sentences that begin or end a contour."""
 
 from __future__ import annotations
 
@@ -20,6 +20,18 @@ class SentenceReader(HeidenhainControlReader):
     """Takes sentences apart; carries out APPR and DEP."""
 
     def split(self, rest: str, line: int) -> tuple[dict[str, float], list[str]]:
+        """Split a sentence into words and flags.
+
+        Args:
+            rest: Text behind the name of the sentence.
+            line: Line number in the file (1-based).
+
+        Returns:
+            Letter → number, and the flags.
+
+        Raises:
+            InputError: a part of the sentence is neither.
+        """
         words: dict[str, float] = {}
         flags: list[str] = []
         at = 0
@@ -47,7 +59,15 @@ class SentenceReader(HeidenhainControlReader):
         return words, flags
 
     def contour_end(self, text: str, line: int) -> None:
-        """APPR or DEP with LT, LN, CT or LCT, in Cartesian coordinates."""
+        """Carry out APPR or DEP with LT, LN, CT or LCT, in Cartesian coordinates.
+
+        Args:
+            text: Text of the sentence.
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: this kind of approach or departure is not supported.
+        """
         found = re.match(r"(APPR|DEP)\s+(LT|LN|CT|LCT)(?![A-Z])(.*)", text)
         kind = None if found is None else _LEADS[found.group(2)]
         if found is None or kind is None:

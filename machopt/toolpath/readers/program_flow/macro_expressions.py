@@ -1,7 +1,7 @@
 """Parameters and expressions of Fanuc macros and LinuxCNC: ``#1=5``, ``X[#<a>*10.]``, ``X-#1``, ``YSIN[30]``.
 
-Evaluated fully or refused. Where controls differ in a value (halves, remainders and whole parts of negative numbers,
-comparisons of nearly equal numbers) LinuxCNC's rule is used and a note says so.
+Expressions are evaluated completely or refused. Where controls differ in a value (halves, remainders and integer parts
+of negative numbers, comparisons of nearly equal numbers) the rule of LinuxCNC applies and a note reports it.
 """
 
 from __future__ import annotations
@@ -80,7 +80,12 @@ class MacroParameters:
         return tuple(self.values.items()), frames, self.present if self.present_was_read else ()
 
     def enter(self, arguments: dict[str, float], highest: int = FANUC_LOCAL) -> None:
-        """A subroutine begins: #1 to #``highest`` and names without an underscore are its own."""
+        """Begin a subroutine: #1 to #``highest`` and names without an underscore become local.
+
+        Args:
+            arguments: Name of the parameter → value.
+            highest: Highest number of a local parameter.
+        """
         self._outside.append((self.values, highest))
         shared = {k: v for k, v in self.values.items() if not _is_local(k, highest)}
         self.values = {**shared, **arguments}
@@ -92,10 +97,16 @@ class MacroParameters:
         self.values = {k: v for k, v in outside.items() if _is_local(k, highest)} | shared
 
     def read(self, name: str) -> float:
-        """The value of one parameter.
+        """Return the value of one parameter.
+
+        Args:
+            name: Name or number of the parameter.
+
+        Returns:
+            The value.
 
         Raises:
-            ExpressionError: it has none yet.
+            MacroExpressionError: it has no value yet, or only the running control knows it.
         """
         if name in self.values:
             return self.values[name]
@@ -114,10 +125,16 @@ class MacroParameters:
         raise MacroExpressionError(f"parameter #{name} is read before it is set")
 
     def number(self, text: str) -> float:
-        """The value of one expression.
+        """Evaluate one expression.
+
+        Args:
+            text: Text of the expression.
+
+        Returns:
+            The value.
 
         Raises:
-            ExpressionError: as for :meth:`evaluate`, or something stands after it.
+            MacroExpressionError: as for :meth:`evaluate`, or text follows the expression.
         """
         value, at = self.leading(text)
         if text[at:].strip():
@@ -125,17 +142,38 @@ class MacroParameters:
         return value
 
     def leading(self, text: str) -> tuple[float, int]:
-        """The value of the expression that a text begins with, and the place after it."""
+        """Evaluate the expression that a text begins with.
+
+        Args:
+            text: Text of the expression.
+
+        Returns:
+            The value, and the index behind the expression.
+        """
         parser = _MacroParser(text, 0, self)
         return parser.parse_expression(), parser.at
 
     def leading_factor(self, text: str) -> tuple[float, int]:
-        """The value of the number, parameter or bracket that a text begins with, and the place after it."""
+        """Evaluate the number, parameter or bracket that a text begins with.
+
+        Args:
+            text: Text of the expression.
+
+        Returns:
+            The value, and the index behind it.
+        """
         parser = _MacroParser(text, 0, self)
         return parser.parse_factor(), parser.at
 
     def evaluate_brackets(self, text: str) -> list[float]:
-        """The values of ``[…] […] …``."""
+        """Evaluate ``[…] […] …``.
+
+        Args:
+            text: Text of the expression.
+
+        Returns:
+            The value of each bracket.
+        """
         found: list[float] = []
         at = 0
         while text[at:].strip():
@@ -145,10 +183,16 @@ class MacroParameters:
         return found
 
     def evaluate(self, text: str) -> str:
-        """The line with every expression replaced by its number and assignments carried out.
+        """Replace every expression of a line by its number and carry out assignments.
+
+        Args:
+            text: Text of the line.
+
+        Returns:
+            The line with numbers.
 
         Raises:
-            ExpressionError: an unset parameter, an unknown function, a division by zero.
+            MacroExpressionError: an unset parameter, an unknown function, a division by zero.
         """
         out: list[str] = []
         later: dict[str, float] = {}  # assignments hold from the next line on

@@ -1,4 +1,4 @@
-"""Errors and limits of a program's flow: loops without end, jumps to nowhere."""
+"""Errors and limits of the program flow: endless loops, jumps to missing targets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ MAX_IDLE = 100_000  # of them one after the other that hold nothing for the cont
 
 
 class ProgramFlowError(ValueError):
-    """The flow of the program cannot be followed; carries the line it stands in."""
+    """The flow of the program cannot be followed; carries its line number."""
 
     def __init__(self, message: str, line: int) -> None:
         super().__init__(message)
@@ -25,18 +25,43 @@ class StepGuard:
         self._seen: set[tuple[int, Hashable]] = set()
 
     def step(self, line: int) -> None:
+        """Count one line that is carried out.
+
+        Args:
+            line: Line number in the file (1-based).
+
+        Raises:
+            ProgramFlowError: the limit of lines is exceeded.
+        """
         self.steps += 1
         if self.steps > self.most:
             raise ProgramFlowError(f"more than {self.most} lines carried out: does a loop never end?", line)
 
     def count_idle_lines(self, *, anything: bool, line: int) -> None:
-        """Tell whether the line held something for the control."""
+        """Count consecutive lines without effect on the control.
+
+        Args:
+            anything: Whether the line holds something for the control.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ProgramFlowError: a loop never moves.
+        """
         self.idle = 0 if anything else self.idle + 1
         if self.idle > MAX_IDLE:
             raise ProgramFlowError("a loop goes on without ever moving: does it never end?", line)
 
     def check_backward_jump(self, place: int, state: Hashable, line: int) -> None:
-        """Tell a jump to an earlier place, and everything the way from there depends on."""
+        """Check a jump to an earlier line for an endless loop.
+
+        Args:
+            place: Index of the target line.
+            state: Everything that the flow from there depends on.
+            line: Line number in the file (1-based).
+
+        Raises:
+            ProgramFlowError: the same jump with the same state occurred before.
+        """
         if (place, state) in self._seen:
             raise ProgramFlowError("a loop comes back to where it was with nothing changed: it never ends", line)
         self._seen.add((place, state))

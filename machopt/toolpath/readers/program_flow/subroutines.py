@@ -32,7 +32,14 @@ class SubroutineCall:
 
 
 def normalise_label(text: str) -> str:
-    """``O001`` and ``O1`` are one label."""
+    """Return the standard form of a label: ``O001`` and ``O1`` are the same.
+
+    Args:
+        text: Text of the label.
+
+    Returns:
+        The standard form.
+    """
     return str(int(text)) if text.isdigit() else re.sub(r"\s", "", text)
 
 

@@ -1,4 +1,4 @@
-"""Expressions of Sinumerik programs: ``R1+R2*SIN(R3)``, comparisons, variables; evaluated fully or refused."""
+"""Expressions of Sinumerik programs (``R1+R2*SIN(R3)``, comparisons, variables), evaluated completely or refused."""
 
 from __future__ import annotations
 
@@ -57,10 +57,16 @@ class SiemensVariables:
         self._read: dict[tuple[str, int], tuple[Expression, int]] = {}  # parsed once, evaluated often
 
     def value(self, text: str) -> float:
-        """The value of one expression.
+        """Evaluate one expression.
+
+        Args:
+            text: Text of the expression.
+
+        Returns:
+            The value.
 
         Raises:
-            ExpressionError: it has none, or something stands after it.
+            MacroExpressionError: it has no value, or text follows the expression.
         """
         value, at = self.part(text, 0)
         if text[at:].strip():
@@ -68,7 +74,18 @@ class SiemensVariables:
         return value
 
     def part(self, text: str, at: int) -> tuple[float, int]:
-        """The value of the expression that begins at ``at``, and the place after it."""
+        """Evaluate the expression that begins at an index.
+
+        Args:
+            text: Text of the expression.
+            at: Index at which the expression begins.
+
+        Returns:
+            The value, and the index behind the expression.
+
+        Raises:
+            MacroExpressionError: it has no value.
+        """
         expression, end = self._parse_cached(text, at)
         try:
             value = expression(self.values)
@@ -81,7 +98,15 @@ class SiemensVariables:
         return value, end
 
     def end_of(self, text: str, at: int) -> int:
-        """The place after the expression that begins at ``at``."""
+        """Find the end of the expression that begins at an index.
+
+        Args:
+            text: Text of the expression.
+            at: Index at which the expression begins.
+
+        Returns:
+            Index behind the expression.
+        """
         return self._parse_cached(text, at)[1]
 
     def _parse_cached(self, text: str, at: int) -> tuple[Expression, int]:

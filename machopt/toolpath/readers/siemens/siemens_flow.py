@@ -1,8 +1,8 @@
-"""R parameters, variables, jumps and loops of Sinumerik programs, as far as the file holds them.
+"""R parameters, variables, jumps and loops of Sinumerik programs, executed as far as the file contains them.
 
-DEF, assignments, IF … GOTOF/GOTOB label, IF/ELSE/ENDIF, FOR, WHILE, REPEAT/UNTIL, LOOP, labels, RET; subprograms
-that stand in the same file as ``%_N_NAME_SPF`` or ``PROC NAME``. Lines come out in the order they are carried out,
-with every expression replaced by its number.
+Supported: DEF, assignments, IF … GOTOF/GOTOB label, IF/ELSE/ENDIF, FOR, WHILE, REPEAT/UNTIL, LOOP, labels, RET, and
+subprograms in the same file as ``%_N_NAME_SPF`` or ``PROC NAME``. Lines are returned in execution order, with every
+expression replaced by its number.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _IF_GOTO = re.compile(r"IF\s*(.*?)\s*(GOTO[BF]?)\s+(\w+)\s*")
 _GOTO = re.compile(r"(GOTO[BF]?)\s+(\w+)\s*")
 _REPEAT = re.compile(r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+([A-Z_]\w*))?(?:\s+P\s*=?\s*(\d+))?\s*")
 _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.*)\bTO\b(.*)")
-_BLOCKS = {  # word → (what closes it, words on the way)
+_BLOCKS = {  # word → (closing word, words between)
     "IF": ("ENDIF", ("ELSE",)),
     "FOR": ("ENDFOR", ()),
     "WHILE": ("ENDWHILE", ()),
@@ -177,7 +177,7 @@ class SiemensFlow:
         if code.startswith("REPEAT"):
             raise ProgramFlowError(f"{code[:30]!r}: expected REPEAT label [label] P=times", line)
         if '"' not in code and (found := _RETURN.search(code)) and (self.frames or found.group() != "M99"):
-            text = self._replace_expressions(_RETURN.sub(" ", code))  # what else the block says comes first
+            text = self._replace_expressions(_RETURN.sub(" ", code))  # other words of the block come first
             if self.frames:
                 return text, self.frames.pop()
             return f"{text} M30", len(self.items)
@@ -287,7 +287,7 @@ class SiemensFlow:
         return "" if _ONLY_PARAMETERS.fullmatch(text) else text
 
     def _split_line(self, code: str) -> list[str | Callable[[], str]]:
-        """Text as it stands, and what is to be evaluated each time."""
+        """Literal text, and the parts to be evaluated each time."""
         parts: list[str | Callable[[], str]] = []
         at = 0
         while at < len(code):

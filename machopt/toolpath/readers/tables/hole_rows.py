@@ -1,7 +1,7 @@
-"""Point tables whose rows are holes: one row a hole, and how such a table is told from a path.
+"""Point tables with one hole per row, and how they are distinguished from paths.
 
-A row of a hole is its bottom. The surface lies ``depth`` above it along the tool axis, the feed starts ``approach``
-above the surface. A table that does not say what its rows are is read as a path only where it cannot be holes.
+A row gives the bottom of a hole. The surface lies ``depth`` above it along the tool axis; the feed begins ``approach``
+above the surface. A table without a row kind is read as a path only where its rows cannot be holes.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _is_path_operation(p: Array, axis: Array, feed: Array) -> bool:
     n = axis / np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
     step = np.diff(p, axis=0)
     distance = np.linalg.norm(step, axis=1)
-    moves = distance > 1e-6  # a row that stands twice is no step
+    moves = distance > 1e-6  # a repeated row is no step
     if not moves.any():
         return False
     step, distance, along_axis = step[moves], distance[moves], n[1:][moves]

@@ -1,6 +1,6 @@
-"""Attitudes of the TCP as robot tables write them: angles, quaternions, rotation vectors. Tool axis −z, reference +x.
+"""TCP orientations in robot tables: angles, quaternions, rotation vectors. Tool axis −z, reference +x.
 
-Each makes (N, 3, 3) matrices whose columns are the TCP's axes in the workpiece.
+Each format becomes (N, 3, 3) matrices whose columns are the TCP axes in the workpiece.
 """
 
 from __future__ import annotations
@@ -38,7 +38,15 @@ ORIENTATION_FORMATS = {
 
 
 def compute_rotations(kind: str, values: Array) -> Array:
-    """(N, 3, 3) from (N, 3 or 4) values of one of :data:`ORIENTATION_FORMATS`; angles in radians."""
+    """Compute rotation matrices from orientation columns.
+
+    Args:
+        kind: One of :data:`ORIENTATION_FORMATS`.
+        values: Orientation values (N, 3) or (N, 4), angles in rad.
+
+    Returns:
+        Rotations (N, 3, 3) whose columns are the TCP axes in the workpiece.
+    """
     if kind == "abc":
         return compute_rpy_matrix(values[:, ::-1])
     if kind in ("wpr", "rpy"):

@@ -1,4 +1,4 @@
-"""Point tables: CSV and Parquet with named columns, robot poses; headerless lists are ``xyzwpr.py``'s."""
+"""Reader of point tables: CSV and Parquet with named columns, robot poses (no header: ``xyzwpr_list.py``)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,11 @@ _MOVES = {m.word: m for m in MoveKind}
 
 
 def is_point_table(source: SourceFile) -> bool:
-    """True where the first data line is a header with x, y, z or a row of plain numbers."""
+    """Return whether the first data line is a header with x, y, z or a row of plain numbers.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+    """
     first = next((t for _, t in iterate_data_lines(source)), "")
     cells = [c.strip().strip('"').lower() for c in first.replace(";", ",").split(",")]
     if len(cells) < 3:
@@ -54,6 +58,13 @@ def is_point_table(source: SourceFile) -> bool:
 
 def read_csv(source: SourceFile, options: ReadOptions) -> Toolpath:
     """Read a CSV point table; row k is point k.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
 
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
@@ -82,6 +93,14 @@ def read_csv(source: SourceFile, options: ReadOptions) -> Toolpath:
 
 def read_parquet(path: Path, data: bytes, options: ReadOptions) -> Toolpath:
     """Read a Parquet point table with the same columns as CSV; ``line`` is the 1-based row.
+
+    Args:
+        path: Path of the file.
+        data: Content of the file.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
 
     Raises:
         InputError: pyarrow is not installed, the file is damaged, or as for CSV.
@@ -128,7 +147,7 @@ class _PointTable:
         """Which column holds which quantity, and the table's unit.
 
         Raises:
-            InputError: columns are missing, stand twice, or mix units.
+            InputError: columns are missing, occur twice, or mix units.
         """
         units: dict[str, str] = {}
         rest: list[str] = []

@@ -1,4 +1,4 @@
-"""What the rows of a point table are: points of a path or holes, by its ``kind`` column, the option, or the points."""
+"""Row kinds of a point table, path points or holes, from its ``kind`` column, the option, or the points."""
 
 from __future__ import annotations
 
@@ -37,16 +37,33 @@ class RowTable(Protocol):
     def columns(self) -> CsvColumns: ...
 
     def modal(self, name: str, n: int) -> tuple[WordColumn, NDArray[np.int64]]:
-        """The words of a column and the row whose word holds in each."""
+        """Return the words of a column and the row whose word is valid at each row.
+
+        Args:
+            name: Name of the column.
+            n: Number of rows.
+
+        Returns:
+            The words, and the row index (N,) of the valid word.
+        """
         ...
 
     def error(self, message: str, row: int, column: str) -> InputError:
-        """An error of one cell."""
+        """Build the error of one cell.
+
+        Args:
+            message: Description of the error.
+            row: Index of the row.
+            column: Name of the column.
+
+        Returns:
+            The error, not raised.
+        """
         ...
 
 
 def find_hole_rows(table: RowTable, move: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Which rows are holes; none where nothing says it, see :func:`refuse_possible_holes`.
+    """Find the rows that are holes; none where nothing defines it, see :func:`refuse_possible_holes`.
 
     Args:
         table: its columns and options.
@@ -79,7 +96,7 @@ def find_hole_rows(table: RowTable, move: NDArray[np.int32]) -> NDArray[np.bool_
 
 
 def refuse_possible_holes(table: RowTable, numbers: Array, starts: list[int]) -> None:
-    """Ask what the rows of a table are that does not say it and could be holes. The last question: other faults first.
+    """Require the row kind of a table whose rows could be holes, after all other errors.
 
     Args:
         table: its columns and options.
@@ -114,10 +131,18 @@ def _read_kind_column(table: RowTable, n: int) -> NDArray[np.bool_]:
 
 
 def read_hole_lengths(table: RowTable, name: str, is_hole: NDArray[np.bool_]) -> Array:
-    """(N,) depth or approach of the holes in the table's unit.
+    """Read the depth or approach of the holes.
+
+    Args:
+        table: The rows.
+        name: Name of the column.
+        is_hole: Whether each row is a hole (N,).
+
+    Returns:
+        Lengths (N,), unit of the table.
 
     Raises:
-        InputError: the column is missing, or a hole's length is empty or not above zero.
+        InputError: the column is missing, or a length of a hole is empty or not positive.
     """
     if name not in table.names:
         raise table.source.build_error(

@@ -1,6 +1,6 @@
-"""Columns of a point table that no reader knows: which of them may move points or frames.
+"""Unknown columns of a point table: detection of those that may move points or frames.
 
-A length or an angle beside a point may shift or turn it, and so may a frame; labels, counts and process data cannot.
+A length, an angle or a frame in a row may shift or rotate its point. Labels, counts and process data cannot.
 """
 
 from __future__ import annotations
@@ -41,7 +41,11 @@ _FRAME = re.compile(
 
 
 def is_point_moving_column(column: str) -> bool:
-    """True for an unknown column that may shift, turn or scale the points beside it."""
+    """Return whether an unknown column may shift, turn or scale the points of its row.
+
+    Args:
+        column: Name of the column.
+    """
     name = column.strip().lower()
     found = _UNIT_WORD.fullmatch(name)
     plain = found.group(1) if found else name

@@ -16,9 +16,16 @@ _WIDTHS = (6, 7)  # columns: x, y, z, w, p, r and maybe a running number
 
 
 def read_xyzwpr(source: SourceFile, options: ReadOptions) -> Toolpath:
-    """x, y, z in mm and w, p, r in degrees about fixed X, Y, Z: R = Rz(r) Ry(p) Rx(w) is the TCP's attitude.
+    """Read a headerless list of x, y, z in mm and w, p, r in degrees.
 
-    Every row is a cut at the given feed.
+    R = Rz(r) Ry(p) Rx(w), about fixed X, Y, Z, is the orientation of the TCP. Every row is a cut at the given feed.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+
+    Returns:
+        The toolpath in the coordinate system ``workpiece``, SI units.
 
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
@@ -68,5 +75,12 @@ def read_xyzwpr(source: SourceFile, options: ReadOptions) -> Toolpath:
 
 
 def find_reference_column(column: int) -> int:
-    """The column of the tool frame that gives the reference direction: x, or y where x is the tool's axis."""
+    """Return the column of the tool frame that gives the reference direction: x, or y where x is the tool axis.
+
+    Args:
+        column: Column of the tool axis.
+
+    Returns:
+        Index of the column.
+    """
     return 0 if column != 0 else 1

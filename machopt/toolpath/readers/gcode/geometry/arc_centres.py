@@ -1,7 +1,8 @@
-"""Centres of G2 and G3: relative, absolute or unsigned I, J, K, and radii that stay in effect.
+"""Arc centres of G2 and G3: relative, absolute or unsigned I, J, K, and modal radii.
 
-Controls agree on I, J, K from the start point and on a radius for one block only. Posts do not always write that;
-what else is tried is tried only where the usual reading is impossible, it must fit the arc's end, and it is told.
+Controls agree on I, J, K from the start point and on a radius that is valid for one block only. Some posts write
+other forms. These are tried only where the usual reading is impossible. They must fit the arc end, and a warning
+reports them.
 """
 
 from __future__ import annotations
@@ -28,11 +29,33 @@ class ArcCentres:
     full_circles: list[int] = field(default_factory=list)  # lines
 
     def by_radius(self, start: Array, end: Array, radius: float, normal: Array) -> Array:
+        """Compute the centre from the end and the radius.
+
+        Args:
+            start: Start point (3,), mm.
+            end: End point (3,), mm.
+            radius: Radius, mm; negative for an arc above 180°.
+            normal: Axis of right-handed travel (3,), unit vector.
+
+        Returns:
+            Centre (3,), mm.
+        """
         self.radius_stays = radius
         return compute_centre_from_radius(start, end, radius, normal)
 
     def by_opening(self, start: Array, end: Array, opening: float, normal: Array) -> Array:
-        """Centre from the end and the opening angle (rad): r = d / (2 sin(opening/2)), d from start to end.
+        """Compute the centre from the end and the opening angle.
+
+        r = d / (2 sin(opening/2)), d from start to end.
+
+        Args:
+            start: Start point (3,), mm.
+            end: End point (3,), mm.
+            opening: Opening angle, rad.
+            normal: Axis of right-handed travel (3,), unit vector.
+
+        Returns:
+            Centre (3,), mm.
 
         Raises:
             ArcError: start and end coincide.
@@ -42,17 +65,35 @@ class ArcCentres:
         return compute_centre_from_radius(start, end, math.copysign(radius, math.pi - opening), normal)
 
     def find_stated_centre(self, start: Array, offsets: Array, modes: list[str]) -> Array:
-        """Centre from I, J, K that say themselves what they count from: AC the zero, IC and nothing the start."""
+        """Compute the centre from I, J, K that state their own reference.
+
+        Args:
+            start: Start point (3,), mm.
+            offsets: I, J, K (3,), mm; NaN where not given.
+            modes: Reference of each value: AC the zero, IC or empty the start.
+
+        Returns:
+            Centre (3,), mm.
+        """
         self.radius_stays = math.nan
         absolute = [m not in ("", "IC") for m in modes]
         given = np.where(np.isnan(offsets), 0.0, offsets)
         return np.where(absolute, given, start + given)
 
     def find_default_centre(self, start: Array, end: Array, normal: Array, line: int) -> Array:
-        """An arc block without I, J, K and R.
+        """Find the centre of an arc block without I, J, K and R.
+
+        Args:
+            start: Start point (3,), mm.
+            end: End point (3,), mm.
+            normal: Axis of right-handed travel (3,), unit vector.
+            line: Line number in the file (1-based).
+
+        Returns:
+            Centre (3,), mm.
 
         Raises:
-            ArcError: no radius of an arc before fits.
+            ArcError: no radius of an earlier arc fits.
         """
         flat = 1.0 - np.abs(normal)
         if math.isnan(self.radius_stays) or not _compute_length((end - start) * flat) > 1e-9:
@@ -66,10 +107,20 @@ class ArcCentres:
         return centre
 
     def by_offsets(self, start: Array, end: Array, offsets: Array, normal: Array, line: int) -> Array:
-        """Centre from I, J, K (NaN where not given).
+        """Find the centre from I, J, K.
+
+        Args:
+            start: Start point (3,), mm.
+            end: End point (3,), mm.
+            offsets: I, J, K (3,), mm; NaN where not given.
+            normal: Axis of right-handed travel (3,), unit vector.
+            line: Line number in the file (1-based).
+
+        Returns:
+            Centre (3,), mm.
 
         Raises:
-            ArcError: a full circle in a program whose I, J, K have lost their signs.
+            ArcError: a full circle in a program whose I, J, K have no signs.
         """
         self.radius_stays = math.nan
         flat = 1.0 - np.abs(normal)

@@ -29,19 +29,40 @@ class ContourSegment:
     left: bool = True  # about the plane's axis
 
     def element(self, plane: Array) -> ContourElement:
-        """It in the plane."""
+        """Project the segment onto the working plane.
+
+        Args:
+            plane: Normal of the working plane (3,), unit vector.
+
+        Returns:
+            The element in plane coordinates.
+        """
         u, v = find_plane_axes(plane)
         a, b = complex(self.start[u], self.start[v]), complex(self.end[u], self.end[v])
         c = None if self.centre is None else complex(self.centre[u], self.centre[v])
         return ContourElement(a, b, c, self.left)
 
     def flat(self, plane: Array) -> bool:
-        """True where it runs in the plane (a height that is not known does not change)."""
+        """Return whether the segment runs in the plane; an unknown height does not change.
+
+        Args:
+            plane: Normal of the working plane (3,), unit vector.
+        """
         rise = float((self.end - self.start) @ plane) if not np.isnan((self.end - self.start) @ plane) else 0.0
         return abs(rise) < _SAME_HEIGHT
 
     def tangent(self, plane: Array) -> Array:
-        """(3,) direction in the plane at its end."""
+        """Compute the direction at the end of the segment, in the plane.
+
+        Args:
+            plane: Normal of the working plane (3,), unit vector.
+
+        Returns:
+            Unit vector (3,).
+
+        Raises:
+            ArcError: the segment leaves the working plane.
+        """
         e = self.element(plane)
         if e.centre is None and not abs(e.end - e.start) > 1e-9:
             raise ArcError("a tangential arc (CT) after a move across the working plane has no direction")

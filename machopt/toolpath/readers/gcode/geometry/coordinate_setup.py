@@ -1,9 +1,11 @@
-"""How a program's coordinates lie in the workpiece: work offsets, shifts, tilted planes, rotary axes.
+"""Transform from program coordinates to the workpiece: work offsets, shifts, tilted planes, rotary axes.
 
-p_workpiece = T_machine ∘ T_offset ∘ T_datum ∘ T_local p. T_machine is that of the rotary axes without
-tool-centre-point control (see :mod:`machopt.path_building.rotary_axes`), T_offset another work offset than the first,
-T_datum a
-shift of the origin by the program (G52, CYCL DEF 7, G92 once the path began), T_local a turned or tilted plane.
+p_workpiece = T_machine ∘ T_offset ∘ T_datum ∘ T_local p.
+
+* T_machine: rotary axes without tool-centre-point control (see :mod:`machopt.path_building.rotary_axes`);
+* T_offset: a work offset other than the first;
+* T_datum: a shift of the origin by the program (G52, CYCL DEF 7, G92 after the path began);
+* T_local: a rotated or tilted plane.
 """
 
 from __future__ import annotations
@@ -48,10 +50,19 @@ class CoordinateSetup:
     left_tilted_plane: bool = False  # a tilted plane was left and no rotary word given since
 
     def with_changes(self, **changes: Any) -> CoordinateSetup:
+        """Return a copy with other field values.
+
+        Args:
+            **changes: Fields and their new values.
+        """
         return dataclasses.replace(self, **changes)
 
     def turn_rotary_axes(self, angles: dict[str, float]) -> CoordinateSetup:
-        """Rotary words; in a tilted plane they are those that put the tool upright on it."""
+        """Return the setup after rotary words; in a tilted plane they align the tool with the plane.
+
+        Args:
+            angles: Rotary angles: axis letter → degrees.
+        """
         if self.left_tilted_plane:
             self.out.warn_once("rotary axes that are not named after a tilted plane are taken to stand at 0")
         after = self.with_changes(
@@ -82,7 +93,7 @@ class CoordinateSetup:
         return self.tcp is None and not self.tilted and self.machine is not None and self.machine.has_known_tip
 
     def describe_unknown_place(self) -> str | None:
-        """Why a move's place in the workpiece cannot be told, None where it can."""
+        """Describe why the position of a move in the workpiece is unknown, None where it is known."""
         if self.missing_place_reason:
             return self.missing_place_reason
         if self.tilted == "not yet" and self.transfer is not None and self.transfer.z[2] < 1.0 - 1e-9:
@@ -110,10 +121,13 @@ class CoordinateSetup:
         )
 
     def check_letters(self, line: int) -> None:
-        """The rotary words are those of the machine.
+        """Check that the rotary words are axes of the machine.
+
+        Args:
+            line: Line number in the file (1-based).
 
         Raises:
-            InputError: the machine has no such axis, or is not given where its tool axis is needed.
+            InputError: the machine has no such axis, or the machine is not given and its tool axis is needed.
         """
         if self.tcp == "spatial":
             return  # of the coordinates, whatever the machine
@@ -193,7 +207,11 @@ class CoordinateSetup:
         return bool(np.allclose(squares, squares[0, 0] * np.eye(3), rtol=0.0, atol=1e-9 * squares[0, 0]))
 
     def mixes(self, unknown: list[bool]) -> bool:
-        """True where a coordinate that is not known goes into another one."""
+        """Return whether an unknown coordinate enters another coordinate of the workpiece.
+
+        Args:
+            unknown: Whether each programmed coordinate is unknown.
+        """
         if not self.is_rotated or not any(unknown):
             return False
         transfer = self.transfer
@@ -202,6 +220,14 @@ class CoordinateSetup:
         return any(unknown[k] and bool(into[j, k]) for k in range(3) for j in range(3) if j != k)
 
     def point(self, p: Vector) -> Vector:
+        """Transform one point into the workpiece.
+
+        Args:
+            p: Programmed position, mm.
+
+        Returns:
+            Position in the workpiece, mm.
+        """
         transfer = self.transfer
         if transfer is None:
             return p
@@ -211,6 +237,14 @@ class CoordinateSetup:
         return transfer.point(p)
 
     def points(self, p: Array) -> Array:
+        """Transform points into the workpiece.
+
+        Args:
+            p: Programmed positions (N, 3), mm.
+
+        Returns:
+            Positions (N, 3) in the workpiece, mm.
+        """
         transfer = self.transfer
         if transfer is None:
             return p
@@ -223,6 +257,14 @@ class CoordinateSetup:
         return np.where(lost, np.nan, transfer.points(np.where(unknown, 0.0, p)))
 
     def direction(self, d: Vector) -> Vector:
+        """Transform a direction into the workpiece.
+
+        Args:
+            d: Programmed direction, unit vector.
+
+        Returns:
+            Direction in the workpiece, unit vector.
+        """
         transfer = self.transfer
         return d if transfer is None else transfer.direction(d)
 
@@ -233,9 +275,14 @@ class CoordinateSetup:
         return [k for k in range(3) if k == 2 or abs(float(workpiece_z[k])) > _MIXED]
 
     def convert_from_system(self, before: SystemTransform | None, p: list[float]) -> tuple[list[float], bool]:
-        """The programmed coordinates of the place that had ``p`` under ``before``; NaN where not known.
+        """Compute the programmed coordinates of a position that was given under another transform.
 
-        The second value is True where each coordinate stands for itself (the systems are only shifted).
+        Args:
+            before: Earlier transform into the workpiece; None for the identity.
+            p: Coordinates under the earlier transform, mm; NaN where not known.
+
+        Returns:
+            The coordinates in mm, NaN where not known, and True where the systems are only shifted.
         """
         none = SystemTransform(np.eye(3), np.zeros(3))
         change = (before or none).then((self.transfer or none).inverse())
@@ -249,6 +296,15 @@ class CoordinateSetup:
     # ---- linear and rotary axes at once
 
     def before_turn(self, angles: dict[str, float], p: list[float]) -> Array:
+        """Compute the position of a programmed point in the workpiece under other rotary angles.
+
+        Args:
+            angles: Rotary angles: axis letter → degrees.
+            p: Programmed position, mm.
+
+        Returns:
+            Position (3,) in the workpiece, mm.
+        """
         return np.array(self.with_changes(angles=angles).point((p[0], p[1], p[2])))
 
     def sweep(
@@ -293,5 +349,12 @@ class CoordinateSetup:
 
 
 def list_turned_angles(angles: dict[str, float]) -> dict[str, float]:
-    """The rotary angles that are not zero."""
+    """Return the rotary angles that are not zero.
+
+    Args:
+        angles: Rotary angles: axis letter → degrees.
+
+    Returns:
+        Axis letter → degrees.
+    """
     return {c: v for c, v in angles.items() if abs(v) > _TURNED}

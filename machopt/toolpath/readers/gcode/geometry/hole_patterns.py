@@ -1,4 +1,4 @@
-"""Places of holes in rows, circles and grids. Any one length unit, angles in degrees."""
+"""Hole positions in rows, circles and grids. Any consistent length unit, angles in degrees."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ MOST_HOLES = 10_000
 
 
 def generate_hole_row(v: Sequence[float], count: int) -> Iterator[tuple[float, float]]:
-    """HOLES1: reference point, angle, distance of the first hole from it, distance between holes."""
+    """Generate the holes of a row (HOLES1).
+
+    Args:
+        v: Reference point, angle, distance of the first hole from it, distance between holes.
+        count: Number of holes.
+
+    Returns:
+        Position of each hole.
+    """
     x, y, angle, first, pitch = v[:5]
     c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     for k in range(count):
@@ -18,7 +26,15 @@ def generate_hole_row(v: Sequence[float], count: int) -> Iterator[tuple[float, f
 
 
 def generate_hole_circle(v: Sequence[float], count: int) -> Iterator[tuple[float, float]]:
-    """HOLES2: centre, radius, first angle, angle between holes (0: evenly round)."""
+    """Generate the holes of a circle (HOLES2).
+
+    Args:
+        v: Centre, radius, first angle, angle between holes; 0 for equal spacing on the full circle.
+        count: Number of holes.
+
+    Returns:
+        Position of each hole.
+    """
     x, y, radius, first, step = v[:5]
     step = step or 360.0 / count
     for k in range(count):
@@ -29,7 +45,18 @@ def generate_hole_circle(v: Sequence[float], count: int) -> Iterator[tuple[float
 def generate_hole_grid(
     start: tuple[float, float], pitch: tuple[float, float], columns: int, rows: int, degrees: float
 ) -> Iterator[tuple[float, float]]:
-    """Rows of holes, turned about the first one; every second row runs back."""
+    """Generate the holes of a grid, turned about its first hole; every second row runs back.
+
+    Args:
+        start: Position of the first hole.
+        pitch: Distance of columns and of rows.
+        columns: Number of columns.
+        rows: Number of rows.
+        degrees: Rotation of the grid, degrees.
+
+    Returns:
+        Position of each hole.
+    """
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     for j in range(rows):
         for i in range(columns) if j % 2 == 0 else reversed(range(columns)):

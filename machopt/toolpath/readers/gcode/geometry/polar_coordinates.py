@@ -15,7 +15,14 @@ PLANE_AXES = {2: (0, 1), 1: (2, 0), 0: (1, 2)}  # index of the plane's normal �
 
 
 def find_plane_axes(plane: Array) -> tuple[int, int]:
-    """First and second axis of G17 (X, Y), G18 (Z, X) or G19 (Y, Z)."""
+    """Return the axes of a working plane: G17 (X, Y), G18 (Z, X) or G19 (Y, Z).
+
+    Args:
+        plane: Normal of the working plane (3,), unit vector.
+
+    Returns:
+        Indices of the first and second axis.
+    """
     return PLANE_AXES[int(np.argmax(np.abs(plane)))]
 
 
@@ -29,13 +36,24 @@ class PolarCoordinates:
     pole: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
     def switch(self, *, on: bool) -> None:
+        """Switch polar coordinates on or off and forget radius and angle.
+
+        Args:
+            on: Whether polar coordinates are active.
+        """
         self.on, self.radius, self.angle = on, math.nan, math.nan
 
     def words(self, words: dict[str, float], plane: Array, scale: float, *, incremental: bool) -> None:
-        """G16: the plane's first axis is the radius about the zero, the second the angle; in place, absolute.
+        """Convert G16 words in place: the first axis of the plane is the radius about the zero, the second the angle.
+
+        Args:
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            plane: Normal of the working plane (3,), unit vector.
+            scale: mm per unit of the program.
+            incremental: Whether increments are active (G91).
 
         Raises:
-            ArcError: a radius under G91, or one of the two was never given.
+            ArcError: a radius under G91, or radius or angle was never given.
         """
         names = ["XYZ"[k] for k in find_plane_axes(plane)]
         if not self.on or not words.keys() & set(names):
@@ -54,10 +72,20 @@ class PolarCoordinates:
     def set_pole(
         self, g: int, words: dict[str, float], b: ProgramBlock, p: list[float], plane: Array, scale: float
     ) -> None:
-        """G110 (from the last place), G111 (from the zero), G112 (from the last pole) with X, Y, Z or AP, RP.
+        """Carry out G110, G111 or G112 with X, Y, Z or AP, RP.
+
+        G110 counts from the last position, G111 from the zero, G112 from the last pole.
+
+        Args:
+            g: Number of the G word.
+            words: Words of the block: letter or name → number; words that are used are removed in place.
+            b: The block: its words, calls and line number.
+            p: Present position in programmed mm; NaN where not known.
+            plane: Normal of the working plane (3,), unit vector.
+            scale: mm per unit of the program.
 
         Raises:
-            ArcError: the place it counts from is not known.
+            ArcError: the reference position is not known.
         """
         origin = {1100: p, 1110: [0.0, 0.0, 0.0], 1120: self.pole}[g]
         first, second = find_plane_axes(plane)
@@ -76,15 +104,26 @@ class PolarCoordinates:
     def about_pole(
         self, words: dict[str, float], b: ProgramBlock, p: list[float], plane: Array, scale: float, *, incremental: bool
     ) -> bool:
-        """AP= and RP= become the plane's two words, in place, absolute; True where the block has any.
+        """Convert AP= and RP= in place to the two absolute words of the plane.
+
+        Args:
+            words: Words of the block: letter or name → number; changed in place.
+            b: The block: its words, calls and line number.
+            p: Present position in programmed mm; NaN where not known.
+            plane: Normal of the working plane (3,), unit vector.
+            scale: mm per unit of the program.
+            incremental: Whether increments are active (G91).
+
+        Returns:
+            Whether the block has any of them.
 
         Raises:
-            ArcError: one of the two is not given and not known.
+            ArcError: radius or angle is neither given nor known.
         """
         if not b.named.keys() & {"AP", "RP"}:
             return False
         first, second = find_plane_axes(plane)
-        if math.isnan(self.radius) or math.isnan(self.angle):  # after another kind of block: where the tool stands
+        if math.isnan(self.radius) or math.isnan(self.angle):  # after another kind of block: the tool position
             d, e = p[first] - self.pole[first], p[second] - self.pole[second]
             self.radius, self.angle = math.hypot(d, e), math.degrees(math.atan2(e, d))
         for name in ("AP", "RP"):
@@ -114,10 +153,19 @@ def convert_line_angle(
     *,
     incremental: bool,
 ) -> None:
-    """``,A`` or ANG=: a line by its angle to the plane's first axis and one of its two coordinates, in place.
+    """Convert ``,A`` or ANG= in place: a line by its angle to the first axis of the plane and one coordinate.
+
+    Args:
+        degrees: Angle, degrees.
+        words: Words of the block: letter or name → number; changed in place.
+        b: The block: its words, calls and line number.
+        p: Present position in programmed mm; NaN where not known.
+        plane: Normal of the working plane (3,), unit vector.
+        scale: mm per unit of the program.
+        incremental: Whether increments are active (G91).
 
     Raises:
-        ArcError: both or none of the coordinates is given, or the line never gets there.
+        ArcError: both or none of the coordinates is given, or the line never reaches the coordinate.
     """
     axes = find_plane_axes(plane)
     given = [k for k in axes if "XYZ"[k] in words]
@@ -140,12 +188,21 @@ def convert_line_angle(
 def convert_polar_words(
     words: dict[str, float], b: ProgramBlock, p: list[float], plane: Array, scale: float, *, incremental: bool
 ) -> PolarStep:
-    """``@radius ^angle`` of LinuxCNC about the zero become X and Y, in place; one alone keeps the other's value.
+    """Convert ``@radius ^angle`` of LinuxCNC in place to X and Y; one word alone keeps the value of the other.
+
+    Args:
+        words: Words of the block: letter or name → number; words that are used are removed in place.
+        b: The block: its words, calls and line number.
+        p: Present position in programmed mm; NaN where not known.
+        plane: Normal of the working plane (3,), unit vector.
+        scale: mm per unit of the program.
+        incremental: Whether increments are active (G91).
 
     Returns:
-        The place, and how far repeats of the block go on from it (under G91).
+        The position, and the step of repeats of the block under G91.
+
     Raises:
-        ArcError: outside of G17, beside X or Y, or from a place that is not known.
+        ArcError: outside of G17, together with X or Y, or from an unknown position.
     """
     if find_plane_axes(plane) != (0, 1) or words.keys() & {"X", "Y"}:
         raise ArcError("polar words (@, ^) stand in G17 and without X and Y")
@@ -173,6 +230,13 @@ class PolarStep:
     angle_step: float
 
     def place(self, n: int) -> tuple[float, float]:
-        """X and Y (mm) after ``n`` further steps."""
+        """Compute the position after further steps.
+
+        Args:
+            n: Number of steps.
+
+        Returns:
+            X and Y, mm.
+        """
         radius, angle = self.radius + n * self.radius_step, math.radians(self.angle + n * self.angle_step)
         return radius * math.cos(angle), radius * math.sin(angle)

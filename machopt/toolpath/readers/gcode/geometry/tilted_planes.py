@@ -1,7 +1,8 @@
 """Tilted working planes and programmed shifts: G68, G68.2, CYCLE800, TRANS/ROT, PLANE SPATIAL, CYCL DEF 19.
 
-Each function gives the system the following coordinates are in, as a :class:`SystemTransform` into the one before (mm).
-Where Siemens and Heidenhain let a machine setting decide, the usual setting is meant and the reader says so.
+Each function returns the coordinate system of the following coordinates, as a :class:`SystemTransform` into the one
+before (mm). Where a machine setting of Siemens or Heidenhain decides, the usual setting is assumed and the reader
+reports it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,16 @@ _XYZ = "XYZ"
 
 
 def compute_rotation_sequence(axes: str, angles_deg: tuple[float, ...], origin: Vector) -> SystemTransform:
-    """Rotations one after the other about axes that turn along: R = R₁ R₂ R₃; then at ``origin``."""
+    """Compute the transform of consecutive rotations about moving axes: R = R₁ R₂ R₃.
+
+    Args:
+        axes: Letters of the axes in order.
+        angles_deg: Angle of each rotation, degrees.
+        origin: Origin of the rotated system, mm.
+
+    Returns:
+        Transform into the system before it.
+    """
     R = np.eye(3)
     for axis, angle in zip(axes, angles_deg, strict=True):
         R = R @ compute_axis_turn(axis, angle)
@@ -28,11 +38,20 @@ def compute_rotation_sequence(axes: str, angles_deg: tuple[float, ...], origin: 
 
 
 def compute_g68_2_plane(words: dict[str, float], origin: Vector) -> SystemTransform:
-    """``G68.2 X Y Z I J K``: Euler angles R = Rz(I) Rx(J) Rz(K); with P1, roll I, pitch J and yaw K about the fixed
-    axes in the order Q names them (Q123, the default: R = Rz(K) Ry(J) Rx(I)).
+    """Compute the plane of ``G68.2 X Y Z I J K``.
+
+    Without P: Euler angles, R = Rz(I) Rx(J) Rz(K). With P1: roll I, pitch J, yaw K about the fixed axes in the order of
+    Q (Q123, the default: R = Rz(K) Ry(J) Rx(I)).
+
+    Args:
+        words: Words of the block: letter → number.
+        origin: Origin of the plane, mm.
+
+    Returns:
+        Transform into the system before it.
 
     Raises:
-        FrameError: another way of naming the plane (P2, P3, P4), or an order that is none.
+        FrameError: another definition of the plane (P2, P3, P4), or an order that does not exist.
     """
     form = round(words.get("P", 0.0))
     i, j, k = (words.get(c, 0.0) for c in "IJK")
@@ -51,7 +70,16 @@ def compute_g68_2_plane(words: dict[str, float], origin: Vector) -> SystemTransf
 
 
 def compute_g68_rotation(words: dict[str, float], centre: Vector, normal: Vector) -> SystemTransform:
-    """``G68 X Y R`` about the plane's normal, or ``G68 X Y Z I J K R`` about a vector."""
+    """Compute ``G68 X Y R`` about the normal of the plane, or ``G68 X Y Z I J K R`` about a vector.
+
+    Args:
+        words: Words of the block: letter → number.
+        centre: Centre of rotation, mm.
+        normal: Normal of the working plane, unit vector.
+
+    Returns:
+        Transform into the system before it.
+    """
     axis = (words.get("I", 0.0), words.get("J", 0.0), words.get("K", 0.0)) if words.keys() & set("IJK") else normal
     R = compute_rotation_about(axis, words.get("R", 0.0))
     c = np.array(centre)
@@ -59,13 +87,20 @@ def compute_g68_rotation(words: dict[str, float], centre: Vector, normal: Vector
 
 
 def compute_cycle800_plane(values: list[float | None], scale: float) -> SystemTransform | None:
-    """``CYCLE800(FR, TC, ST, MODE, X0, Y0, Z0, A, B, C, X1, Y1, Z1, …)``; None where nothing is left of a plane.
+    """Compute the plane of ``CYCLE800(FR, TC, ST, MODE, X0, Y0, Z0, A, B, C, X1, Y1, Z1, …)``.
 
-    The two lowest bits of MODE and the next two pairs name the axes turned about one after the other; the two
-    highest bits say what A, B, C are: 00 those angles, 01 solid angles (about Z, then the new Y).
+    The two lowest bits of MODE and the next two pairs give the axes of consecutive rotations. The two highest bits give
+    the meaning of A, B, C: 00 those angles, 01 solid angles (about Z, then the new Y).
+
+    Args:
+        values: Arguments of the call; None where empty.
+        scale: mm per unit of the program.
+
+    Returns:
+        Transform into the system before it, None where the plane ends.
 
     Raises:
-        FrameError: projection angles, direct rotary positions, or a MODE that is none.
+        FrameError: projection angles, direct rotary positions, or a MODE that does not exist.
     """
     v = [0.0 if x is None else x for x in values] + [0.0] * (13 - len(values))
     if not any(v[4:13]):
@@ -89,11 +124,27 @@ def compute_cycle800_plane(values: list[float | None], scale: float) -> SystemTr
 
 
 def compute_siemens_rotation(words: dict[str, float]) -> SystemTransform:
-    """``ROT X Y Z``: R = Rz(Z) Ry(Y) Rx(X), the control's default order (RPY)."""
+    """Compute ``ROT X Y Z``: R = Rz(Z) Ry(Y) Rx(X), the default order of the control (RPY).
+
+    Args:
+        words: Words of the block: letter → number.
+
+    Returns:
+        Transform into the system before it.
+    """
     angles = (words.get("Z", 0.0), words.get("Y", 0.0), words.get("X", 0.0))
     return compute_rotation_sequence("ZYX", angles, (0.0, 0.0, 0.0))
 
 
 def compute_spatial_plane(a: float, b: float, c: float) -> SystemTransform:
-    """``PLANE SPATIAL SPA SPB SPC`` and ``CYCL DEF 19``: R = Rz(C) Ry(B) Rx(A)."""
+    """Compute ``PLANE SPATIAL SPA SPB SPC`` and ``CYCL DEF 19``: R = Rz(C) Ry(B) Rx(A).
+
+    Args:
+        a: Angle about X, degrees.
+        b: Angle about Y, degrees.
+        c: Angle about Z, degrees.
+
+    Returns:
+        Transform into the system before it.
+    """
     return compute_rotation_sequence("ZYX", (c, b, a), (0.0, 0.0, 0.0))

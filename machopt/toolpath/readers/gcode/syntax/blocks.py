@@ -1,4 +1,4 @@
-"""G-code text as blocks: comments taken out, words with their numbers, calls with their arguments."""
+"""G-code text split into blocks: comments removed, words with their numbers, calls with their arguments."""
 
 from __future__ import annotations
 
@@ -43,14 +43,18 @@ class ProgramBlock:
     modes: dict[str, str] = field(default_factory=dict)  # X → AC, IC, DC
     texts: dict[str, str] = field(default_factory=dict)  # T="MILL_10"
     junk: str = ""  # what is left and means nothing
-    text: str = ""  # as it stands
+    text: str = ""  # as written
 
     def words_but_number(self) -> bool:
-        """True where the block holds any word beside its number."""
+        """Return whether the block has any word except its number."""
         return any(letter != "N" for letter, _ in self.words)
 
     def bare(self, letter: str) -> bool:
-        """True where the letter's number was written without a decimal point."""
+        """Return whether the number of a letter has no decimal point.
+
+        Args:
+            letter: The letter.
+        """
         return re.search(rf"{letter}\s*[-+]?\s*\d+(?![\d.])", self.text) is not None
 
 
@@ -62,10 +66,16 @@ class BlockReader:
         self.unclosed = False  # a parenthesis in the line read last
 
     def comments(self, text: str) -> tuple[str, list[str]]:
-        """The line without its comments, and the comments.
+        """Separate a line and its comments.
 
-        A semicolon inside of parentheses is part of that comment, parentheses behind a semicolon of that one.
-        ``unclosed`` says whether a parenthesis of this line is not closed: the rest of the line is then comment.
+        A semicolon inside parentheses is part of that comment. Parentheses behind a semicolon are part of that comment.
+        ``unclosed`` records whether a parenthesis of this line is not closed: the rest of the line is then comment.
+
+        Args:
+            text: Text of the line.
+
+        Returns:
+            The line without its comments, and the comments.
         """
         self.unclosed = False
         if not self.parentheses_are_comments:
@@ -74,12 +84,12 @@ class BlockReader:
             at = _COMMENT.match(text).end() if '"' in text else text.index(";")  # type: ignore[union-attr]
             return text[:at], [text[at + 1 :].strip()] if text[at : at + 1] == ";" else []
         found: list[str] = []
-        kept: list[str] = []
+        code_parts: list[str] = []
         depth = start = 0
         for k, c in enumerate(text):
             if c == "(":
                 if depth == 0:
-                    kept.append(text[start:k])
+                    code_parts.append(text[start:k])
                     start = k + 1
                 depth += 1
             elif c == ")" and depth:
@@ -88,18 +98,25 @@ class BlockReader:
                     found.append(text[start:k].strip())
                     start = k + 1
             elif c == ";" and depth == 0:
-                kept.append(text[start:k])
+                code_parts.append(text[start:k])
                 found.append(text[k + 1 :].strip())
-                return " ".join(kept), found
+                return " ".join(code_parts), found
         self.unclosed = depth > 0
-        (found if depth else kept).append(text[start:].strip() if depth else text[start:])
-        return " ".join(kept), found
+        (found if depth else code_parts).append(text[start:].strip() if depth else text[start:])
+        return " ".join(code_parts), found
 
     def block(self, line: int, text: str) -> ProgramBlock:
-        """Words of one line in upper case without comments and expressions.
+        """Parse the words of one line.
+
+        Args:
+            line: Line number in the file (1-based).
+            text: Line in upper case without comments and expressions.
+
+        Returns:
+            The block.
 
         Raises:
-            ExpressionError: a number that is none.
+            MacroExpressionError: a number is malformed.
         """
         if _PLAIN.fullmatch(text):
             return ProgramBlock(
@@ -153,8 +170,11 @@ def _parse_number(text: str) -> float:
 def refuse_exponent(text: str) -> None:
     """Refuse ``Z-5.0E-1``: a control reads −5 and a word E, or nothing.
 
+    Args:
+        text: Code in upper case.
+
     Raises:
-        ExpressionError: the code in upper case holds such a number.
+        MacroExpressionError: the code holds such a number.
     """
     found = _EXPONENT.search(_QUOTED.sub("", text))
     if found:

@@ -1,4 +1,4 @@
-"""Units of dwells: seconds or milliseconds, by the control and the way the number is written."""
+"""Dwell units, seconds or milliseconds, by the control and the number format."""
 
 from __future__ import annotations
 
@@ -12,21 +12,37 @@ Control = Literal["fanuc", "linuxcnc", ""]
 MAX_DWELL_S = 300.0  # of a block; warming-up programs wait a few minutes
 _LINUXCNC = re.compile(r"#\s*<|^\s*O\s*(?:<|\d+\s*(?:SUB|CALL|IF|DO|WHILE|REPEAT)\b)", re.IGNORECASE | re.MULTILINE)
 _FANUC = re.compile(r"^\s*[O:]\s*\d+\s*(?:\(|;|$)|M9[89](?!\d)|G65(?![\d.])", re.IGNORECASE | re.MULTILINE)
-_SURELY_MS = 100.0  # without a decimal point: nobody waits minutes in a hole
+_SURELY_MS = 100.0  # without a decimal point: no dwell in a hole takes minutes
 
 
 def find_control(source: SourceFile) -> Control:
-    """Whose rules a program follows, by words that only one kind of control has; empty where none stands there."""
+    """Detect the control by words that only one kind of control has.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+
+    Returns:
+        The control; empty where no such word occurs.
+    """
     if source.find_line(_LINUXCNC) is not None:
         return "linuxcnc"
     return "fanuc" if source.find_line(_FANUC) is not None else ""
 
 
 def convert_dwell(value: float, *, letter: str, bare: bool, control: Control) -> float:
-    """Seconds of a dwell; NaN where seconds or milliseconds is not known.
+    """Convert a dwell to seconds.
 
-    With a decimal point, and on LinuxCNC, a dwell is in seconds. Without one P counts milliseconds on Fanuc and Haas;
-    X and U do where a parameter says so, which the size of the number decides.
+    With a decimal point, and on LinuxCNC, a dwell is in seconds. Without one P counts milliseconds on Fanuc and Haas.
+    For X and U a parameter decides; the size of the number is used instead.
+
+    Args:
+        value: Number behind the letter.
+        letter: P, X or U.
+        bare: Whether the number has no decimal point.
+        control: The control.
+
+    Returns:
+        Dwell in s; NaN where the unit is not known.
     """
     if value == 0.0 or not bare or control == "linuxcnc":
         return value

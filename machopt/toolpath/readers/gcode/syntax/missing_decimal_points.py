@@ -1,8 +1,8 @@
-"""Numbers without a decimal point, which one control reads as whole millimetres and another as thousandths of one.
+"""Numbers without a decimal point, which controls read as whole millimetres or as thousandths.
 
-Fanuc, Haas and others decide by a parameter whether ``X1500`` is 1500 mm or 1.5 mm; old programs leave out trailing
-or leading zeros (``X0019685``). Where what stands in the file makes the whole-number reading doubtful, it is asked for.
-Both the question and ``--decimals`` look at the words of each block, glued or not, and never into comments.
+On Fanuc, Haas and others a parameter decides whether ``X1500`` is 1500 mm or 1.5 mm. Old programs omit trailing or
+leading zeros (``X0019685``). Where the file makes the whole-number reading doubtful, the user must give an option.
+The check and ``--decimals`` examine the words of each block, with or without blanks between them, and never comments.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader
 
 _TOKEN = re.compile(r"([A-Z])(\s*)([-+]?)\s*(\d+\.\d*|\.\d+|\d+)", re.ASCII)
-_DOUBTED = frozenset("XYZUVWIJR")  # lengths, whose numbers without a point are looked at
+_DOUBTED = frozenset("XYZUVWIJR")  # lengths, whose numbers without a point are checked
 _POINTED = frozenset("XYZUVWIJKRABCQ")  # words that --decimals gives a point
 _EXPRESSIONS = re.compile(r"[#\[]|^\s*O\s*<", re.IGNORECASE | re.MULTILINE)
 _BARE = re.compile(r"[XYZUVWIJR]\s*[-+]?\s*0*[1-9]\d*(?![\d.])", re.IGNORECASE | re.ASCII)
@@ -31,7 +31,16 @@ _EXAMPLES = 2
 def apply_decimals_option(
     source: SourceFile, options: ReadOptions, blocks: BlockReader, *, siemens: bool
 ) -> tuple[SourceFile, str]:
-    """The file with the decimal points that ``--decimals`` gives its numbers, and what was done.
+    """Apply the option ``--decimals`` to the numbers of a file.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+        blocks: Parser of the lines.
+        siemens: Whether the program is for Sinumerik.
+
+    Returns:
+        The file with decimal points, and a description of the change.
 
     Raises:
         InputError: the option is needed, or it is given and cannot apply.
@@ -50,7 +59,7 @@ def apply_decimals_option(
 
 @dataclass(frozen=True)
 class _LengthWord:
-    """A length without expression, as it stands in a block."""
+    """A length without expression, as written in a block."""
 
     letter: str
     number: str
@@ -81,13 +90,17 @@ def _iterate_length_words(source: SourceFile, blocks: BlockReader) -> Iterator[_
 
 
 def check_decimals(source: SourceFile, blocks: BlockReader) -> None:
-    """Ask for the decimals of a G-code file where they are in doubt.
+    """Require the option for the decimals of a G-code file whose numbers are ambiguous.
 
-    In doubt are numbers with leading zeros, any whole number in a file that marks most of its whole numbers (``X5.``),
-    large ones in a file whose other numbers have points, and 1000 and more in a file without any.
+    Ambiguous: numbers with leading zeros; any whole number in a file that marks most of its whole numbers (``X5.``);
+    large ones in a file whose other numbers have points; 1000 and more in a file without any points.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        blocks: Parser of the lines.
 
     Raises:
-        InputError: they are; names the first such number.
+        InputError: such a number occurs; the message names the first one.
     """
     if source.find_line(_BARE) is None:
         return
@@ -136,9 +149,17 @@ def _build_decimals_question(source: SourceFile, what: str, line: int) -> Except
 
 
 def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader) -> tuple[SourceFile, str]:
-    """The file with a decimal point in every length and angle that has none, and what was done.
+    """Insert a decimal point in every length and angle that has none.
 
-    F, S, P and what counts something (K and L of cycles) stay.
+    F, S, P and counters (K and L of cycles) stay.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        decimals: Number of decimals.
+        blocks: Parser of the lines.
+
+    Returns:
+        The file with decimal points, and a description of the change.
 
     Raises:
         InputError: no such number is in the file, or lengths are expressions, whose decimals are not in the file.

@@ -1,4 +1,4 @@
-"""What is told of a G-code file before it is carried out: whose control it is for, and its unit."""
+"""Properties of a G-code file that are found before it is executed: control, unit, end of program."""
 
 from __future__ import annotations
 
@@ -31,10 +31,16 @@ _CODE = re.compile(r"(?:N\d+\s*)?[GMTSXYZ#]\s*[-+<.\d]", re.IGNORECASE)
 
 
 def find_tape_end(source: SourceFile) -> int | None:
-    """The line (1-based) of the % that ends the program; None where no % stands behind code.
+    """Find the % that ends the program.
 
-    A % behind which another program begins (a further % or a program number) only parts two programs of one file.
-    What stands before the first % is no program unless it is code.
+    A % in front of another program (a further % or a program number) only separates two programs of one file.
+    Text before the first % is no program unless it is code.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+
+    Returns:
+        Line number (1-based), None where no % follows code.
     """
     if source.find_line(_PERCENT) is None:
         return None
@@ -56,18 +62,33 @@ def _has_second_program(lines: list[str]) -> bool:
 
 
 def is_siemens_program(source: SourceFile) -> bool:
-    """True where a Sinumerik word stands outside of comments; in such programs brackets are none."""
+    """Return whether a Sinumerik word occurs outside of comments; in such programs brackets are no comments.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+    """
     if source.find_line(_SIEMENS) is None or source.find_line(_NAMED_PARAMETER) is not None:
         return False
     return any(_SIEMENS.search(t.partition(";")[0].partition("(")[0]) for t in source.lines)
 
 
 def find_first_unit(source: SourceFile, options: ReadOptions, blocks: BlockReader, *, siemens: bool) -> tuple[str, str]:
-    """The unit that lengths have before a unit word is carried out, and where it is from.
+    """Find the unit of lengths before the first unit word is carried out, and its origin.
 
-    Without an option that of the file's first unit word is taken; the reader asks for the unit where a length stands
-    before any unit word that is carried out. Where Sinumerik's G70 or G71 leaves feeds in the control's own unit, the
-    option says that one.
+    Without an option the first unit word of the file counts. The reader requires the option where a length precedes
+    every unit word. Where Sinumerik's G70 or G71 leaves feeds in the unit of the control, the option gives that unit.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
+        blocks: Parser of the lines.
+        siemens: Whether the program is for Sinumerik.
+
+    Returns:
+        Name of the unit, and its origin.
+
+    Raises:
+        InputError: the program is for an unsupported control, or the unit is ambiguous.
     """
     at = source.find_line(_MILLPLUS)
     if at is not None:
@@ -105,8 +126,13 @@ def find_first_unit(source: SourceFile, options: ReadOptions, blocks: BlockReade
 def check_ascii(source: SourceFile, text: str, line: int) -> None:
     """Refuse digits, letters and signs of another script in code (full-width X１０, a typographic minus).
 
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        text: Code in upper case without comments.
+        line: Line number in the file (1-based).
+
     Raises:
-        InputError: the text in upper case without comments holds such a character.
+        InputError: the text holds such a character.
     """
     for c in text:
         plain = unicodedata.normalize("NFKC", c)
@@ -118,6 +144,10 @@ def check_ascii(source: SourceFile, text: str, line: int) -> None:
 
 def check_gcode_options(source: SourceFile, options: ReadOptions) -> None:
     """Refuse options that have no effect on G-code.
+
+    Args:
+        source: Lines of the file, with its path and the builders of its errors.
+        options: Reading options of the user (unit, feed, tolerances, accepted words).
 
     Raises:
         InputError: one of them is given.

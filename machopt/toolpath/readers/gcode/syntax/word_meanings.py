@@ -1,4 +1,4 @@
-"""What the G and M words mean here. Keys are ten times the number, so G43.4 is 434."""
+"""Meaning of the G and M words. Keys are ten times the number: G43.4 is 434."""
 
 from __future__ import annotations
 
