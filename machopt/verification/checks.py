@@ -1,6 +1,6 @@
-"""What a verification says: one row a promise, kept, broken or not looked at.
+"""Checks and measured values of a verification: name, result, value, limit and place.
 
-A row's name is for readers. Code that asks for one asks by its promise, which :class:`CheckName` writes down once.
+A check has a readable name. Code that needs one check finds it by its :class:`CheckName`.
 """
 
 from __future__ import annotations
@@ -104,7 +104,13 @@ class Verification:
 
     @classmethod
     def from_rows(cls, rows: Sequence[VerificationRow], samples: int, duration: float) -> Verification:
-        """Build a verification from checks and information in the order in which they were found."""
+        """Build a verification from checks and information in the order in which they were found.
+
+        Args:
+            rows: checks and measured values
+            samples: number of motion samples
+            duration: duration of the motion, s
+        """
         checks = tuple(row for row in rows if isinstance(row, VerificationCheck))
         return cls(checks, samples, duration, tuple(row for row in rows if isinstance(row, VerificationInformation)))
 
@@ -139,19 +145,42 @@ def build_worst_value_check(
 def build_file_check(
     file: str, what: str, passed: bool | None, value: float, limit: float, unit: str, where: str, *, of: str = ": "
 ) -> VerificationCheck:
-    """A promise about one file of the folder; ``of`` stands between both in its name."""
+    """Return a check of one file of the folder.
+
+    Args:
+        file: name of the file in the folder
+        what: checked quantity; the name of the check is ``file + of + what``
+        passed: result; None where it was not checked
+        value: greatest value found, in ``unit``
+        limit: greatest allowed value, in ``unit``
+        unit: unit of the value
+        where: place of the greatest value
+        of: text between file and quantity in the name
+    """
     return VerificationCheck(
         name=f"{file}{of}{what}", passed=passed, value=value, limit=limit, unit=unit, where=where, file=file, what=what
     )
 
 
 def build_skipped_check(name: str, why: str, unit: str = "") -> VerificationCheck:
-    """A check that was not made, and why."""
+    """Return a check that could not be made.
+
+    Args:
+        name: name of the check
+        why: reason why it was not made
+        unit: unit of the quantity
+    """
     return VerificationCheck(name=name, passed=None, value=np.nan, limit=np.nan, unit=unit, where=why)
 
 
 def build_count_check(name: str, wrong: Sequence[str] | list[str], unit: str = "rows") -> VerificationCheck:
-    """So many places are wrong, the first of them named; none is the promise."""
+    """Return a check that passes if no place is wrong.
+
+    Args:
+        name: name of the check
+        wrong: wrong places; the first one is named
+        unit: what is counted
+    """
     more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
     return VerificationCheck(
         name=name,

@@ -1,7 +1,7 @@
-"""What a verification covers and what it does not: the one place that words it, for verdict, result, report, manifest.
+"""Coverage of a verification: what was checked, what was not, and what cannot be recomputed.
 
-A reader of the verdict must not have to notice that a row is missing: whatever is switched off, widened or left out of
-the cell stands in the sentence itself.
+Verdict, result, report and manifest take their wording from here. Whatever is switched off, widened or left out of
+the cell is named in the verdict itself.
 """
 
 from __future__ import annotations
@@ -100,7 +100,11 @@ def list_unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None =
 
 
 def list_checked(options: PlanOptions) -> tuple[CheckCoverage, ...]:
-    """What was checked, and how finely."""
+    """Return what was checked, and how finely.
+
+    Args:
+        options: the planning options in force
+    """
     out = [
         CheckCoverage("points.csv, trajectory.csv", "every column recomputed, to what its printed decimals explain"),
         CheckCoverage("moves", "every sample against the CAM file, whatever it calls itself"),
@@ -135,8 +139,12 @@ def format_completeness(not_cut: int, not_reached: int) -> str:
 
 
 def list_checks_not_run(checks: Iterable[VerificationCheck]) -> tuple[str, ...]:
-    """Checks that had to be left out, in the same words; what the options switch off is worded by
-    :func:`list_unchecked`."""
+    """Return the names of checks that could not be made; what the options switch off comes from
+    :func:`list_unchecked`.
+
+    Args:
+        checks: all checks of the verification
+    """
     return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None and c.check_name != CheckName.CONTACTS)
 
 

@@ -1,7 +1,7 @@
-"""Everything in an output folder of optimize held against its inputs.
+"""All checks of an output folder of optimize against its inputs.
 
-``machopt verify`` and the last step of ``machopt optimize`` both go through :func:`check_contents` and
-:func:`verify_folder`, so they cannot disagree.
+``machopt verify`` and the last step of ``machopt optimize`` both use :func:`check_contents` and
+:func:`verify_folder`, so their results are the same.
 """
 
 from __future__ import annotations
@@ -81,7 +81,11 @@ def verify_folder(
 
 
 def check_parquet_copies(folder: Path) -> list[VerificationCheck]:
-    """Parquet tables beside the CSV ones, which say the same."""
+    """Check that each Parquet table equals the CSV table of the same name.
+
+    Args:
+        folder: the output folder
+    """
     there = [folder / name for name in PARQUET_COPIES if (folder / name).exists()]
     try:
         odd = [(copy, find_parquet_difference(copy.with_suffix(".csv"), copy)) for copy in there]
@@ -193,7 +197,15 @@ def _split_tables(
 def check_manifest(
     folder: Path, inputs: tuple[ManifestFile, ...]
 ) -> tuple[FolderManifest | None, list[VerificationCheck]]:
-    """The manifest itself, the folder's files against it, and the inputs it names against those given."""
+    """Check the manifest, the folder's files against it, and its recorded inputs against those given.
+
+    Args:
+        folder: the output folder
+        inputs: the given input files with their hashes
+
+    Returns:
+        the manifest, None where it cannot be read, and the checks
+    """
     try:
         manifest, sealed = read_manifest(folder)
     except InputError as problem:
@@ -219,7 +231,12 @@ def _check_files(folder: Path, manifest: FolderManifest) -> VerificationCheck:
 
 
 def list_input_differences(recorded: tuple[ManifestFile, ...], given: tuple[ManifestFile, ...]) -> list[str]:
-    """Inputs of the cell and the toolpath that are not those recorded, by name and hash."""
+    """Return the inputs whose name or hash differs from the recorded one.
+
+    Args:
+        recorded: inputs that the manifest records
+        given: inputs that the user gave
+    """
     out = []
     roles = {f.role for f in given} | {f.role for f in recorded if f.role not in ("plan", "post", "effects")}
     for role in sorted(roles):

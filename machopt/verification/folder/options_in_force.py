@@ -1,4 +1,4 @@
-"""With which options a folder is verified: the user's where given, else its manifest's, else the cell's own."""
+"""Options for the verification of a folder: the user's, else those of the manifest, else those of the cell."""
 
 from __future__ import annotations
 
@@ -50,7 +50,14 @@ class OptionsInForce:
 def resolve_options_in_force(
     request: VerifyRequest, cell: Cell, robot: ProgramRobot | None, manifest: FolderManifest | None
 ) -> OptionsInForce:
-    """Options and toolpath; what a manifest records wrongly is a failed check, and the defaults stand in for it.
+    """Return the options and the toolpath. A wrong entry of the manifest is a failed check, and the default is used
+    instead.
+
+    Args:
+        request: the request of ``machopt verify``
+        cell: the robot cell
+        robot: robot for joint targets; None where the cell has none
+        manifest: the manifest of the folder; None where it cannot be read
 
     Raises:
         InputError: the toolpath or an option that the user gave is wrong.
@@ -92,7 +99,13 @@ def resolve_options_in_force(
 
 
 def build_failed_check(name: str, why: str, *, because: InputError | None = None) -> VerificationCheck:
-    """A check that failed without a number; ``because`` of a file that could not be read."""
+    """Return a check that failed without a number.
+
+    Args:
+        name: name of the check
+        why: reason of the failure
+        because: error of the file that could not be read
+    """
     return VerificationCheck(
         name=name,
         passed=False,
@@ -105,7 +118,11 @@ def build_failed_check(name: str, why: str, *, because: InputError | None = None
 
 
 def get_error_file(problem: InputError | None) -> str:
-    """Name of the file that a problem is about; empty where it is about none."""
+    """Return the name of the file that an error names; empty where it names none.
+
+    Args:
+        problem: the error
+    """
     return "" if problem is None or problem.file is None else Path(problem.file).name
 
 

@@ -1,4 +1,4 @@
-"""A program written a second time from what was read of it: every word beside the coordinates has to be the same."""
+"""Program written a second time from what was read of it: every word except the coordinates has to be the same."""
 
 from __future__ import annotations
 
@@ -171,6 +171,13 @@ class RewrittenProgram:
 
 
 def build_failed_program_check(file: str, what: str, text: str) -> VerificationCheck:
+    """Return a failed check of a program, without a number.
+
+    Args:
+        file: name of the program file
+        what: name of the checked quantity
+        text: what is wrong
+    """
     return build_file_check(file, what, False, float("nan"), 0.0, "", text)
 
 

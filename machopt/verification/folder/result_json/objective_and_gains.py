@@ -1,4 +1,4 @@
-"""What result.json tells of objective, gains, compensation and front, recomputed from the tables."""
+"""Objective, gains, compensation and trade-off front of result.json, recomputed from the tables."""
 
 from __future__ import annotations
 
@@ -49,6 +49,11 @@ def limit_worst_index(t: ResultComparison, most: float, along: float) -> float:
 
 
 def check_objective(t: ResultComparison) -> Iterable[str]:
+    """Yield what is wrong with objective and gains.
+
+    Args:
+        t: result.json and everything that it is compared with
+    """
     parts, w = t.result.objective, t.options.weights
     for name, o in (
         ("cam_default", parts.cam_default),
@@ -167,6 +172,11 @@ def _check_gain(gain: MeanGainEntry, own: ObjectivePartsSection, other: Objectiv
 
 
 def check_compensation(t: ResultComparison) -> Iterable[str]:
+    """Yield what is wrong with the compensation section.
+
+    Args:
+        t: result.json and everything that it is compared with
+    """
     told, file = t.result.compensation, t.folder / "compensation.csv"
     if not t.options.compensate or t.contents is None:
         yield from check_equal("compensation", told, None)
@@ -187,7 +197,12 @@ def check_compensation(t: ResultComparison) -> Iterable[str]:
 
 
 def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
-    """front.csv, the table in result.json, and the motion that lies in the folder, which is the first of them."""
+    """Yield what differs between front.csv, the front in result.json, and the motion in the folder, which is its
+    first plan.
+
+    Args:
+        t: result.json and everything that it is compared with
+    """
     told, file = t.result.front, t.folder / "front.csv"
     if told is None:
         if file.exists():
@@ -239,7 +254,12 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
 
 
 def is_within_ranges(values: Array, ranges: Array) -> Bools:
-    """(n,) which of the values (n,) lie in any of the closed ranges (K, 2); the time follows n + K, not n · K."""
+    """Return (n,) whether each value lies in any of the closed ranges, in O(n + K) time after sorting.
+
+    Args:
+        values: (n,) values
+        ranges: (K, 2) lower and upper ends
+    """
     order = np.argsort(values, kind="stable")
     first = np.searchsorted(values[order], ranges[:, 0], side="left")
     stop = np.searchsorted(values[order], ranges[:, 1], side="right")

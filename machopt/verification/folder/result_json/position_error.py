@@ -1,4 +1,4 @@
-"""What result.json tells of where the TCP is by measured poses, held against the cell's file and points.csv."""
+"""Position error section of result.json, compared with the cell's stiffness file and points.csv."""
 
 from __future__ import annotations
 
@@ -23,8 +23,11 @@ PRINTED_ANGLE_DEG = (
 
 
 def check_position_error(t: ResultComparison) -> Iterable[str]:
-    """Numbers as the cell's ``check_position_error`` has them; joints that go beyond its poses, by the points' own
-    angles."""
+    """Yield what is wrong with the position error, and with the joints that exceed its measured range.
+
+    Args:
+        t: result.json and everything that it is compared with
+    """
     told, known = t.result.position_error, None if t.cell.stiffness is None else t.cell.stiffness.position
     q = _list_cut_joints(t)
     if known is None or not len(q):

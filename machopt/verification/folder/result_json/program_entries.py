@@ -1,4 +1,4 @@
-"""``check_program_entries`` of result.json held against manifest, files and what reading them back gives."""
+"""Program entries of result.json, compared with the manifest, the files, and the programs read back."""
 
 from __future__ import annotations
 
@@ -23,6 +23,11 @@ DIFFERENCE_TOLERANCE = 1e-4  # mm, deg, mm/min: what rounding moves a measured d
 
 
 def check_program_entries(t: ResultComparison) -> Iterable[str]:
+    """Yield what is wrong with the program entries.
+
+    Args:
+        t: result.json and everything that it is compared with
+    """
     told = t.result.programs
     there = {f.name for f in t.manifest.files if f.role == "program"} if t.manifest else None
     named = [name for p in told for name in p.files]

@@ -1,7 +1,8 @@
-"""result.json held against what it was drawn from: tables, inputs, options, the manifest and the verification itself.
+"""Checks of result.json against the tables, inputs, options, manifest and verification it was made from.
 
-What follows from the planner alone is listed in ``scope.NOT_RECOMPUTED``; sums and ratios made of it are checked. So
-are the sentences under ``reason`` of points.csv (that a point has one, and its status, are checked).
+Values that follow from the planner alone are listed in ``coverage.NOT_RECOMPUTED``; sums and ratios of them are
+checked. The sentences under ``reason`` of points.csv are not compared; that a point has a reason, and its status,
+are.
 """
 
 from __future__ import annotations
@@ -83,7 +84,17 @@ def check_result_document(
     manifest: FolderManifest | None,
     contents: Verification | None,
 ) -> list[VerificationCheck]:
-    """One check for each part of result.json; a part that is missing or malformed fails its check."""
+    """Return one check for each part of result.json; a part that is missing or malformed fails its check.
+
+    Args:
+        folder: the output folder
+        cell: the robot cell
+        toolpath: the toolpath, points in the workpiece frame, SI
+        options: the planning options in force
+        inputs: the given input files with their hashes
+        manifest: the manifest of the folder; None where it cannot be read
+        contents: verification of the tables; None where there is none
+    """
     file = folder / RESULT_FILE
     try:
         value = read_json(file)

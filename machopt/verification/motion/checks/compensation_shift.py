@@ -1,4 +1,4 @@
-"""A path shifted against the predicted deflection: what was shifted, against which force, and whether that is right.
+"""Compensation: the shift of the path, the force it is computed for, and whether it cancels the deflection.
 
 The deflection is computed again by :mod:`machopt.verification.motion.stiffness.arm_compliance`.
 """
@@ -43,7 +43,12 @@ class ShiftComparison:
 
 
 def compute_commanded_corners(toolpath: Toolpath, shift: ExportedShift) -> tuple[Array, Array]:
-    """Index (P,) and position (P, 3) m of the commanded polyline's corners in the workpiece frame."""
+    """Return index (P,) and position (P, 3) m of the commanded polyline's corners in the workpiece frame.
+
+    Args:
+        toolpath: the toolpath, points in the workpiece frame, SI
+        shift: the exported compensation shift (compensation.csv)
+    """
     every = np.arange(len(toolpath), dtype=float)
     line = np.column_stack([np.interp(shift.index, every, toolpath.position[:, c]) for c in range(3)])
     return shift.index, line + shift.offset
@@ -58,7 +63,17 @@ def compare_compensation_shift(
     arm: UrdfKinematics,
     options: PlanOptions,
 ) -> list[ShiftComparison]:
-    """Both files agree, the force is the stated one, the shift is minus the deflection it causes, and has no jumps."""
+    """Compare the shift with minus the recomputed deflection, the force with the stated one, and both tables.
+
+    Args:
+        cell: the robot cell
+        toolpath: the toolpath, points in the workpiece frame, SI
+        motion: the exported motion (trajectory.csv), SI
+        points: the exported points (points.csv), SI
+        shift: the exported compensation shift (compensation.csv)
+        arm: kinematics of the URDF with the cell's tool
+        options: the planning options in force
+    """
     number = np.round(shift.index).astype(int)
     whole = np.abs(shift.index - number) < 1e-6
     row_of = dict(zip(number[whole].tolist(), np.flatnonzero(whole).tolist(), strict=True))

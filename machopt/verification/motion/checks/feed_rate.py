@@ -1,5 +1,4 @@
-"""How fast the tool moves relative to the workpiece: never above the CAM file's feed on its feed moves, whatever the
-row is called; and the feed column, which is the speed the samples really have."""
+"""Feed checks: tool speed relative to the workpiece against the CAM feed, and against the feed column."""
 
 from __future__ import annotations
 
@@ -20,7 +19,14 @@ FEED_COLUMN_TOLERANCE = 0.005  # three decimals, and nine of the joints' degrees
 def check_feed(
     motion: ExportedMotion, toolpath: Toolpath, ride: SampleLocations, options: PlanOptions
 ) -> list[VerificationCheck]:
-    """Speed and the column that tells it."""
+    """Check the tool speed against the CAM file's feed, and the feed column against the speed.
+
+    Args:
+        motion: the exported motion (trajectory.csv), SI
+        toolpath: the toolpath, points in the workpiece frame, SI
+        ride: position of each motion sample relative to the toolpath
+        options: the planning options in force
+    """
     speed = np.r_[0.0, np.linalg.norm(np.diff(ride.tcp[:, :3, 3], axis=0), axis=1) / motion.sample_time]
     column = build_worst_value_check(
         "feed column", "mm/min", 6e4 * np.abs(speed - motion.feed), FEED_COLUMN_TOLERANCE, motion.describe_row

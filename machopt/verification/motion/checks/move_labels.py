@@ -30,7 +30,15 @@ ROTATION_TOLERANCE_DEG = (
 def check_move_labels(
     motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, ride: SampleLocations, allow_gaps: bool
 ) -> list[VerificationCheck]:
-    """Moves, operations and rotation of trajectory.csv."""
+    """Check the columns move, operation and gamma_deg of trajectory.csv.
+
+    Args:
+        motion: the exported motion (trajectory.csv), SI
+        toolpath: the toolpath, points in the workpiece frame, SI
+        points: the exported points (points.csv), SI
+        ride: position of each motion sample relative to the toolpath
+        allow_gaps: points that points.csv gives up need not be visited
+    """
     return [
         build_count_check("moves of the samples", _check_moves(motion, toolpath, points, ride, allow_gaps)),
         build_count_check("operations of the samples", _check_operations(motion, toolpath)),

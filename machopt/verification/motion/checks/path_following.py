@@ -1,4 +1,4 @@
-"""Does the motion go where the CAM file says: path, axis, index, every point and every move, in order and in one go."""
+"""Path checks: position, tool axis and index of the motion, and every point and move of the CAM file in order."""
 
 from __future__ import annotations
 
@@ -23,7 +23,15 @@ INDEX_TOLERANCE = 3e-6  # of an index with six decimals, of second differences
 def check_path(
     motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, ride: SampleLocations, allow_gaps: bool
 ) -> list[VerificationCheck]:
-    """All of it; with ``allow_gaps`` points that points.csv gives up need not be visited."""
+    """Check that the motion follows the toolpath through every point and move, in order and without gaps.
+
+    Args:
+        motion: the exported motion (trajectory.csv), SI
+        toolpath: the toolpath, points in the workpiece frame, SI
+        points: the exported points (points.csv), SI
+        ride: position of each motion sample relative to the toolpath
+        allow_gaps: points that points.csv gives up need not be visited
+    """
     wanted = toolpath.cutting.copy()
     given_up = np.zeros(len(toolpath), bool)
     inside = (points.point >= 0) & (points.point < len(toolpath))
@@ -81,7 +89,12 @@ def _check_path_distance(motion: ExportedMotion, toolpath: Toolpath, ride: Sampl
 
 
 def get_move_word(motion: ExportedMotion, n: int | np.int64) -> str:
-    """What the row calls its move."""
+    """Return the move label of a row.
+
+    Args:
+        motion: the exported motion (trajectory.csv), SI
+        n: number of the row, from 0
+    """
     return MoveKind(int(motion.move[n])).word
 
 

@@ -1,4 +1,4 @@
-"""Time, joint limits by differences of the samples, and where the motion begins and ends."""
+"""Checks of the time column, joint limits by differences of samples, and the first and last position."""
 
 from __future__ import annotations
 
@@ -96,5 +96,9 @@ def _check_joint_limits(motion: ExportedMotion, cell: Cell) -> list[Verification
 
 
 def format_axis_name(j: int) -> str:
-    """An axis as reports call it, counted from 0: those of the arm, then the external ones."""
+    """Return the name of an axis as reports print it.
+
+    Args:
+        j: number of the axis from 0: arm axes first, then external joints
+    """
     return f"axis {j + 1}" if j < ARM_AXES else f"external axis e{j + 1 - ARM_AXES}"

@@ -48,9 +48,13 @@ class ClearanceErrors:
 
 
 def list_varying_pairs(arm: UrdfKinematics, wanted: list[tuple[CoalBody, CoalBody]]) -> list[tuple[CoalBody, CoalBody]]:
-    """The pairs without those whose distance nothing changes, as of a carriage over its own bed.
+    """Return the pairs whose distance changes; a carriage on its own bed has a constant distance.
 
-    The planner answers the same question at the same places of the joint.
+    The planner makes the same selection at the same positions of the joint.
+
+    Args:
+        arm: kinematics of the URDF with the cell's tool
+        wanted: the candidate pairs
     """
     limits = arm.cell.limits
     x = np.linspace(limits.lower, limits.upper, EXTERNAL_JOINT_SAMPLES)
@@ -72,7 +76,13 @@ def list_varying_pairs(arm: UrdfKinematics, wanted: list[tuple[CoalBody, CoalBod
 
 
 def is_distance_constant(a: CoalBody, b: CoalBody, T: Array) -> bool:
-    """Two bodies are as near at each T (S, 4, 4), within CAP and without touching."""
+    """Return whether two bodies have the same distance in all poses, below the maximum and without contact.
+
+    Args:
+        a: the first body
+        b: the second body
+        T: (S, 4, 4) poses of b's carrier in a's carrier
+    """
     d = np.array([compute_distance(a, b, each) for each in T])
     return bool(d.min() > 0.0 and d.max() < MAX_DISTANCE_M and np.ptp(d) < CONSTANT_DISTANCE_M)
 
@@ -139,7 +149,11 @@ def _check_named_pairs(
 
 
 def find_cutting_points(toolpath: Toolpath) -> NDArray[np.bool_]:
-    """(N,) False where a rapid move ends and the next one begins."""
+    """Return (N,) False where a rapid move ends and the next one begins, else True.
+
+    Args:
+        toolpath: the toolpath, points in the workpiece frame, SI
+    """
     rapid = np.asarray(toolpath.move == MoveKind.RAPID)
     starts = rapid.copy()
     starts[0] = True

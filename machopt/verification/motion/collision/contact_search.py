@@ -113,14 +113,26 @@ class PlacedBodies:
         self._gone: dict[tuple[int, int], Array] = {}
 
     def compute_relative_motion(self, a: CoalBody, b: CoalBody) -> Array:
-        """(M, 4, 4) b's carrier seen from a's."""
+        """Return (M, 4, 4) poses of b's carrier in a's carrier.
+
+        Args:
+            a: the first body
+            b: the second body
+        """
         key = (a.carrier, b.carrier)
         if key not in self._relative:
             self._relative[key] = _compute_relative_poses(self.world, a.carrier, b.carrier, np.arange(len(self.world)))
         return self._relative[key]
 
     def find_contact_rows(self, a: CoalBody, b: CoalBody, stops: NDArray[np.int64], asked: Bools) -> list[int]:
-        """Rows (one a stretch) in which a and b touch, or before the next of which they do."""
+        """Return the rows, one for each stretch, in which a and b touch or between which and the next row they do.
+
+        Args:
+            a: the first body
+            b: the second body
+            stops: rows at which the stretches begin and end
+            asked: stretches to search
+        """
         clear = bound_sphere_box_distance(a, b, self._get_relative_poses(a, b, stops))
         most = 2.0 * self.lever * np.diff(self._turned[stops])  # twice what the way can be
         if not (asked & (clear[1:] + clear[:-1] <= most)).any():
@@ -147,18 +159,27 @@ class PlacedBodies:
         return np.asarray(_compute_relative_poses(self.world, a.carrier, b.carrier, rows))
 
     def compute_travelled_distance(self, a: CoalBody, b: CoalBody) -> Array:
-        """(M,) m, the sum of :meth:`way` up to each row; the same for all bodies on a's carrier."""
+        """Return (M,) the sum of :meth:`compute_step_motion` up to each row, m.
+
+        Args:
+            a: the first body
+            b: the second body
+        """
         key = (a.carrier, id(b))
         if key not in self._gone:
             self._gone[key] = np.append(0.0, np.cumsum(self.compute_step_motion(b, self.compute_relative_motion(a, b))))
         return self._gone[key]
 
     def compute_step_motion(self, b: CoalBody, T: Array) -> Array:
-        """(M − 1,) m: |x(t) − x(start)| + |x(end) − x(t)| for all points x of b, at most.
+        """Return (M − 1,) an upper bound of |x(t) − x(start)| + |x(end) − x(t)| over all points x of b, m.
 
         The chord, of the centre and by rotation, and what the path bends off it: a point's second derivative is at
         most (Σ|Δq|)² times the longest lever L (|Δ|/L of a slide: its product with a turn is 2 |Δ| |Δq|, with a slide
         nothing), the bend therefore an eighth of that, there and back a quarter.
+
+        Args:
+            b: the body
+            T: (M, 4, 4) poses of b's carrier
         """
         chord = _compute_chords(T, b.place[:3, :3] @ b.box_centre + b.place[:3, 3], float(np.linalg.norm(b.half_size)))
         bend: Array = chord + self.turn**2 * self.lever / 4.0

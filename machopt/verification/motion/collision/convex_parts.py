@@ -35,7 +35,11 @@ class ConvexParts:
 
 
 def build_convex_parts(shape: Any) -> ConvexParts | None:
-    """Of a coal geometry; None for one that is not known here."""
+    """Return the convex parts of a coal geometry; None for an unknown type.
+
+    Args:
+        shape: the coal geometry
+    """
     kind = type(shape).__name__
     if kind == "Box":
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

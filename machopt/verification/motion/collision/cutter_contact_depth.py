@@ -1,4 +1,4 @@
-"""The cutter where it does not cut: contacts told with depth and place, and the level of the cuts without a mesh."""
+"""Contacts of the cutter outside of cuts: depth and place, and the cut level where there is no workpiece mesh."""
 
 from __future__ import annotations
 
@@ -26,7 +26,14 @@ MIN_AXIS_COSINE = np.cos(np.radians(30.0))  # a tool more oblique than this to a
 def check_contacts(
     found: list[ContactInterval], motion: ExportedMotion, arm: UrdfKinematics, bodies: list[CoalBody]
 ) -> VerificationCheck:
-    """The contacts of the whole motion, the cutter's with the workpiece with their greatest depth."""
+    """Return the check of contacts along the motion; contacts of cutter and workpiece have their greatest depth.
+
+    Args:
+        found: the contacts
+        motion: the exported motion (trajectory.csv), SI
+        arm: kinematics of the URDF with the cell's tool
+        bodies: all collision bodies of the cell
+    """
     texts = []
     for contact in found[:5]:
         text = f"{contact.pair} first at {motion.describe_row(contact.sample)}"
@@ -49,10 +56,16 @@ def check_contacts(
 def find_deepest_contact(
     motion: ExportedMotion, arm: UrdfKinematics, bodies: list[CoalBody], rows: NDArray[np.int64]
 ) -> tuple[float, int]:
-    """m by which the cutter must be drawn back along its axis to be free of the workpiece, the most of some rows.
+    """Return the greatest retraction along the tool axis, m, that frees the cutter from the workpiece.
+
+    Args:
+        motion: the exported motion (trajectory.csv), SI
+        arm: kinematics of the URDF with the cell's tool
+        bodies: all collision bodies of the cell
+        rows: rows of the motion to search
 
     Returns:
-        depth and row; NaN and −1 where it touches in none of them.
+        depth and row; NaN and −1 where the cutter touches in none of them
     """
     cutters, parts = ([b for b in bodies if b.kind == kind] for kind in ("grazing", "workpiece"))
     rows = _select_rows(np.unique(rows), MAX_CONTACT_SAMPLES)
@@ -99,9 +112,16 @@ def _compute_depth(cutter: CoalBody, part: CoalBody, places: Array, z_flange: Ar
 def measure_depth_outside_cuts(
     motion: ExportedMotion, toolpath: Toolpath, ride: SampleLocations, arm: UrdfKinematics, bodies: list[CoalBody]
 ) -> list[VerificationInformation]:
-    """How deep the CAM file itself drives the cutter into the workpiece in a move that is no cut.
+    """Return how deep the CAM file itself moves the cutter into the workpiece in a move that is no cut.
 
-    The motion follows the file there, so nothing that was planned is wrong: it is information and no check.
+    The motion follows the CAM file there, so this is information and no check.
+
+    Args:
+        motion: the exported motion (trajectory.csv), SI
+        toolpath: the toolpath, points in the workpiece frame, SI
+        ride: position of each motion sample relative to the toolpath
+        arm: kinematics of the URDF with the cell's tool
+        bodies: all collision bodies of the cell
     """
     name = "cutter in the workpiece outside cuts"
     if arm.cell.tool.cutter is None or not arm.cell.workpiece.geometry:
@@ -121,16 +141,21 @@ def check_cut_level(
     cell: Cell,
     commanded: tuple[Array, Array] | None = None,
 ) -> list[VerificationCheck]:
-    """Without a workpiece mesh: a free tip must not be under what is cut right above it, and is told where it is under
-    the level of the nearest cut.
+    """Check without a workpiece mesh that a free tool tip is not below the cuts above it; report the nearest level.
 
-    A path shifted against the deflection is cut at the level where it is ``commanded``, (P,) index and (P, 3) m: a free
-    move begins where the shifted cut ends.
+    A compensated path is cut at the commanded level: a free move begins where the shifted cut ends. Moves from and to
+    home are checked too, unless the tip is below a cut at home; then this is reported.
 
-    Moves from and to home are held as well, unless the tip rests under a cut there, which is told.
+    A cut is above the tip if it lies within the cutter's radius of it, seen along the cut's axis. Without a cutter
+    only the tip counts.
 
-    Right above is a place of a cut less than the cutter's radius aside of the tip (of the tip alone without a cutter),
-    seen along the cut's axis. The tip may be below one cut where another one near by goes as deep.
+    Args:
+        motion: the exported motion (trajectory.csv), SI
+        toolpath: the toolpath, points in the workpiece frame, SI
+        ride: position of each motion sample relative to the toolpath
+        cell: the robot cell
+        commanded: index (P,) and position (P, 3) m of the commanded path in the workpiece frame; None without
+            compensation
     """
     name = "level of the cuts"
     if cell.workpiece.geometry:

@@ -1,4 +1,4 @@
-"""The cutter in the finished part: the motion as it is exported, held against gouge_tolerance_mm.
+"""Gouge check: penetration of the cutter into the finished part, compared with gouge_tolerance_mm.
 
 Points are spread over the cutter's surface on a spiral. One is inside a mesh when the lines through it along three
 axes all cross the surface an odd number of times on one side; it is no deeper than the nearest of these crossings,
@@ -74,7 +74,11 @@ def check_gouges(
 
 
 def build_cutter_points(cutter: CutterGeometry) -> Array:
-    """(K, 3) m in the TCP's frame, on a spiral from the tip up the side."""
+    """Return (K, 3) points on the cutter's surface in the TCP frame, m, on a spiral from the tip upwards.
+
+    Args:
+        cutter: shape of the cutter
+    """
     r, c = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0)
     flat, arc, side = r - c, c * np.pi / 2.0, cutter.length - c
     step = float(np.clip(r / 6.0, *POINT_SPACING_M))
@@ -92,10 +96,16 @@ def build_cutter_points(cutter: CutterGeometry) -> Array:
 
 
 def find_deepest_point(part: CoalBody, points: Array, T: Array, limit: float) -> tuple[float, int, Array]:
-    """m by which the points, carried by T (M, 4, 4), are in the part at most; 0 where that is not above the limit.
+    """Return the greatest penetration of points into the part, m; 0 where it does not exceed the limit.
+
+    Args:
+        part: the finished part
+        points: (K, 3) points on the cutter, m
+        T: (M, 4, 4) poses of the points' frame in the part's frame
+        limit: greatest allowed penetration, m
 
     Returns:
-        depth, row and place (3,) m in the part's own frame.
+        depth, row and place (3,) m in the part's frame
     """
     seen = np.ascontiguousarray(invert_transforms(part.place) @ T)
     kind = type(part.shape).__name__
