@@ -107,9 +107,9 @@ class Verification:
         """Build a verification from checks and information in the order in which they were found.
 
         Args:
-            rows: checks and measured values
-            samples: number of motion samples
-            duration: duration of the motion, s
+            rows: Checks and measured values.
+            samples: Number of motion samples.
+            duration: Duration of the motion, s.
         """
         checks = tuple(row for row in rows if isinstance(row, VerificationCheck))
         return cls(checks, samples, duration, tuple(row for row in rows if isinstance(row, VerificationInformation)))
@@ -148,14 +148,14 @@ def build_file_check(
     """Return a check of one file of the folder.
 
     Args:
-        file: name of the file in the folder
-        what: checked quantity; the name of the check is ``file + of + what``
-        passed: result; None where it was not checked
-        value: greatest value found, in ``unit``
-        limit: greatest allowed value, in ``unit``
-        unit: unit of the value
-        where: place of the greatest value
-        of: text between file and quantity in the name
+        file: Name of the file in the folder.
+        what: Checked quantity; the name of the check is ``file + of + what``.
+        passed: Result; None where it was not checked.
+        value: Greatest value found, in ``unit``.
+        limit: Greatest allowed value, in ``unit``.
+        unit: Unit of the value.
+        where: Place of the greatest value.
+        of: Text between file and quantity in the name.
     """
     return VerificationCheck(
         name=f"{file}{of}{what}", passed=passed, value=value, limit=limit, unit=unit, where=where, file=file, what=what
@@ -166,9 +166,9 @@ def build_skipped_check(name: str, why: str, unit: str = "") -> VerificationChec
     """Return a check that could not be made.
 
     Args:
-        name: name of the check
-        why: reason why it was not made
-        unit: unit of the quantity
+        name: Name of the check.
+        why: Reason why it was not made.
+        unit: Unit of the quantity.
     """
     return VerificationCheck(name=name, passed=None, value=np.nan, limit=np.nan, unit=unit, where=why)
 
@@ -177,9 +177,9 @@ def build_count_check(name: str, wrong: Sequence[str] | list[str], unit: str = "
     """Return a check that passes if no place is wrong.
 
     Args:
-        name: name of the check
-        wrong: wrong places; the first one is named
-        unit: what is counted
+        name: Name of the check.
+        wrong: Wrong places; the first one is named.
+        unit: What is counted.
     """
     more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
     return VerificationCheck(

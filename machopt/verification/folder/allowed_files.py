@@ -38,11 +38,11 @@ def find_unreadable_files(folder: Path, manifest: FolderManifest | None) -> list
     """Return the files that must not be opened, each with the reason.
 
     Args:
-        folder: the output folder
-        manifest: the manifest of the folder; None where it cannot be read
+        folder: The output folder.
+        manifest: The manifest of the folder; None where it cannot be read.
 
     Returns:
-        (file name, reason) pairs; empty where the whole folder can be read
+        (file name, reason) pairs; empty where the whole folder can be read.
     """
     sizes = {} if manifest is None else {f.name: f.size for f in manifest.files}
     out = []
@@ -67,8 +67,8 @@ def find_wrong_roles(folder: Path, manifest: FolderManifest) -> list[str]:
     """Return the files of the manifest whose role does not follow from their name or post, each with the reason.
 
     Args:
-        folder: the output folder
-        manifest: the manifest of the folder
+        folder: The output folder.
+        manifest: The manifest of the folder.
     """
     programs = {name: p for p in manifest.programs for name in p.files}
     templates = {p.post for p in manifest.programs}  # a user's template lies beside its program

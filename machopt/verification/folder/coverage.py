@@ -103,7 +103,7 @@ def list_checked(options: PlanOptions) -> tuple[CheckCoverage, ...]:
     """Return what was checked, and how finely.
 
     Args:
-        options: the planning options in force
+        options: The planning options in force.
     """
     out = [
         CheckCoverage("points.csv, trajectory.csv", "every column recomputed, to what its printed decimals explain"),
@@ -143,7 +143,7 @@ def list_checks_not_run(checks: Iterable[VerificationCheck]) -> tuple[str, ...]:
     :func:`list_unchecked`.
 
     Args:
-        checks: all checks of the verification
+        checks: All checks of the verification.
     """
     return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None and c.check_name != CheckName.CONTACTS)
 

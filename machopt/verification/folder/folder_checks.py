@@ -84,7 +84,7 @@ def check_parquet_copies(folder: Path) -> list[VerificationCheck]:
     """Check that each Parquet table equals the CSV table of the same name.
 
     Args:
-        folder: the output folder
+        folder: The output folder.
     """
     there = [folder / name for name in PARQUET_COPIES if (folder / name).exists()]
     try:
@@ -200,11 +200,11 @@ def check_manifest(
     """Check the manifest, the folder's files against it, and its recorded inputs against those given.
 
     Args:
-        folder: the output folder
-        inputs: the given input files with their hashes
+        folder: The output folder.
+        inputs: The given input files with their hashes.
 
     Returns:
-        the manifest, None where it cannot be read, and the checks
+        The manifest, None where it cannot be read, and the checks.
     """
     try:
         manifest, sealed = read_manifest(folder)
@@ -234,8 +234,8 @@ def list_input_differences(recorded: tuple[ManifestFile, ...], given: tuple[Mani
     """Return the inputs whose name or hash differs from the recorded one.
 
     Args:
-        recorded: inputs that the manifest records
-        given: inputs that the user gave
+        recorded: Inputs that the manifest records.
+        given: Inputs that the user gave.
     """
     out = []
     roles = {f.role for f in given} | {f.role for f in recorded if f.role not in ("plan", "post", "effects")}

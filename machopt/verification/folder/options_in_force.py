@@ -54,10 +54,10 @@ def resolve_options_in_force(
     instead.
 
     Args:
-        request: the request of ``machopt verify``
-        cell: the robot cell
-        robot: robot for joint targets; None where the cell has none
-        manifest: the manifest of the folder; None where it cannot be read
+        request: The request of ``machopt verify``.
+        cell: The robot cell.
+        robot: Robot for joint targets; None where the cell has none.
+        manifest: The manifest of the folder; None where it cannot be read.
 
     Raises:
         InputError: the toolpath or an option that the user gave is wrong.
@@ -102,9 +102,9 @@ def build_failed_check(name: str, why: str, *, because: InputError | None = None
     """Return a check that failed without a number.
 
     Args:
-        name: name of the check
-        why: reason of the failure
-        because: error of the file that could not be read
+        name: Name of the check.
+        why: Reason of the failure.
+        because: Error of the file that could not be read.
     """
     return VerificationCheck(
         name=name,
@@ -121,7 +121,7 @@ def get_error_file(problem: InputError | None) -> str:
     """Return the name of the file that an error names; empty where it names none.
 
     Args:
-        problem: the error
+        problem: The error.
     """
     return "" if problem is None or problem.file is None else Path(problem.file).name
 

@@ -1,4 +1,4 @@
-"""One exported trajectory held against cell and toolpath, check by check."""
+"""Verification of one exported trajectory against cell and toolpath."""
 
 from __future__ import annotations
 
@@ -143,7 +143,15 @@ def verify_single_tool(
     options: PlanOptions,
     touching: Sequence[tuple[str, str]] | None = None,
 ) -> list[VerificationRow]:
-    """Everything but time, joint limits and both ends of the motion; arguments as for :func:`verify_motion`."""
+    """Return every check except time, joint limits and both ends of the motion; see :func:`verify_motion`.
+
+    Args:
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        tables: The exported tables of the folder.
+        options: The planning options in force.
+        touching: Pairs of body names that may touch.
+    """
     motion, points, shift = tables.motion, tables.points, tables.shift
     arm = UrdfKinematics(cell)
     index, position = (

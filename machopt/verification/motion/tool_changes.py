@@ -1,8 +1,8 @@
-"""A job that changes tools: every change in its place, and each tool's stretch held against its part of the CAM file.
+"""Verification of a job with tool changes: each change at its place, and each tool's segment against its points.
 
-Which tool which operation wants is the CAM file's word and the cell's table's. Each tool has kinematics, springs and
-bodies of its own, so the rows between two changes are verified as a motion of their own, against the points of the
-file that they are to cut; time, joint limits and the ends are checked over the whole.
+The CAM file and the cell's tool table say which operation needs which tool. Each tool has its own kinematics,
+stiffness and bodies. So the rows between two changes are verified as a separate motion. Time, joint limits and both
+ends are checked over the whole motion.
 """
 
 from __future__ import annotations
@@ -101,7 +101,12 @@ def _check_point_rows(points: ExportedPoints, stints: Sequence[ToolSegment]) -> 
 
 
 def split_tables(tables: ExportedTables, stints: Sequence[ToolSegment]) -> list[ExportedTables]:
-    """The tables of each stint, its points counted from its first and its time from its start."""
+    """Return the tables of each tool segment, with points and time counted from its start.
+
+    Args:
+        tables: The exported tables of the folder.
+        stints: The tool segments in order.
+    """
     motion, points, shift = tables.motion, tables.points, tables.shift
     starts = _find_segment_starts(motion)
     return [
@@ -115,7 +120,14 @@ def split_tables(tables: ExportedTables, stints: Sequence[ToolSegment]) -> list[
 
 
 def slice_motion(motion: ExportedMotion, start: int, stop: int, first: int) -> ExportedMotion:
-    """Some rows of a motion as one of its own."""
+    """Return some rows of a motion as a separate motion.
+
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        start: First row.
+        stop: Row behind the last one.
+        first: Toolpath point that becomes point 0.
+    """
     rows = slice(start, stop)
     return ExportedMotion(
         time=motion.time[rows] - motion.time[start],

@@ -1,4 +1,4 @@
-"""The ways between a program's targets: what the controller draws there, held against the motion's samples."""
+"""Moves between a program's targets as the controller interpolates them, compared with the motion's samples."""
 
 from __future__ import annotations
 
@@ -28,11 +28,20 @@ BLOCK_ROWS = 50_000  # samples
 
 
 def check_moves_between_targets(
-    said: ProgramInCell, motion: ExportedMotion, tcp: Array, at: Array, allowed: TargetTolerances, where: list[str]
+    program: ProgramInCell, motion: ExportedMotion, tcp: Array, at: Array, allowed: TargetTolerances, where: list[str]
 ) -> list[VerificationCheck]:
-    """The motion's samples against what the controller draws between the targets."""
+    """Compare the motion's samples with the lines and joint moves that the controller interpolates between targets.
+
+    Args:
+        said: The program in the cell's frames and units.
+        motion: The exported motion (trajectory.csv), SI.
+        tcp: (N, 4, 4) poses of the TCP.
+        at: (M,) fractional samples at which the targets are reached.
+        allowed: Tolerances of the comparison.
+        where: (M,) place of each target in the program, for messages.
+    """
     known = np.flatnonzero(np.isfinite(at))
-    if len(known) < 2 or said.is_streamed:
+    if len(known) < 2 or program.is_streamed:
         return []
     rows = np.arange(len(tcp))
     nth = np.searchsorted(at[known], rows, side="left")
@@ -41,42 +50,46 @@ def check_moves_between_targets(
     move, before = known[nth], known[nth - 1]
     joined = before == move - 1  # where one is missing there is no line to compare with
     rows, move = rows[joined], move[joined]
-    linear = said.kind[move] == LIN
+    linear = program.kind[move] == LIN
     checks = []
     if linear.any():
         off = np.vstack(
             [
                 _compute_line_deviation(
                     tcp[rows[linear][k : k + BLOCK_ROWS]],
-                    said.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS] - 1],
-                    said.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS]],
+                    program.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS] - 1],
+                    program.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS]],
                 )
                 for k in range(0, int(linear.sum()), BLOCK_ROWS)
             ]
         )
-        _choose_adjacent_move(off, said, tcp, rows[linear], move[linear])
+        _choose_adjacent_move(off, program, tcp, rows[linear], move[linear])
         ways = [f"the move to {where[k]}" for k in move[linear]]
         for column, (what, unit, limit, scale) in enumerate(
             (
-                (CheckName.LINES, "mm", allowed.position + said.place_step, 1e3),
-                (CheckName.LINES_AXIS, "deg", allowed.axis + said.joint_step, 180.0 / np.pi),
-                (CheckName.LINES_TURN, "deg", allowed.turn + said.joint_step, 180.0 / np.pi),
+                (CheckName.LINES, "mm", allowed.position + program.place_step, 1e3),
+                (CheckName.LINES_AXIS, "deg", allowed.axis + program.joint_step, 180.0 / np.pi),
+                (CheckName.LINES_TURN, "deg", allowed.turn + program.joint_step, 180.0 / np.pi),
             )
         ):
-            checks.append(build_worst_move_check(said, what, unit, scale * off[:, column], scale * limit, ways))
+            checks.append(build_worst_move_check(program, what, unit, scale * off[:, column], scale * limit, ways))
         if motion.external.shape[1]:
-            checks.append(_check_external_axes(said, motion, rows[linear], move[linear], off[:, 3], at, allowed, ways))
+            checks.append(
+                _check_external_axes(program, motion, rows[linear], move[linear], off[:, 3], at, allowed, ways)
+            )
     if not linear.all():
         pick = np.flatnonzero(~linear)
-        driven, told = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
+        driven, told = np.hstack([motion.q, motion.external]), np.hstack([program.q, program.external])
         q = np.full((len(at), driven.shape[1]), np.nan)
         q[known] = interpolate_rows(driven, at[known])
         joint = np.isfinite(told).all(axis=1)
         q[joint] = told[joint]
         bow = _compute_joint_line_deviation(driven[rows[pick]], q[move[pick] - 1], q[move[pick]])
         ways = [f"the move to {where[k]}" for k in move[pick]]
-        limit = RAPID_TOLERANCE_DEG + float(np.degrees(said.joint_step))
-        checks.append(build_worst_move_check(said, "joint moves along the motion", "deg", np.degrees(bow), limit, ways))
+        limit = RAPID_TOLERANCE_DEG + float(np.degrees(program.joint_step))
+        checks.append(
+            build_worst_move_check(program, "joint moves along the motion", "deg", np.degrees(bow), limit, ways)
+        )
     return checks
 
 

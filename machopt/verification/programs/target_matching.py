@@ -1,4 +1,4 @@
-"""Where each target of a program lies on the motion, and how far beside it."""
+"""Position of each program target along the motion, and its deviation from it."""
 
 from __future__ import annotations
 
@@ -99,35 +99,47 @@ def match_targets(
 
 
 def check_external_axes(
-    said: ProgramInCell, motion: ExportedMotion, tcp: Array, at: Array, allowed: TargetTolerances, where: Sequence[str]
+    program: ProgramInCell,
+    motion: ExportedMotion,
+    tcp: Array,
+    at: Array,
+    allowed: TargetTolerances,
+    where: Sequence[str],
 ) -> VerificationCheck:
-    """Every target says where rails and positioners stand, and they stand there at that place of the motion.
+    """Check that every target states the external axis positions of its place along the motion.
 
-    Where the motion rounds a corner of the program, the place along it is known to as much, and they leave a bend
-    of their own to the same way before and after it.
+    Where the motion rounds a corner, the place is uncertain by as much, and the axes may deviate accordingly.
+
+    Args:
+        said: The program in the cell's frames and units.
+        motion: The exported motion (trajectory.csv), SI.
+        tcp: (N, 4, 4) poses of the TCP.
+        at: (M,) fractional samples at which the targets are reached.
+        allowed: Tolerances of the comparison.
+        where: (M,) place of each target in the program, for messages.
     """
-    off = np.full(len(said), np.nan)
+    off = np.full(len(program), np.nan)
     on = np.flatnonzero(np.isfinite(at))
     a = np.clip(at[on].astype(np.int64), 0, len(tcp) - 1)
     b = np.minimum(a + 1, len(tcp) - 1)
-    away = np.abs(interpolate_rows(motion.external, at[on]) - said.external[on])
+    away = np.abs(interpolate_rows(motion.external, at[on]) - program.external[on])
     way = np.linalg.norm(tcp[b, :3, 3] - tcp[a, :3, 3], axis=1)
     share = np.minimum(max(allowed.corner, 1e-6) / np.maximum(way, 1e-6), 1.0)[:, None]
     loose = np.maximum(
         share * np.abs(motion.external[b] - motion.external[a]),
         _compute_rounding_tolerance(at[on], motion, tcp, allowed),
     )
-    away = np.maximum(away - loose * (said.kind[on] == LIN)[:, None], 0.0)
+    away = np.maximum(away - loose * (program.kind[on] == LIN)[:, None], 0.0)
     unit = np.where(motion.slides, 1e3, 180.0 / np.pi)
     off[on] = (away * unit).max(axis=1)
-    missing = np.flatnonzero(~np.isfinite(said.external).all(axis=1))
+    missing = np.flatnonzero(~np.isfinite(program.external).all(axis=1))
     if len(missing):
         text = f"{where[int(missing[0])]} does not say where the external axes stand"
         return build_file_check(
-            said.file, "external axes at targets", False, np.nan, EXTERNAL_TOLERANCE, "mm or deg", text
+            program.file, "external axes at targets", False, np.nan, EXTERNAL_TOLERANCE, "mm or deg", text
         )
     return build_worst_move_check(
-        said, "external axes at targets", "mm or deg", np.nan_to_num(off), EXTERNAL_TOLERANCE, where
+        program, "external axes at targets", "mm or deg", np.nan_to_num(off), EXTERNAL_TOLERANCE, where
     )
 
 
@@ -180,15 +192,31 @@ def _compute_rotation_angle(A: Array, B: Array) -> Array:
 
 
 def interpolate_rows(values: Array, at: Array) -> Array:
-    """(K, n) rows of (S, n) at fractional places (K,)."""
+    """Return (K, n) rows at fractional row numbers, by linear interpolation.
+
+    Args:
+        values: (S, n) rows.
+        at: (K,) fractional row numbers.
+    """
     a = np.clip(at.astype(np.int64), 0, len(values) - 1)
     b, f = np.minimum(a + 1, len(values) - 1), (at - a)[:, None]
     return np.asarray((1.0 - f) * values[a] + f * values[b])
 
 
 def build_worst_move_check(
-    said: ProgramInCell, what: str, unit: str, values: Array, limit: float, where: Sequence[str]
+    program: ProgramInCell, what: str, unit: str, values: Array, limit: float, where: Sequence[str]
 ) -> VerificationCheck:
-    """The greatest of ``values``; a NaN is worse than all."""
+    """Return a check of the greatest value; a NaN is worse than all.
+
+    Args:
+        said: The program in the cell's frames and units.
+        what: Name of the checked quantity.
+        unit: Unit of the value.
+        values: (M,) value of each move.
+        limit: The greatest allowed value.
+        where: (M,) place of each move in the program, for messages.
+    """
     n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
-    return build_file_check(said.file, what, bool(values[n] <= limit), float(values[n]), float(limit), unit, where[n])
+    return build_file_check(
+        program.file, what, bool(values[n] <= limit), float(values[n]), float(limit), unit, where[n]
+    )

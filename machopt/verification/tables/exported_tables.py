@@ -1,7 +1,7 @@
-"""trajectory.csv, points.csv and compensation.csv as the verification reads them: by name, nothing assumed.
+"""Readers of trajectory.csv, points.csv and compensation.csv for the verification.
 
-Every column that machopt writes must be there once, every number be finite where the column may not be empty, and
-no column may stand there that nothing here looks at.
+Every column that machopt writes must be present once. Every number must be finite where the column may not be empty.
+Unknown columns are refused.
 """
 
 from __future__ import annotations
@@ -78,7 +78,11 @@ class ExportedMotion:
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
     def describe_row(self, n: int | np.int64) -> str:
-        """Where row n is, for people."""
+        """Return sample, time and toolpath point of a row as text.
+
+        Args:
+            n: Number of the row, from 0.
+        """
         point = f", point {self.point[n]:.3f}" if np.isfinite(self.point[n]) else ""
         return f"sample {n}, {self.time[n]:.3f} s{point}"
 
@@ -111,7 +115,11 @@ class ExportedShift:
 
 
 def read_motion(file: Path, cell: Cell) -> ExportedMotion:
-    """trajectory.csv.
+    """Read trajectory.csv.
+
+    Args:
+        file: Path of the file.
+        cell: The robot cell.
 
     Raises:
         InputError: the file, a column or a number is missing, or a column is unknown.
@@ -138,7 +146,11 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
 
 
 def read_points(file: Path, cell: Cell) -> ExportedPoints:
-    """points.csv.
+    """Read points.csv.
+
+    Args:
+        file: Path of the file.
+        cell: The robot cell.
 
     Raises:
         InputError: the file, a column or a number is missing, or a column is unknown.
@@ -171,7 +183,10 @@ def read_points(file: Path, cell: Cell) -> ExportedPoints:
 
 
 def read_compensation(file: Path) -> ExportedShift:
-    """compensation.csv.
+    """Read compensation.csv.
+
+    Args:
+        file: Path of the file.
 
     Raises:
         InputError: the file, a column or a number is missing, or the index falls.

@@ -26,9 +26,9 @@ def compute_toolpath_index(motion: ExportedMotion, at: Array, toolpath: Toolpath
     lie close together.
 
     Args:
-        motion: the exported motion (trajectory.csv), SI
-        at: (M,) fractional motion samples at which the moves end
-        toolpath: the toolpath, points in the workpiece frame, SI
+        motion: The exported motion (trajectory.csv), SI.
+        at: (M,) fractional motion samples at which the moves end.
+        toolpath: The toolpath, points in the workpiece frame, SI.
     """
     rows = np.clip(np.nan_to_num(at), 0, len(motion.point) - 1)
     low = np.floor(rows).astype(int)
@@ -54,13 +54,13 @@ def convert_external_joints(
     """Convert the program's external axis values to the cell's external joints.
 
     Args:
-        parsed: the program as it was read
-        cell: the robot cell
-        arm: kinematics of the URDF with the cell's tool
-        controller: the robot controller
+        parsed: The program as it was read.
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        controller: The robot controller.
 
     Returns:
-        (M, E) rad or m, NaN where the program gives no value; and the number of values that belong to no joint
+        (M, E) rad or m, NaN where the program gives no value; and the number of values that belong to no joint.
     """
     rides = [
         arm.model.getJointId(name) in arm.list_moving_joints(arm.workpiece_placement) for name in cell.external_joints
@@ -105,11 +105,11 @@ def compute_workpiece_frame(
     its robot coordinate system.
 
     Args:
-        parsed: the program as it was read
-        cell: the robot cell
-        arm: kinematics of the URDF with the cell's tool
-        controller: the robot controller
-        external: (E,) positions of the external joints, rad or m
+        parsed: The program as it was read.
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        controller: The robot controller.
+        external: (E,) positions of the external joints, rad or m.
     """
     own = parsed.dialect in URDF_JOINTS  # of the URDF, whatever the cell says of its controller
     if cell.external_joints and parsed.dialect in COUPLED_FRAME_FORMATS:
@@ -157,8 +157,8 @@ def convert_to_controller_axes(q: Array, controller: RobotController) -> Array:
     """Return the (M, 6) axis angles as the controller counts them: C (sign · q + offset), deg.
 
     Args:
-        q: (M, 6) joint positions of the URDF, rad
-        controller: the robot controller
+        q: (M, 6) joint positions of the URDF, rad.
+        controller: The robot controller.
     """
     m = controller.joint_map
     degrees = np.degrees(q)

@@ -33,8 +33,8 @@ def build_tolerance(mm: float | None, options: PlanOptions) -> ProgramTolerance:
     The angular tolerances leave room for the smoothing of the motion at corners of the path.
 
     Args:
-        mm: position tolerance, mm; None takes 0.05 mm
-        options: the planning options in force
+        mm: Position tolerance, mm; None takes 0.05 mm.
+        options: The planning options in force.
 
     Raises:
         InputError: it is below the rounding of corners, which no program of straight lines can follow.
@@ -60,10 +60,10 @@ def find_post(label: str, folder: Path, cell: Cell, manifest: FolderManifest | N
     is none.
 
     Args:
-        label: label of the post in the manifest
-        folder: the output folder
-        cell: the robot cell
-        manifest: the manifest of the folder; None where it cannot be read
+        label: Label of the post in the manifest.
+        folder: The output folder.
+        cell: The robot cell.
+        manifest: The manifest of the folder; None where it cannot be read.
     """
     if label in list_post_names() or label in ALIASES:
         return label
@@ -79,9 +79,9 @@ def list_post_assumptions(cell: Cell, toolpath: Toolpath, post: str | Path) -> t
     """Return what a program of this post assumes, and the events that it does not carry out.
 
     Args:
-        cell: the robot cell
-        toolpath: the toolpath, points in the workpiece frame, SI
-        post: name of a shipped post, or the path of a template file
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        post: Name of a shipped post, or the path of a template file.
     """
     controller = select_controller(cell, post)
     program = replace(build_short_program(cell, load_robot(cell), controller), events=toolpath.events)
@@ -92,9 +92,9 @@ def build_short_program(cell: Cell, robot: Robot, controller: RobotController) -
     """Return a program of three moves at home.
 
     Args:
-        cell: the robot cell
-        robot: the kinematic model of the robot
-        controller: the robot controller
+        cell: The robot cell.
+        robot: The kinematic model of the robot.
+        controller: The robot controller.
     """
     q = np.tile(cell.home, (3, 1))
     standing = compute_controller_posture(robot, q, controller)
@@ -124,7 +124,7 @@ def list_external_axes(cell: Cell) -> tuple[ExternalProgramAxis, ...]:
     """Return the external joints of a cell as posts need them.
 
     Args:
-        cell: the robot cell
+        cell: The robot cell.
     """
     if not cell.external_joints:
         return ()
@@ -140,7 +140,7 @@ def get_workpiece_on_positioner(cell: Cell) -> Array | None:
     """Return the (4, 4) workpiece pose in the positioner's link, else in world; None without external joints.
 
     Args:
-        cell: the robot cell
+        cell: The robot cell.
     """
     axes = list_external_axes(cell)
     if not axes:
@@ -154,8 +154,8 @@ def compute_workpiece_in_base(cell: Cell, external: Array) -> Array:
     """Return the (4, 4) workpiece pose in base_link.
 
     Args:
-        cell: the robot cell
-        external: (E,) positions of the external joints, rad or m
+        cell: The robot cell.
+        external: (E,) positions of the external joints, rad or m.
     """
     return np.asarray(load_machine(cell, load_robot(cell)).compute_T_base_workpiece(external[None])[0])
 
@@ -164,8 +164,8 @@ def select_controller(cell: Cell, post: str | Path) -> RobotController:
     """Return the cell's controller, without its own event lines where the post writes another language.
 
     Args:
-        cell: the robot cell
-        post: name of a shipped post, or the path of a template file
+        cell: The robot cell.
+        post: Name of a shipped post, or the path of a template file.
     """
     named = cell.controller.post
     own = None if named is None else load_post(named).keys.dialect

@@ -35,7 +35,7 @@ def compute_last_digit(values: Array) -> float:
     """Return the value of one unit of the last printed digit; 0 where there are more than nine decimals.
 
     Args:
-        values: numbers as they were read; those that are not finite are ignored
+        values: Numbers as they were read; those that are not finite are ignored.
     """
     known = values[np.isfinite(values)]
     for decimals in range(MIN_DECIMALS, MAX_DECIMALS + 1):

@@ -35,8 +35,8 @@ class ProgramComparison:
         """Select what a verification of the whole folder found about one program.
 
         Args:
-            posted: the program as the manifest lists it
-            found: the verification; None where there is none
+            posted: The program as the manifest lists it.
+            found: The verification; None where there is none.
         """
         mine = tuple(c for c in found.checks if c.file == posted.files[0]) if found else ()
         stated = tuple(i for i in found.information if i.file == posted.files[0]) if found else ()
@@ -56,7 +56,7 @@ class ProgramComparison:
         """Return the value of a check; NaN where it was not made.
 
         Args:
-            promise: name of the check, a :class:`CheckName`
+            promise: Name of the check, a :class:`CheckName`.
         """
         return next((c.value for c in self.checks if c.check_name == promise), float("nan"))
 
@@ -64,7 +64,7 @@ class ProgramComparison:
         """Return whether a check passed; None where it was not made.
 
         Args:
-            promise: name of the check, a :class:`CheckName`
+            promise: Name of the check, a :class:`CheckName`.
         """
         return next((c.passed for c in self.checks if c.check_name == promise), None)
 

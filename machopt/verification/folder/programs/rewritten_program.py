@@ -174,9 +174,9 @@ def build_failed_program_check(file: str, what: str, text: str) -> VerificationC
     """Return a failed check of a program, without a number.
 
     Args:
-        file: name of the program file
-        what: name of the checked quantity
-        text: what is wrong
+        file: Name of the program file.
+        what: Name of the checked quantity.
+        text: What is wrong.
     """
     return build_file_check(file, what, False, float("nan"), 0.0, "", text)
 

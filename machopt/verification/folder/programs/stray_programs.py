@@ -19,8 +19,8 @@ def find_stray_programs(out: Path, posted: Sequence[ListedProgram]) -> tuple[Pro
     """Return one entry for each file that looks like a robot program and belongs to no post of the folder.
 
     Args:
-        out: the output folder
-        posted: programs that the manifest lists
+        out: The output folder.
+        posted: Programs that the manifest lists.
     """
     mine = {name for one in posted for name in (*one.files, one.label)}  # a user's template lies under its label
     found = []

@@ -96,7 +96,7 @@ class CheckedPoints:
         """Return points.csv of a comparison.
 
         Args:
-            t: result.json and everything that it is compared with
+            t: Result.json and everything that it is compared with.
 
         Raises:
             ValueError: the table has another number of rows than the toolpath.
@@ -115,7 +115,7 @@ class CheckedPoints:
         """Return the (N,) values of a column, NaN in empty fields.
 
         Args:
-            name: name of the column
+            name: Name of the column.
 
         Raises:
             ValueError: there is no such column.
@@ -128,7 +128,7 @@ class CheckedPoints:
         """Return the (N,) cost at the points that are cut to, SI, less is better; NaN elsewhere.
 
         Args:
-            t: result.json and everything that it is compared with
+            t: Result.json and everything that it is compared with.
         """
         counts = t.toolpath.cutting & self.is_ok
         index = t.result.index
@@ -147,7 +147,7 @@ class CheckedPoints:
         points.csv.
 
         Args:
-            t: result.json and everything that it is compared with
+            t: Result.json and everything that it is compared with.
         """
         if t.result.index == "deflection":
             return np.full(len(t.toolpath), 0.5e-3 * LAST_DIGIT_MM)
@@ -160,8 +160,8 @@ def is_output_file(t: ResultComparison, name: str) -> bool:
     """Return whether a file of that name lies in the output folder.
 
     Args:
-        t: result.json and everything that it is compared with
-        name: name of the file, relative to the folder
+        t: Result.json and everything that it is compared with.
+        name: Name of the file, relative to the folder.
     """
     return name in list_folder_files(t.folder) and (t.folder / name).is_file()
 
@@ -170,9 +170,9 @@ def check_equal(name: str, found: object, expected: object) -> Iterable[str]:
     """Yield a message if two values differ.
 
     Args:
-        name: key in result.json
-        found: the value found
-        expected: the recomputed value
+        name: Key in result.json.
+        found: The value found.
+        expected: The recomputed value.
     """
     found, expected = _convert_tuples(found), _convert_tuples(expected)
     if found != expected or isinstance(found, bool) != isinstance(expected, bool):
@@ -188,9 +188,9 @@ def check_same_items(name: str, found: Mapping[str, object], expected: Mapping[s
     """Yield a message for each key whose values differ.
 
     Args:
-        name: key in result.json
-        found: mapping in result.json
-        expected: the recomputed mapping
+        name: Key in result.json.
+        found: Mapping in result.json.
+        expected: The recomputed mapping.
     """
     for key in sorted(found.keys() | expected.keys()):
         if key not in expected:
@@ -207,11 +207,11 @@ def check_close(
     """Yield a message if two numbers differ by more than the tolerance. None stands for a number that is not finite.
 
     Args:
-        name: key in result.json
-        found: number in result.json
-        expected: the recomputed number
-        relative: tolerance as a share of the expected number
-        absolute: tolerance in the unit of the number
+        name: Key in result.json.
+        found: Number in result.json.
+        expected: The recomputed number.
+        relative: Tolerance as a share of the expected number.
+        absolute: Tolerance in the unit of the number.
     """
     if expected is None or not math.isfinite(expected):
         yield from check_equal(name, found, None)
@@ -223,8 +223,8 @@ def require_number(name: str, value: float | None) -> float:
     """Return a number that must not be null.
 
     Args:
-        name: key in result.json
-        value: the number
+        name: Key in result.json.
+        value: The number.
 
     Raises:
         ValueError: it is null.
@@ -238,7 +238,7 @@ def format_json_value(value: object) -> str:
     """Return a value as JSON text: null, true, "done".
 
     Args:
-        value: the value
+        value: The value.
     """
     if isinstance(value, DocumentModel):
         value = value.to_json_types()

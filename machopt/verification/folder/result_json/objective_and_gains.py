@@ -52,7 +52,7 @@ def check_objective(t: ResultComparison) -> Iterable[str]:
     """Yield what is wrong with objective and gains.
 
     Args:
-        t: result.json and everything that it is compared with
+        t: Result.json and everything that it is compared with.
     """
     parts, w = t.result.objective, t.options.weights
     for name, o in (
@@ -175,7 +175,7 @@ def check_compensation(t: ResultComparison) -> Iterable[str]:
     """Yield what is wrong with the compensation section.
 
     Args:
-        t: result.json and everything that it is compared with
+        t: Result.json and everything that it is compared with.
     """
     told, file = t.result.compensation, t.folder / "compensation.csv"
     if not t.options.compensate or t.contents is None:
@@ -201,7 +201,7 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
     first plan.
 
     Args:
-        t: result.json and everything that it is compared with
+        t: Result.json and everything that it is compared with.
     """
     told, file = t.result.front, t.folder / "front.csv"
     if told is None:
@@ -257,8 +257,8 @@ def is_within_ranges(values: Array, ranges: Array) -> Bools:
     """Return (n,) whether each value lies in any of the closed ranges, in O(n + K) time after sorting.
 
     Args:
-        values: (n,) values
-        ranges: (K, 2) lower and upper ends
+        values: (n,) values.
+        ranges: (K, 2) lower and upper ends.
     """
     order = np.argsort(values, kind="stable")
     first = np.searchsorted(values[order], ranges[:, 0], side="left")

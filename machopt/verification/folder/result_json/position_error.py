@@ -26,7 +26,7 @@ def check_position_error(t: ResultComparison) -> Iterable[str]:
     """Yield what is wrong with the position error, and with the joints that exceed its measured range.
 
     Args:
-        t: result.json and everything that it is compared with
+        t: Result.json and everything that it is compared with.
     """
     told, known = t.result.position_error, None if t.cell.stiffness is None else t.cell.stiffness.position
     q = _list_cut_joints(t)

@@ -26,7 +26,7 @@ def check_program_entries(t: ResultComparison) -> Iterable[str]:
     """Yield what is wrong with the program entries.
 
     Args:
-        t: result.json and everything that it is compared with
+        t: Result.json and everything that it is compared with.
     """
     told = t.result.programs
     there = {f.name for f in t.manifest.files if f.role == "program"} if t.manifest else None

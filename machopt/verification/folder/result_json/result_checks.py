@@ -87,13 +87,13 @@ def check_result_document(
     """Return one check for each part of result.json; a part that is missing or malformed fails its check.
 
     Args:
-        folder: the output folder
-        cell: the robot cell
-        toolpath: the toolpath, points in the workpiece frame, SI
-        options: the planning options in force
-        inputs: the given input files with their hashes
-        manifest: the manifest of the folder; None where it cannot be read
-        contents: verification of the tables; None where there is none
+        folder: The output folder.
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        options: The planning options in force.
+        inputs: The given input files with their hashes.
+        manifest: The manifest of the folder; None where it cannot be read.
+        contents: Verification of the tables; None where there is none.
     """
     file = folder / RESULT_FILE
     try:

@@ -44,7 +44,7 @@ def list_schema_errors(problem: ValidationError) -> dict[str, list[str]]:
     """Return the schema errors by part, each error once.
 
     Args:
-        problem: the validation error of pydantic
+        problem: The validation error of pydantic.
     """
     wrong: dict[str, list[ErrorDetails]] = {}
     for error in problem.errors():

@@ -31,7 +31,7 @@ def check_worst_point(t: ResultComparison) -> Iterable[str]:
     """Yield what is wrong with the worst point.
 
     Args:
-        t: result.json and everything that it is compared with
+        t: Result.json and everything that it is compared with.
     """
     points = CheckedPoints.from_file(t)
     worst = t.result.worst_point

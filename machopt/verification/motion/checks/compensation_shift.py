@@ -46,8 +46,8 @@ def compute_commanded_corners(toolpath: Toolpath, shift: ExportedShift) -> tuple
     """Return index (P,) and position (P, 3) m of the commanded polyline's corners in the workpiece frame.
 
     Args:
-        toolpath: the toolpath, points in the workpiece frame, SI
-        shift: the exported compensation shift (compensation.csv)
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        shift: The exported compensation shift (compensation.csv).
     """
     every = np.arange(len(toolpath), dtype=float)
     line = np.column_stack([np.interp(shift.index, every, toolpath.position[:, c]) for c in range(3)])
@@ -66,13 +66,13 @@ def compare_compensation_shift(
     """Compare the shift with minus the recomputed deflection, the force with the stated one, and both tables.
 
     Args:
-        cell: the robot cell
-        toolpath: the toolpath, points in the workpiece frame, SI
-        motion: the exported motion (trajectory.csv), SI
-        points: the exported points (points.csv), SI
-        shift: the exported compensation shift (compensation.csv)
-        arm: kinematics of the URDF with the cell's tool
-        options: the planning options in force
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        motion: The exported motion (trajectory.csv), SI.
+        points: The exported points (points.csv), SI.
+        shift: The exported compensation shift (compensation.csv).
+        arm: Kinematics of the URDF with the cell's tool.
+        options: The planning options in force.
     """
     number = np.round(shift.index).astype(int)
     whole = np.abs(shift.index - number) < 1e-6

@@ -22,10 +22,10 @@ def check_feed(
     """Check the tool speed against the CAM file's feed, and the feed column against the speed.
 
     Args:
-        motion: the exported motion (trajectory.csv), SI
-        toolpath: the toolpath, points in the workpiece frame, SI
-        ride: position of each motion sample relative to the toolpath
-        options: the planning options in force
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        ride: Position of each motion sample relative to the toolpath.
+        options: The planning options in force.
     """
     speed = np.r_[0.0, np.linalg.norm(np.diff(ride.tcp[:, :3, 3], axis=0), axis=1) / motion.sample_time]
     column = build_worst_value_check(

@@ -33,11 +33,11 @@ def check_move_labels(
     """Check the columns move, operation and gamma_deg of trajectory.csv.
 
     Args:
-        motion: the exported motion (trajectory.csv), SI
-        toolpath: the toolpath, points in the workpiece frame, SI
-        points: the exported points (points.csv), SI
-        ride: position of each motion sample relative to the toolpath
-        allow_gaps: points that points.csv gives up need not be visited
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: The exported points (points.csv), SI.
+        ride: Position of each motion sample relative to the toolpath.
+        allow_gaps: Points that points.csv gives up need not be visited.
     """
     return [
         build_count_check("moves of the samples", _check_moves(motion, toolpath, points, ride, allow_gaps)),

@@ -26,11 +26,11 @@ def check_path(
     """Check that the motion follows the toolpath through every point and move, in order and without gaps.
 
     Args:
-        motion: the exported motion (trajectory.csv), SI
-        toolpath: the toolpath, points in the workpiece frame, SI
-        points: the exported points (points.csv), SI
-        ride: position of each motion sample relative to the toolpath
-        allow_gaps: points that points.csv gives up need not be visited
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: The exported points (points.csv), SI.
+        ride: Position of each motion sample relative to the toolpath.
+        allow_gaps: Points that points.csv gives up need not be visited.
     """
     wanted = toolpath.cutting.copy()
     given_up = np.zeros(len(toolpath), bool)
@@ -92,8 +92,8 @@ def get_move_word(motion: ExportedMotion, n: int | np.int64) -> str:
     """Return the move label of a row.
 
     Args:
-        motion: the exported motion (trajectory.csv), SI
-        n: number of the row, from 0
+        motion: The exported motion (trajectory.csv), SI.
+        n: Number of the row, from 0.
     """
     return MoveKind(int(motion.move[n])).word
 

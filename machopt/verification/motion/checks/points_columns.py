@@ -67,8 +67,8 @@ def rotate_vectors(T: Array, v: Array) -> Array:
     """Return (N, 3) vectors rotated by the axes of frames.
 
     Args:
-        T: (N, 4, 4) frames
-        v: (N, 3) vectors in the frames' axes
+        T: (N, 4, 4) frames.
+        v: (N, 3) vectors in the frames' axes.
     """
     return np.asarray(np.einsum("nij,nj->ni", T[:, :3, :3], v))
 
@@ -108,7 +108,7 @@ class PointsTableCheck:
         """Yield the arm at the given rows in blocks that fit the memory, each with the slice of its rows.
 
         Args:
-            rows: row numbers, from 0
+            rows: Row numbers, from 0.
         """
         for first in range(0, len(rows), BLOCK_ROWS):
             some = slice(first, first + BLOCK_ROWS)
@@ -118,7 +118,7 @@ class PointsTableCheck:
         """Return a function that names the n-th of the rows.
 
         Args:
-            rows: row numbers, from 0
+            rows: Row numbers, from 0.
         """
         return lambda n: f"point {self.points.point[rows[n]]}"
 
@@ -126,8 +126,8 @@ class PointsTableCheck:
         """Return every check except clearance and compensation.
 
         Args:
-            motion: the exported motion (trajectory.csv), SI
-            ride: position of each motion sample relative to the toolpath
+            motion: The exported motion (trajectory.csv), SI.
+            ride: Position of each motion sample relative to the toolpath.
         """
         checks = [self._check_completeness(), *self._check_cam_columns(), self._check_status(motion)]
         if self.live.any():
@@ -152,14 +152,14 @@ class PointsTableCheck:
         """Check one column of numbers on some rows; a missing number is the worst.
 
         Args:
-            name: name of the column
-            wanted: (rows,) recomputed values in the file's unit
-            rows: row numbers, from 0
-            unit: unit of the column
-            limit: greatest allowed difference in the file's unit
-            share: further allowed difference as a share of the value; the check then reports the difference as a
-                share of both
-            ambiguity: (rows,) range within which the quantity is undefined, in the file's unit
+            name: Name of the column.
+            wanted: (rows,) recomputed values in the file's unit.
+            rows: Row numbers, from 0.
+            unit: Unit of the column.
+            limit: Greatest allowed difference in the file's unit.
+            share: Further allowed difference as a share of the value; the check then reports the difference as a
+                share of both.
+            ambiguity: (rows,) range within which the quantity is undefined, in the file's unit.
         """
         told = self.points.numbers.get(name)
         if told is None:

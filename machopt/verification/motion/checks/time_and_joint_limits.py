@@ -99,6 +99,6 @@ def format_axis_name(j: int) -> str:
     """Return the name of an axis as reports print it.
 
     Args:
-        j: number of the axis from 0: arm axes first, then external joints
+        j: Number of the axis from 0: arm axes first, then external joints.
     """
     return f"axis {j + 1}" if j < ARM_AXES else f"external axis e{j + 1 - ARM_AXES}"

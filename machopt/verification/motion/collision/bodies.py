@@ -50,9 +50,9 @@ def bound_sphere_box_distance(a: CoalBody, b: CoalBody, T: Array) -> Array:
     """Return (K,) lower bounds of the distance, m, from spheres around one body and a box around the other.
 
     Args:
-        a: the first body
-        b: the second body
-        T: (K, 4, 4) poses of b's carrier in a's carrier
+        a: The first body.
+        b: The second body.
+        T: (K, 4, 4) poses of b's carrier in a's carrier.
     """
     turned = a.radius < b.radius
     if turned:
@@ -110,10 +110,10 @@ def list_checked_pairs(
     that are always nearer than ``clearance``, and those that the cell allows to touch.
 
     Args:
-        cell: the robot cell
-        arm: kinematics of the URDF with the cell's tool
-        bodies: all collision bodies of the cell
-        clearance: required clearance, m
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+        clearance: Required clearance, m.
     """
     out, robot = list_candidate_pairs(cell, arm, bodies)
     for a, b in robot:
@@ -131,9 +131,9 @@ def list_candidate_pairs(
     """Return pairs that are always checked, and pairs of robot and tool that may touch by construction.
 
     Args:
-        cell: the robot cell
-        arm: kinematics of the URDF with the cell's tool
-        bodies: all collision bodies of the cell
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
     """
     may = list_allowed_contacts(cell)
     out: list[tuple[CoalBody, CoalBody]] = []
@@ -161,8 +161,8 @@ def is_two_apart(a: CoalBody, b: CoalBody) -> bool:
     """Return whether exactly one link lies between two bodies of the arm; meshes of such links often overlap.
 
     Args:
-        a: the first body
-        b: the second body
+        a: The first body.
+        b: The second body.
     """
     return a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and b.kind != "cutter"
 
@@ -171,11 +171,11 @@ def sample_random_placements(cell: Cell, arm: UrdfKinematics, a: CoalBody, b: Co
     """Return (count, 4, 4) poses of b's carrier in a's carrier at random joint positions, other than the planner's.
 
     Args:
-        cell: the robot cell
-        arm: kinematics of the URDF with the cell's tool
-        a: the first body
-        b: the second body
-        count: number of poses
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        a: The first body.
+        b: The second body.
+        count: Number of poses.
     """
     rng = np.random.default_rng(20)
     lower, upper = cell.limits.lower, cell.limits.upper
@@ -231,7 +231,7 @@ def list_allowed_contacts(cell: Cell) -> set[tuple[str, str]]:
     """Return the names of body pairs that the cell allows to touch, in both orders.
 
     Args:
-        cell: the robot cell
+        cell: The robot cell.
     """
     one_way = {(a, b) for pair in cell.may_touch for a in pair.first for b in pair.second}
     return one_way | {(b, a) for a, b in one_way}
@@ -241,8 +241,8 @@ def build_bodies(cell: Cell, arm: UrdfKinematics) -> list[CoalBody]:
     """Return every collision body of the cell, as pinocchio and coal load it.
 
     Args:
-        cell: the robot cell
-        arm: kinematics of the URDF with the cell's tool
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
 
     Raises:
         OutputFolderError: a body of the URDF cannot be loaded.
@@ -314,7 +314,7 @@ def compute_reach(b: CoalBody) -> float:
     """Return the greatest distance of a body's points from the origin of its carrier, m.
 
     Args:
-        b: the body
+        b: The body.
     """
     return float(np.linalg.norm(b.place[:3, 3]) + np.linalg.norm(b.box_centre) + np.linalg.norm(b.half_size))
 
@@ -323,7 +323,7 @@ def invert_transforms(T: Array) -> Array:
     """Return the inverses of rigid transforms.
 
     Args:
-        T: (..., 4, 4) rigid transforms
+        T: (..., 4, 4) rigid transforms.
     """
     out = T.copy()
     out[..., :3, :3] = np.swapaxes(T[..., :3, :3], -1, -2)
@@ -335,10 +335,10 @@ def is_near(a: CoalBody, b: CoalBody, T: Array, margin: float = 0.0) -> bool:
     """Return whether two bodies are within a margin of each other.
 
     Args:
-        a: the first body
-        b: the second body
-        T: (4, 4) pose of b's carrier in a's carrier
-        margin: distance, m
+        a: The first body.
+        b: The second body.
+        T: (4, 4) pose of b's carrier in a's carrier.
+        margin: Distance, m.
     """
     import coal
 
@@ -353,9 +353,9 @@ def compute_distance(a: CoalBody, b: CoalBody, T: Array) -> float:
     """Return the distance of two bodies, m; at most 0 in contact.
 
     Args:
-        a: the first body
-        b: the second body
-        T: (4, 4) pose of b's carrier in a's carrier
+        a: The first body.
+        b: The second body.
+        T: (4, 4) pose of b's carrier in a's carrier.
     """
     import coal
 
@@ -379,12 +379,12 @@ def bound_distances(
     See :func:`machopt.verification.motion.collision.distance_bounds.bound_distances`.
 
     Args:
-        a: the first body
-        b: the second body
-        T: (K, 4, 4) poses of b's carrier in a's carrier
-        rows: (R,) rows to bound
-        way: motion of b up to each row, m; bounds of earlier rows are then reused
-        claim: stated distances, m; a lower bound above its claim needs no refinement
+        a: The first body.
+        b: The second body.
+        T: (K, 4, 4) poses of b's carrier in a's carrier.
+        rows: (R,) rows to bound.
+        way: (K,) cumulative motion of b relative to a, m; None: no row bounds the distance of another.
+        claim: (K,) stated distances, m; it is enough to show that the distance is not below them.
     """
     if a.parts is None or b.parts is None:
         return np.zeros(len(T)), np.full(len(T), np.inf)

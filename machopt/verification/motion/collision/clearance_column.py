@@ -53,8 +53,8 @@ def list_varying_pairs(arm: UrdfKinematics, wanted: list[tuple[CoalBody, CoalBod
     The planner makes the same selection at the same positions of the joint.
 
     Args:
-        arm: kinematics of the URDF with the cell's tool
-        wanted: the candidate pairs
+        arm: Kinematics of the URDF with the cell's tool.
+        wanted: The candidate pairs.
     """
     limits = arm.cell.limits
     x = np.linspace(limits.lower, limits.upper, EXTERNAL_JOINT_SAMPLES)
@@ -79,9 +79,9 @@ def is_distance_constant(a: CoalBody, b: CoalBody, T: Array) -> bool:
     """Return whether two bodies have the same distance in all poses, below the maximum and without contact.
 
     Args:
-        a: the first body
-        b: the second body
-        T: (S, 4, 4) poses of b's carrier in a's carrier
+        a: The first body.
+        b: The second body.
+        T: (S, 4, 4) poses of b's carrier in a's carrier.
     """
     d = np.array([compute_distance(a, b, each) for each in T])
     return bool(d.min() > 0.0 and d.max() < MAX_DISTANCE_M and np.ptp(d) < CONSTANT_DISTANCE_M)
@@ -152,7 +152,7 @@ def find_cutting_points(toolpath: Toolpath) -> NDArray[np.bool_]:
     """Return (N,) False where a rapid move ends and the next one begins, else True.
 
     Args:
-        toolpath: the toolpath, points in the workpiece frame, SI
+        toolpath: The toolpath, points in the workpiece frame, SI.
     """
     rapid = np.asarray(toolpath.move == MoveKind.RAPID)
     starts = rapid.copy()

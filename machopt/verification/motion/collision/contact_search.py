@@ -116,8 +116,8 @@ class PlacedBodies:
         """Return (M, 4, 4) poses of b's carrier in a's carrier.
 
         Args:
-            a: the first body
-            b: the second body
+            a: The first body.
+            b: The second body.
         """
         key = (a.carrier, b.carrier)
         if key not in self._relative:
@@ -128,10 +128,10 @@ class PlacedBodies:
         """Return the rows, one for each stretch, in which a and b touch or between which and the next row they do.
 
         Args:
-            a: the first body
-            b: the second body
-            stops: rows at which the stretches begin and end
-            asked: stretches to search
+            a: The first body.
+            b: The second body.
+            stops: Rows at which the stretches begin and end.
+            asked: Stretches to search.
         """
         clear = bound_sphere_box_distance(a, b, self._get_relative_poses(a, b, stops))
         most = 2.0 * self.lever * np.diff(self._turned[stops])  # twice what the way can be
@@ -162,8 +162,8 @@ class PlacedBodies:
         """Return (M,) the sum of :meth:`compute_step_motion` up to each row, m.
 
         Args:
-            a: the first body
-            b: the second body
+            a: The first body.
+            b: The second body.
         """
         key = (a.carrier, id(b))
         if key not in self._gone:
@@ -178,8 +178,8 @@ class PlacedBodies:
         nothing), the bend therefore an eighth of that, there and back a quarter.
 
         Args:
-            b: the body
-            T: (M, 4, 4) poses of b's carrier
+            b: The body.
+            T: (M, 4, 4) poses of b's carrier.
         """
         chord = _compute_chords(T, b.place[:3, :3] @ b.box_centre + b.place[:3, 3], float(np.linalg.norm(b.half_size)))
         bend: Array = chord + self.turn**2 * self.lever / 4.0

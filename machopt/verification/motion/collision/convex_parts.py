@@ -38,7 +38,7 @@ def build_convex_parts(shape: Any) -> ConvexParts | None:
     """Return the convex parts of a coal geometry; None for an unknown type.
 
     Args:
-        shape: the coal geometry
+        shape: The coal geometry.
     """
     kind = type(shape).__name__
     if kind == "Box":

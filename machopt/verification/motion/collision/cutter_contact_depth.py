@@ -29,10 +29,10 @@ def check_contacts(
     """Return the check of contacts along the motion; contacts of cutter and workpiece have their greatest depth.
 
     Args:
-        found: the contacts
-        motion: the exported motion (trajectory.csv), SI
-        arm: kinematics of the URDF with the cell's tool
-        bodies: all collision bodies of the cell
+        found: The contacts.
+        motion: The exported motion (trajectory.csv), SI.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
     """
     texts = []
     for contact in found[:5]:
@@ -59,13 +59,13 @@ def find_deepest_contact(
     """Return the greatest retraction along the tool axis, m, that frees the cutter from the workpiece.
 
     Args:
-        motion: the exported motion (trajectory.csv), SI
-        arm: kinematics of the URDF with the cell's tool
-        bodies: all collision bodies of the cell
-        rows: rows of the motion to search
+        motion: The exported motion (trajectory.csv), SI.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+        rows: Rows of the motion to search.
 
     Returns:
-        depth and row; NaN and −1 where the cutter touches in none of them
+        Depth and row; NaN and −1 where the cutter touches in none of them.
     """
     cutters, parts = ([b for b in bodies if b.kind == kind] for kind in ("grazing", "workpiece"))
     rows = _select_rows(np.unique(rows), MAX_CONTACT_SAMPLES)
@@ -117,11 +117,11 @@ def measure_depth_outside_cuts(
     The motion follows the CAM file there, so this is information and no check.
 
     Args:
-        motion: the exported motion (trajectory.csv), SI
-        toolpath: the toolpath, points in the workpiece frame, SI
-        ride: position of each motion sample relative to the toolpath
-        arm: kinematics of the URDF with the cell's tool
-        bodies: all collision bodies of the cell
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        ride: Position of each motion sample relative to the toolpath.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
     """
     name = "cutter in the workpiece outside cuts"
     if arm.cell.tool.cutter is None or not arm.cell.workpiece.geometry:
@@ -150,12 +150,12 @@ def check_cut_level(
     only the tip counts.
 
     Args:
-        motion: the exported motion (trajectory.csv), SI
-        toolpath: the toolpath, points in the workpiece frame, SI
-        ride: position of each motion sample relative to the toolpath
-        cell: the robot cell
-        commanded: index (P,) and position (P, 3) m of the commanded path in the workpiece frame; None without
-            compensation
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        ride: Position of each motion sample relative to the toolpath.
+        cell: The robot cell.
+        commanded: Index (P,) and position (P, 3) m of the commanded path in the workpiece frame; None without
+            compensation.
     """
     name = "level of the cuts"
     if cell.workpiece.geometry:

@@ -77,7 +77,7 @@ def build_cutter_points(cutter: CutterGeometry) -> Array:
     """Return (K, 3) points on the cutter's surface in the TCP frame, m, on a spiral from the tip upwards.
 
     Args:
-        cutter: shape of the cutter
+        cutter: Shape of the cutter.
     """
     r, c = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0)
     flat, arc, side = r - c, c * np.pi / 2.0, cutter.length - c
@@ -99,13 +99,13 @@ def find_deepest_point(part: CoalBody, points: Array, T: Array, limit: float) ->
     """Return the greatest penetration of points into the part, m; 0 where it does not exceed the limit.
 
     Args:
-        part: the finished part
-        points: (K, 3) points on the cutter, m
-        T: (M, 4, 4) poses of the points' frame in the part's frame
-        limit: greatest allowed penetration, m
+        part: The finished part.
+        points: (K, 3) points on the cutter, m.
+        T: (M, 4, 4) poses of the points' frame in the part's frame.
+        limit: Greatest allowed penetration, m.
 
     Returns:
-        depth, row and place (3,) m in the part's frame
+        Depth, row (−1 if not above the limit) and place (3,) m in the part's frame.
     """
     seen = np.ascontiguousarray(invert_transforms(part.place) @ T)
     kind = type(part.shape).__name__

@@ -33,10 +33,10 @@ def check_inventory(
     """Check that every body and mass of the URDF takes part in the contact check.
 
     Args:
-        cell: the robot cell
-        arm: kinematics of the URDF with the cell's tool
-        bodies: all collision bodies of the cell
-        checked: pairs that are checked for contacts
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+        checked: Pairs that are checked for contacts.
     """
     try:
         root = ElementTree.fromstring(cell.urdf_text)

@@ -39,11 +39,21 @@ class ArmConfiguration:
         return out
 
     def select_rows(self, keep: NDArray[Any]) -> ArmConfiguration:
-        """Some of the configurations."""
+        """Return some of the configurations.
+
+        Args:
+            keep: Row numbers, or a mask (N,).
+        """
         return ArmConfiguration(**{f.name: getattr(self, f.name)[keep] for f in fields(ArmConfiguration)})
 
 
 def build_twist_columns(axis: Array, origin: Array, tcp: Array) -> Array:
-    """(N, 6, K) of K lines (N, K, 3) that turn."""
+    """Return the (N, 6, K) geometric Jacobian of rotations about K lines.
+
+    Args:
+        axis: (N, K, 3) unit directions of the lines.
+        origin: (N, K, 3) a point on each line, m.
+        tcp: (N, 4, 4) poses of the TCP.
+    """
     lever = tcp[:, None, :3, 3] - origin
     return np.swapaxes(np.concatenate([np.cross(axis, lever), axis], axis=-1), 1, 2)

@@ -70,10 +70,13 @@ class UrdfKinematics:
         return int(self.model.getFrameId(name))
 
     def link_of(self, frame: int) -> int:
-        """Arm link (0 … 6) that a link of the URDF, as pinocchio numbers frames, rides on.
+        """Return the arm link (0 … 6) that carries a link of the URDF.
 
-        In a cell with external joints −1 for what is not below base_link: the hall, rails and their carriages, a
-        positioner.
+        In a cell with external joints it is −1 for everything not below base_link: the hall, rails and their
+        carriages, a positioner.
+
+        Args:
+            frame: Number of the URDF link's frame in pinocchio's model.
         """
         joint = int(self.model.frames[frame].parentJoint)
         while joint > 0:
@@ -99,9 +102,12 @@ class UrdfKinematics:
         return frame != 0
 
     def list_moving_joints(self, carrier: int) -> frozenset[int]:
-        """Joints of the URDF that move an entry of :meth:`placements` in the hall; of −1 none.
+        """Return the URDF joints that move an entry of :meth:`compute_placements` in the world; none for −1.
 
         Joints that nothing drives move nothing.
+
+        Args:
+            carrier: Number of the entry.
         """
         driven = {*self.joints, *self._external, *(j for j, source, *_ in self._follow if source >= 0)}
         out, parent = set(), self._chain[0]
@@ -116,7 +122,11 @@ class UrdfKinematics:
         return frozenset(self._external)
 
     def find_placement(self, link: str) -> tuple[int, Array]:
-        """Entry of :meth:`placements` that carries a link of the URDF or ``world`` (−1), and (4, 4) the link there."""
+        """Return the entry of :meth:`compute_placements` that carries a link, and the (4, 4) link pose there.
+
+        Args:
+            link: Name of a URDF link, or ``world`` (entry −1).
+        """
         if link == "world":
             return -1, np.eye(4)
         frame = self.model.frames[self._find_frame(link)]
@@ -233,7 +243,11 @@ class UrdfKinematics:
         return to_world
 
     def T_base_workpiece(self, external: Array) -> Array:
-        """(N, 4, 4) the CAM frame in base_link with external joints at (N, E) rad or m; one for all rows if E = 0."""
+        """Return (N, 4, 4) poses of the CAM frame in base_link; one for all rows if E = 0.
+
+        Args:
+            external: (N, E) positions of the external joints, rad or m.
+        """
         if external.shape[1] == 0 and len(external) > 1:
             return np.broadcast_to(self.T_base_workpiece(external[:1]), (len(external), 4, 4))
         values = np.zeros((len(external), 6)), external
@@ -251,7 +265,12 @@ class UrdfKinematics:
         return np.empty((len(q), 0)) if external is None else external
 
     def compute_configuration(self, q: Array, external: Array | None = None) -> ArmConfiguration:
-        """Axes, frames and TCP at q (N, 6) rad in base_link, external joints at (N, E) rad or m."""
+        """Return axes, frames and TCP in base_link.
+
+        Args:
+            q: (N, 6) joint positions by encoder, rad.
+            external: (N, E) positions of the external joints, rad or m; None for the home position.
+        """
         external = self._check_external_positions(q, external)
         joints = self._joint_frames(q, external)
         back = np.linalg.inv(self._compute_fixed_link_pose(joints, self._base))
@@ -281,8 +300,15 @@ class UrdfKinematics:
         )
 
     def compute_external_joint_state(self, name: str, stance: ArmConfiguration) -> tuple[Array, Array, bool]:
-        """An external joint as it stands: (N, 4, 4) the link it moves and (N, 3) its axis, both in base_link, and
-        whether it slides."""
+        """Return link pose, axis and type of an external joint.
+
+        Args:
+            name: Name of the external joint.
+            stance: The arm at N configurations, base_link axes.
+
+        Returns:
+            (N, 4, 4) the link it moves and (N, 3) its axis, both in base_link, and whether the joint is prismatic.
+        """
         joint = self._external[self.cell.external_joints.index(name)]
         joints = self._joint_frames(stance.q, stance.external)
         link = np.linalg.inv(self._compute_fixed_link_pose(joints, self._base)) @ joints[:, joint]
@@ -290,7 +316,11 @@ class UrdfKinematics:
         return link, np.asarray(link[:, :3, :3] @ (shift + turn)), bool(shift.any())
 
     def build_nominal(self, stance: ArmConfiguration) -> ArmConfiguration:
-        """The arm of the drawing with its flange where this one's is: postures are told of that one."""
+        """Return the nominal arm with its flange at the same poses; branches and singularities refer to it.
+
+        Args:
+            stance: The arm at N configurations, base_link axes.
+        """
         if self._drawn or not has_as_built_geometry(self.cell):
             return stance
         drawn, q = UrdfKinematics(self.cell, drawn=True), stance.q
@@ -314,10 +344,13 @@ class UrdfKinematics:
         return out
 
     def compute_gravity_torque(self, q: Array, external: Array | None = None) -> Array:
-        """(N, 6) N·m that the weight of links and tool does to the joints at q (N, 6) rad, external joints at (N, E);
-        the tool a point mass.
+        """Return (N, 6) joint torques of the weight of links and tool, N·m; the tool is a point mass.
 
         Weight acts along −z of world with 9.80665 m/s². What is missing in the URDF weighs nothing.
+
+        Args:
+            q: (N, 6) joint positions by encoder, rad.
+            external: (N, E) positions of the external joints, rad or m; None for the home position.
         """
         import pinocchio as pin
 
@@ -340,7 +373,12 @@ class UrdfKinematics:
         return np.asarray(torque)
 
     def compute_tcp_in_workpiece(self, q: Array, external: Array) -> Array:
-        """(S, 4, 4) pose of the TCP in the CAM frame."""
+        """Return (S, 4, 4) poses of the TCP in the CAM frame.
+
+        Args:
+            q: (S, 6) joint positions by encoder, rad.
+            external: (S, E) positions of the external joints, rad or m.
+        """
         out = np.empty((len(q), 4, 4))
         still = slice(0, 1) if self._part is None else slice(None)  # one that no joint turns is the same in all rows
         for start in range(0, len(q), BLOCK_ROWS):  # the frames of all joints are many times what is kept

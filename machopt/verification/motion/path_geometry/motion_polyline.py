@@ -42,7 +42,11 @@ class MotionPolyline:
     sample: Array  # (V,) fractional index of the sample, rising
 
     def convert_to_sample(self, at: Array) -> Array:
-        """Fractional samples of fractional vertices (K,); NaN stays NaN."""
+        """Convert fractional vertices to fractional samples; NaN stays NaN.
+
+        Args:
+            at: (K,) fractional vertices.
+        """
         return np.asarray(np.interp(at, np.arange(len(self.sample)), self.sample))
 
 

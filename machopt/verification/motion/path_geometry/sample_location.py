@@ -1,9 +1,8 @@
-"""Where each sample of the motion is against the CAM file: on one of its moves, lifted off one of its points, or free.
+"""Position of each motion sample relative to the CAM file: on a feed move, lifted off a point, or free.
 
-Nothing here reads a label. A sample is *fed* where the tool is on a move that the CAM file makes at a feed, point and
-axis within the tolerances; *lifted* where it stands above a point of the file, straight along that point's tool axis
-(so the tool is drawn out of the workpiece and let in again where the file itself begins or ends in it); else it is
-free. A free tool has no business in the workpiece, whatever the row calls itself.
+No label is read here. A sample is *fed* where the tool is on a move that the CAM file makes at a feed, with point and
+axis within the tolerances. It is *lifted* where it lies straight above a point along that point's tool axis. Else it
+is free. A free tool must not be in the workpiece.
 """
 
 from __future__ import annotations
@@ -40,9 +39,12 @@ class SampleLocations:
     axis_limit: float  # rad
 
     def is_on_retract(self, point: Array) -> Bools:
-        """(S,) rows of a lift: lifted off one point, or on that point just before or after, at the same index.
+        """Return (S,) rows of a retract or approach move: lifted off a point, or on it just before or after.
 
-        The first rows of a lift are still within the tolerance of the point itself.
+        The first rows of such a move are still within the tolerance of the point itself.
+
+        Args:
+            point: (S,) toolpath index of the rows.
         """
         out = self.on_retract_move.copy()
         with np.errstate(invalid="ignore"):

@@ -106,7 +106,12 @@ class DiscrepancyState:
     weight: Array
 
     def compute_columns(self, wrench: Array, *, small: bool) -> Array:
-        """(N, 6, K) twist of the TCP per unit of each part under wrenches (N, 6) at it."""
+        """Return the (N, 6, K) twist of the TCP per unit of each part.
+
+        Args:
+            wrench: (N, 6) wrenches at the TCP, N and N·m, base_link axes.
+            small: Linearise about zero load.
+        """
         tau = np.einsum("nci,nc->ni", self.stance.J, wrench)
         out = np.zeros((*wrench.shape, len(self.discrepancy.found.parts)))
         for n, name in enumerate(self.discrepancy.found.parts):
@@ -124,7 +129,11 @@ class DiscrepancyState:
         return out
 
     def compute_mean_shift(self, force: Array) -> Array:
-        """(N, 3) m that the mean adds under forces (N, 3)."""
+        """Return the (N, 3) displacement that the mean discrepancy adds, m.
+
+        Args:
+            force: (N, 3) forces, N, base_link axes.
+        """
         return np.asarray(self.compute_columns(_convert_to_wrench(force), small=False)[:, :3] @ self._mean)
 
     @cached_property
