@@ -1,4 +1,4 @@
-"""Templates as code, kept beside Python's own: they are compiled once an installation, and not in every run."""
+"""Cache of compiled templates: they are compiled once for each installation."""
 
 from __future__ import annotations
 
@@ -27,14 +27,29 @@ class TemplateCache(BytecodeCache):
         self.of = hashlib.sha256(f"{jinja2.__version__} {options}".encode()).hexdigest()[:12]
 
     def get_cache_key(self, name: str, filename: str | None = None) -> str:
-        """The name alone: where the package stands changes nothing."""
+        """Return the key of a template; it depends on the name alone, not on the package's folder.
+
+        Args:
+            name: Name of the template.
+            filename: Path of the template, not used.
+        """
         return f"{name.replace('/', '.')}.{sys.implementation.cache_tag}-{self.of}"
 
     def load_bytecode(self, bucket: Bucket) -> None:
+        """Load a compiled template into a bucket, if it is stored.
+
+        Args:
+            bucket: Bucket of Jinja2.
+        """
         with contextlib.suppress(OSError), (self.folder / bucket.key).open("rb") as file:
             bucket.load_bytecode(file)
 
     def dump_bytecode(self, bucket: Bucket) -> None:
+        """Store a compiled template, if the folder can be written.
+
+        Args:
+            bucket: Bucket of Jinja2.
+        """
         if sys.dont_write_bytecode:
             return
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""The report's data from the plan, the motion and the verification."""
+"""Data of the optimize report from plan, motion and verification."""
 
 from __future__ import annotations
 
@@ -253,7 +253,11 @@ def _build_summary(
 
 
 def describe_deflection(worst: WorstPointSection | None) -> str:
-    """The worst point's deflection along and across the tool axis, as the terminal shows it too."""
+    """Return the worst point's deflection along and across the tool axis, in the words of the terminal.
+
+    Args:
+        worst: The worst point; None where there is none.
+    """
     if worst is None or worst.deflection_along_mm is None or worst.deflection_across_mm is None:
         return ""
 
@@ -361,7 +365,11 @@ def _count_feed_stops(timeline: MotionTimeline | None) -> tuple[tuple[str, int],
 
 
 def describe_dip_cause(dip: FeedSlowdown) -> str:
-    """What slowed the feed, in words."""
+    """Return what limits the feed at a dip.
+
+    Args:
+        dip: The feed dip.
+    """
     where = " while the tool turns on the spot" if dip.where == "reorientation" else ""
     return f"{format_axis_name(dip.joint - 1)} {dip.limit}{where}"
 
@@ -420,7 +428,12 @@ def _get_label(toolpath: Toolpath, plan: Plan, row: int) -> str:
 
 
 def format_measured_value(value: float, check: VerificationCheck) -> str:
-    """A value of a check as it is read aloud: what is not beyond a limit is within it, and by how much."""
+    """Return a value of a check for reading: within its limit, or beyond it and by how much.
+
+    Args:
+        value: Value of the check, in its unit.
+        check: The check.
+    """
     if check.beyond and value <= 0.0:
         return "at the limit" if value == 0.0 else f"{-value:.4g} {check.beyond} within the limit"
     number = f"{value + 0.0:.4g}"
@@ -430,7 +443,11 @@ def format_measured_value(value: float, check: VerificationCheck) -> str:
 
 
 def format_found_value(check: VerificationCheck) -> str:
-    """What a check found; of what is mere rounding beside what it allows result.json has the number."""
+    """Return the value that a check found; rounding errors are shortened, result.json has the number.
+
+    Args:
+        check: The check.
+    """
     if check.passed and not check.beyond and 0.0 < abs(check.value) < ROUNDING_SHARE * check.limit:
         return "< 0.1 % of allowed"
     return format_measured_value(check.value, check)

@@ -1,4 +1,4 @@
-"""Codes of what stands at a place of a map: pages and pictures index their words and patterns by these numbers."""
+"""Codes of the states of a map sample; pages and pictures index their words and patterns by them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,10 @@ class PlaceCode(enum.IntEnum):
 
 
 def convert_to_place_codes(reasons: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The codes of an array of :class:`InfeasibilityReason`, in its shape.
+    """Return the codes of an array of :class:`InfeasibilityReason`, in its shape.
+
+    Args:
+        reasons: Reason of each sample.
 
     Raises:
         ValueError: a reason that no place of a map has.

@@ -1,4 +1,4 @@
-"""What the page of ``machopt view`` shows beside a plan: what the user decided, and how the plan before compares."""
+"""Data of the steering panel of ``machopt view``: the user's decisions, and the comparison with the previous plan."""
 
 from __future__ import annotations
 
@@ -47,7 +47,11 @@ class SteeringData:
 
 
 def build_steering_spec(s: SteeringData) -> dict[str, Any]:
-    """The same for ``assets/steer.js``."""
+    """Return the steering data as JSON for ``assets/steer.js``.
+
+    Args:
+        s: The steering data.
+    """
     return {
         "operations": [{"label": label, "points": [list(p) for p in points]} for label, points in s.operations],
         "points": s.points,

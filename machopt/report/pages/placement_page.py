@@ -1,4 +1,4 @@
-"""The page of ``machopt place``: a map of the index over x and y, the best places, and what is near them."""
+"""Page of ``machopt place``: a map of the index over x and y, the best placements, and their neighbourhood."""
 
 from __future__ import annotations
 
@@ -51,12 +51,21 @@ class PlacementPageData:
 
 
 def write_placement_page(path: Path, data: PlacementPageData) -> None:
-    """Write the page; the same data give the same bytes."""
+    """Write the page; the same data give the same bytes.
+
+    Args:
+        path: The file to write.
+        data: The data of the page.
+    """
     path.write_text(build_placement_html(data), encoding="utf-8", newline="\n")
 
 
 def build_placement_html(data: PlacementPageData) -> str:
-    """The page as text."""
+    """Return the page.
+
+    Args:
+        data: The data of the page.
+    """
     r = data.result
     sections = [
         ("verdict", "Verdict", _build_verdict(data)),

@@ -1,4 +1,4 @@
-"""A toolpath as a small still picture: its cuts coloured by what is predicted there."""
+"""Thumbnail of a toolpath: cuts coloured by the predicted value."""
 
 from __future__ import annotations
 
@@ -36,7 +36,11 @@ class PathPicture:
 
 
 def build_thumbnail(path: PathPicture) -> Markup:
-    """The picture; bright is good, dark is poor, red is where there is no answer."""
+    """Return the thumbnail; bright is good, dark is poor, red has no solution.
+
+    Args:
+        path: Points and values of the picture.
+    """
     keep = np.unique(np.linspace(0, len(path.position) - 1, _SEGMENTS + 1).round().astype(int))
     at = path.position[keep] @ _VIEW_MATRIX.T
     cut = np.array([path.cutting[a + 1 : b + 1].any() for a, b in pairwise(keep.tolist())], bool)
