@@ -1,4 +1,4 @@
-"""The commands about cells themselves: ``init``, ``validate``."""
+"""The commands ``init`` and ``validate`` for cells."""
 
 from __future__ import annotations
 
@@ -29,7 +29,12 @@ _QUESTIONS = (
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the commands to the parser."""
+    """Add the commands to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        common: Parent parser with the options of every command.
+    """
     from machopt.cell_setup.template.init_request import UNITS, InitRequest
 
     p = commands.add_parser(

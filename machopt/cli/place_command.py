@@ -1,4 +1,4 @@
-"""The command ``place``: where to put the workpiece, or the robot."""
+"""The command ``place``: the best placement of workpiece or robot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,12 @@ Commands = Any  # argparse keeps its subparsers' type private
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        common: Parent parser with the options of every command.
+    """
     job = commands.add_parser(
         "place",
         parents=[common, build_reading_parser()],

@@ -1,4 +1,4 @@
-"""``machopt init``: from a robot's URDF or xacro file to a cell folder that validates."""
+"""``machopt init``: a valid cell folder from a robot's URDF or xacro file."""
 
 from __future__ import annotations
 
@@ -52,6 +52,9 @@ _TRIED_ROTATIONS = (_NO_ROTATION, (0.0, 0.0, 90.0), (0.0, 0.0, 180.0), (0.0, 0.0
 
 def run_init(request: InitRequest) -> InitResult:
     """Write a new cell.
+
+    Args:
+        request: The validated request.
 
     Raises:
         InputError: the robot cannot be read or is no six-axis arm, an option is wrong, or the folder is taken.

@@ -1,4 +1,4 @@
-"""The manifest of a command: what it was asked and by what it works, before anything is made."""
+"""Manifest of a command: its inputs, options and program version, before output files are made."""
 
 from __future__ import annotations
 
@@ -51,7 +51,19 @@ def build_optimize_manifest(
     effects: Sequence[Path] = (),
     tolerance: ProgramTolerance,
 ) -> FolderManifest:
-    """The manifest of one plan; files, programs and verdict follow when they are there."""
+    """Return the manifest of one plan; files, programs and verdict are added later.
+
+    Args:
+        cell: The robot cell.
+        toolpath_file: The toolpath file.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        options: The planning options in force.
+        reading: Reading options of the toolpath that differ from the default.
+        plan_file: Plan file with options; None without one.
+        post_files: Template files of posts.
+        effects: Files with user-defined effects.
+        tolerance: The tolerance between program and motion.
+    """
     read = build_manifest_file(toolpath_file, "toolpath")
     named = [ManifestFile(read.name, "toolpath", toolpath.sha256 or read.sha256, read.size)]
     named += [build_manifest_file(plan_file, "plan")] if plan_file is not None else []
@@ -70,7 +82,13 @@ def build_optimize_manifest(
 
 
 def list_option_fields(cell: Cell, options: PlanOptions, toolpath: Toolpath) -> dict[str, Any]:
-    """What a manifest says of the options in force, by its fields: they change where a plan is steered."""
+    """Return the manifest fields that depend on the options; they change where a plan is steered.
+
+    Args:
+        cell: The robot cell.
+        options: The planning options in force.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+    """
     said = {"checked": coverage.list_checked(options), "unchecked": coverage.list_unchecked(cell, options, toolpath)}
     return {"options": format_user_options(options), "not_recomputed": coverage.NOT_RECOMPUTED, **said}
 

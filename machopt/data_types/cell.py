@@ -1,4 +1,4 @@
-"""What a cell is: robot, tool, workpiece, obstacles, limits. Built by :mod:`machopt.cell.cell_reader`."""
+"""Cell model: robot, tool, workpiece, obstacles, limits. Built by :mod:`machopt.cell.cell_reader`."""
 
 from __future__ import annotations
 
@@ -155,7 +155,11 @@ class Cell:
 
 
 def describe_fixed_external_joints(cell: Cell) -> tuple[str, ...]:
-    """What to say where measurements of an arm are read: none, or that its external joints are taken to stand still."""
+    """Return the warning that external joints are assumed fixed in recordings; none without them.
+
+    Args:
+        cell: The robot cell.
+    """
     if not cell.external_joints:
         return ()
     return (

@@ -1,11 +1,11 @@
-"""A motion program as every post takes it, and the controller it is written for.
+"""Motion program as every post takes it, and the controller it is written for.
 
-Joint angles of a controller come from those of the URDF by a map that the cell states, never guessed:
+The cell states the map from joint positions of the URDF to the controller's axis angles:
 
-    a = C (sign · deg(q) + offset_deg),   C = 1 + coupling.
+  a = C (sign · deg(q) + offset_deg),   C = 1 + coupling.
 
-``coupling`` holds what one axis adds to another: FANUC counts J3 from the horizontal, robots with a parallel
-linkage count axis 3 against the upright lower arm's motor; both are one entry (axis 3 from axis 2).
+``coupling`` holds what one axis adds to another. FANUC counts J3 from the horizontal; robots with a parallel linkage
+count axis 3 relative to the lower arm. Both are one entry (axis 3 from axis 2).
 """
 
 from __future__ import annotations
@@ -36,7 +36,11 @@ class JointMap:
     coupling: Array = field(default_factory=lambda: np.zeros((6, 6)))  # (6, 6), row: axis that gains, strictly lower
 
     def compute_axes_deg(self, q: Array) -> Array:
-        """(..., 6) degrees as the controller counts them, from q (..., 6) rad."""
+        """Return the (..., 6) axis angles as the controller counts them, deg.
+
+        Args:
+            q: (..., 6) joint positions of the URDF, rad.
+        """
         plain = self.sign * np.degrees(q) + self.offset_deg
         return np.asarray(plain + plain @ self.coupling.T)
 

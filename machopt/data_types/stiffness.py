@@ -17,7 +17,11 @@ WITHIN = np.radians(1.0)  # beyond the last measured angle that still counts as 
 
 
 def format_joint_stiffness(stiffness: float) -> str:
-    """A joint's stiffness (N·m/rad) as files and tables write it: 4.68e5 N·m/rad, no 4.68e+05."""
+    """Return a joint's stiffness as files and tables write it: 4.68e5 N·m/rad.
+
+    Args:
+        stiffness: Joint stiffness, N·m/rad.
+    """
     return f"{stiffness:.3g} N·m/rad".replace("e+0", "e").replace("e+", "e")
 
 
@@ -100,11 +104,19 @@ class PositionError:
     joints: Array  # (6, 2) rad, lowest and highest encoder angle
 
     def is_in_covered_range(self, q: Array) -> Array:
-        """(N, 6) bool, whether joints (N, 6) rad are within what was measured."""
+        """Return (N, 6) whether each joint is within its measured range.
+
+        Args:
+            q: (N, 6) joint positions by encoder, rad.
+        """
         return np.asarray((q >= self.joints[:, 0] - WITHIN) & (q <= self.joints[:, 1] + WITHIN))
 
     def beyond(self, q: Array) -> tuple[str, ...]:
-        """What to say of poses (N, 6) rad that go beyond what was measured; none, or a sentence."""
+        """Return a sentence on joints beyond the measured range; none if all are within.
+
+        Args:
+            q: (N, 6) joint positions by encoder, rad.
+        """
         inside = self.is_in_covered_range(q)
         if inside.all():
             return ()
@@ -162,7 +174,11 @@ class ArmStiffness:
 
 
 def describe_ignored_springs(external: tuple[ExternalJointSpring, ...]) -> tuple[str, ...]:
-    """What to say where measurements of an arm are read and the file speaks of external joints: none, or a sentence."""
+    """Return the warning that springs of external joints are ignored in measurements; none without springs.
+
+    Args:
+        external: Springs of the external joints.
+    """
     names = ", ".join(s.joint for s in external if s.is_compliant)
     if not names:
         return ()

@@ -1,4 +1,4 @@
-"""A toolpath as every reader delivers it and every planning step takes it."""
+"""Toolpath as every reader returns it and every planning step takes it."""
 
 from __future__ import annotations
 
@@ -114,5 +114,9 @@ class Toolpath:
 
 
 def format_incomplete_warning(reason: str) -> str:
-    """The warning of a toolpath whose file seems to end too early, from ``meta["incomplete"]``."""
+    """Return the warning of a toolpath whose file seems to end too early.
+
+    Args:
+        reason: The reason, from ``meta["incomplete"]``.
+    """
     return f"INCOMPLETE FILE? {reason}"

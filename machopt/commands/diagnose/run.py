@@ -1,4 +1,4 @@
-"""``machopt diagnose``: from a cell and a recording to what the model leaves out, the extended model, and a page."""
+"""``machopt diagnose``: missing effects of the model from a cell and a recording, the extended model, and a page."""
 
 from __future__ import annotations
 
@@ -44,6 +44,10 @@ class DiagnoseResult:
 
 def run_diagnose(request: DiagnoseRequest, progress: Progress = lambda _: None) -> DiagnoseResult:
     """Diagnose a recording of a cell's robot.
+
+    Args:
+        request: The validated request.
+        progress: Called with the name of each stage when it begins.
 
     Raises:
         InputError: bad cell, recording, laws or output folder.

@@ -1,4 +1,4 @@
-"""Everything one run of ``machopt optimize`` came to, before it is told."""
+"""Result of one run of ``machopt optimize``."""
 
 from __future__ import annotations
 
@@ -81,7 +81,11 @@ class OptimizeJobResult:
         return format_completeness(cut, len(points) - cut)
 
     def with_programs(self, programs: tuple[ExportedProgram, ...]) -> OptimizeJobResult:
-        """The same with these programs, in the manifest too; one that is withheld has no files."""
+        """Return a copy with these programs, in the manifest too; an omitted program has no files.
+
+        Args:
+            programs: The exported programs.
+        """
         named = tuple(ManifestProgram(p.label, p.files, p.tool_segment) for p in programs if p.files)
         said = tuple(
             f"{p.files[0]}: {text}" for p in programs if p.files for text in (*p.unstarted_events, *p.assumptions)
@@ -96,5 +100,9 @@ class OptimizeJobResult:
         return replace(self, manifest=replace(self.manifest, touching_pairs=listed))
 
     def with_verification(self, found: Verification) -> OptimizeJobResult:
-        """The same with what the verification found, of each program too."""
+        """Return a copy with the verification, also for each program.
+
+        Args:
+            found: The verification of the output folder.
+        """
         return replace(self, verification=found, programs=add_read_back_results(self.programs, found))

@@ -1,4 +1,4 @@
-"""What ``machopt optimize`` was asked, loaded and refused where no plan could answer it."""
+"""Request of ``machopt optimize``: loading of its files, and refusal where no plan is possible."""
 
 from __future__ import annotations
 
@@ -66,7 +66,14 @@ class OptimizeInputs:
 
 
 def load_optimize_inputs(request: OptimizeRequest) -> OptimizeInputs:
-    """Read every file that was named; an InputError names a bad cell, toolpath, option or post."""
+    """Read every file that the request names.
+
+    Args:
+        request: The validated request.
+
+    Raises:
+        InputError: bad cell, toolpath, option or post.
+    """
     cell = load_cell(request.cell, allow_external=request.allow_external)
     return prepare_optimize_inputs(
         cell, lambda: read_for_plan(request.toolpath, **get_reading_options(cell), **request.reading), request

@@ -1,4 +1,4 @@
-"""``machopt optimize``: from a cell and a CAM file to a folder with motion, program, tables, verdict and report."""
+"""``machopt optimize``: motion, program, tables, verdict and report from a cell and a CAM file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,11 @@ class OptimizeResult:
 
 
 def run_optimize(request: OptimizeRequest, progress: Callable[[str], None] = lambda _: None) -> OptimizeResult:
-    """Run the main job.
+    """Plan, verify and write the result of one job.
+
+    Args:
+        request: The validated request.
+        progress: Called with the name of each stage when it begins.
 
     Raises:
         InputError: bad cell, toolpath, options or output folder.

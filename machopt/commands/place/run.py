@@ -1,4 +1,4 @@
-"""``machopt place``: where to put the workpiece, or the robot, and the best places as whole verified plans."""
+"""``machopt place``: the best placements of workpiece or robot, as complete verified plans."""
 
 from __future__ import annotations
 
@@ -59,10 +59,16 @@ class PlaceComputation:
 def run_place(
     request: PlaceRequest, progress: Progress = lambda _: None, crew: PlacementExecutor | None = None
 ) -> PlaceResult:
-    """Look for the best place, alone or with a crew of other processes: the answer is the same.
+    """Search for the best placement, alone or with worker processes; the result is the same.
 
-    Writes ``place.json``, ``places.csv``, ``report.html`` and ``best-1`` …: the moved cell and a whole output of
-    ``optimize`` for each toolpath. Until then ``OUT.progress.jsonl`` has what was found: the same command goes on.
+    Writes ``place.json``, ``places.csv``, ``report.html`` and ``best-1`` …: the moved cell and a complete output of
+    ``optimize`` for each toolpath. Until then ``OUT.progress.jsonl`` holds the evaluated placements: the same command
+    continues from there.
+
+    Args:
+        request: The validated request.
+        progress: Called with the name of each stage when it begins.
+        crew: Worker processes; None computes in this process.
 
     Raises:
         InputError: bad cell, toolpath, options, ranges or output folder.
@@ -115,7 +121,17 @@ def compute_placements(
 def write_placement_files(
     found: PlaceComputation, folder: Path, progress: Progress = lambda _: None, crew: PlacementExecutor | None = None
 ) -> PlaceDocument:
-    """Write the best places as whole plans, and everything that is told."""
+    """Write the best placements as complete plans, and all documents.
+
+    Args:
+        found: Result of the search.
+        folder: The empty folder.
+        progress: Called with the name of each stage when it begins.
+        crew: Worker processes; None computes in this process.
+
+    Returns:
+        The content of place.json.
+    """
     request, site, siting = found.request, found.site, found.siting
     best = write_best_plans(request, site, siting, folder, progress, crew)
     hashes = {**compute_input_hashes(site.cell), **{t.source: t.sha256 for t in site.toolpaths}}

@@ -1,4 +1,4 @@
-"""``machopt plan-poses``: which poses and loads to measure so that the stiffness is known as well as wanted."""
+"""``machopt plan-poses``: poses and loads to measure for a wanted accuracy of the stiffness."""
 
 from __future__ import annotations
 
@@ -58,7 +58,13 @@ def run_plan_poses(request: PosesRequest, progress: Callable[[str], None] = lamb
 def write_pose_plan_files(
     done: PlanPosesComputation, folder: Path, progress: Callable[[str], None] = lambda _: None
 ) -> None:
-    """Write their files into an empty folder."""
+    """Write the files into an empty folder.
+
+    Args:
+        done: Result of the computation.
+        folder: The empty folder.
+        progress: Called with the name of each stage when it begins.
+    """
     request = done.request
     if done.table is not None:
         write_poses_csv(folder / "poses.csv", done.table)
