@@ -1,4 +1,4 @@
-"""A robot cell in memory."""
+"""Robot cell of the Python API."""
 
 from __future__ import annotations
 
@@ -104,10 +104,13 @@ class Cell:
         return run_validate(self.path, allow_external=self.allow_external, picture_file=file, effects=effects).findings
 
     def with_stiffness(self, file: str | os.PathLike[str]) -> Cell:
-        """The same cell with another stiffness.yaml, e.g. the one that ``identify`` or ``diagnose`` saved.
+        """Return the same cell with another stiffness.yaml, e.g. the one that ``identify`` or ``diagnose`` saved.
+
+        Args:
+            file: Path of the stiffness file.
 
         Raises:
-            InputError: the file is not one, or the numbers cannot be those of this arm.
+            InputError: the file is no stiffness file, or its values do not fit this arm.
         """
         files = [own.file for own in self.effects]
         return Cell.load(self.path, stiffness=file, effects=files, allow_external=self.allow_external)
@@ -155,10 +158,13 @@ class Cell:
 
 
 def load_cell_argument(cell: Cell | str | os.PathLike[str]) -> Cell:
-    """A cell, loaded where a path was given.
+    """Return a cell; a path is loaded.
+
+    Args:
+        cell: A cell, or its path.
 
     Raises:
-        InputError: the path leads to no cell; or a file of the cell has changed.
+        InputError: the path is no cell, or a file of the cell has changed.
     """
     return cell.unchanged() if isinstance(cell, Cell) else Cell.load(cell)
 

@@ -1,4 +1,4 @@
-"""Columns by name, as a table file has them."""
+"""Table of named columns, as a table file has them."""
 
 from __future__ import annotations
 
@@ -73,7 +73,11 @@ class Table(Mapping[str, NDArray[Any]]):
         return len(next(iter(self._columns.values()), ()))
 
     def array(self, *names: str) -> NDArray[np.float64]:
-        """(rows, columns) of these columns of numbers side by side, read-only."""
+        """Return (rows, columns) of some numeric columns, read-only.
+
+        Args:
+            names: Names of the columns.
+        """
         out = np.column_stack([np.asarray(self[name], float) for name in names])
         out.setflags(write=False)
         return out

@@ -1,4 +1,4 @@
-"""A toolpath in memory."""
+"""Toolpath of the Python API."""
 
 from __future__ import annotations
 
@@ -99,7 +99,11 @@ class Toolpath:
 
 
 def read_toolpath_argument(path: Toolpath | str | os.PathLike[str], cell: Cell) -> Toolpath:
-    """A toolpath, read where a path was given.
+    """Return a toolpath; a path is read.
+
+    Args:
+        path: A toolpath, or its path.
+        cell: The robot cell.
 
     Raises:
         InputError: the file is no toolpath.

@@ -1,8 +1,8 @@
-"""The jobs on Dask: workers in this process, or those of a running scheduler, supervise one job each.
+"""Batch jobs on Dask: each worker, of this process or of a running scheduler, supervises one job at a time.
 
-A local batch opens no port: its scheduler and workers are threads of this process, which talk in memory, and Dask's
-status pages are left out. There is nothing for another user of the machine to reach, and no worker to lose: what can
-be killed are the process servers that :mod:`machopt.batch.job_supervisor` starts, and it starts others.
+A local batch opens no port: scheduler and workers are threads of this process and communicate in memory; Dask's
+status pages are off. So no other user of the machine can connect. Jobs run in the process servers of
+:mod:`machopt.batch.job_supervisor`, which are restarted when they end.
 """
 
 from __future__ import annotations
@@ -93,7 +93,10 @@ class DaskExecutor:
                     self._client.close(timeout=CLOSE_TIMEOUT_S)
 
     def check_workers(self, work: Path) -> None:
-        """Make sure that the workers run this program and see the output folder.
+        """Check that the workers run this version and can access the output folder.
+
+        Args:
+            work: Work folder of the batch.
 
         Raises:
             InputError: there is no worker, it has another version, or does not share the file system.
@@ -137,11 +140,22 @@ class DaskExecutor:
         return max(len(self._client.ncores()), 1)
 
     def submit_call(self, what: Any, *arguments: Any) -> Any:
-        """Ask a worker for one call; its future. Every call is made anew, alike or not."""
+        """Submit one call to a worker; equal calls are not merged.
+
+        Args:
+            what: The function.
+            arguments: Its positional arguments.
+
+        Returns:
+            The future of the call.
+        """
         return self._client.submit(what, *arguments, pure=False)
 
     def run_jobs(self, specs: Sequence[tuple[str, JobSpec]]) -> Generator[tuple[str, JobEnd], None, None]:
-        """Hand out all jobs in order; yields each with its end as they finish.
+        """Submit all jobs in order; yield each with its end as they finish.
+
+        Args:
+            specs: (label, job) pairs.
 
         Raises:
             SchedulerLostError: the scheduler is gone.

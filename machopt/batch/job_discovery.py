@@ -1,4 +1,4 @@
-"""From what the user named to jobs: folders, patterns, lists and single toolpaths."""
+"""Jobs of a batch from the user's folders, patterns, lists and single toolpaths."""
 
 from __future__ import annotations
 
@@ -95,7 +95,10 @@ class DiscoveredJobs:
 
 
 def find_jobs(request: BatchRequest) -> DiscoveredJobs:
-    """All jobs of a request.
+    """Return all jobs of a request.
+
+    Args:
+        request: The request of ``machopt batch``.
 
     Raises:
         InputError: a list is wrong, a file or cell is missing, a job stands twice, or there is none.
@@ -237,7 +240,12 @@ def _list_default_posts(request: BatchRequest) -> tuple[str | Path, ...]:
 
 
 def build_slug(text: str, *, from_start: bool = False) -> str:
-    """Letters, digits, dots and underscores of a text, the rest as hyphens; the last (or first) forty letters."""
+    """Return letters, digits, dots and underscores of a text, the rest as hyphens; at most forty characters.
+
+    Args:
+        text: The text.
+        from_start: Keep the first characters instead of the last ones.
+    """
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     whole = re.sub(r"[^A-Za-z0-9_.]+", "-", plain).strip("-.")
     return (whole[:_SLUG] if from_start else whole[-_SLUG:]).strip("-.")

@@ -1,4 +1,4 @@
-"""The key of a job: a hash of everything its result depends on. Two jobs with one key have one result."""
+"""Key of a job: a hash of everything that its result depends on. Jobs with the same key have the same result."""
 
 from __future__ import annotations
 
@@ -54,7 +54,11 @@ def compute_program_version() -> str:
 
 
 def compute_package_hash(package: Path) -> str:
-    """SHA-256 of all files of a package by name and content, but for what Python and numba store beside them."""
+    """Return SHA-256 of all files of a package by name and content, except caches of Python and numba.
+
+    Args:
+        package: Folder of the package.
+    """
     total = hashlib.sha256()
     for file in sorted(p for p in package.rglob("*") if p.suffix not in _COMPILED_SUFFIXES and p.is_file()):
         if _CACHE_FOLDER in file.relative_to(package).parts:
@@ -100,7 +104,11 @@ class JobKeyBuilder:
     _cell_names: dict[Path, tuple[Path, ...]] = field(default_factory=dict)
 
     def build_key(self, job: BatchJob) -> ReadyJob | RefusedJob:
-        """The key of a job, or the reason that the planner would give for refusing its cell, file or options."""
+        """Return the key of a job, or the reason to refuse its cell, file or options.
+
+        Args:
+            job: The job.
+        """
         request = self.request
         try:
             cell = self._read_cell(job.cell)
@@ -157,6 +165,14 @@ class JobKeyBuilder:
         return found
 
     def hash_file(self, file: Path) -> str:
+        """Return SHA-256 of a file; each file is read once.
+
+        Args:
+            file: Path of the file.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
         if file not in self._hashes:
             try:
                 self._hashes[file] = compute_file_hash(file)
@@ -166,7 +182,11 @@ class JobKeyBuilder:
 
 
 def compute_file_hash(file: Path) -> str:
-    """SHA-256 of a file's bytes."""
+    """Return SHA-256 of a file's bytes.
+
+    Args:
+        file: Path of the file.
+    """
     with file.open("rb") as data:
         return hashlib.file_digest(data, "sha256").hexdigest()
 

@@ -1,6 +1,6 @@
-"""A Dask task: give one job to a process server, keep it within its time and memory, and tell how it ended.
+"""Supervision of one job by a Dask task: a process server runs it within its limits of time and memory.
 
-Nothing here raises for what a job does; a job that crashes, hangs or eats memory is an :class:`JobEnd` like any other.
+A job that crashes, exceeds its time or its memory raises nothing: its outcome is a :class:`JobEnd` like any other.
 """
 
 from __future__ import annotations
@@ -75,15 +75,22 @@ class JobEnd:
 
     @classmethod
     def from_json_types(cls, plain: Mapping[str, Any]) -> JobEnd:
-        """From :meth:`plain`."""
+        """Build the end from the plain types of a JSON file.
+
+        Args:
+            plain: The fields as plain types.
+        """
         return cls(**{**plain, "outcome": _parse_outcome(plain["outcome"])})
 
 
 def supervise_job(spec: JobSpec) -> dict[str, Any]:
-    """Run one job to its end; returns an :class:`JobEnd` in plain types.
+    """Run one job to its end; return a :class:`JobEnd` in plain types.
 
-    The end is written beside what the job wrote before anyone is told, so a job whose worker or driver is killed
-    before the result was put away is still done.
+    The end is written next to the job's files first. So a job is not lost if its worker or the main process is killed
+    before the result is stored.
+
+    Args:
+        spec: The job with its limits.
     """
     for _, key, earlier in list_ended_jobs(Path(spec.work), spec.label):
         if key == spec.key:
@@ -97,7 +104,12 @@ def supervise_job(spec: JobSpec) -> dict[str, Any]:
 
 
 def list_ended_jobs(work: Path, label: str = "*") -> Iterator[tuple[str, str, JobEnd]]:
-    """Label, key and end of the jobs of a work folder, or of one of them, that have ended and were not put away."""
+    """Yield label, key and end of jobs in a work folder that have ended and are not stored yet.
+
+    Args:
+        work: Work folder of the batch.
+        label: Label of the job; ``*`` for all.
+    """
     for file in sorted(work.glob(f"{label}~*/{END_FILE}")):
         try:
             found = json.loads(file.read_text(encoding="utf-8"))
@@ -116,7 +128,11 @@ def _write_end(spec: JobSpec, ended: JobEnd) -> None:
 
 
 def stop_servers(batch: str) -> None:
-    """End all servers of a batch in this worker, with the jobs they run."""
+    """End all servers of a batch in this worker, with their jobs.
+
+    Args:
+        batch: Id of the batch.
+    """
     with _LOCK:
         _STOPPED_BATCHES.add(batch)
         servers = [s for s in _ALL_SERVERS if s.batch == batch]
@@ -188,7 +204,12 @@ class ProcessServer:
         return not self._silent.is_set() and self._process.poll() is None
 
     def run_job(self, spec: JobSpec, folder: str) -> JobEnd:
-        """Do one job, within its limits."""
+        """Run one job within its limits.
+
+        Args:
+            spec: The job with its limits.
+            folder: Output folder of the job.
+        """
         if not self._ready and not self._wait_ready():
             return JobEnd(how="server", folder=folder, text=self._read_error_text())
         if not self._send_line(json.dumps({"job": spec.job, "folder": folder})):
@@ -334,7 +355,12 @@ def _parse_outcome(plain: Any) -> BatchRowSection | JobFailureDocument | None:
 
 
 def read_log_tail(folder: Path, lines: int = 1) -> str:
-    """The last words a job wrote."""
+    """Return the last lines of a job's log that are not empty.
+
+    Args:
+        folder: Work folder of the job.
+        lines: Number of lines.
+    """
     try:
         text = (folder / LOG_FILE).read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -343,7 +369,11 @@ def read_log_tail(folder: Path, lines: int = 1) -> str:
 
 
 def format_signal_name(number: int) -> str:
-    """``SIGSEGV`` of 11."""
+    """Return the name of a signal: ``SIGSEGV`` of 11.
+
+    Args:
+        number: Number of the signal.
+    """
     try:
         return signal.Signals(number).name
     except ValueError:

@@ -1,4 +1,4 @@
-"""Other processes that look at places for ``machopt place``: of this machine, or the workers of a Dask scheduler."""
+"""Worker processes of ``machopt place``: of this machine, or the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -34,7 +34,11 @@ class PlacementWorkers:
     worker_count: int
 
     def map_items(self, ask: Callable[[PlacementSite, A], B], items: Sequence[A]) -> Iterator[B]:
-        """Answers in the order of the questions.
+        """Yield the results of a function of the site in the order of its items.
+
+        Args:
+            ask: Function of site and item.
+            items: The items.
 
         Raises:
             MachoptError: a process has ended.

@@ -1,4 +1,4 @@
-"""What the user asked of ``machopt batch``, what is told on the way, and what came out."""
+"""Request, progress and result of ``machopt batch``."""
 
 from __future__ import annotations
 
@@ -86,7 +86,11 @@ class BatchResult:
 
 
 def format_duration(seconds: float) -> str:
-    """``1:02:03``, ``5:43``."""
+    """Return a duration as ``1:02:03`` or ``5:43``.
+
+    Args:
+        seconds: Duration, s.
+    """
     minutes, s = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{s:02d}" if hours else f"{minutes}:{s:02d}"

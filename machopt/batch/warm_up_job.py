@@ -1,4 +1,4 @@
-"""A tiny whole job: done once in every process server, so that the jobs it forks find all imported and compiled.
+"""Warm-up job: a tiny complete job, run once in every process server so that its jobs find everything compiled.
 
 Only one process of a machine compiles; the others wait for it and load what it stored.
 """
@@ -60,7 +60,11 @@ x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min
 
 
 def run_warm_up_job(folder: Path) -> int:
-    """Do the job in an empty folder; returns its exit code, 0."""
+    """Run the job; return its exit code, 0.
+
+    Args:
+        folder: An empty folder.
+    """
     from machopt.commands.optimize.request import OptimizeRequest
     from machopt.commands.optimize.run import run_optimize
 

@@ -1,11 +1,6 @@
-"""Output folders that are whole or not there: written into a temporary sibling, synced, swapped at the end.
+"""Output folders that are complete or absent: written into a temporary folder, flushed, and swapped at the end.
 
-Beside an output folder ``OUT`` there may stand, all hidden and all with a hash of its name in theirs:
-
-- ``.OUT.<hash>.lock``: held by the run at work; the system drops the lock when that process ends;
-- ``.OUT.<hash>.partial-<random>``: what a run is writing, or what a killed one left; the next run takes it away;
-- ``.OUT.<hash>.old-<random>``: the former OUT for the moment of the swap, only where the file system cannot exchange
-  two folders in one step; if a run is killed in that moment, the next one puts it back.
+The folder of ``OUT`` may hold these hidden entries, each with a hash of its name:
 """
 
 from __future__ import annotations
@@ -98,7 +93,11 @@ def write_output_folder(path: Path | str, *, force: bool = False, inputs: Iterab
 
 
 def is_machopt_output(folder: Path) -> bool:
-    """True if ``folder`` carries a result file of ours."""
+    """Return whether a folder has a result file of machopt.
+
+    Args:
+        folder: The folder.
+    """
     return any(_has_result_key(folder / name) for name in (*RESULT_FILES, MANIFEST))
 
 
@@ -213,10 +212,13 @@ def _refuse_foreign_folder(target: Path, named: Path, *, force: bool, inputs: tu
 
 
 def find_edited_files(folder: Path) -> tuple[str, ...]:
-    """Files of an earlier output that would be lost with it, each with what happened to it.
+    """Return the files of an earlier output that would be lost with it, each with what happened to it.
 
-    These are files that were changed since machopt wrote them and files that machopt did not write. Where no manifest
-    can be read, every file counts whose name is not one that machopt gives.
+    These are files that were changed since machopt wrote them, and files that machopt did not write. Without a
+    readable manifest, every file counts whose name machopt does not use.
+
+    Args:
+        folder: The output folder.
     """
     try:
         manifest, _ = read_manifest(folder)

@@ -1,4 +1,4 @@
-"""Robot programs of a job: written, with what came back when they were read, or withdrawn."""
+"""Robot programs of a job: written, verified after reading back, or removed."""
 
 from __future__ import annotations
 
@@ -181,7 +181,12 @@ def _write_program(
 
 
 def build_segment_program_name(stint: ToolSegment, post: str | Path) -> str:
-    """The program's name: the toolpath's, with the stint's number behind it where there are several."""
+    """Return the program's name: the toolpath's, with the segment's number where there are several.
+
+    Args:
+        stint: The tool segment.
+        post: Name of a shipped post, or the path of a template file.
+    """
     source = stint.toolpath.source
     return format_program_name(f"{source} {stint.number}" if stint.number else source, post)
 
@@ -189,7 +194,12 @@ def build_segment_program_name(stint: ToolSegment, post: str | Path) -> str:
 def add_read_back_results(
     programs: Sequence[ExportedProgram], verification: Verification
 ) -> tuple[ExportedProgram, ...]:
-    """The programs with what the verification says of each."""
+    """Return the programs, each with its verification result.
+
+    Args:
+        programs: The exported programs.
+        verification: Verification of the output folder.
+    """
     return tuple(
         replace(p, checked=ProgramComparison.build(p.to_posted_program, verification)) if p.files else p
         for p in programs
@@ -199,7 +209,13 @@ def add_read_back_results(
 def list_omitted_programs(
     wanted: Sequence[SelectedPost], tolerance: ProgramTolerance, why: str
 ) -> tuple[ExportedProgram, ...]:
-    """What stands for programs that are not written at all."""
+    """Return the entries of programs that are not written.
+
+    Args:
+        wanted: The selected posts.
+        tolerance: The tolerance between program and motion.
+        why: Reason why they are not written.
+    """
     return tuple(
         ExportedProgram(
             label=one.label,
@@ -215,7 +231,16 @@ def list_omitted_programs(
 
 
 def remove_programs(folder: Path, programs: Sequence[ExportedProgram], why: str) -> tuple[ExportedProgram, ...]:
-    """Remove programs that nobody may load, with folders of their own."""
+    """Remove programs that must not be loaded, with their own folders.
+
+    Args:
+        folder: The output folder.
+        programs: The exported programs.
+        why: Reason of the removal.
+
+    Returns:
+        The entries without files, with the reason.
+    """
     for name in (name for p in programs for name in p.files):
         file = folder / name
         file.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Where the cell and the toolpath of an output folder lie: by the hashes its manifest has, for it names no places."""
+"""Location of the cell and the toolpath of an output folder, by the hashes of its manifest, which names no paths."""
 
 from __future__ import annotations
 
@@ -49,7 +49,12 @@ def locate_inputs(out: Path, manifest: FolderManifest, around: Iterable[Path] = 
 
 
 def list_changed_inputs(then: Iterable[ManifestFile], now: Iterable[ManifestFile]) -> tuple[str, ...]:
-    """Names of inputs that are other ones today, or are not there any more."""
+    """Return the names of inputs that have changed or are missing.
+
+    Args:
+        then: Inputs that the manifest records.
+        now: Inputs of today.
+    """
     today = {f.name: f.sha256 for f in now}
     return tuple(f.name for f in then if f.role != "plan" and today.get(f.name) != f.sha256)
 

@@ -1,10 +1,9 @@
-"""A page for one user on this machine: loopback only, nothing without the token, nothing for other hosts.
+"""HTTP server of a page for one user: loopback address, secret token, requests to this host only.
 
-A browser lets any page send requests to 127.0.0.1, and a name that leads there passes for the page's own host (DNS
-rebinding). So the address holds a token nobody else knows, and a request must name this very host. Requests are read by
-threads; what they ask is done by the thread that called :meth:`PageServer.work`, one thing at a time, so that Ctrl-C
-stops
-a plan that is being made like any other.
+A browser lets any page send requests to 127.0.0.1, and a host name that resolves to it passes for the page's own host
+(DNS rebinding). So the address holds a secret token, and a request must name this very host. Threads read the
+requests. The thread that called :meth:`PageServer.work` carries out their actions, one at a time, so that Ctrl-C
+stops a running plan like any other.
 """
 
 from __future__ import annotations
@@ -103,11 +102,22 @@ class PageServer:
             self.run_action(self.wait_for_action())
 
     def wait_for_action(self, seconds: float | None = None) -> PendingAction:
-        """Wait for the next thing to do; :class:`queue.Empty` where none comes in time."""
+        """Wait for the next action.
+
+        Args:
+            seconds: Longest wait, s; None waits for ever.
+
+        Raises:
+            queue.Empty: no action came in time.
+        """
         return self._queue.get(timeout=seconds)
 
     def run_action(self, asked: PendingAction) -> None:
-        """Do one thing."""
+        """Carry out one action.
+
+        Args:
+            asked: The action.
+        """
         self._since = time.monotonic()
         try:
             asked.answer = self._act(asked.name, asked.body, self._set_progress)
@@ -118,7 +128,12 @@ class PageServer:
             asked.finished.set()
 
     def request_action(self, what: str, body: dict[str, Any]) -> ViewAnswerDocument | None:
-        """Have something done and wait for it; None where something is being done already, or all is over."""
+        """Request an action and wait for it; None where another one is running, or the server is closed.
+
+        Args:
+            what: Name of the action.
+            body: Data of the request.
+        """
         if not self._busy.acquire(blocking=False):
             return None
         try:

@@ -1,4 +1,4 @@
-"""A loaded problem and its plans: what the user steers, without anything of a browser."""
+"""Session of ``machopt view``: a loaded problem and its plans, independent of the browser."""
 
 from __future__ import annotations
 
@@ -66,7 +66,16 @@ class ViewSession:
         overwrite: bool = False,
         inputs: tuple[Path, ...] = (),
     ) -> ViewSession:
-        """Plan as asked."""
+        """Compute the first plan, and return the session.
+
+        Args:
+            given: The loaded inputs.
+            file: Plan file that the page may write.
+            words: Planning options of the command line.
+            progress: Called with the name of each stage when it begins.
+            overwrite: Replace the plan file whatever it holds.
+            inputs: Input files, which must never be overwritten.
+        """
         store = StepCache()
         with use_step_cache(store):
             made = compute_optimize_plan(given, StageTimings(progress=progress))
@@ -89,14 +98,18 @@ class ViewSession:
         return {"fixed": user["fixed"], "steer": user.get("steer", []), "external": user.get("external", {})}
 
     def replan(self, wishes: dict[str, Any], progress: Progress) -> tuple[str, bool]:
-        """Plan anew with other wishes; what they do not change is taken from the plan shown.
+        """Plan again with other steering rules; unchanged steps come from the cache.
+
+        Args:
+            wishes: The rules, under the keys of a plan file.
+            progress: Called with the name of each stage when it begins.
 
         Returns:
-            what came of it, and whether the new plan is shown now: one without a motion takes the place of none that
-            has one.
+            A message, and whether the new plan is shown now: a plan without a motion does not replace one with a
+            motion.
 
         Raises:
-            InputError: a wish that cannot be meant; the plan shown stays.
+            InputError: a rule is not valid; the shown plan stays.
         """
         options = self._build_options(wishes)
         if self.has_motion and format_user_options(options) == format_user_options(self.current.inputs.options):
@@ -127,12 +140,15 @@ class ViewSession:
         return self.command
 
     def verify(self, progress: Progress) -> ViewAnswerDocument:
-        """Write the plan shown to a folder of its own, programs included, and hold it against cell and toolpath.
+        """Write the shown plan with its programs to a temporary folder, and verify it against cell and toolpath.
 
-        The checks share no code with the planner. The folder is gone afterwards.
+        The checks share no code with the planner.
+
+        Args:
+            progress: Called with the name of each stage when it begins.
 
         Returns:
-            what the page shows: a sentence, whether all is well, and every check.
+            What the page shows: a sentence, whether all checks passed, and every check.
         """
         with TemporaryDirectory(prefix="machopt-view-") as place:
             timed = replace(self.current, timings=StageTimings(progress=progress))
