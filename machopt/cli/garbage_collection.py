@@ -1,8 +1,8 @@
-"""When Python looks for circles of objects that nobody holds any more.
+"""Settings of Python's garbage collector for short commands.
 
-Loading the libraries makes a million objects that all stay, and looking through them again and again takes a tenth of
-a short command. So none are looked for while they are loaded, and what has been loaded is left out of every later look,
-which may then come so often that circles around large tables do not add up (30 MiB of a thousand points).
+Loading the libraries creates a million permanent objects. Searching them again and again takes a tenth of a short
+command. So the collector is off while they are loaded, and they are excluded afterwards. Later collections may then
+be frequent, so that cyclic references to large tables do not accumulate (30 MiB with a thousand points).
 """
 
 from __future__ import annotations

@@ -105,11 +105,18 @@ def write_command_manifest(
     checked: Iterable[CheckCoverage] = (),
     unchecked: Iterable[str] = (),
 ) -> None:
-    """manifest.json of a command that plans no toolpath, beside everything else it wrote.
+    """Write manifest.json of a command that plans no toolpath, after all its other files.
 
     Args:
-        request: the command's own dataclass; its fields but the paths named here are the options.
-        inputs: what it read beside the cell.
+        folder: The output folder.
+        command: Name of the command.
+        request: Dataclass of the command; its fields except paths are the options.
+        cell: The robot cell.
+        verdict: Verdict in words.
+        exit_code: Exit code of the command.
+        inputs: Input files other than those of the cell.
+        checked: What was checked.
+        unchecked: What was not checked.
     """
     if getattr(request, "tables", "csv") == "parquet":
         write_parquet_copies(folder.glob("*.csv"))

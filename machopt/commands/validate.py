@@ -1,4 +1,4 @@
-"""``machopt validate``: everything wrong or odd about a cell, with a picture."""
+"""``machopt validate``: all errors and warnings of a cell, with a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a plan says of each point of its toolpath."""
+"""Table of a plan's results at each point of its toolpath."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@ The cell states the map from joint positions of the URDF to the controller's axi
 
   a = C (sign · deg(q) + offset_deg),   C = 1 + coupling.
 
-``coupling`` holds what one axis adds to another. FANUC counts J3 from the horizontal; robots with a parallel linkage
-count axis 3 relative to the lower arm. Both are one entry (axis 3 from axis 2).
+``coupling`` holds what one axis adds to another. FANUC counts J3 from the horizontal. Robots with a parallel
+linkage count the motor of axis 3, which does not turn with the lower arm. Both are one entry (axis 3 from axis 2).
 """
 
 from __future__ import annotations

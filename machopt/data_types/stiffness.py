@@ -70,10 +70,11 @@ class ModelDiscrepancy:
     counted: bool = True
 
     def describe_misfit(self, what: str, sure: str = "") -> str:
-        """What it says of its own misfit, and whether ``what`` (a plural) counts that in; empty where there is neither.
+        """Return a sentence on the model's misfit, and whether a quantity includes it; empty where there is neither.
 
         Args:
-            sure: a sentence on how sure these then are.
+            what: Name of the quantity, a plural.
+            sure: A sentence on its uncertainty.
         """
         counts = self.counted and bool(self.shift.any())
         mean = f"{what} count in, in the mean, what the readings show beyond the file's springs."

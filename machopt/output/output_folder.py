@@ -1,6 +1,11 @@
 """Output folders that are complete or absent: written into a temporary folder, flushed, and swapped at the end.
 
 The folder of ``OUT`` may hold these hidden entries, each with a hash of its name:
+
+- ``.OUT.<hash>.lock``: lock of the running process; the system drops it when the process ends;
+- ``.OUT.<hash>.partial-<random>``: output in progress, or the rest of a killed run; the next run removes it;
+- ``.OUT.<hash>.old-<random>``: the former OUT during the swap, only where the file system cannot exchange two folders
+  in one step; if a run is killed in that moment, the next one restores it.
 """
 
 from __future__ import annotations

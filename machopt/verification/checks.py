@@ -126,10 +126,14 @@ class Verification:
 def build_worst_value_check(
     name: str, unit: str, values: Array, limit: float, where: Sequence[str] | Callable[[int], str]
 ) -> VerificationCheck:
-    """The greatest of ``values`` against a limit; NaN is the greatest of all, none at all a failure.
+    """Return a check of the greatest value against a limit; NaN is the worst value, and no values fail.
 
     Args:
-        where: what is said of entry n: a text each, or what makes it.
+        name: Name of the check.
+        unit: Unit of the value.
+        values: (n,) values, in ``unit``.
+        limit: The greatest allowed value.
+        where: Place of entry n: one text each, or a function of n.
     """
     if not len(values):
         return VerificationCheck(

@@ -40,7 +40,7 @@ def serve_view(view_request: ViewRequest, say: Callable[[str], None], progress: 
     """Load or plan, and start the server; :meth:`PageServer.work` carries out the page's actions.
 
     Args:
-        asked: The request of ``machopt view``.
+        view_request: The request of ``machopt view``.
         say: Called with each message to the user.
         progress: Called with the name of each stage when it begins.
 

@@ -66,12 +66,13 @@ def run_diagnose(request: DiagnoseRequest, progress: Progress = lambda _: None) 
 def compute_diagnosis(
     request: DiagnoseRequest, own: tuple[UserModule, ...], progress: Progress, cell: Cell | None = None
 ) -> DiagnoseComputation:
-    """What the model leaves out.
+    """Return the effects that the model lacks.
 
     Args:
-        request: what was asked; its ``out`` is not looked at.
-        own: the files of ``request.terms``, run and in use.
-        cell: where it has been read already.
+        request: The validated request; its ``out`` is not used.
+        own: Loaded files of ``request.terms``, already registered.
+        progress: Called with the name of each stage when it begins.
+        cell: The cell, if it is loaded already.
     """
     progress("reading cell and recording")
     paths = request.recordings

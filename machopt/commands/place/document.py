@@ -58,11 +58,14 @@ def build_place_document(
     confirmed: tuple[ConfirmedPlacement, ...] | None,
     inputs: dict[str, str],
 ) -> PlaceDocument:
-    """place.json.
+    """Return the content of place.json.
 
     Args:
-        confirmed: the best as they were written; None before that.
-        inputs: SHA-256 by name.
+        site: The cell, the jobs and the options of the search.
+        search: Options of the placement search.
+        siting: Result of the placement search.
+        confirmed: The best placements as written; None before that.
+        inputs: SHA-256 of the input files by name.
     """
     cell, unit = site.cell, get_index_unit(site.options)
     here = next((p for p in siting.planned if p.place.number == 0), None)

@@ -98,12 +98,15 @@ def compute_placements(
     journal: Path | None = None,
     crew: PlacementExecutor | None = None,
 ) -> PlaceComputation:
-    """Look for the best place and write nothing but the journal.
+    """Search for the best placement; write only the journal.
 
     Args:
-        cell, toolpaths: as the request names them.
-        journal: what an earlier run found, and where this one notes what it finds.
-        crew: who looks and plans; None: this process.
+        request: The validated request.
+        cell: The robot cell.
+        toolpaths: The toolpaths of the jobs.
+        progress: Called with the name of each stage when it begins.
+        journal: File with the placements that an earlier run evaluated; new ones are appended.
+        crew: Worker processes; None computes in this process.
 
     Raises:
         InputError: the cell, an option or a range is wrong.

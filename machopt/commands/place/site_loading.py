@@ -71,8 +71,8 @@ def run_site_task(pickled_request: bytes, evaluate: Callable[[Any, A], B], item:
     """Evaluate one item in a worker process, which loads the site on first use.
 
     Args:
-        order: The pickled request.
-        ask: Function of site and item.
+        pickled_request: The pickled request.
+        evaluate: Function of site and item.
         item: The item to evaluate.
     """
     with _SITE_LOCK:

@@ -73,7 +73,7 @@ def build_job_effect(section: JobEffectSection) -> JobEffect:
     """Return what a toolpath's result is under the model before and after the diagnosis.
 
     Args:
-        given: Section of diagnosis.json about the toolpath.
+        section: Section of diagnosis.json about the toolpath.
     """
     changes = tuple(
         JobQuantityChange(c.what, _convert_number(c.before), _convert_number(c.after), c.unit) for c in section.changes

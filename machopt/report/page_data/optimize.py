@@ -83,11 +83,23 @@ def build_report_data(
     options: dict[str, object],
     timings: dict[str, float],
 ) -> page.ReportData:
-    """Collect everything the page shows; parts that were not reached stay empty.
+    """Collect everything that the page shows; stages that were not reached stay empty.
 
     Args:
-        blockers: what has to be settled before production.
-        before: a plan to compare with, on the map.
+        plan: The plan.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: Results at the toolpath's points.
+        timeline: The motion over time; None where there is no motion.
+        verification: The verification; None where there is none.
+        programs: The exported programs.
+        front: Plans of the trade-off front.
+        shown: The map of feasible rotations and branches; None where there is none.
+        before: A plan to compare with, on the rotation map.
+        unchecked: Names of what was not checked.
+        blockers: What has to be settled before production.
+        hashes: SHA-256 of the input files by name.
+        options: The planning options in force.
+        timings: Computing time of each stage.
     """
     index = plan.scores.index
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"

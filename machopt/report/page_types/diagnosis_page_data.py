@@ -1,4 +1,4 @@
-"""What the diagnosis page shows: the diagnosis itself, where its readings stand in the files, what it does to a job."""
+"""Data of the diagnosis page: diagnosis, places of its readings in the files, and its effect on a job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page of a map shows, in SI; :mod:`machopt.report.page_data.workspace_map` fills it."""
+"""Data of the map page in SI; :mod:`machopt.report.page_data.workspace_map` fills it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the report shows: plain arrays in SI, every part optional but the summary, so that any outcome has a page."""
+"""Data of the optimize report: plain arrays in SI, every part optional except the summary, for any outcome."""
 
 from __future__ import annotations
 

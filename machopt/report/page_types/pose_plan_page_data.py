@@ -1,4 +1,4 @@
-"""What the page of ``machopt plan-poses`` shows."""
+"""Data of the page of ``machopt plan-poses``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands in the 3-D picture of a page: a tree of joints, the bodies they carry, and postures to show."""
+"""Types of the 3-D scene of a page: a tree of joints, the bodies they carry, and postures to show."""
 
 from __future__ import annotations
 

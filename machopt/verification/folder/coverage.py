@@ -52,12 +52,14 @@ folder, ``front`` is every plan of the trade-off but the first, which is the mot
 
 
 def list_unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None = None) -> tuple[str, ...]:
-    """What is switched off, wider than the defaults or not there to be checked, in the words of the verdict.
+    """Return what is switched off, wider than the defaults or not present, in the words of the verdict.
 
-    It follows from cell, options and toolpath alone, so that whoever verifies finds the same words as whoever planned.
+    It follows from cell, options and toolpath alone, so planner and verifier return the same words.
 
     Args:
-        toolpath: what is planned; None: nothing is told of it.
+        cell: The robot cell.
+        options: The planning options in force.
+        toolpath: The planned toolpath; None leaves it out.
     """
     out = []
     if not options.collision:

@@ -97,10 +97,14 @@ def check_parquet_copies(folder: Path) -> list[VerificationCheck]:
 def check_contents(
     cell: Cell, toolpath: Toolpath, folder: Path, *, options: PlanOptions, manifest: FolderManifest | None
 ) -> Verification:
-    """What the tables and programs of a folder say, recomputed from cell and toolpath; hashes play no part.
+    """Recompute the tables and programs of a folder from cell and toolpath; hashes are not used.
 
     Args:
-        manifest: names the programs and their tolerance; in optimize it is not written yet and lists no files.
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        folder: The output folder.
+        options: The planning options in force.
+        manifest: Names the programs and their tolerance; during optimize it is not written yet and lists no files.
     """
     try:
         motion: ExportedMotion | None = read_motion(folder / "trajectory.csv", cell)

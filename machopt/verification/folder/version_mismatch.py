@@ -1,4 +1,4 @@
-"""Whether another version of machopt wrote a folder: what then fails in it may be the form and not the plan."""
+"""Detection of a folder that another version of machopt wrote, whose form may differ."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ VERSION_REMEDY = "optimize again, or verify with the machopt that wrote it"
 
 
 def describe_version_mismatch(folder: Path, manifest: FolderManifest | None) -> tuple[str, ...]:
-    """A sentence for a folder whose verification failed, none where this machopt writes such folders.
+    """Return a sentence for a folder whose verification failed; empty where this version writes such folders.
 
     Args:
-        manifest: of the folder; None where it has none that can be read.
+        folder: The output folder.
+        manifest: Manifest of the folder; None where it has none that can be read.
     """
     told = None if manifest is None else manifest.versions.get("machopt")
     if told is not None and told != __version__:

@@ -1,7 +1,7 @@
-"""A robot program held against the CAM file itself, without the motion in between.
+"""Comparison of a robot program with the CAM file itself, without the motion in between.
 
 Every cut of the CAM file is found in the program in order, on linear moves only, at the feed of the file and within
-0.02 mm of its line; and every event stands between the moves it belongs between.
+0.02 mm of its line. Every event lies between the moves it belongs to.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""A robot program held against the exported motion: every target lies on it, every line leads along it.
+"""Comparison of a robot program with the exported motion: every target and every line lies on it.
 
-Targets are found on the motion in order: the n-th one at or after the place of the one before. One that is nowhere
-ahead is where the program goes elsewhere, goes back, or goes twice. Between two targets the controller leads the tool
-tip straight and turns it evenly about one axis (LIN), or all joints straight in joint space (PTP); the samples of the
-motion must lie on that. What the controller makes of the corners is its own matter and not part of this.
+Targets are found on the motion in order: each at or after the place of the one before. A target that is not ahead is
+where the program goes elsewhere, goes back, or repeats. Between two targets the controller moves the tool tip on a
+line and turns it about one axis (LIN), or interpolates all joints linearly (PTP). The samples of the motion must lie
+on that. The controller's rounding of corners is not part of this.
 """
 
 from __future__ import annotations

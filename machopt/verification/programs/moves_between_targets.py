@@ -33,9 +33,9 @@ def check_moves_between_targets(
     """Compare the motion's samples with the lines and joint moves that the controller interpolates between targets.
 
     Args:
-        said: The program in the cell's frames and units.
+        program: The program in the cell's frames and units.
         motion: The exported motion (trajectory.csv), SI.
-        tcp: (N, 4, 4) poses of the TCP.
+        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
         at: (M,) fractional samples at which the targets are reached.
         allowed: Tolerances of the comparison.
         where: (M,) place of each target in the program, for messages.

@@ -38,47 +38,50 @@ class TargetTolerances:
 
 
 def match_targets(
-    said: ProgramInCell,
+    program: ProgramInCell,
     motion: ExportedMotion,
     tcp: Array,
     allowed: TargetTolerances,
     path: CommandedPath | None = None,
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """(M,) sample, m, rad (axis), rad (orientation), rad (joints) of each target to the motion there.
+    """Return sample and deviations of each target: (M,) sample, m, rad (axis), rad (orientation), rad (joints).
 
     Args:
-        said: the program.
-        motion: trajectory.csv, ``tcp`` (S, 4, 4) its poses in the workpiece by nominal kinematics.
-        allowed: tolerances.
-        path: the commanded path, whose corners lie between the samples; None: the samples alone are known.
+        said: The program in the cell's frames and units.
+        motion: The exported motion (trajectory.csv), SI.
+        tcp: (S, 4, 4) poses of the TCP in the workpiece frame by nominal kinematics.
+        allowed: Tolerances of the comparison.
+        path: The commanded path, whose corners lie between the samples; None: only the samples are known.
     """
-    n = len(said)
+    n = len(program)
     tilt, turn, joints = (np.full(n, np.nan) for _ in range(3))
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(said.q).all(axis=1))
-    if said.is_streamed and n == len(tcp) and known.all():
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(program.q).all(axis=1))
+    if program.is_streamed and n == len(tcp) and known.all():
         R = tcp[:, :3, :3]
-        turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ said.T_workpiece_tcp[:, :3, :3]).magnitude())
+        turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ program.T_workpiece_tcp[:, :3, :3]).magnitude())
         return (
             np.arange(n, dtype=float),
-            np.linalg.norm(tcp[:, :3, 3] - said.T_workpiece_tcp[:, :3, 3], axis=1),
-            np.linalg.norm(R[:, :, 2] - said.T_workpiece_tcp[:, :3, 2], axis=1),
+            np.linalg.norm(tcp[:, :3, 3] - program.T_workpiece_tcp[:, :3, 3], axis=1),
+            np.linalg.norm(R[:, :, 2] - program.T_workpiece_tcp[:, :3, 2], axis=1),
             turn,
-            np.abs(motion.q - said.q).max(axis=1),
+            np.abs(motion.q - program.q).max(axis=1),
         )
-    driven, wanted = motion.q, said.q
-    if np.isfinite(said.external).all():  # rails and tables tell places apart as joints do; a metre counts as a radian
-        driven, wanted = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
+    driven, wanted = motion.q, program.q
+    if np.isfinite(
+        program.external
+    ).all():  # rails and tables tell places apart as joints do; a metre counts as a radian
+        driven, wanted = np.hstack([motion.q, motion.external]), np.hstack([program.q, program.external])
     line = build_motion_polyline(motion, tcp, driven, path)
     p, R = line.T[:, :3, 3], line.T[:, :3, :3]
-    right = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + said.place_step
+    right = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + program.place_step
     limits = [
-        (right, max(MAX_JOINT_DISTANCE_RAD, 3.0 * said.joint_step)),
+        (right, max(MAX_JOINT_DISTANCE_RAD, 3.0 * program.joint_step)),
         (
-            max(MAX_TARGET_DISTANCE_M, 3.0 * (allowed.corner + said.place_step)),
-            max(MAX_JOINT_DISTANCE_RAD, 3.0 * said.joint_step),
+            max(MAX_TARGET_DISTANCE_M, 3.0 * (allowed.corner + program.place_step)),
+            max(MAX_JOINT_DISTANCE_RAD, 3.0 * program.joint_step),
         ),
     ]
-    T = said.T_workpiece_tcp
+    T = program.T_workpiece_tcp
     on_line, gap = match_targets_in_order(
         np.ascontiguousarray(p),
         np.ascontiguousarray(R),
@@ -86,7 +89,7 @@ def match_targets(
         np.ascontiguousarray(T[:, :3, 3]),
         np.ascontiguousarray(T[:, :3, :3]),
         np.ascontiguousarray(wanted, float),
-        known & (said.kind != LIN),
+        known & (program.kind != LIN),
         np.array(limits),
         AXIS_LEVER_M,
         MAX_UNMATCHED,
@@ -94,7 +97,9 @@ def match_targets(
     on = np.isfinite(on_line)
     gap[on], tilt[on], turn[on] = _compute_target_distance(on_line[on], T[on], p, R, allowed.corner)
     told = on & known
-    joints[told] = np.abs(interpolate_rows(line.joints, on_line[told])[:, : said.q.shape[1]] - said.q[told]).max(axis=1)
+    joints[told] = np.abs(interpolate_rows(line.joints, on_line[told])[:, : program.q.shape[1]] - program.q[told]).max(
+        axis=1
+    )
     return line.convert_to_sample(on_line), gap, tilt, turn, joints
 
 
@@ -111,9 +116,9 @@ def check_external_axes(
     Where the motion rounds a corner, the place is uncertain by as much, and the axes may deviate accordingly.
 
     Args:
-        said: The program in the cell's frames and units.
+        program: The program in the cell's frames and units.
         motion: The exported motion (trajectory.csv), SI.
-        tcp: (N, 4, 4) poses of the TCP.
+        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
         at: (M,) fractional samples at which the targets are reached.
         allowed: Tolerances of the comparison.
         where: (M,) place of each target in the program, for messages.
@@ -209,7 +214,7 @@ def build_worst_move_check(
     """Return a check of the greatest value; a NaN is worse than all.
 
     Args:
-        said: The program in the cell's frames and units.
+        program: The program in the cell's frames and units.
         what: Name of the checked quantity.
         unit: Unit of the value.
         values: (M,) value of each move.

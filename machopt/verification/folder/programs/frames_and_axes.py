@@ -124,11 +124,14 @@ def compute_workpiece_frame(
 def find_wrong_frames(
     parsed: ParsedProgram, controller: RobotController, T_given_workpiece: Array, T_flange_tcp: Array, *, rides: bool
 ) -> list[str]:
-    """Tool and base, where the program gives their numbers.
+    """Return the wrong tool and base frames, where the program gives their values.
 
     Args:
-        T_given_workpiece: of :func:`compute_workpiece_frame`.
-        rides: a positioner carries the part.
+        parsed: The program as it was read.
+        controller: The robot controller.
+        T_given_workpiece: (4, 4) result of :func:`compute_workpiece_frame`.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange.
+        rides: A positioner carries the workpiece.
     """
     own = parsed.dialect in URDF_JOINTS
     mount = np.eye(4) if own or controller.T_flange_mount is None else controller.T_flange_mount

@@ -1,11 +1,10 @@
-"""The robot programs of an output folder, read back and held against everything they follow from.
+"""Verification of the robot programs of an output folder, read back from their files.
 
-Each program is read by code that its writer does not share and compared with the motion and with the CAM file
-(:mod:`machopt.verification.programs.motion_comparison`, :mod:`machopt.verification.programs.cam_comparison`). What no
-comparison of targets sees (head, frames,
-loads, speeds, zones, events in the controller's words, END, files beside) must be, word by word, what the post writes
-for such targets (:mod:`machopt.programs.writing.text_comparison`). ``optimize`` and ``verify`` both call
-:func:`check_programs`.
+Each program is read by code that its writer does not share. It is compared with the motion and with the CAM file
+(:mod:`machopt.verification.programs.motion_comparison`, :mod:`machopt.verification.programs.cam_comparison`).
+Everything else (head, frames, loads, speeds, zones, events in the controller's words, END, further files) must equal,
+word by word, what the post writes for such targets (:mod:`machopt.programs.writing.text_comparison`). ``optimize``
+and ``verify`` both call :func:`check_programs`.
 """
 
 from __future__ import annotations

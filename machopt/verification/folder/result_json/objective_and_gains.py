@@ -35,12 +35,13 @@ MIN_GAIN_PERCENT = 0.01  # a smaller difference of the means is no gain
 
 
 def limit_worst_index(t: ResultComparison, most: float, along: float) -> float:
-    """The worst index that may be told, in SI.
+    """Return the worst index that may be reported, SI.
 
     Args:
-        most: of the points in points.csv.
-        along: of the samples between them, of the same stretch; NaN: not known. What is left then: compliance goes
-            with the square of the lever, which a move of L m changes by no more than L, and arms reach a metre.
+        t: Result.json and everything that it is compared with.
+        most: Worst index of the points in points.csv.
+        along: Worst index of the samples between them, of the same stretch. If it is NaN, a bound is used: compliance
+            grows with the square of the lever, which a move of L m changes by at most L, and arms reach 1 m.
     """
     if np.isfinite(along):
         return max(most, along) * POINT_TO_SAMPLE_FACTOR

@@ -1,7 +1,7 @@
-"""Where the file dwells or stops, the arm is at rest at that very point, and stands there as long as the file says.
+"""Check that the arm is at rest where the file dwells or stops, at that very point and as long as the file says.
 
-Between samples no rest can be seen, so it is told by the steps beside one: from rest an axis with jerk limit J moves no
-farther than J h³ / 6 within a sample h.
+A rest between samples is detected by the steps next to it: from rest, an axis with jerk limit J moves at most J h³ /
+6 within a sample period h.
 """
 
 from __future__ import annotations

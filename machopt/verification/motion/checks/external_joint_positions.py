@@ -1,6 +1,7 @@
-"""Whether external joints stand where the user wants them: at the points of points.csv and in between.
+"""Check that external joints are where the user wants them: at the points of points.csv and in between.
 
-Between two points of one wish the samples of trajectory.csv are looked at, where the tool is not in rapid motion.
+Between two points of one steering rule, the samples of trajectory.csv are checked where the tool is not in rapid
+motion.
 """
 
 from __future__ import annotations
@@ -45,10 +46,15 @@ def check_external_joint_positions(
     options: PlanOptions,
     motion: ExportedMotion,
 ) -> list[VerificationCheck]:
-    """One check for each unit of the places asked for; none where none were.
+    """Return one check for each unit of the requested positions; none without requests.
 
     Args:
-        rows: of the points, those that are driven.
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: The exported points (points.csv), SI.
+        rows: Rows of the points that are driven.
+        options: The planning options in force.
+        motion: The exported motion (trajectory.csv), SI.
     """
     wishes = [w for w in resolve_steering(options, toolpath).steer if w.joint]
     pinned = {find_external_joint(w.joint, cell.external_joints) for w in wishes if w.at is not None}

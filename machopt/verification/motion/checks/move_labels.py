@@ -1,10 +1,10 @@
-"""The words of trajectory.csv, and its rotation: what the CAM file says at each row's index, not what the row says.
+"""Check of the columns move, operation and gamma_deg of trajectory.csv against the CAM file at each row's index.
 
-``move`` is the file's word for the move that the sample lies on; ``approach`` or ``retract`` where the tool is drawn
-straight along its axis at a point; ``rapid`` from and to home and where points are given up. Where points lie closer
-than samples, a sample next to a cut counts as ``cut`` although it lies past its end, because no other sample shows
-that cut. ``operation`` is that of the point the move leads to; empty on the way home. ``gamma_deg`` is empty in rapid
-moves, lifts, and where points coincide; elsewhere as docs/conventions.md has it
+``move`` is the file's word for the move that the sample lies on. It is ``approach`` or ``retract`` where the tool
+moves straight along its axis at a point; ``rapid`` from and to home and where points are given up. Where points lie
+closer than samples, a sample next to a cut counts as ``cut`` although it lies past its end, because no other sample
+shows that cut. ``operation`` is that of the point the move leads to; empty on the way home. ``gamma_deg`` is empty in
+rapid moves, retracts, and where points coincide. Elsewhere docs/conventions.md defines it
 (:mod:`machopt.verification.motion.path_geometry.reference_direction`).
 """
 

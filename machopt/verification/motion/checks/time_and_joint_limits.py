@@ -19,10 +19,13 @@ HOME_TOLERANCE_DEG = 1e-6  # joints are printed with nine decimals
 def check_limits(
     motion: ExportedMotion, cell: Cell, options: PlanOptions, ends: tuple[Array, Array]
 ) -> list[VerificationCheck]:
-    """At rest before the first and after the last sample; joint columns are encoder angles, and so are the limits.
+    """Check joint limits, and rest before the first and after the last sample; columns and limits are encoder angles.
 
     Args:
-        ends: (6 + E,) rad or m each, where the motion has to begin and to end.
+        motion: The exported motion (trajectory.csv), SI.
+        cell: The robot cell.
+        options: The planning options in force.
+        ends: (6 + E,) first and last position of the motion, rad or m.
     """
     return [*_check_time(motion, options), _check_home(motion, ends), *_check_joint_limits(motion, cell)]
 

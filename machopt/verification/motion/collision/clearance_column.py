@@ -1,16 +1,15 @@
-"""clearance_mm and nearest_pair of points.csv: is the stated distance the least of all pairs that count?
+"""Check of clearance_mm and nearest_pair of points.csv: the stated distance is the least of all checked pairs.
 
 The column is the least distance over the pairs of
-:func:`machopt.verification.motion.collision.bodies.list_checked_pairs`, at most 500 mm, 0 in contact,
-but for those that one external joint lies between and that are as near wherever it stands (:func:`list_varying_pairs`).
-The cutter counts against the workpiece only where a rapid move ends that no move at a feed follows: elsewhere it is
-there to touch it. The named pair's distance is enclosed; of any other it need only be known that it is not nearer than
-the claim, so a bound once found holds on while the bodies have not moved by what it exceeds the claim. Bounds are those
-of :mod:`machopt.verification.motion.collision.distance_bounds`; where they do not prove a claim, coal measures and
-decides.
+:func:`machopt.verification.motion.collision.bodies.list_checked_pairs`, at most 500 mm, 0 in contact. Pairs whose
+distance is constant are left out (:func:`list_varying_pairs`). The cutter counts against the workpiece only where a
+rapid move ends that no feed move follows. The named pair's distance is enclosed by bounds. Any other pair only has to
+be not nearer than the claim; a bound stays valid until the bodies have moved by its excess over the claim. Bounds are
+those of :mod:`machopt.verification.motion.collision.distance_bounds`. Where they do not prove a claim, coal measures
+the distance.
 
-The planner draws round bodies as circumscribed polyhedra (48 sides, 1,280 faces), up to 0.22 % of a cylinder's and 0.7
-% of a sphere's radius larger: by so much a true distance may exceed the claim.
+The planner models round bodies as circumscribed polyhedra (48 sides, 1,280 faces). Their radius is up to 0.22 %
+(cylinder) or 0.7 % (sphere) larger. A true distance may exceed the claim by as much.
 """
 
 from __future__ import annotations

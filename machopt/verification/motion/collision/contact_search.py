@@ -1,9 +1,9 @@
-"""Contacts along a motion, at the samples and between them, by coal.
+"""Search for contacts along a motion, at the samples and between them, by coal.
 
-A pair is free between two rows when what is known of its distances at both exceeds together the second body's relative
-motion D in between: every point of the way is nearer to one of them than that row's distance. Cheap bounds tell so of
-most stretches. In the others neither row may touch, with a copy grown by D/2 (coal's security margin) at either. Where
-that is not so, the stretch is halved, first at samples, then between two samples, linear in the joints.
+Let D be the second body's relative motion between two rows. A pair is free between the rows if the lower bounds of
+its distance at both rows exceed D together. Cheap bounds prove this for most stretches. In the others neither row may
+touch, with a body grown by D/2 (coal's security margin). Where that is not so, the stretch is halved, first at
+samples, then between two samples, linear in the joints.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ class ContactInterval:
 def find_contacts(
     arm: UrdfKinematics, wanted: list[tuple[CoalBody, CoalBody]], q: Array, external: Array, free: Bools
 ) -> list[ContactInterval]:
-    """Every pair of bodies that touches along the motion.
+    """Return every pair of bodies that touches along the motion.
 
     Args:
-        wanted: the pairs to look at, of :func:`machopt.verification.motion.collision.bodies.list_checked_pairs`.
-        q: (S, 6) rad.
-        external: (S, E) rad or m.
-        free: (S,) the move to the sample is none that the CAM file makes at a feed: the cutter must not touch the
-            workpiece.
+        arm: Kinematics of the URDF with the cell's tool.
+        wanted: Pairs to check, from :func:`machopt.verification.motion.collision.bodies.list_checked_pairs`.
+        q: (S, 6) joint positions, rad.
+        external: (S, E) positions of the external joints, rad or m.
+        free: (S,) the move to the sample is no feed move of the CAM file, so the cutter must not touch the workpiece.
     """
     joints = np.hstack([q, external])
     parts = np.maximum(np.ceil(np.abs(np.diff(joints, axis=0)).max(axis=1) / MAX_JOINT_STEP_RAD), 1).astype(int)

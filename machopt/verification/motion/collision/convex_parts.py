@@ -1,9 +1,8 @@
-"""A body as convex parts under a tree of boxes: what :mod:`machopt.verification.motion.collision.distance_bounds`
-measures.
+"""Convex parts of a body in a tree of boxes, for :mod:`machopt.verification.motion.collision.distance_bounds`.
 
-A part is the hull of some points, grown by a disc across z and by a ball: a closed convex shell of a mesh or else each
-of its triangles, a box, a cylinder (its axis and a disc), a capsule (its axis and a ball), a sphere. Sorted along a
-space-filling curve (Morton 1966), two neighbours share a box, and two boxes the next one.
+A part is the hull of some points, grown by a disc across z and by a ball: a closed convex shell of a mesh or else
+each of its triangles, a box, a cylinder (its axis and a disc), a capsule (its axis and a ball), a sphere. Parts are
+sorted along a space-filling curve (Morton 1966). Two neighbours share a box, and two boxes the next larger one.
 """
 
 from __future__ import annotations

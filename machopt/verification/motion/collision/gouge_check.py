@@ -42,10 +42,16 @@ def check_gouges(
     options: PlanOptions,
     shifted: bool,
 ) -> list[VerificationCheck]:
-    """Nowhere on a move at a feed is the cutter deeper in the workpiece than the tolerance, and what paths may be off.
+    """Check that the cutter is never deeper in the workpiece than the tolerance plus path deviations on feed moves.
 
     Args:
-        shifted: the commanded path is shifted against the deflection; the cutter is then where the CAM file has it.
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        ride: Position of each motion sample relative to the toolpath.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+        options: The planning options in force.
+        shifted: The path is compensated; the cutter is then where the CAM file has it.
     """
     cutter, parts = arm.cell.tool.cutter, [b for b in bodies if b.kind == "workpiece"]
     if options.gouge is None or cutter is None or not parts:

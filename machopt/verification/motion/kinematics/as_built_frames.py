@@ -31,10 +31,11 @@ def apply_as_built_geometry(model: Any, cell: Cell, base: int, flange: int, rest
     """Move joint frames and flange of a model, in place.
 
     Args:
-        model: pinocchio's, of the cell's URDF.
-        cell: its kinematics' geometry counts.
-        base, flange: frames of base_link and of the flange link.
-        rest: configuration where all joints are at zero.
+        model: Pinocchio's model of the cell's URDF.
+        cell: The robot cell, whose kinematics file has the geometry.
+        base: Number of the frame of base_link.
+        flange: Number of the frame of the flange link.
+        rest: Configuration with all joints at zero.
     """
     import pinocchio as pin
 

@@ -1,11 +1,11 @@
-"""Kinematics of the whole URDF: the joints' places and axes by pinocchio, all configurations in one compiled loop.
+"""Kinematics of the whole URDF: joint placements and axes by pinocchio, all configurations in one compiled loop.
 
-Joints that follow another (``<mimic>``) stand where they follow to. With A_i the place of joint i in its parent p,
-E_i(q) its turn about or shift along its own axis:
+Joints that mimic another (``<mimic>``) follow it. With A_i the placement of joint i in its parent p, E_i(q) its
+rotation about or translation along its axis:
 
-    T_i = T_p A_i E_i(q_i),    E = I + sin q [w]× + (1 − cos q) [w]×²  or  I with q v in the last column.
+  T_i = T_p A_i E_i(q_i),    E = I + sin q [w]× + (1 − cos q) [w]×²  or  I with q v in the last column.
 
-The tests hold this against pinocchio's own forward kinematics, row by row.
+The tests compare this with pinocchio's own forward kinematics, row by row.
 """
 
 from __future__ import annotations

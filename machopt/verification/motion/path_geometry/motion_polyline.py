@@ -1,8 +1,8 @@
-"""The motion as a polyline: its samples, and the corners of the commanded path that lie between two of them.
+"""Polyline of the motion: its samples, and the corners of the commanded path that lie between two of them.
 
-A control sample every 12 ms or more seldom falls on a corner of the path, and the straight chord between the samples
-before and after it cuts the corner off by up to half of the distance between them. The motion itself passes the
-corner; that it keeps to the path is a check of its own (:mod:`machopt.verification.motion.checks.path_following`).
+A control sample every 12 ms or more rarely lies on a corner of the path. The straight chord between the samples
+before and after it cuts the corner off by up to half of their distance. The motion itself passes the corner; a
+separate check proves that it keeps to the path (:mod:`machopt.verification.motion.checks.path_following`).
 """
 
 from __future__ import annotations

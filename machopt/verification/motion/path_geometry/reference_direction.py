@@ -78,11 +78,13 @@ def compute_directions_at_points(toolpath: Toolpath) -> PathDirections:
 
 
 def interpolate_directions(toolpath: Toolpath, known: PathDirections, index: Array, *, leaving: bool) -> PathDirections:
-    """Directions at fractional indices (M,) inside moves that are not rapid.
+    """Return the directions at fractional indices inside moves that are not rapid.
 
     Args:
-        known: those at the points.
-        leaving: at a whole index take the move that leaves the point instead of the one that comes to it.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        known: Directions at the points.
+        index: (M,) fractional toolpath indices.
+        leaving: At a whole index, take the move that leaves the point instead of the one that leads to it.
     """
     last = len(toolpath) - 1
     if leaving:

@@ -65,14 +65,16 @@ class SampleLocations:
 def locate_samples(
     motion: ExportedMotion, toolpath: Toolpath, corners: Array, position: Array, tcp: Array, options: PlanOptions
 ) -> SampleLocations:
-    """Hold each sample against the CAM file.
+    """Return the position of each motion sample relative to the CAM file.
 
     Args:
-        corners, position: (P,), (P, 3) m: fractional index and place of the commanded polyline's corners: the
-        toolpath's
-            points, or those of the shifted path.
-        tcp: (S, 4, 4) in workpiece.
-        options: tolerances the run was asked to keep, where wider than the defaults.
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        corners: (P,) fractional index of the commanded polyline's corners: the toolpath's points, or those of the
+            shifted path.
+        position: (P, 3) position of these corners, m.
+        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
+        options: The planning options, whose tolerances count where they are wider than the defaults.
     """
     path_limit = max(PATH_MM / 1e3, options.path_tolerance)
     axis_limit = max(np.radians(AXIS_DEG), options.axis_tolerance)

@@ -188,7 +188,12 @@ class ComplianceModel:
         )
 
     def evaluate(self, stance: ArmConfiguration, position: Array) -> ComplianceState:
-        """Args: position (N, 3) m of the programmed TCP in base_link."""
+        """Return the compliance at N configurations.
+
+        Args:
+            stance: The arm at N configurations, base_link axes.
+            position: (N, 3) programmed positions of the TCP in base_link, m.
+        """
         gear, holds = self.compute_joint_stiffness(position)
         k = gear.copy()
         k[:, 1] += spring_terms.compute_balancer_stiffness(self.stiffness.terms, stance.q[:, 1])

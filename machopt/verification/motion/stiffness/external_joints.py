@@ -42,11 +42,14 @@ def compute_uncertain_twists(
 def compute_external_compliance(
     arm: UrdfKinematics, stance: ArmConfiguration, known: Sequence[ExternalJointSpring], programmed: Array | None = None
 ) -> Array:
-    """(N, 6, 6) compliance at the TCP in base_link axes, of all external joints.
+    """Return the (N, 6, 6) compliance at the TCP of all external joints, base_link axes.
 
     Args:
-        programmed: (N, 3) m, the TCP's programmed place in base_link, which it comes to under load where the commanded
-            path is shifted against the deflection; None: it is where the joints put it.
+        arm: Kinematics of the URDF with the cell's tool.
+        stance: The arm at N configurations, base_link axes.
+        known: Springs of the external joints.
+        programmed: (N, 3) programmed TCP positions in base_link, m, which the TCP reaches under load on a compensated
+            path; None: it is where the joints put it.
     """
     out = np.zeros((len(stance.q), 6, 6))
     if not known:

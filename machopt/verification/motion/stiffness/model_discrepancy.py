@@ -92,7 +92,13 @@ class StatedDiscrepancy:
         self.zero = zero.frames[0]
 
     def evaluate(self, stance: ArmConfiguration, k: Array, weight: Array) -> DiscrepancyState:
-        """Args: k (N, 6) N·m/rad of the gears; weight (N, 6) N·m."""
+        """Return the discrepancy at N configurations.
+
+        Args:
+            stance: The arm at N configurations, base_link axes.
+            k: (N, 6) stiffness of the gears, N·m/rad.
+            weight: (N, 6) joint torques of the weight, N·m.
+        """
         return DiscrepancyState(self, stance, k, weight)
 
 
@@ -148,10 +154,13 @@ class DiscrepancyState:
         return d.shift if d.counted else np.zeros_like(d.shift)
 
     def compute_stated_std(self, along: Array, force: Array, beside: Array, *, small: bool) -> Array:
-        """(N,) 1 σ as told of the displacement along unit vectors (N, 3) under forces (N, 3).
+        """Return the (N,) reported standard uncertainty of the displacement along unit vectors.
 
         Args:
-            beside: (N,) 1 σ of what else is unsure.
+            along: (N, 3) unit vectors.
+            force: (N, 3) forces, N, base_link axes.
+            beside: (N,) standard uncertainty of all other sources.
+            small: Linearise about zero load.
         """
         from scipy.stats import ncx2, norm
 

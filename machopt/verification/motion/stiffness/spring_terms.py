@@ -147,11 +147,14 @@ def compute_balancer_stiffness(terms: Sequence[StiffnessTerm], q2: Array) -> Arr
 
 
 def build_torque_curves(terms: Sequence[StiffnessTerm], k: Array, lower: Array, upper: Array) -> list[TorqueCurve]:
-    """The laws over a joint's torque.
+    """Return the curves of rotation over torque, one for each term that is one.
 
     Args:
-        k: (C, 6) N·m/rad of every grid cell and of the constant model; a cubic that hardens must leave a tenth of it.
-        lower, upper: (6,) rad, range of the joints.
+        terms: Terms of the stiffness file.
+        k: (C, 6) stiffness of every grid cell and of the constant model, N·m/rad; a hardening cubic must leave a
+            tenth of it.
+        lower: (6,) lower joint limits, rad.
+        upper: (6,) upper joint limits, rad.
     """
     out: list[TorqueCurve] = []
     hardening: list[TorqueCurve] = []
@@ -192,16 +195,18 @@ def build_torque_curves(terms: Sequence[StiffnessTerm], k: Array, lower: Array, 
 def build_body_springs(
     terms: Sequence[StiffnessTerm], origin: Array, flange: Array, T_flange_tcp: Array
 ) -> list[tuple[int, Array, Array]]:
-    """Springs of base, links and tool: the body (0 base_link … 6), the frame S (4, 4) in base_link at q = 0, and the
+    """Return the springs of base, links and tool: body (0 base_link … 6), frame S (4, 4) in base_link at q = 0,
     compliance (6, 6) in S.
 
     A beam is clamped at the joint's own origin and loaded at the next one's (link) or at the TCP (tool); S is at its
-    loaded end with x along it. Matrices stand in base_link's axes, those of the tool in its beam's axes: y = u × x
-    with u the coordinate axis that x is least along.
+    loaded end with x along it. Matrices are in base_link's axes, those of the tool in its beam's axes: y = u × x with
+    u the coordinate axis that x is least along.
 
     Args:
-        origin: (6, 3) m, of the joints' frames at q = 0, in base_link.
-        flange: (4, 4) at q = 0.
+        terms: Terms of the stiffness file.
+        origin: (6, 3) origins of the joint frames at q = 0 in base_link, m.
+        flange: (4, 4) pose of the flange at q = 0 in base_link.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange.
     """
     out = []
     for term in terms:
