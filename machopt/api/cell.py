@@ -25,7 +25,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class Cell:
-    """A robot cell: arm, tool, workpiece, obstacles, limits, stiffness. :meth:`load` makes one."""
+    """Robot cell: arm, tool, workpiece, obstacles, limits, stiffness. :meth:`load` makes one."""
 
     path: Path  # cell folder or its cell.yaml, as it was given
     description: domain.Cell  # everything that was read, in SI
@@ -126,7 +126,7 @@ class Cell:
 
     @property
     def home(self) -> Array:
-        """(J,) home position by encoder, degrees; mm where a joint slides."""
+        """(J,) home position by encoder, degrees; mm for prismatic joints."""
         slides = (*(self.description.arm_prismatic or (False,) * 6), *self.description.external_prismatic)
         si = np.concatenate([self.description.home, self.description.external_home])
         return _copy_read_only(np.where(slides, si * 1e3, np.degrees(si)))
@@ -138,11 +138,11 @@ class Cell:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is odd about the cell, but no reason to refuse it."""
+        """Warnings about the cell that are no errors."""
         return self.description.warnings
 
     def unchanged(self) -> Cell:
-        """The cell itself, if its files are still those that were read: a result names its inputs by hash.
+        """Return the cell if its files are still those that were read, because a result names its inputs by hash.
 
         Raises:
             InputError: a file has changed since.

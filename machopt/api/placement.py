@@ -28,14 +28,14 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Placement:
-    """Places that were looked at, and the best of them. :func:`place` makes one."""
+    """Evaluated placements and the best of them. :func:`place` makes one."""
 
     cell: Cell
     _found: PlaceComputation
 
     @property
     def proven(self) -> bool:
-        """No other place that was looked at can be better."""
+        """Whether no other evaluated placement can be better."""
         return self._found.siting.is_optimal
 
     @property
@@ -52,7 +52,7 @@ class Placement:
 
     @property
     def places(self) -> Table:
-        """The columns of ``places.csv``, one row a place, the cell's own first."""
+        """Columns of ``places.csv``, one row for each placement, the cell's own first."""
         return Table(build_place_columns(self._found.site, self._found.siting))
 
     def save(self, out: Named, *, force: bool = False) -> PlaceDocument:

@@ -83,7 +83,7 @@ class Table(Mapping[str, NDArray[Any]]):
         return out
 
     def frame(self) -> pandas.DataFrame:
-        """The table as a pandas data frame of its own memory.
+        """Return the table as a pandas data frame with its own memory.
 
         Raises:
             InputError: pandas is not installed.
@@ -97,7 +97,7 @@ class Table(Mapping[str, NDArray[Any]]):
         return pandas.DataFrame({name: values.copy() for name, values in self._columns.items()})
 
     def arrow(self) -> pyarrow.Table:
-        """The table as an Arrow table, which polars, DuckDB and Parquet take.
+        """Return the table as an Arrow table, which polars, DuckDB and Parquet accept.
 
         Raises:
             InputError: pyarrow is not installed.

@@ -47,7 +47,7 @@ class SchedulerLostError(InputError):
 
 
 class DaskExecutor:
-    """A connection to the workers; use it as a context."""
+    """Connection to the workers; use it as a context manager."""
 
     def __init__(self, batch: str, *, scheduler: str | None, workers: int, version: str | None) -> None:
         self.batch, self._address, self._workers, self._version = batch, scheduler, workers, version
@@ -136,7 +136,7 @@ class DaskExecutor:
 
     @property
     def worker_count(self) -> int:
-        """Workers that are there, one at least."""
+        """Number of connected workers, at least one."""
         return max(len(self._client.ncores()), 1)
 
     def submit_call(self, what: Any, *arguments: Any) -> Any:
@@ -257,16 +257,16 @@ def _is_lost_connection(problem: BaseException | None) -> bool:
 
 
 def check_installed() -> None:
-    """Refuse where what batches run on is not there.
+    """Check that the packages of batch runs are installed.
 
     Raises:
-        InputError: names the extra.
+        InputError: a package is missing; the message names the extra.
     """
     _import_distributed()
 
 
 def get_machine_memory() -> int:
-    """Bytes of memory that this machine, or the container around us, has."""
+    """Return the memory of this machine, or of its container, bytes."""
     _import_distributed()
     from distributed.system import MEMORY_LIMIT
 

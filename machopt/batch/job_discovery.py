@@ -71,7 +71,7 @@ _SLUG = 40  # letters of each part of a label
 
 @dataclass(frozen=True, kw_only=True)
 class BatchJob:
-    """One job: what it reads, what steers it, and its name."""
+    """One job: its inputs, options and name."""
 
     label: str  # name of its folder: readable, and unique by its last eight digits
     cell: Path
@@ -88,7 +88,7 @@ class BatchJob:
 
 @dataclass(frozen=True)
 class DiscoveredJobs:
-    """The jobs in the user's order, and the files that were taken for no toolpath."""
+    """Jobs in the user's order, and the ignored files."""
 
     jobs: tuple[BatchJob, ...]
     ignored_files: tuple[str, ...] = field(default=())

@@ -42,9 +42,9 @@ _CACHE_FOLDER = "__pycache__"  # where they do, and compiled templates
 
 @functools.cache
 def compute_program_version() -> str:
-    """Version and a hash of the program: every file it ships, Python, and the packages it computes with.
+    """Return version and hash of the program: all its files, Python, and the numerical packages.
 
-    A changed source, built-in post or page style is another program, same number or not.
+    A changed source, built-in post or page style is another program, even with the same version number.
     """
     total = hashlib.sha256(f"{sys.version_info[:2]}".encode())
     for name in NUMERIC_PACKAGES:
@@ -77,7 +77,7 @@ def _get_package_version(package: str) -> str:
 
 @dataclass(frozen=True)
 class ReadyJob:
-    """A job that can start."""
+    """Job that can start."""
 
     job: BatchJob
     key: str
@@ -87,7 +87,7 @@ class ReadyJob:
 
 @dataclass(frozen=True)
 class RefusedJob:
-    """A job that cannot start, and why."""
+    """Job that cannot start, with the reason."""
 
     job: BatchJob
     reason: str
@@ -95,7 +95,7 @@ class RefusedJob:
 
 @dataclass
 class JobKeyBuilder:
-    """Makes keys; every cell and file is read once."""
+    """Builder of job keys; every cell and file is read once."""
 
     request: BatchRequest
     version: str

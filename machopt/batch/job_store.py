@@ -42,7 +42,7 @@ TIMING_FILES = ("timings.csv", "timings.js", "timings.parquet")
 
 
 class JobStore:
-    """One batch's output folder, while this process holds its lock."""
+    """Output folder of one batch, while this process holds its lock."""
 
     def __init__(self, folder: Path, batch: str) -> None:
         self.folder, self.jobs, self.work = folder, folder / JOBS, folder / WORK / batch
@@ -86,7 +86,7 @@ class JobStore:
         return sorted(set(self._records) - labels)
 
     def load_records(self) -> None:
-        """Read the records of all finished jobs whose files are still there, and still what was written."""
+        """Read the records of all finished jobs whose files are still complete and unchanged."""
         for folder in sorted(self.jobs.iterdir()):
             try:
                 record = read_result(folder / RECORD, BatchJobDocument)
@@ -121,7 +121,7 @@ class JobStore:
             shutil.rmtree(made, ignore_errors=True)
 
     def list_interrupted_jobs(self) -> list[tuple[str, str, JobEnd]]:
-        """Label, key and end of jobs that ended in an earlier run and were not put away before it was killed."""
+        """Return label, key and end of jobs that ended in an earlier run but were not stored."""
         ended = [found for work in sorted(self.work.parent.iterdir()) for found in list_ended_jobs(work)]
         return [found for found in ended if not _is_result_moved(found[2])]
 

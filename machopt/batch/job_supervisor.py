@@ -43,7 +43,7 @@ SINGLE_THREAD_VARIABLES = dict.fromkeys(
 
 @dataclass(frozen=True, kw_only=True)
 class JobSpec:
-    """One job as it goes to a worker; plain values only."""
+    """One job for a worker; plain values only."""
 
     label: str
     key: str
@@ -57,7 +57,7 @@ class JobSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class JobEnd:
-    """How a job ended."""
+    """Outcome of a job."""
 
     how: EndReason
     folder: str  # what it wrote: out/, outcome.json, log.txt
@@ -70,7 +70,7 @@ class JobEnd:
     worker: str = ""
 
     def to_json_types(self) -> dict[str, Any]:
-        """In JSON's own types; :meth:`of` reads it."""
+        """Return the fields in JSON's own types; :meth:`from_json_types` reads them."""
         return {**vars(self), "outcome": None if self.outcome is None else self.outcome.to_json_types()}
 
     @classmethod
@@ -174,7 +174,7 @@ def _take_server(spec: JobSpec) -> ProcessServer:
 
 
 class ProcessServer:
-    """The other end of :mod:`machopt.batch.process_server`."""
+    """Client of :mod:`machopt.batch.process_server`."""
 
     def __init__(self, batch: str, entry: str, *, forks: bool) -> None:
         self.batch, self.entry, self._forks = batch, entry, forks
@@ -200,7 +200,7 @@ class ProcessServer:
 
     @property
     def is_alive(self) -> bool:
-        """It can take a job. A killed process closes its pipe a moment before the system says that it has ended."""
+        """Return whether it can take a job. A killed process closes its pipe before it counts as ended."""
         return not self._silent.is_set() and self._process.poll() is None
 
     def run_job(self, spec: JobSpec, folder: str) -> JobEnd:
@@ -246,7 +246,7 @@ class ProcessServer:
         )
 
     def close(self) -> None:
-        """End the server; the job it runs ends with it."""
+        """End the server and the job it runs."""
         with contextlib.suppress(OSError):
             self._process.stdin.close()  # type: ignore[union-attr]
         try:

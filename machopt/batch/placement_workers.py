@@ -27,7 +27,7 @@ B = TypeVar("B")
 
 @dataclass(frozen=True, eq=False)
 class PlacementWorkers:
-    """Processes that were told the request, and load cell and toolpaths with the first question."""
+    """Worker processes that have the request and load cell and toolpaths on first use."""
 
     pickled_request: bytes  # the pickled request
     submit: Callable[..., Any]  # what to call and its arguments; a future

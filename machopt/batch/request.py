@@ -40,7 +40,7 @@ class BatchRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchProgress:
-    """How far a batch is; told once at the start and after every job."""
+    """Progress of a batch; reported at the start and after every job."""
 
     total: int
     reused: int  # finished in an earlier run
@@ -56,7 +56,7 @@ class BatchProgress:
 
     @property
     def remaining_time(self) -> float | None:
-        """Seconds until all are finished at this rate."""
+        """Seconds until all jobs are finished at this rate."""
         todo = self.total - self.reused - self.done
         return 0.0 if todo == 0 else None if self.rate is None else todo / self.rate
 

@@ -97,7 +97,7 @@ def _solve_general_arm(cell: Path) -> None:
 
 @contextlib.contextmanager
 def lock_first_warm_up() -> Iterator[None]:
-    """The first warm-up of this program on this machine goes alone; the later ones find its mark and do not wait."""
+    """Let the first warm-up of this program on this machine run alone; later ones find its mark and do not wait."""
     compiled_for = hashlib.sha256(
         f"{compute_program_version()} {os.environ.get('NUMBA_CACHE_DIR')}".encode()
     ).hexdigest()[:12]

@@ -13,9 +13,9 @@ N = TypeVar("N")
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without two screens of usage above it.
+    """Argument parser that reports errors in one line, without the usage text.
 
-    Options are never abbreviated: the beginning of one word may mean another command's option, or tomorrow's.
+    Options are never abbreviated: an abbreviation may match another command's option, or a future one.
     """
 
     def __init__(self, *args: Any, **settings: Any) -> None:

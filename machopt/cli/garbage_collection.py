@@ -14,12 +14,12 @@ WORKING_THRESHOLDS = 50_000
 
 
 def pause_garbage_collection() -> None:
-    """Libraries are about to be imported."""
+    """Stop the garbage collector before libraries are imported."""
     gc.set_threshold(LOADING_THRESHOLD, *gc.get_threshold()[1:])
 
 
 def freeze_loaded_objects() -> None:
-    """The work begins; what is there now stays. Once a process: what a second command finds is no library."""
+    """Exclude all existing objects from garbage collection, once in a process."""
     if gc.get_freeze_count() == 0:
         gc.freeze()
     gc.set_threshold(WORKING_THRESHOLDS, *gc.get_threshold()[1:])

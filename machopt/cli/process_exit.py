@@ -13,7 +13,7 @@ from machopt.cli import main
 
 
 def run_command_and_exit() -> NoReturn:
-    """What ``machopt`` and ``python -m machopt`` do: the command, and the process ends with its exit code."""
+    """Run the command of the process arguments and exit with its exit code."""
     exit_process(main())
 
 

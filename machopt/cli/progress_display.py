@@ -15,7 +15,7 @@ LAST_PORT = 65535  # TCP counts ports in 16 bits
 
 
 class ProgressDisplay:
-    """The stage at work, on a terminal as a live line, elsewhere one line a stage."""
+    """Display of the current stage: a live line on a terminal, else one line for each stage."""
 
     _WORDS: ClassVar[dict[str, str]] = {
         "load": "reading cell and toolpath",

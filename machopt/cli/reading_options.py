@@ -10,7 +10,7 @@ from machopt.errors import OptionError
 
 
 def build_reading_parser() -> argparse.ArgumentParser:
-    """A parent parser with the options."""
+    """Return a parent parser with the options."""
     p = argparse.ArgumentParser(add_help=False)
     p.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that does not say")
     p.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")

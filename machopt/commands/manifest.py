@@ -135,7 +135,7 @@ def write_command_manifest(
 
 
 def read_library_versions() -> dict[str, str]:
-    """machopt, Python and the libraries that the numbers come from."""
+    """Return the versions of machopt, Python and the numerical libraries."""
     out = {"machopt": __version__, "python": platform.python_version()}
     for name in _LIBRARIES:
         try:

@@ -19,7 +19,7 @@ from machopt.output.single_file import refuse_overwriting, write_text_file
 
 @dataclass(frozen=True)
 class ValidateResult:
-    """What was found."""
+    """Result of ``machopt validate``."""
 
     path: Path  # as the user named the cell
     cell: Cell | None  # without what is wrong; None where too much is
@@ -43,7 +43,7 @@ class ValidateResult:
 
     @property
     def exit_code(self) -> int:
-        """0: a plan can be made; 2: none, or none that could be driven."""
+        """Exit code: 0 if a motion can be planned, else 2."""
         return 2 if self.errors else 0
 
 

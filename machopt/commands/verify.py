@@ -24,7 +24,7 @@ from machopt.verification.folder.version_mismatch import describe_version_mismat
 
 @dataclass(frozen=True)
 class VerifyResult:
-    """What was found."""
+    """Result of ``machopt verify``."""
 
     verification: Verification
     exit_code: int  # 0, 3 (intact, but no feasible answer in it) or 4

@@ -21,7 +21,7 @@ class FixedRotation:
 
 @dataclass(frozen=True, kw_only=True)
 class SteeringRule:
-    """What the user decided about some places; :mod:`machopt.data_types.steering` says which these are."""
+    """User's decision about some places; :mod:`machopt.data_types.steering` resolves which these are."""
 
     operation: str = ""  # its label; "": by points
     points: tuple[int, int] | None = None  # first and last toolpath point; None without an operation: all
@@ -37,7 +37,7 @@ class SteeringRule:
 
     @property
     def forbids(self) -> bool:
-        """It may keep a plan from being one; a preference does not."""
+        """Whether the rule can make a plan infeasible; a preference cannot."""
         return any(v is not None for v in (self.gamma, self.forbid, self.branch, self.at, self.away))
 
 
@@ -71,7 +71,7 @@ ExternalMode = Literal["locked", "operation", "moving"]
 
 @dataclass(frozen=True, kw_only=True)
 class ExternalJointOptions:
-    """How one external joint is used."""
+    """Use of one external joint."""
 
     joint: str  # its name, or e1, e2 … in the order of the cell
     mode: ExternalMode | None = None  # locked: at ``at`` or home; operation: one value each; moving, also None
@@ -85,18 +85,18 @@ class ExternalJointOptions:
 
     @property
     def locks(self) -> bool:
-        """It stands where it is locked, at least in some operations."""
+        """Whether it is locked, at least in some operations."""
         return self.mode == "locked" or "locked" in dict(self.operations).values()
 
     @property
     def moves(self) -> bool:
-        """Its value is chosen, at least in some operations."""
+        """Whether its value is chosen, at least in some operations."""
         return self.mode != "locked" or any(mode != "locked" for _, mode in self.operations)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions:
-    """Everything that steers one plan."""
+    """All options of one plan."""
 
     method: PlanMethod = "global"
     index: StiffnessIndex = "auto"

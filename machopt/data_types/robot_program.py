@@ -29,7 +29,7 @@ EVENT_LINES = ("spindle_on", "spindle_off", "coolant_on", "coolant_off", "tool",
 
 @dataclass(frozen=True)
 class JointMap:
-    """Axis angles of the controller from joint positions of the URDF: see the head of this file."""
+    """Map from joint positions of the URDF to the controller's axis angles: see the module docstring."""
 
     sign: Array = field(default_factory=lambda: np.ones(6))  # (6,) ±1
     offset_deg: Array = field(default_factory=lambda: np.zeros(6))  # (6,)
@@ -47,7 +47,7 @@ class JointMap:
 
 @dataclass(frozen=True)
 class ExternalProgramAxis:
-    """One external joint of a cell, as programs have to know it."""
+    """External joint of a cell as programs need it."""
 
     joint: str  # its name in the URDF
     slides: bool  # mm, else degrees
@@ -56,7 +56,7 @@ class ExternalProgramAxis:
 
 @dataclass(frozen=True, kw_only=True)
 class ExternalAxisMap:
-    """How a controller counts one external joint: sign · value + offset, in mm or degrees."""
+    """Controller value of one external joint: sign · value + offset, mm or degrees."""
 
     number: int | None = None  # of KUKA's E1 … E6, ABB's eax_a … f; None: by its place among the cell's external joints
     sign: float = 1.0  # ±1
@@ -68,7 +68,7 @@ class ExternalAxisMap:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotController:
-    """What a post must know of the robot's controller; everything optional, and what is missing is told."""
+    """Data of the robot's controller that posts need; everything is optional, and missing values are reported."""
 
     post: str | None = None  # a post's name, or a template file; None: no maker is known and none is assumed
     joint_map: JointMap | None = None  # None: the URDF's joints are taken as they are
@@ -134,7 +134,7 @@ class RobotProgram:
 
     @property
     def part_rides(self) -> bool:
-        """A positioner carries the workpiece."""
+        """Whether a positioner carries the workpiece."""
         return any(axis.carries_part for axis in self.external_axes)
 
     @property

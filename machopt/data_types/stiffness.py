@@ -131,7 +131,7 @@ class PositionError:
 
 @dataclass(frozen=True, kw_only=True)
 class ExternalJointSpring:
-    """An external joint that gives way, and the body that it moves: a rail's carriage, a positioner's table.
+    """Compliant external joint and the body that it moves: a rail's carriage, a positioner's table.
 
     The body's frame is the URDF link that the joint moves.
     """
@@ -152,15 +152,15 @@ class ExternalJointSpring:
 
     @property
     def is_compliant(self) -> bool:
-        """It gives way under a load."""
+        """Whether the joint or its body deflects under a load."""
         return bool(np.isfinite(self.stiffness) or self.compliance.any())
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArmStiffness:
-    """Stiffness of the arm, and of what moves its base or the part.
+    """Stiffness of the arm, and of what moves its base or the workpiece.
 
-    Outside ``grid`` the constant values hold (flagged in the results).
+    Outside ``grid`` the constant values apply (marked in the results).
     """
 
     joints: Array  # (6,) N·m/rad

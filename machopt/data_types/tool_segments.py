@@ -13,9 +13,9 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True, kw_only=True)
 class ToolSegment:
-    """A stretch of a toolpath with one tool on; a job with one tool is one stint.
+    """Segment of a toolpath with one tool; a job with one tool has one segment.
 
-    The machine stands at ``begin`` before and at ``end`` after it: at home, or where tools are changed.
+    The machine is at ``begin`` before and at ``end`` after it: home, or the tool-change position.
     """
 
     cell: Cell  # with the tool that is on
@@ -28,7 +28,7 @@ class ToolSegment:
 
     @property
     def stop(self) -> int:
-        """The point after its last one, in the whole toolpath."""
+        """Point after its last one, in the whole toolpath."""
         return self.first + len(self.toolpath)
 
     @property

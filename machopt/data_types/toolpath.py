@@ -44,7 +44,7 @@ class ToolpathOperation:
 
 @dataclass(frozen=True)
 class ToolpathEvent:
-    """Something that happens just before the move to point ``index`` starts (spindle, coolant, tool, dwell)."""
+    """Event just before the move to point ``index`` starts (spindle, coolant, tool, dwell)."""
 
     index: int
     kind: Literal["spindle", "coolant", "tool", "dwell", "stop", "comment"]
@@ -54,7 +54,7 @@ class ToolpathEvent:
 
 @dataclass(frozen=True)
 class IgnoredWord:
-    """A word of the source that was read but has no effect here, with where it first stands."""
+    """Word of the source that was read but has no effect, with its first place."""
 
     word: str
     count: int
@@ -99,8 +99,9 @@ class Toolpath:
 
     @property
     def dwells(self) -> Array:
-        """(N + 1,) s that the file waits: entry 0 before the first point, k + 1 at point k; a wait of no told length
-        is none."""
+        """(N + 1,) dwell times of the file, s: entry 0 before the first point, k + 1 at point k; 0 without a stated
+        time.
+        """
         out = np.zeros(len(self) + 1)
         for event in self.events:
             if event.kind == "dwell" and event.value > 0.0:

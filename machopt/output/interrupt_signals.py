@@ -36,11 +36,11 @@ class InterruptSignals:
             self._raise(number)
 
     def defer_signals(self) -> None:
-        """From here to the end of the block, signals wait."""
+        """Defer signals from here to the end of the block."""
         self._held = True
 
     def raise_pending_signal(self) -> None:
-        """Raise for a signal that has come already."""
+        """Raise for a signal that has arrived already."""
         if self._came is not None:
             self._raise(self._came)
 

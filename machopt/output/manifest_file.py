@@ -55,7 +55,7 @@ _LATER = ("not_recomputed", "touching_pairs")  # keys that manifests of earlier 
 
 @dataclass(frozen=True)
 class FileDifference:
-    """A file of the folder that is not as the manifest lists it."""
+    """File of the folder that differs from its entry in the manifest."""
 
     name: str
     description: str

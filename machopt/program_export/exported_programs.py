@@ -34,7 +34,7 @@ OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedProgram:
-    """One program of a job."""
+    """One robot program of a job."""
 
     label: str
     files: tuple[str, ...]  # relative to the output folder, the one that is run first
@@ -52,7 +52,7 @@ class ExportedProgram:
 
     @property
     def ok(self) -> bool:
-        """False where it says something else than motion and CAM file."""
+        """False where it differs from motion or CAM file."""
         return self.checked is None or not self.checked.differences
 
     @property

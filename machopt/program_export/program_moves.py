@@ -27,7 +27,7 @@ from machopt.verification.folder.programs.post_lookup import (
 
 @dataclass(frozen=True)
 class MotionProgram:
-    """A program beside the motion it stands for."""
+    """Robot program with the motion it represents."""
 
     program: RobotProgram
     at: Array  # (M,) row of the trajectory each move ends at, fractional, not falling

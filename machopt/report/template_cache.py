@@ -13,13 +13,13 @@ from jinja2.bccache import Bucket, BytecodeCache
 
 
 class TemplateCache(BytecodeCache):
-    """One file a template in a folder that is written where it can be, and where Python may write its own code.
+    """Folder of compiled templates, one file each, used where it and Python's own cache can be written.
 
-    Jinja2 looks at the source of a template and at the version of Python before it takes what is stored.
+    Jinja2 compares the source of a template and the version of Python before it uses what is stored.
 
     Args:
-        folder: where.
-        options: in words, those of the environment that change the code of a template.
+        folder: The folder.
+        options: Options of the environment that change the compiled code, as text.
     """
 
     def __init__(self, folder: Path, options: str) -> None:

@@ -15,7 +15,7 @@ from machopt.numerics.array_types import Array
 
 
 class CheckName(StrEnum):
-    """What is asked for by those who read checks; all other promises are only listed."""
+    """Names of the checks that code refers to; all other checks are only listed."""
 
     MANIFEST = "manifest.json"
     FILES = "files as listed"
@@ -53,7 +53,7 @@ class CheckName(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class VerificationCheck:
-    """One promise and whether it is kept."""
+    """One check with its result."""
 
     name: str  # for readers; of a promise about one file, that one first
     passed: bool | None  # None: it could not be run, ``where`` says why
@@ -69,13 +69,13 @@ class VerificationCheck:
 
     @property
     def check_name(self) -> str:
-        """What was promised, without the file that it is about: equal to a :class:`CheckName` where that is one."""
+        """Name of the check without the file: equal to a :class:`CheckName` where it is one."""
         return self.what or self.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class VerificationInformation:
-    """A measured value that no condition is put on: it cannot fail, so it is no check and is not counted as one."""
+    """Measured value without a condition: it cannot fail, so it is not counted as a check."""
 
     name: str
     value: float  # NaN where there was nothing to measure
@@ -86,7 +86,7 @@ class VerificationInformation:
 
     @property
     def check_name(self) -> str:
-        """The name without the file that it is about."""
+        """Name without the file."""
         return self.what or self.name
 
 
@@ -95,7 +95,7 @@ VerificationRow = VerificationCheck | VerificationInformation
 
 @dataclass(frozen=True)
 class Verification:
-    """All checks of one exported trajectory, and what else was measured."""
+    """All checks and measured values of one exported trajectory."""
 
     checks: tuple[VerificationCheck, ...]
     samples: int

@@ -18,7 +18,7 @@ _SKIPPED_FOLDERS = {"node_modules", "__pycache__", "site-packages"}
 
 @dataclass(frozen=True)
 class InputLocations:
-    """What an output folder was made from, as far as it was found; ``missing`` says what was not."""
+    """Located inputs of an output folder; ``missing`` lists what was not found."""
 
     cell: Path | None
     toolpath: Path | None

@@ -34,7 +34,7 @@ CONTENT_SECURITY_POLICY = (
 
 @dataclass
 class PendingAction:
-    """Something to do, and what came of it."""
+    """Requested action and its answer."""
 
     name: str
     body: dict[str, Any]
@@ -43,7 +43,7 @@ class PendingAction:
 
 
 class PageServer:
-    """Serves a page; ``page`` and ``act`` are called by :meth:`work` alone."""
+    """HTTP server of a page; only :meth:`serve_actions` calls ``page`` and ``act``."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class PageServer:
 
     @property
     def hosts(self) -> tuple[str, ...]:
-        """What a request may call this host."""
+        """Host names that a request may use."""
         return f"{HOST}:{self.port}", f"localhost:{self.port}"
 
     @property
@@ -93,11 +93,11 @@ class PageServer:
 
     @property
     def progress(self) -> ViewProgressDocument:
-        """What is being done."""
+        """Current stage of the running action."""
         return ViewProgressDocument(stage=self._stage, seconds=time.monotonic() - self._since if self._stage else 0.0)
 
     def serve_actions(self) -> None:
-        """Do what is asked, until :class:`KeyboardInterrupt`."""
+        """Carry out requested actions until :class:`KeyboardInterrupt`."""
         while True:
             self.run_action(self.wait_for_action())
 
@@ -146,7 +146,7 @@ class PageServer:
             self._busy.release()
 
     def close(self) -> None:
-        """End; nobody waits any longer."""
+        """Stop the server and release waiting requests."""
         self._open = False
         self._http.shutdown()
         self._thread.join()

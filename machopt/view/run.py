@@ -26,7 +26,7 @@ ACTIONS = ("plan", "back", "save", "verify")
 
 @dataclass(frozen=True, kw_only=True)
 class ViewRequest:
-    """What the user wants to see."""
+    """Request of ``machopt view``."""
 
     paths: tuple[Path, ...]  # OUT; CELL; CELL TOOLPATH; OUT CELL TOOLPATH
     request: OptimizeRequest  # options, reading and so on; its places are not looked at
@@ -79,7 +79,7 @@ def serve_view(view_request: ViewRequest, say: Callable[[str], None], progress: 
 
 @dataclass(frozen=True)
 class SessionActions:
-    """Does what the page of a session asks."""
+    """Actions of the page of a session."""
 
     session: ViewSession
 

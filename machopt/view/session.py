@@ -39,7 +39,7 @@ WISH_KEYS = ("fixed", "steer", "external")  # of a plan file, that the page may 
 
 @dataclass(kw_only=True)
 class ViewSession:
-    """One cell and toolpath; the plan shown, and the one it is compared with."""
+    """One cell and toolpath with the shown plan and the previous one."""
 
     optimize_inputs: OptimizeInputs
     file: Path  # where the plan file is saved
@@ -93,7 +93,7 @@ class ViewSession:
         )
 
     def list_wishes(self) -> dict[str, Any]:
-        """What the plan shown was steered by, under the keys of a plan file."""
+        """Return the steering rules of the shown plan, under the keys of a plan file."""
         user = format_user_options(self.current.inputs.options)
         return {"fixed": user["fixed"], "steer": user.get("steer", []), "external": user.get("external", {})}
 
@@ -129,13 +129,13 @@ class ViewSession:
         return told, True
 
     def swap_plans(self) -> None:
-        """Change the plan shown for the one before."""
+        """Exchange the shown plan and the previous one."""
         if self.previous is not None:
             self.previous, self.current = self.current, self.previous
             self.message, self.has_motion = _describe_outcome(self.current)
 
     def save_plan_file(self) -> str:
-        """Write the plan file; its command."""
+        """Write the plan file; return its command."""
         write_text_file(self.file, self.plan_text(), force=self.overwrite, inputs=self.inputs)
         return self.command
 
@@ -185,11 +185,11 @@ class ViewSession:
 
     @property
     def command(self) -> str:
-        """What plans the same anew."""
+        """Command that computes the same plan."""
         return " ".join(["machopt optimize", *self.words, "--plan", str(self.file)])
 
     def plan_text(self) -> str:
-        """Every option of the plan shown as a plan file: YAML 1.2, of which JSON values are a part."""
+        """Options of the shown plan as a plan file: YAML 1.2, which includes JSON."""
         user = {"machopt_plan": 1, **format_user_options(self.current.inputs.options)}
         user.setdefault("steer", [])  # an empty list takes the place of one in cell.yaml
         lines = ["# yaml-language-server: $schema=plan.schema.json"]
@@ -201,7 +201,7 @@ class ViewSession:
         return "\n".join(lines) + "\n"
 
     def build_html(self) -> str:
-        """The page: the report of the plan shown, and what steers it."""
+        """Return the page: the report of the shown plan, and the steering panel."""
         made, timings = self.current.job_result, self.current.timings
         data = build_report_data(
             made.plan,

@@ -25,7 +25,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseComputation:
-    """A diagnosis in memory: nothing of it is written yet."""
+    """Result of a diagnosis in memory, not written yet."""
 
     request: DiagnoseRequest
     cell: Cell

@@ -35,7 +35,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class DiagnoseResult:
-    """What came out."""
+    """Result of ``machopt diagnose``."""
 
     diagnosis: DiagnosisResult
     result: DiagnosisDocument

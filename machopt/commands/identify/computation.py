@@ -30,7 +30,7 @@ from machopt.stiffness.terms import compile_terms
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyComputation:
-    """A stiffness in memory: nothing of it is written yet."""
+    """Result of an identification in memory, not written yet."""
 
     request: IdentifyRequest
     cell: Cell

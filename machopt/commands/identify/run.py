@@ -24,7 +24,7 @@ from machopt.report.pages.identification_page import write_identification_page
 
 @dataclass(frozen=True)
 class IdentifyResult:
-    """What came out."""
+    """Result of ``machopt identify``."""
 
     identification: IdentificationResult
     result: IdentificationDocument

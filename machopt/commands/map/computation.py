@@ -39,7 +39,7 @@ _UNCHECKED = {"none": ("collisions NOT checked",), "self": (), "cell": ()}  # "s
 
 @dataclass(frozen=True, kw_only=True)
 class MapComputation:
-    """A map in memory: nothing of it is written yet."""
+    """Result of a map in memory, not written yet."""
 
     request: MapRequest
     cell: Cell

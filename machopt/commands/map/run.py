@@ -24,7 +24,7 @@ __all__ = ["MapRequest", "MapResult", "run_map"]
 
 @dataclass(frozen=True)
 class MapResult:
-    """What came out; ``exit_code`` is 0, or 3 where no sample has a posture."""
+    """Result of ``machopt map``; ``exit_code`` is 0, or 3 where no sample has a posture."""
 
     exit_code: int
     result: MapDocument

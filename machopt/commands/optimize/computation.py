@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OptimizeComputation:
-    """A plan in memory: nothing of it is written yet."""
+    """Result of a plan in memory, not written yet."""
 
     inputs: OptimizeInputs
     job_result: OptimizeJobResult  # without verification, programs and front, which are made of what is written

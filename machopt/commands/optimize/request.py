@@ -30,7 +30,7 @@ from machopt.verification.folder.programs.post_lookup import build_tolerance
 
 @dataclass(frozen=True, kw_only=True)
 class OptimizeRequest:
-    """What the user asked for."""
+    """Request of ``machopt optimize``."""
 
     cell: Path
     toolpath: Path
@@ -51,7 +51,7 @@ class OptimizeRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class OptimizeInputs:
-    """Everything a plan is made from."""
+    """Loaded inputs of a plan."""
 
     cell: Cell
     options: PlanOptions

@@ -23,7 +23,7 @@ OUTPUT_MODULE = "machopt.commands.optimize.verified_files"  # what a plan does n
 
 @dataclass(frozen=True)
 class OptimizeResult:
-    """What came out; ``exit_code`` is 0, 3 or 4."""
+    """Result of ``machopt optimize``; ``exit_code`` is 0, 3 or 4."""
 
     exit_code: int
     result: OptimizeDocument

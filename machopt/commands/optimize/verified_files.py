@@ -21,7 +21,7 @@ from machopt.verification.tables.table_cache import cache_tables
 
 @dataclass(frozen=True)
 class VerifiedFiles:
-    """What stands in the folder, and what was checked of it."""
+    """Files of the output folder with their verification."""
 
     result: OptimizeDocument
     verification: Verification | None  # of every file; None where there is no motion

@@ -33,7 +33,7 @@ from machopt.version import __version__
 
 @dataclass(frozen=True)
 class ConfirmedPlacement:
-    """One of the best, as ``optimize`` wrote and verified it."""
+    """One of the best placements, as ``optimize`` wrote and verified it."""
 
     planned: PlannedPlacement
     folder: str

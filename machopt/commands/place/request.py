@@ -23,7 +23,7 @@ from machopt.version import __version__
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceRequest:
-    """What the user asked for."""
+    """Request of ``machopt place``."""
 
     cell: Path
     toolpaths: tuple[Path, ...]

@@ -40,7 +40,9 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class PlaceResult:
-    """What came out; ``exit_code`` is 0, 3 where nothing can be planned anywhere, 4 where a plan is not confirmed."""
+    """Result of ``machopt place``; ``exit_code`` is 0, 3 where no placement can be planned, 4 where a plan is not
+    confirmed.
+    """
 
     exit_code: int
     result: PlaceDocument
@@ -49,7 +51,7 @@ class PlaceResult:
 
 @dataclass(frozen=True)
 class PlaceComputation:
-    """What was found, in memory."""
+    """Result of the search in memory."""
 
     request: PlaceRequest
     site: PlacementSite

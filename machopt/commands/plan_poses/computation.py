@@ -39,7 +39,7 @@ from machopt.report.pages.pose_plan_page import format_verdict_sentence
 
 @dataclass(frozen=True, kw_only=True)
 class PlanPosesComputation:
-    """Load tests in memory: nothing of them is written yet."""
+    """Planned load tests in memory, not written yet."""
 
     request: PosesRequest
     cell: Cell

@@ -23,7 +23,7 @@ __all__ = ["PlanPosesResult", "PosesRequest", "run_plan_poses"]
 
 @dataclass(frozen=True)
 class PlanPosesResult:
-    """What came out; ``exit_code`` is 0, or 3 where no pose can be measured."""
+    """Result of ``machopt plan-poses``; ``exit_code`` is 0, or 3 where no pose can be measured."""
 
     exit_code: int
     result: PosesDocument

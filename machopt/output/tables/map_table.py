@@ -28,7 +28,7 @@ _ROWS_AT_ONCE = 4096
 
 @dataclass(frozen=True)
 class MapColumn:
-    """A column of a map's table: numbers (empty where NaN), or words."""
+    """Column of a map's table: numbers (empty where NaN), or words."""
 
     name: str
     values: Array | Sequence[str]  # (M,) in the unit of the name

@@ -197,7 +197,7 @@ def build_posture_view(
 
 
 def build_empty_scene() -> CellScene:
-    """Nothing but a frame: for a toolpath by itself."""
+    """Return a scene with a frame only, for a toolpath without a cell."""
     one = np.eye(4)
     return CellScene(T_world_root=one, joints=(), bodies=(), T_root_tool=one, T_root_part=one, tool_joint=-1)
 

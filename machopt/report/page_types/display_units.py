@@ -37,7 +37,7 @@ def format_option_value(value: object) -> str:
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """A displayed unit: shown = SI · factor."""
+    """Displayed unit: shown = SI · factor."""
 
     factor: float
     name: str
@@ -75,7 +75,7 @@ QUANTITY_UNITS: dict[Quantity, DisplayUnit] = {
 
 @dataclass(frozen=True)
 class QuantityLabels:
-    """How the optimised quantity is spoken of."""
+    """Wording of the optimised quantity."""
 
     worst: str
     axis: str

@@ -27,7 +27,7 @@ class PlaceCode(enum.IntEnum):
 
     @property
     def reason(self) -> InfeasibilityReason | None:
-        """What it stands for; None: no reason, but a place that nobody looked at."""
+        """Reason code that it stands for; None for a place that was not evaluated."""
         return InfeasibilityReason.__members__.get(self.name)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True, kw_only=True)
 class PlanComparison:
-    """One figure of the plan and of the one before."""
+    """One figure of the plan and of the previous plan."""
 
     name: str
     unit: str
@@ -21,7 +21,7 @@ class PlanComparison:
 
 @dataclass(frozen=True)
 class SteeringAxis:
-    """An external joint that may be put somewhere for an operation."""
+    """External joint that can be set for an operation."""
 
     name: str
     unit: str  # mm or deg
@@ -31,7 +31,7 @@ class SteeringAxis:
 
 @dataclass(frozen=True, kw_only=True)
 class SteeringData:
-    """The wishes behind a plan, as a plan file has them, and what there is to choose from."""
+    """Steering rules of a plan, as a plan file has them, and the available choices."""
 
     operations: tuple[tuple[str, tuple[tuple[int, int], ...]], ...]  # label, and the points it cuts, first to last
     points: int

@@ -28,7 +28,7 @@ _BAR = 110  # px of the widest bar of gain
 
 @dataclass(frozen=True, kw_only=True)
 class BatchPageData:
-    """What the page shows, in the units of summary.csv (mm, N/mm, s, per cent); the jobs in their order of rank."""
+    """Data of the page in the units of summary.csv (mm, N/mm, s, per cent); jobs in ranked order."""
 
     version: str
     complete: bool  # False: stopped by the user

@@ -32,7 +32,7 @@ MAX_LABELS = 9  # coordinates along an axis
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceMark:
-    """A place on the map; mm, and the index in its unit (of the plan, else of the outlook)."""
+    """Placement on the map; mm, and the index in its unit (of the plan, else of the estimate)."""
 
     x: float
     y: float
@@ -44,7 +44,7 @@ class PlaceMark:
 
 @dataclass(frozen=True)
 class PlacementPageData:
-    """What the page shows."""
+    """Data of the page."""
 
     result: PlaceDocument
     marks: tuple[PlaceMark, ...]

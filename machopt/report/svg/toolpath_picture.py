@@ -38,7 +38,7 @@ _GRID = 1 << 15  # cells of a picture's side, more than there are
 
 @dataclass(frozen=True)
 class ViewDirection:
-    """A direction to look from: ``right`` and ``up`` of the picture in the workpiece."""
+    """Direction of a view: ``right`` and ``up`` of the picture in the workpiece frame."""
 
     name: str
     title: str

@@ -13,7 +13,7 @@ from machopt.report.page_types.optimize_report import GainOverBaseline, ReportDa
 
 @dataclass(frozen=True)
 class ResultVerdict:
-    """Badge, its colour class, the sentence, and what to be careful about."""
+    """Badge, its colour class, the sentence, and the cautions."""
 
     badge: str
     tone: str  # "" good, "warn", "bad"
@@ -23,7 +23,7 @@ class ResultVerdict:
 
 @dataclass(frozen=True)
 class KeyFigure:
-    """One number of the head line."""
+    """One key figure of the headline."""
 
     name: str
     value: str

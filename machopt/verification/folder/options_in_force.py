@@ -25,7 +25,7 @@ MISSING_VALUE = float("nan")
 
 @dataclass(frozen=True, kw_only=True)
 class VerifyRequest:
-    """What the user asked for; what was not given is taken from the folder's manifest."""
+    """Request of ``machopt verify``; missing values come from the folder's manifest."""
 
     cell: Path
     toolpath: Path
@@ -39,7 +39,7 @@ class VerifyRequest:
 
 @dataclass(frozen=True)
 class OptionsInForce:
-    """What a folder is held against."""
+    """Options and toolpath that a folder is compared with."""
 
     options: PlanOptions
     toolpath: Toolpath

@@ -33,7 +33,7 @@ INDEX_TOLERANCE = 5e-5  # of a toolpath index: rounding of trajectory.csv's poin
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedCuts:
-    """What the CAM file wants of the program."""
+    """Cuts and events that the CAM file requires of the program."""
 
     toolpath: Toolpath
     position: Array  # (N, 3) m, its points; shifted where the path is commanded against a deflection

@@ -27,7 +27,7 @@ EXTERNAL_TOLERANCE = 0.05  # mm or deg of an external axis at a target
 
 @dataclass(frozen=True, kw_only=True)
 class TargetTolerances:
-    """How far a program may be from the motion it was written from."""
+    """Tolerances between a program and the motion it was written from."""
 
     position: float  # m between the controller's lines and the motion
     axis: float  # rad between the tool axes
@@ -47,7 +47,7 @@ def match_targets(
     """Return sample and deviations of each target: (M,) sample, m, rad (axis), rad (orientation), rad (joints).
 
     Args:
-        said: The program in the cell's frames and units.
+        program: The program in the cell's frames and units.
         motion: The exported motion (trajectory.csv), SI.
         tcp: (S, 4, 4) poses of the TCP in the workpiece frame by nominal kinematics.
         allowed: Tolerances of the comparison.

@@ -24,7 +24,7 @@ _NUMBER_REMOVAL = dict.fromkeys(map(ord, NUMBER_CHARACTERS))  # what they are tr
 
 @dataclass(frozen=True)
 class ColumnTable:
-    """A table's columns by name; those of numbers are read as such and hold words only where they are none."""
+    """Columns of a table by name; a column of numbers is read as such, and as words only where it has none."""
 
     file: Path
     text: dict[str, list[str]]

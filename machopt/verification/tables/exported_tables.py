@@ -59,7 +59,7 @@ MOVE_WORDS = tuple(move.word for move in MoveKind)
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedMotion:
-    """What trajectory.csv says, in SI; S rows."""
+    """Content of trajectory.csv in SI; S rows."""
 
     time: Array  # (S,) s
     point: Array  # (S,) NaN where empty
@@ -74,7 +74,7 @@ class ExportedMotion:
 
     @property
     def sample_time(self) -> float:
-        """s between two samples."""
+        """Sample period, s."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
     def describe_row(self, n: int | np.int64) -> str:
@@ -89,7 +89,7 @@ class ExportedMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedPoints:
-    """What points.csv says, N rows; numbers as the file has them but for point, joints and shift."""
+    """Content of points.csv, N rows; units as in the file except for point, joints and shift."""
 
     point: NDArray[np.int64]  # (N,)
     q: Array  # (N, 6) rad by encoder, NaN where the point has none
@@ -101,13 +101,13 @@ class ExportedPoints:
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """(N,) the planner says that the point has a configuration."""
+        """(N,) whether the point has a configuration."""
         return np.array([s == "ok" for s in self.status])
 
 
 @dataclass(frozen=True)
 class ExportedShift:
-    """What compensation.csv says: how the path is shifted at its corners, and against which force."""
+    """Content of compensation.csv: shift of the path at its corners, and the force it compensates."""
 
     index: Array  # (P,) fractional toolpath index, not falling
     offset: Array  # (P, 3) m in workpiece

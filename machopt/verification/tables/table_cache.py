@@ -30,7 +30,7 @@ _CURRENT_CACHE: ContextVar[_TableCache | None] = ContextVar("tables", default=No
 
 @contextmanager
 def cache_tables() -> Iterator[None]:
-    """Within it tables are held; they are let go at the end of the outermost."""
+    """Cache tables within this context; they are released at the end of the outermost one."""
     if _CURRENT_CACHE.get() is not None:
         yield
         return

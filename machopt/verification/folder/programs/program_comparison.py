@@ -22,7 +22,7 @@ class ListedProgram:
 
 @dataclass(frozen=True)
 class ProgramComparison:
-    """What came of one program."""
+    """Verification result of one program."""
 
     program: ListedProgram
     moves: int
@@ -45,7 +45,7 @@ class ProgramComparison:
 
     @property
     def differences(self) -> tuple[str, ...]:
-        """What is not as it should be, in words."""
+        """Differences in words."""
         return tuple(
             f"{c.check_name}: {c.where}" + (f" ({c.value:.4g} {c.unit})" if np.isfinite(c.value) else "")
             for c in self.checks
@@ -69,7 +69,7 @@ class ProgramComparison:
         return next((c.passed for c in self.checks if c.check_name == promise), None)
 
     def to_read_back(self) -> ReadBackSection | None:
-        """For result.json: mm, deg, mm/min; null where a post has no such thing, or nobody reads it."""
+        """Entry for result.json: mm, deg, mm/min; null where a post has no such value or no reader exists."""
         if not self.readable:
             return None
         return ReadBackSection(

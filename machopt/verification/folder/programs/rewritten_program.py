@@ -34,7 +34,7 @@ from machopt.verification.folder.programs.post_lookup import (
 
 @dataclass(frozen=True, kw_only=True)
 class RewrittenProgram:
-    """What a post is given beside the moves."""
+    """Input of a post other than the moves."""
 
     cell: Cell
     toolpath: Toolpath

@@ -40,7 +40,7 @@ RELATIVE_TOLERANCE = 1e-9  # relative: sums and ratios of figures that stand in 
 
 @dataclass(frozen=True, kw_only=True)
 class ResultComparison:
-    """result.json, and everything it may be held against."""
+    """Content of result.json, and the data that it is compared with."""
 
     result: OptimizeDocument
     folder: Path
@@ -53,7 +53,7 @@ class ResultComparison:
 
     @cached_property
     def motion(self) -> ColumnTable:
-        """trajectory.csv; read when first asked for, since a table that cannot be read fails that part."""
+        """trajectory.csv, read on first use, because a table that cannot be read fails that part only."""
         return read_table(self.folder / "trajectory.csv")
 
     @cached_property
@@ -63,9 +63,9 @@ class ResultComparison:
 
     @cached_property
     def worst_along_cuts(self) -> tuple[float, ...]:
-        """The worst index along the cuts of each tool, between points too, by the verifier's laws, in SI.
+        """Worst index along the cuts of each tool, between points too, by the verifier's laws, SI.
 
-        NaN where it is not known: no motion, points left out of it, a law that is not written twice.
+        NaN where it is not known: no motion, points left out of it, or a law without second implementation.
         """
         stints = split_into_tool_segments(self.cell, self.toolpath)
         unknown = (math.nan,) * len(stints)

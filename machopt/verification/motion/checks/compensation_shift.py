@@ -31,7 +31,7 @@ TABLE_TOLERANCE_MM = 1e-5  # the same number in both files
 
 @dataclass(frozen=True, kw_only=True)
 class ShiftComparison:
-    """One comparison: a value per place; none where it could not be made, with the reason."""
+    """One comparison with a value for each place; no values and a reason where it could not be made."""
 
     name: str
     unit: str

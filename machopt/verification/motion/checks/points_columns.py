@@ -74,10 +74,10 @@ def rotate_vectors(T: Array, v: Array) -> Array:
 
 
 class PointsTableCheck:
-    """The rows of points.csv beside the CAM file's points and the arm at their joints.
+    """Rows of points.csv with the CAM file's points and the arm at the rows' joint positions.
 
     Args:
-        stance: the arm at the rows' true angles, in base_link; NaN joints stand at zero.
+        stance: The arm at the rows' true angles, in base_link; NaN joints are set to zero.
     """
 
     def __init__(

@@ -26,6 +26,8 @@ TOUCHING, COARSE = 0.90, 0.40  # share of them in touch: any pair; links two apa
 
 @dataclass(frozen=True, kw_only=True)
 class CoalBody:
+    """Collision body as coal geometry, with its carrier."""
+
     name: str
     kind: str  # link, tool, cutter, grazing (the cutter drawn in), workpiece, obstacle
     link: (
@@ -42,7 +44,7 @@ class CoalBody:
 
     @cached_property
     def parts(self) -> ConvexParts | None:
-        """For :func:`bound_distances`; None for a shape that is not known there."""
+        """Convex parts for :func:`bound_distances`; None for an unknown shape."""
         return build_convex_parts(self.shape)
 
 

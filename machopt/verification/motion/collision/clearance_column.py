@@ -39,7 +39,7 @@ CYLINDER, SPHERE = 0.0022, 0.0071  # of the radius, by which a circumscribed pol
 
 @dataclass(frozen=True)
 class ClearanceErrors:
-    """By how much each claim is wrong, and by which pair; N rows."""
+    """Error of each stated clearance, and the pair that causes it; N rows."""
 
     too_small: Array  # (N,) m, some pair is nearer than claimed; 0 where none is
     too_large: Array  # (N,) m, the named pair is farther than claimed; NaN: there is no such pair

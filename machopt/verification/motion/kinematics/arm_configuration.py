@@ -14,7 +14,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True, kw_only=True)
 class ArmConfiguration:
-    """The arm at N configurations: lines of its six axes and what they carry, in base_link, wherever that stands."""
+    """Arm at N configurations: lines of its six axes, frames and what they carry, in base_link."""
 
     q: Array  # (N, 6) rad, true angles
     external: Array  # (N, E) rad or m
@@ -27,8 +27,9 @@ class ArmConfiguration:
 
     @cached_property
     def J(self) -> Array:
-        """(N, 6, 6) geometric Jacobian at the TCP: column i is (z_i × (p − o_i), z_i), and m times that of each joint
-        that stands at m q_i + o."""
+        """(N, 6, 6) geometric Jacobian at the TCP: column i is (z_i × (p − o_i), z_i), plus m times that of each
+        joint that mimics it as m q_i + o.
+        """
         return build_twist_columns(self.axis, self.origin, self.tcp) + self.linked_joints
 
     def moved_to_flange(self) -> Array:

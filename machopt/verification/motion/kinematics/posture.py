@@ -37,7 +37,7 @@ WristKind = Literal["spherical", "three_parallel", "general"]
 
 @dataclass(frozen=True)
 class ArmPosture:
-    """How N configurations stand."""
+    """Branch and singularity distances of N configurations."""
 
     kind: WristKind
     branch: NDArray[np.int64] | None  # (N,); None: numbered by a solver

@@ -95,7 +95,7 @@ class UrdfKinematics:
 
     @property
     def is_workpiece_on_base(self) -> bool:
-        """The workpiece's link hangs on base_link: what turns it is that one's neighbour."""
+        """Whether the workpiece's link is fixed to base_link; its neighbours are then those of base_link."""
         frame = 0 if self._part is None else self._part
         while frame not in (0, self._base):
             frame = int(self.model.frames[frame].parentFrame)
@@ -134,12 +134,12 @@ class UrdfKinematics:
 
     @property
     def base(self) -> int:
-        """Entry of :meth:`placements` that carries base_link."""
+        """Entry of :meth:`compute_placements` that carries base_link."""
         return int(self.model.frames[self._base].parentJoint)
 
     @property
     def workpiece_placement(self) -> int:
-        """Entry of :meth:`placements` of the workpiece frame."""
+        """Entry of :meth:`compute_placements` of the workpiece frame."""
         return int(self.model.njoints) + 1
 
     def compute_placements(self, q: Array, external: Array) -> Array:
@@ -172,7 +172,7 @@ class UrdfKinematics:
 
     @cached_property
     def total_rotation(self) -> Array:
-        """(6 + E,) rad (or m) that all joints together move per rad of one: more than 1 where others follow it."""
+        """(6 + E,) motion of all joints together per unit of one: more than 1 where others follow it."""
         out = np.ones(len(self.joints) + len(self._external))
         for _, source, multiplier, _ in self._follow:
             if source >= 0:
@@ -181,7 +181,7 @@ class UrdfKinematics:
 
     @cached_property
     def slides(self) -> NDArray[np.bool_]:
-        """(6 + E,) which of the driven joints shift."""
+        """(6 + E,) which of the driven joints are prismatic."""
         return np.array([bool(self._steps[j][1].any()) for j in (*self.joints, *self._external)])
 
     @cached_property

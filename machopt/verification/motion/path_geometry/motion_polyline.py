@@ -24,7 +24,7 @@ INDEX_TOLERANCE = 1e-6  # of an index, which is printed with six decimals
 
 @dataclass(frozen=True, kw_only=True)
 class CommandedPath:
-    """The corners that the motion passes, and what the controller's own kinematics makes of them."""
+    """Corners that the motion passes, and their poses by the controller's own kinematics."""
 
     toolpath: Toolpath
     index: Array  # (P,) fractional toolpath index of each corner, not falling
@@ -35,7 +35,7 @@ class CommandedPath:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionPolyline:
-    """V vertices in order of time."""
+    """Polyline of V vertices in order of time."""
 
     T: Array  # (V, 4, 4) of the TCP in the workpiece
     joints: Array  # (V, n) rad or m, joints and external axes

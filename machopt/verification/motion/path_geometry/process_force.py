@@ -25,7 +25,7 @@ MIN_PARALLEL_COSINE = 0.9998476951563913  # cos 1°
 
 @dataclass(frozen=True, kw_only=True)
 class RunPieces:
-    """The straight moves of a run that have a length, in order."""
+    """Straight moves of a run that have a length, in order."""
 
     start: Array  # (M,) m along the run
     end: Array  # (M,)

@@ -25,10 +25,10 @@ MIN_AXIS_ANGLE_RAD = np.radians(1.0)  # a move this near the tool axis has no di
 
 @dataclass(frozen=True, kw_only=True)
 class PathDirections:
-    """At M places of the path: where gamma is zero and where the tool travels, both normal to the axis there.
+    """Reference direction and direction of travel at M places of the path, both normal to the axis there.
 
-    ``other`` is the direction of travel where it may also be taken from farther on, ``second`` the reference by it:
-    along a plunge the axis may turn, so that the same move leaves the 1° on its way. NaN where there is only one.
+    ``other`` is the direction of travel of a later move, where that may be used too; ``second`` is the reference by
+    it. Along a plunge the axis may turn, so the same move exceeds the 1° on its way. NaN where there is only one.
     """
 
     axis: Array  # (M, 3) unit, tip to shank

@@ -26,7 +26,7 @@ MAX_RETRACT_M = 0.5  # m, to which the tool is lifted along its axis
 
 @dataclass(frozen=True, kw_only=True)
 class SampleLocations:
-    """S samples against the toolpath; what does not exist is inf or False."""
+    """Position of S samples relative to the toolpath; what does not exist is inf or False."""
 
     tcp: Array  # (S, 4, 4) in workpiece
     next_point: NDArray[np.int64]  # (S,) point that the move of the file at the sample's index leads to
@@ -58,7 +58,7 @@ class SampleLocations:
 
     @property
     def is_free(self) -> Bools:
-        """(S,) on no move of the file at a feed, nor lifted off it."""
+        """(S,) on no feed move of the file, and not lifted off it."""
         return np.asarray(~(self.on_feed_move | self.on_retract_move))
 
 

@@ -41,7 +41,7 @@ GRID_FACE_TOLERANCE_M = 1e-6  # m; a point this near a face of the stiffness gri
 
 @dataclass(frozen=True, kw_only=True)
 class ComplianceState:
-    """What gives at N configurations, base_link axes."""
+    """Compliance at N configurations, base_link axes."""
 
     J: Array  # (N, 6, 6) at the TCP
     gear: Array  # (N, 6) N·m/rad
@@ -161,10 +161,10 @@ class ComplianceState:
 
 
 class ComplianceModel:
-    """The stiffness of a cell, ready to be asked.
+    """Compliance model of a cell.
 
     Raises:
-        UnknownTermError: a term that nothing here has a law for.
+        UnknownTermError: The stiffness file has a term without a law here.
     """
 
     def __init__(self, cell: Cell, arm: UrdfKinematics, stiffness: ArmStiffness) -> None:
@@ -288,7 +288,7 @@ class ComplianceModel:
 
     @property
     def has_uncertainty(self) -> bool:
-        """The file says how sure its stiffness is."""
+        """Whether the file states the uncertainty of its stiffness."""
         grid = self.stiffness.grid
         return (
             self._lack is not None

@@ -49,7 +49,7 @@ UNIT_PARAMETERS = {
 
 @dataclass(frozen=True)
 class CoefficientEffect:
-    """What a coefficient of a term of the file does, per unit: a matrix in the joints, a curve, or one at a body."""
+    """Effect of a term's coefficient per unit: a matrix in the joints, a curve, or a compliance of a body."""
 
     term: StiffnessTerm | None = None
     curve: spring_terms.TorqueCurve | None = None
@@ -57,10 +57,10 @@ class CoefficientEffect:
 
 
 class StatedDiscrepancy:
-    """The discrepancy of a stiffness file.
+    """Model discrepancy of a stiffness file.
 
     Raises:
-        UnknownTermError: a part that nothing here has a law for.
+        UnknownTermError: The discrepancy has a part without a law here.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class StatedDiscrepancy:
 
 @dataclass(frozen=True)
 class DiscrepancyState:
-    """It at N configurations, base_link axes."""
+    """Model discrepancy at N configurations, base_link axes."""
 
     discrepancy: StatedDiscrepancy
     stance: ArmConfiguration

@@ -30,12 +30,12 @@ MAX_HARDENING_SHARE = 0.9  # of a joint's compliance that a hardening cubic may 
 
 
 class UnknownTermError(ValueError):
-    """A term this file has no law for."""
+    """Term of a stiffness file without a law in this module."""
 
 
 @dataclass(frozen=True)
 class TorqueCurve:
-    """A joint whose twist is a curve over its torque."""
+    """Joint whose rotation is a curve over its torque."""
 
     joint: int  # 0-based
     form: str  # clipped | cubic | play | used | drag
@@ -82,7 +82,7 @@ class TorqueCurve:
 
     @property
     def minimum_slope(self) -> float:
-        """The least of φ', rad/(N·m); drag holds most at first."""
+        """Least value of φ', rad/(N·m); drag is stiffest at first."""
         if self.form == "drag":
             return -float((self.size / self.bound).sum())
         return float(self.compute_slope(np.append(0.999999 * self.bound, 1e12)).min())
