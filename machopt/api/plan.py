@@ -121,7 +121,7 @@ class Plan:
 
     @property
     def deflection(self) -> Array:
-        """(N,) length of the predicted deflection of the tip under ``force_N``, mm; NaN without a force or a posture."""
+        """(N,) length of the tip deflection predicted under ``force_N``, mm; NaN without a force or a posture."""
         return self.points["deflection_mm"]
 
     @cached_property
