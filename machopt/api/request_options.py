@@ -136,7 +136,7 @@ def _describe_annotation(kind: str) -> str:
 
 
 def _convert_to_field_type(value: Any, kind: str, where: str) -> Any:
-    """A value as the field wants it: tuples for lists, paths for names of files."""
+    """Return a value in the type of its field: tuples for lists, paths for names of files."""
     if kind.startswith("Mapping") and kind.endswith("Path]") and isinstance(value, Mapping):
         return {name: convert_to_path(folder, where) for name, folder in value.items()}
     if "Path" in kind and value is not None:

@@ -222,7 +222,7 @@ def _start_local_cluster(workers: int) -> Generator[Any, None, None]:
 
 @functools.cache
 def _define_portless_classes() -> tuple[type, type]:
-    """Dask's scheduler and worker without the status pages, which it serves to the network even where told not to."""
+    """Dask's scheduler and worker without the status pages, which no option of Dask switches off."""
     distributed = _import_distributed()
 
     class Portless:

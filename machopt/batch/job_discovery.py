@@ -17,7 +17,7 @@ from machopt.output import is_machopt_output
 
 LIST_SUFFIXES = (".yaml", ".yml")
 IGNORED_SUFFIXES = frozenset(
-    {  # what lies beside toolpaths; files with other names are tried, and refused with a reason
+    {  # files next to toolpaths; files with other names are tried, and refused with a reason
         ".7z",
         ".bak",
         ".bat",
@@ -82,7 +82,7 @@ class BatchJob:
     reading: dict[str, object]
     time_limit: float | None  # s, of this job alone
     memory_limit: int | None  # bytes
-    where: str  # the list and place it stands in, for messages
+    where: str  # list and place of the job, for messages
     posts: tuple[str | Path, ...] = ()  # robot programs to write: names, or template files
 
 
@@ -153,7 +153,7 @@ def _split_before_pattern(path: Path) -> Iterator[str]:
 
 
 def _find_in_folder(folder: Path, base: Path, cell: Path | None, left_out: list[str]) -> Iterator[ListedJob]:
-    """Files of a folder with the cell beside them, else the one above; then the folders inside."""
+    """Yield the files of a folder with the cell in it, else the one above; then its subfolders."""
     beside = folder / "cell"
     if (beside / "cell.yaml").is_file():
         cell = beside

@@ -36,7 +36,7 @@ NUMERIC_PACKAGES = (
     "pyarrow",
 )
 """Packages whose version may move a number or the reading of a file."""
-_COMPILED_SUFFIXES = frozenset({".pyc", ".pyo", ".nbi", ".nbc"})  # what Python and numba store beside the sources
+_COMPILED_SUFFIXES = frozenset({".pyc", ".pyo", ".nbi", ".nbc"})  # caches of Python and numba in the source folders
 _CACHE_FOLDER = "__pycache__"  # where they do, and compiled templates
 
 
@@ -140,7 +140,7 @@ class JobKeyBuilder:
         return hashlib.sha256(json.dumps(parts, sort_keys=True, ensure_ascii=True, default=str).encode()).hexdigest()
 
     def _read_with(self, toolpath: Path) -> tuple[Path, ...]:
-        """A toolpath, and where it is a robot program the files beside it that it takes its points from."""
+        """Return a toolpath and, for a robot program, the files in its folder that hold its points."""
         if toolpath not in self._cell_names:
             try:
                 files = read_program(toolpath).files[1:] if is_program_file(toolpath) else ()

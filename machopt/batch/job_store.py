@@ -213,7 +213,7 @@ def _is_result_moved(ended: JobEnd) -> bool:
 
 
 def _list_in_manifest(folder: Path) -> None:
-    """Add what the batch writes beside a job's result to the manifest of that result, if it made one."""
+    """Add the batch's files of a job to the manifest of its result, if there is one."""
     if (folder / MANIFEST).exists():
         manifest, _ = read_manifest(folder)
         write_manifest(folder, manifest, {f.name: f.role for f in manifest.files} | BATCH_ROLES)

@@ -33,7 +33,7 @@ EndReason = Literal["ended", "crashed", "time", "memory", "server", "stopped"]
 END_FILE = "ended.json"
 CAN_FORK = sys.platform == "linux"  # elsewhere system libraries do not promise to survive a fork
 WARM_UP_LIMIT_S = 900.0  # s a server may take to import and compile, or to wait for another that does
-GRACE_PERIOD_S = 10.0  # s in which a server ends the job it was told to end; one that does not is ended with it
+GRACE_PERIOD_S = 10.0  # s for a server to end a job on request; after that the server is ended too
 POLL_INTERVAL_S = 0.05  # s between two looks at a job's memory and time
 POLLS_PER_PROCESS_SCAN = 20  # finding what a job has started itself takes milliseconds: not at every look
 SINGLE_THREAD_VARIABLES = dict.fromkeys(
@@ -260,7 +260,7 @@ class ProcessServer:
         self._words.close()
 
     def _watch_job(self, spec: JobSpec, pid: int, begin: float) -> tuple[EndReason | None, JobEndedMessage | None, int]:
-        """Wait for the end; returns the limit that was broken, the end as told, and the largest memory seen."""
+        """Wait for the end; return the exceeded limit, the reported end, and the peak memory."""
         broken: EndReason | None = None
         peak = looks = 0
         told_at = math.inf

@@ -88,7 +88,7 @@ def _send_message(channel: int, message: DocumentModel) -> None:
 
 
 def _run_job_in_child(entry: ModuleType, job: dict[str, Any], channel: int, lines: _LineReader) -> bool:
-    """One job in a child; False when the one who asked for it is gone."""
+    """Run one job in a child process; return False when the client is gone."""
     parent = os.getpid()
     pid = os.fork()
     if pid == 0:
@@ -129,7 +129,7 @@ def _run_single_job(entry: ModuleType, job: dict[str, Any], channel: int) -> Non
 
 
 def _run_job_and_exit(entry: ModuleType, job: dict[str, Any]) -> None:
-    """Run the job and leave the process, whatever happens; what it returns or raises stands in outcome.json."""
+    """Run the job and exit the process in any case; result or error is written to outcome.json."""
     folder = Path(job["folder"])
     code = 1
     try:

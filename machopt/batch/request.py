@@ -82,7 +82,7 @@ class BatchResult:
     result: BatchDocument
     report: Path  # summary.html
     done: int  # jobs run now
-    reused: int  # jobs kept from earlier runs
+    reused: int  # jobs reused from earlier runs
 
 
 def format_duration(seconds: float) -> str:

@@ -120,7 +120,7 @@ def lock_first_warm_up() -> Iterator[None]:
 
 
 def _get_user_lock_folder() -> Path:
-    """A folder of the user's own, where nobody else can lay a file or a link in the way."""
+    """Return a private folder of the user, where no other user can create a file or a link."""
     base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     place = Path(base).expanduser() / "machopt"
     place.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -104,7 +104,7 @@ def _run_batch(args: argparse.Namespace) -> int:
 
 
 def _list_job_inputs(args: argparse.Namespace) -> dict[str, Any]:
-    """What every job is asked beside its options, where it is asked: it is part of what a finished job is known by."""
+    """Return what every job gets besides its options; it is part of the key of a finished job."""
     given = {"program_tolerance_mm": args.program_tolerance_mm, "tables": args.tables}
     return {k: v for k, v in given.items() if v not in (None, "csv")}
 

@@ -151,7 +151,7 @@ def _run_validate(args: argparse.Namespace) -> int:
 
 
 def _prompt_for_missing(args: argparse.Namespace) -> None:
-    """Ask for what was not given, again until it fits; Return keeps what stands in brackets."""
+    """Prompt for missing values until they are valid; Return keeps the value in brackets."""
     for name, words in _QUESTIONS:
         unsaid = "by the arm's size" if name == "tool_length_mm" else "nothing"
         while True:

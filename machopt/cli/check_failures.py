@@ -20,7 +20,7 @@ _OF_FOLDER = {CheckName.FILES, CheckName.INPUTS, CheckName.MANIFEST, CheckName.P
 _OF_FOLDER |= {CheckName.PARQUET, CheckName.OPTIONS, CheckName.READING}
 _MOTION = "trajectory.csv"
 _CONSEQUENCE = 6  # rank of what follows from other failures
-MOST = 6  # failures that are told in full
+MOST = 6  # failures that are listed in full
 
 
 def sort_causes_first(checks: Sequence[VerificationCheck]) -> list[VerificationCheck]:

@@ -149,7 +149,7 @@ def _format_removed_deflection(shift: CompensationSection) -> list[str]:
 
 
 def _format_gain_lines(result: OptimizeDocument) -> list[str]:
-    """The gain of the mean over each yardstick, with its uncertainty where the stiffness file has one."""
+    """Return the gain of the mean over each baseline, with its uncertainty where the stiffness file has one."""
     what = "mean deflection" if result.index == "deflection" else "mean compliance"
     lines = []
     for gain in result.objective.gain:
@@ -222,7 +222,9 @@ def format_first_infeasibility(result: OptimizeDocument) -> str:
         result: The content of result.json.
     """
     points = result.infeasible_points
-    breaks = [b for b in result.breaks if not any(b.reason in p.reason for p in points)]  # told at the point already
+    breaks = [
+        b for b in result.breaks if not any(b.reason in p.reason for p in points)
+    ]  # reported at the point already
     parts = []
     if points:
         number = f"{len(points)} points" if len(points) > 1 else "1 point"
@@ -301,5 +303,5 @@ def _convert_to_check(c: CheckEntry) -> VerificationCheck:
 
 
 def _convert_null_to_nan(value: float | None) -> float:
-    """A number of a result file, where null stands for what is not finite."""
+    """Return a number of a result file; null is NaN."""
     return math.nan if value is None else value

@@ -94,7 +94,7 @@ def _run_place(args: argparse.Namespace) -> int:
 
     warn_of_effect_code(args)
     x, y, z = ((a / 1e3, b / 1e3) for a, b in (args.x_mm, args.y_mm, args.z_mm))
-    there = Path.absolute if args.scheduler else Path  # a worker of a cluster stands in a folder of its own
+    there = Path.absolute if args.scheduler else Path  # a worker of a cluster has another working directory
     request = PlaceRequest(
         cell=there(args.cell),
         toolpaths=tuple(there(f) for f in args.toolpaths),

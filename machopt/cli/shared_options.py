@@ -97,7 +97,7 @@ SHARED: dict[str, dict[str, Any]] = {
         "help": "take this error of the record as a warning",
     },
 }
-"""Name → what argparse is told; ``flags`` are further names."""
+"""Name → keywords of argparse; ``flags`` are further names."""
 
 _IDLE: dict[str, dict[str, Any]] = {
     "--seed": {"dest": "idle_seed", "help": "accepted for scripts; nothing is drawn at random here"},

@@ -142,7 +142,7 @@ def _format_identify_summary(result: IdentificationDocument) -> list[str]:
 
 
 def _convert_null_to_nan(value: float | None) -> float:
-    """A number of a result file, where null stands for what is not finite."""
+    """Return a number of a result file; null is NaN."""
     return math.nan if value is None else value
 
 

@@ -76,7 +76,7 @@ class MimicJoint:
     """Joint that follows another: its value is ``multiplier`` times that one's value plus ``offset``."""
 
     joint: str
-    source: str  # a joint of the arm, or one that stands still
+    source: str  # a joint of the arm, or a fixed one
     multiplier: float
     offset: float  # rad or m
 
@@ -89,7 +89,7 @@ class IgnoredPair:
     b: str
     first: tuple[str, ...]  # names of bodies; a link's n-th collision body is called LINK_n, n from 0
     second: tuple[str, ...]
-    source: str  # where it stands, for readers
+    source: str  # its place in the file, for messages
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-AXES = ("x", "y", "z", "rx", "ry", "rz")  # along and about which a body gives way
+AXES = ("x", "y", "z", "rx", "ry", "rz")  # of a body's compliance
 JOINT, COUPLING, COS, SIN, TERM, LOADED = "joint", "coupling", "cos", "sin", "term", "loaded"
 
 

@@ -25,7 +25,7 @@ class KinematicCorrection:
     effect: str
     location: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    # of an effect of the user's own: (S,) rad that it turns its joint by at angles (S,) rad; nobody has a second law
+    # of a user-defined effect: (S,) rad rotation of its joint at angles (S,) rad; it has no second implementation
     own: Callable[[Array], Array] | None = field(default=None, compare=False)
 
 

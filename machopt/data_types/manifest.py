@@ -60,7 +60,7 @@ class FolderManifest:
     unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
     not_recomputed: tuple[str, ...] = ()  # keys of result.json that verify takes as they are
     touching_pairs: tuple[TouchingPair, ...] | None = None  # None: of a version that did not list them
-    warnings: tuple[str, ...] = ()  # what somebody has to see to before a program runs
+    warnings: tuple[str, ...] = ()  # to be settled before a program runs
 
     def file(self, name: str) -> ManifestFile | None:
         """Return the entry of one file of the folder; None if it is not listed.

@@ -31,8 +31,8 @@ class SteeringRule:
     weight: float = 0.1
     branch: int | None = None  # the only branch to use
     joint: str = ""  # an external joint, by its name or as e1, e2 …; then the wish is about it alone
-    at: float | None = None  # m or rad, where it stands there
-    away: tuple[float, float] | None = None  # m or rad, it stands nowhere between these
+    at: float | None = None  # m or rad, its position there
+    away: tuple[float, float] | None = None  # m or rad, forbidden range
     unit: Literal["mm", "deg", ""] = ""  # of ``at`` and ``away``
 
     @property
@@ -81,7 +81,7 @@ class ExternalJointOptions:
     preferred: float | None = None  # m or rad
     range: tuple[float, float] | None = None  # m or rad, within its limits
     unit: Literal["mm", "deg", ""] = ""  # of what is given; "": nothing with a unit is
-    at_operations: tuple[tuple[str, float], ...] = ()  # m or rad, where it stands in operations by label
+    at_operations: tuple[tuple[str, float], ...] = ()  # m or rad, position in operations by label
 
     @property
     def locks(self) -> bool:

@@ -81,7 +81,7 @@ class RobotController:
     pulses_per_deg: Array | None = None  # (6,) Yaskawa
     position_levels: Array | None = None  # (8,) m, Yaskawa's PL=1 … 8, rising
     moves_per_part: int | None = None  # instead of the template's
-    nonflip_j5: Literal["negative", "positive"] | None = None  # FANUC: the sign of J5 that its N stands for
+    nonflip_j5: Literal["negative", "positive"] | None = None  # FANUC: the sign of J5 for its N
     lines: Mapping[str, str] = field(default_factory=dict)  # program lines by event, keys EVENT_LINES
     absolute_accuracy: Literal["on", "off", "unknown"] = "unknown"  # on: it corrects geometry and gravity sag itself
 

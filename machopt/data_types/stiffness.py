@@ -66,7 +66,7 @@ class ModelDiscrepancy:
     left: float  # m a coordinate, what the model left of the readings
     noise: float  # m a coordinate, what replicates and statements make of it
     misfit: bool = True  # readings show that something is missing
-    local: float = 0.0  # m/N, 1 sigma of a coordinate's compliance that each pose has for itself beside all that
+    local: float = 0.0  # m/N, 1 sigma of a coordinate's compliance of each pose on its own, in addition
     counted: bool = True
 
     def describe_misfit(self, what: str, sure: str = "") -> str:
@@ -98,7 +98,7 @@ class PositionError:
     It holds at joint angles between those that were measured.
     """
 
-    std: float  # m, with the corrections that were found beside it (kinematics.yaml)
+    std: float  # m, with the corrections of kinematics.yaml
     plain: float  # m, without them: springs alone
     noise: float  # m, of it what repeats or statements make of the instrument and the arm's return
     poses: int
@@ -169,9 +169,9 @@ class ArmStiffness:
     terms: tuple[StiffnessTerm, ...] = ()
     file: Path | None = field(default=None, compare=False)  # it was read from, for messages
     estimated: bool = False  # by a rule, from no measurement of this arm
-    discrepancy: ModelDiscrepancy | None = None  # what it may lack; None: no reading was held against it
+    discrepancy: ModelDiscrepancy | None = None  # None: not compared with readings
     external: tuple[ExternalJointSpring, ...] = ()  # of the external joints that are not rigid or weigh something
-    position: PositionError | None = None  # None: no measured pose was held against it
+    position: PositionError | None = None  # None: not compared with measured poses
 
 
 def describe_ignored_springs(external: tuple[ExternalJointSpring, ...]) -> tuple[str, ...]:

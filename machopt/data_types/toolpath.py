@@ -34,7 +34,7 @@ class ToolpathOperation:
     kind: Literal["point", "trajectory"]  # point: drilling and the like, cuts run along the tool axis
     tool: str = ""
     comment: str = ""
-    tool_named: str = ""  # another word of the file for the same tool, such as its name beside its number
+    tool_named: str = ""  # another word of the file for the same tool, such as its name in addition to its number
 
     @property
     def tools(self) -> tuple[str, ...]:

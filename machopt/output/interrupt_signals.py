@@ -9,7 +9,7 @@ from typing import Any
 
 
 class InterruptSignals:
-    """Turn SIGTERM into an exception like Ctrl-C's, and hold both back once asked to.
+    """Conversion of SIGTERM into an exception like Ctrl-C's, and deferral of both on request.
 
     Handlers are process-wide and belong to the main thread: elsewhere, or where the program has its own
     handler, nothing is touched.

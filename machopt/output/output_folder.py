@@ -107,7 +107,7 @@ def is_machopt_output(folder: Path) -> bool:
 
 
 class _OutputPlace:
-    """An output folder's place and the names beside it."""
+    """Location of an output folder, and its hidden siblings."""
 
     def __init__(self, target: Path) -> None:
         digits = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]
@@ -117,7 +117,7 @@ class _OutputPlace:
         self.lock = target.parent / f"{self._stem}.lock"
 
     def new(self, kind: str) -> Path:
-        """A new folder beside the target, under a name that nobody can foresee."""
+        """Create a sibling folder of the target with an unpredictable name."""
         sibling = self._free(kind)
         sibling.mkdir()
         return sibling
@@ -158,7 +158,7 @@ class _OutputPlace:
 
 
 def _is_own_file(path: Path) -> bool:
-    """In a folder that others may write, what somebody else has put under our name is not ours."""
+    """Check the owner: in a shared folder, another user may have created an entry with our name."""
     return not hasattr(os, "getuid") or path.stat().st_uid == os.getuid()
 
 

@@ -28,7 +28,7 @@ class CheckName(StrEnum):
     READING = "reading options"
     CHANGES = "tool changes"
     TOUCHING = "pairs that touch by construction"
-    CONTACTS = "collisions"  # the row that says that contacts and clearances were not looked at
+    CONTACTS = "collisions"  # check that reports that contacts and clearances were not checked
     VELOCITY = "joint velocity"
     ACCELERATION = "joint acceleration"
     JERK = "joint jerk"

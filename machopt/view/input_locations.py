@@ -12,7 +12,7 @@ from machopt.output.file_hashes import compute_sha256
 
 MAX_LEVELS_UP = 2  # folders above the output folder that are looked into
 MAX_LEVELS_DOWN = 4  # how deep below them
-MAX_ENTRIES = 20_000  # entries that are looked at: a home folder must not be read to its end
+MAX_ENTRIES = 20_000  # entries that are read at most, so that a home folder is not searched completely
 _SKIPPED_FOLDERS = {"node_modules", "__pycache__", "site-packages"}
 
 

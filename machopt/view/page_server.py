@@ -199,7 +199,7 @@ class _RequestHandler(BaseHTTPRequestHandler):
         return self._send_json(answer)
 
     def _parse_path(self) -> str | None:
-        """What is asked for behind the token; None where the request was refused."""
+        """Return the requested path behind the token; None where the request was refused."""
         origin = self.headers.get("Origin")
         if self.headers.get("Host") not in self.owner.hosts or (
             origin is not None and origin not in [f"http://{host}" for host in self.owner.hosts]

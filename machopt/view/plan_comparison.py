@@ -43,7 +43,7 @@ def compare_plans(now: OptimizeJobResult, before: OptimizeJobResult | None) -> t
 
 
 def _compute_objective(plan: Plan, scale: float) -> float:
-    """J with c₀ as given and without preferred rotations: so two plans with other wishes have one unit."""
+    """Return J with given c₀ and without preferred rotations, so that plans with different rules are comparable."""
     o, w = plan.chosen.objective, plan.options.weights
     return float(o.total - o.preferred + (plan.scores.scale / scale - 1.0) * (w.mean * o.mean + w.worst * o.worst))
 

@@ -29,7 +29,7 @@ class ViewRequest:
     """Request of ``machopt view``."""
 
     paths: tuple[Path, ...]  # OUT; CELL; CELL TOOLPATH; OUT CELL TOOLPATH
-    request: OptimizeRequest  # options, reading and so on; its places are not looked at
+    request: OptimizeRequest  # options, reading and so on; its paths are not used
     save: Path  # where the plan file goes
     words: tuple[str, ...] = ()  # of the reading options, for the command that plans the same
     port: int = 0

@@ -38,7 +38,7 @@ def compute_optimize_plan(
     from machopt.commands.optimize.job_result import OptimizeJobResult, ToolSegmentResult
     from machopt.program_export.exported_programs import (
         list_omitted_programs,
-    )  # late: loaded beside the plan (machopt.commands.optimize.run)
+    )  # late: loaded in parallel to the plan (machopt.commands.optimize.run)
 
     made = OptimizeJobResult(
         cell=given.cell,

@@ -42,7 +42,7 @@ class OptimizeJobResult:
     timeline: MotionTimeline | None
     verification: Verification | None
     programs: tuple[ExportedProgram, ...]
-    front: tuple[FrontPlan, ...] = ()  # the trade-off, where it was asked for
+    front: tuple[FrontPlan, ...] = ()  # the trade-off front, if requested
     manifest: FolderManifest  # without files; names inputs, reading options and what is not checked
 
     @property

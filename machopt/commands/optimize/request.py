@@ -81,7 +81,7 @@ def load_optimize_inputs(request: OptimizeRequest) -> OptimizeInputs:
 
 
 def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest) -> OptimizeInputs:
-    """What was asked of a cell and a toolpath, refused where no plan could answer it.
+    """Return the inputs of a plan; refuse a request for which no plan is possible.
 
     Args:
         cell: as it was read, or changed since.

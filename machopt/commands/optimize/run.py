@@ -18,7 +18,7 @@ from machopt.planning.pipeline.planning_setup import StageTimings
 if TYPE_CHECKING:
     from machopt.data_types.documents.optimize_document import OptimizeDocument
 
-OUTPUT_MODULE = "machopt.commands.optimize.verified_files"  # what a plan does not need is loaded beside it
+OUTPUT_MODULE = "machopt.commands.optimize.verified_files"  # loaded in parallel to the plan, which does not need it
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class OptimizeResult:
     exit_code: int
     result: OptimizeDocument
     report: Path
-    conflict: str = ""  # wishes that no plan keeps, in words
+    conflict: str = ""  # conflicting steering rules, in words
 
 
 def run_optimize(request: OptimizeRequest, progress: Callable[[str], None] = lambda _: None) -> OptimizeResult:

@@ -33,7 +33,7 @@ FRONT_COLUMNS = (
 
 
 def compute_trade_off_front(given: OptimizeInputs, asked: Plan, own: FrontPlan) -> list[FrontPlan]:
-    """The plan that was asked for, and every further one that can be driven and passes the checks.
+    """Return the requested plan, and every further one that is feasible and passes the checks.
 
     Args:
         given: the job; where it changes tools each plan is one of all of them.

@@ -35,7 +35,7 @@ class PlaceRequest:
     direct: dict[str, object] | None = None  # options by their user key
     posts: tuple[str, ...] = ()
     effects: tuple[Path, ...] = ()
-    tables: str = "csv"  # parquet: every table, those of the best plans too, as Parquet beside its CSV
+    tables: str = "csv"  # parquet: every table, those of the best plans too, also as Parquet
     overwrite: bool = False  # replace an earlier output though files in it were edited or added
 
 

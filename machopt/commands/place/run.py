@@ -84,7 +84,7 @@ def run_place(
         with write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder:
             try:
                 found = compute_placements(request, cell, toolpaths, progress, journal, crew)
-            except InputError:  # nothing can go on from what was asked wrongly
+            except InputError:  # a wrong request has no journal to continue
                 journal.unlink(missing_ok=True)
                 raise
             result = write_placement_files(found, folder, progress, crew)
@@ -117,7 +117,7 @@ def compute_placements(
     notes = SearchJournal(journal, compute_request_key(site.cell, toolpaths, options, request.search))
     progress(f"going on with {notes.known_count} places that are known" if notes.known_count else "places")
     siting = find_best_placement(site, request.search, notes, progress, crew)
-    if not siting.best:  # a part out of reach as it stands is what placement may help; one out of reach anywhere is not
+    if not siting.best:  # placement may help a part that is out of reach now, not one that is out of reach everywhere
         for file, reading, toolpath in zip(request.toolpaths, request.readings, site.toolpaths, strict=True):
             check_length_unit(cell, toolpath, file, stated="unit" in reading)
     return PlaceComputation(request, site, siting)

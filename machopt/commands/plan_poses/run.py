@@ -86,7 +86,7 @@ def write_pose_plan_files(
 
 
 def _list_input_files(request: PosesRequest) -> tuple[ManifestFile, ...]:
-    """What a plan was made from beside its cell."""
+    """Return the input files of a plan other than its cell."""
     found: tuple[ManifestFile, ...] = ()
     if request.discriminate is not None:
         found = list_recording_inputs([request.discriminate], "diagnosis")

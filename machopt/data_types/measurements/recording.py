@@ -49,7 +49,7 @@ class Recording:
     pose: Ints  # (N,) same label: same robot pose; numbered by q where the file has no column
     cycle: Ints  # (N,) same label inside a pose: same load cycle; every reading its own where there is no column
     session: Ints  # (N,) same label: same day and set-up; all 0 where there is no column
-    line: Ints  # (N,) 1-based line of the data file each reading stands on; 1-based row of a Parquet file
+    line: Ints  # (N,) 1-based line of each reading in the data file; 1-based row of a Parquet file
     wrench: Array | None = None  # (N, 6) N, N·m on the robot, axes of wrench_frame, about wrench_point
     wrench_frame: FrameName = "base"
     wrench_point: Array | None = None  # (3,) m in flange; None: the TCP

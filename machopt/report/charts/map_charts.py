@@ -22,7 +22,7 @@ Spec = dict[str, Any]
 ANGLE_LEVEL = 0.02  # deg, steps in which the page knows joint angles
 LOG_SCALE_RATIO = 50.0  # ratio above which levels are spaced by ratio: a peak must not cost the rest its digits
 _PEAK = 10.0
-_ARMS = 6  # stick figures beside curves
+_ARMS = 6  # stick figures next to curves
 _AROUND = 60  # postures that the 3-D picture must have room for
 COLORS = (CHOSEN, JIAO, FOURTH, "#8e44ad", DEFAULT, LIMIT)
 

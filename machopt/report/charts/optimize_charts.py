@@ -136,7 +136,7 @@ def _build_map_spec(data: ReportData, m: RotationMap) -> Spec:
     index = np.where(np.isin(status, (PlaceCode.OK, PlaceCode.NOT_CHECKED)), m.index[pick] * unit.factor, np.nan)
     known = index[np.isfinite(index)]
     lowest, highest = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-    # single places beside a singularity must not bleach the rest
+    # single places near a singularity must not dominate the colour scale
     low, high = (float(v) for v in np.percentile(known, [2, 98])) if known.size else (0.0, 1.0)
     lines = [
         ("CAM default", m.cam_default, "#ff4d4d", "#ffffff", 1.8, "7 4"),
@@ -315,7 +315,7 @@ def _build_band_labels(bands: list[Spec]) -> dict[int, str]:
 
 
 def _build_operation_bands(p: PathSeries, operations: tuple[OperationRow, ...]) -> list[Spec]:
-    """Stretches of path length of one operation each; none where there are too many to be told apart."""
+    """Return the path length range of each operation; none where there are too many to distinguish."""
     cuts = np.flatnonzero(np.diff(p.operation)) + 1
     if not operations or len(cuts) + 1 > _BANDS:
         return []

@@ -26,7 +26,7 @@ Spec = dict[str, Any]  # JSON
 MAX_TRIANGLES = 24_000  # of all bodies together: about 0.3 MB on the page
 MIN_BODY_TRIANGLES = 200  # that any body may have
 MAX_SAMPLES = 6_000  # of the motion
-MISSING_LEVEL = 65535  # level that stands for no number
+MISSING_LEVEL = 65535  # level of NaN
 
 
 def reduce_bodies(bodies: tuple[SceneBody, ...], triangles: int = MAX_TRIANGLES) -> tuple[SceneBody, ...]:
@@ -40,7 +40,7 @@ def reduce_bodies(bodies: tuple[SceneBody, ...], triangles: int = MAX_TRIANGLES)
     if have.sum() <= triangles:
         return bodies
     room = max(triangles - float(np.minimum(have, MIN_BODY_TRIANGLES).sum()), 0.0)
-    extra = np.maximum(have - MIN_BODY_TRIANGLES, 0.0) ** 0.5  # the root: small bodies keep their shape beside scans
+    extra = np.maximum(have - MIN_BODY_TRIANGLES, 0.0) ** 0.5  # the root: small bodies keep their shape next to scans
     allowed = np.minimum(have, MIN_BODY_TRIANGLES) + room * extra / extra.sum()
     out = []
     for body, most in zip(bodies, allowed.tolist(), strict=True):

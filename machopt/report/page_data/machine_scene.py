@@ -13,7 +13,7 @@ from machopt.report.scene.scene_types import CellScene, SceneBody, SceneJoint
 
 
 def build_machine_scene(cell: Cell, robot: Robot, bodies: Iterable[checked.CollisionBody]) -> CellScene:
-    """The machine as a tree of joints, with what they carry and what stands around it.
+    """Return the machine as a tree of joints, with their bodies and the surroundings.
 
     The planner's chain goes from the part over the hall to the tool; the picture's tree grows out of the hall both
     ways, in base_link axes where every joint is at zero.

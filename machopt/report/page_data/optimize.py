@@ -225,7 +225,7 @@ def _build_summary(
     clearance = points.table.clearance
     nearest = int(np.nanargmin(clearance)) if np.isfinite(clearance).any() else -1
     if nearest >= 0 and not points.nearest_pair[nearest]:
-        nearest = -1  # what is told there is how far was looked, and nobody stands within it
+        nearest = -1  # the value is the search distance; no body is within it
     trajectory = timeline.trajectory if timeline else None
     feasible = trajectory is not None
     outcome = (

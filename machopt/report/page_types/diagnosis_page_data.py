@@ -61,7 +61,7 @@ class DiagnosisPageData:
     session: Ints  # (N,)
     line: Ints  # (N,) of the data file
     row: Ints  # (N,) 1-based data row
-    file: tuple[str, ...]  # (N,) data file each reading stands in; empty where there is only one
+    file: tuple[str, ...]  # (N,) data file of each reading; empty where there is only one
     group_word: str  # what is held out together: "pose", "stretch"
     group_names: tuple[str, ...]  # (G,) of diagnosis.errors.groups
     branch: NDArray[np.int8] | None  # (N,) +1 loading, −1 unloading, 0 not stated

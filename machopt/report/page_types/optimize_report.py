@@ -92,7 +92,7 @@ class ResultSummary:
     mean_default: float  # mean over the length cut; of a stiffness: the stiffness of the mean compliance
     mean_chosen: float
     worst_parts: str = ""  # the deflection at the worst point along and across the tool axis, with intervals, in words
-    gains: tuple[GainOverBaseline, ...] = ()  # of the mean, over each yardstick
+    gains: tuple[GainOverBaseline, ...] = ()  # of the mean, over each baseline
     shift: ShiftSummary | None = None
     certificate: BoundCertificate | None = None
     feed_held: float = float("nan")  # share 0…1 of the cutting time at the programmed feed

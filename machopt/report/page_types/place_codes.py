@@ -21,7 +21,7 @@ class PlaceCode(enum.IntEnum):
     SINGULAR_ELBOW = 4
     SINGULAR_SHOULDER = 5
     COLLIDING = 6
-    NOT_CHECKED = 7  # possible by itself, but not looked at for collisions
+    NOT_CHECKED = 7  # feasible, but not checked for collisions
     BOUNDS = 8
     NO_PATH = 9
 

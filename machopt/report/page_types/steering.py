@@ -35,7 +35,7 @@ class SteeringData:
 
     operations: tuple[tuple[str, tuple[tuple[int, int], ...]], ...]  # label, and the points it cuts, first to last
     points: int
-    branches: int  # 0: of no lasting numbers, so none can be asked for
+    branches: int  # 0: branch numbers are not stable, so none can be chosen
     axes: tuple[SteeringAxis, ...]
     wishes: dict[str, Any]  # fixed, steer, external: keys of a plan file
     compared: tuple[PlanComparison, ...]

@@ -72,7 +72,7 @@ def build_worst_point_table(data: ReportData) -> Markup:
     """
     unit = QUANTITY_UNITS[data.summary.quantity]
     what = QUANTITY_LABELS[data.summary.quantity].axis
-    own = data.summary.quantity == "deflection"  # then the deflection stands in the first column already
+    own = data.summary.quantity == "deflection"  # the first column is the deflection already
     columns = [
         TableColumn("Point", "n"),
         TableColumn("Operation"),

@@ -227,7 +227,7 @@ def _list_marks(d: DiagnosisResult, location: str) -> list[tuple[int, bool]]:
 
 
 def _build_column_symbol(location: str, y: float) -> list[SvgShape]:
-    """What stands for a part on the narrow picture, in the column of the arm."""
+    """Return the shape of a part in the narrow diagram, in the column of the arm."""
     x = _SPINE
     if location == "base":
         return [build_shape("path", d=f"M{x - 11:.1f} {y - 8:.1f}h22l-5 16h-12z", fill=METAL)]
@@ -248,7 +248,7 @@ def _list_chain() -> tuple[str, ...]:
 
 
 def _list_slots(d: DiagnosisResult) -> list[_DiagramSlot]:
-    """The chain, then what stands around it: always sensors, environment and controller; others where they matter."""
+    """Return the chain, then sensors, environment and controller, and further data sources with a share."""
     named = [s.axis for s in d.mismatch if s.kind == "machine"] + [
         name[1] for f in d.findings for name in (f.one_of or ((f.effect, f.location),))
     ]

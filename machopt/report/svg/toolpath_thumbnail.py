@@ -19,9 +19,7 @@ WIDTH, HEIGHT = 132.0, 84.0
 _EDGE = 5.0
 _SEGMENTS = 240
 _SHADES = 10
-_VIEW_MATRIX = np.array(
-    [[0.78, 0.62, 0.0], [-0.34, 0.43, 0.84]]
-)  # to the right and up of somebody who stands at a corner
+_VIEW_MATRIX = np.array([[0.78, 0.62, 0.0], [-0.34, 0.43, 0.84]])  # right and up of a viewer at a corner
 
 
 @dataclass(frozen=True)

@@ -246,7 +246,7 @@ def _format_small_length(length: float) -> str:
 
 
 def _describe_mean_gain(s: ResultSummary) -> str:
-    """Mean along the path against each yardstick, and what is shifted against it."""
+    """Return the mean along the path against each baseline, and the compensation shift."""
     known = [g for g in s.gains if math.isfinite(g.share)]
     what = "mean deflection" if s.quantity == "deflection" else "mean compliance"
     parts = []

@@ -71,7 +71,7 @@ def find_wrong_roles(folder: Path, manifest: FolderManifest) -> list[str]:
         manifest: The manifest of the folder.
     """
     programs = {name: p for p in manifest.programs for name in p.files}
-    templates = {p.post for p in manifest.programs}  # a user's template lies beside its program
+    templates = {p.post for p in manifest.programs}  # a user's template is in the folder of its program
     out = [
         f"the program {name} of {p.post} has a name that no post gives"
         for name, p in programs.items()

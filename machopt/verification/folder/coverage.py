@@ -153,7 +153,7 @@ def list_checks_not_run(checks: Iterable[VerificationCheck]) -> tuple[str, ...]:
 def list_production_blockers(
     cell: Cell, unchecked: Sequence[str], programs: Sequence[RobotProgramEntry]
 ) -> tuple[str, ...]:
-    """What somebody has to settle before the part is made, the gravest first; it begins verdict and report.
+    """Return what has to be settled before production, the most serious first; verdict and report begin with it.
 
     It follows from the cell, the verdict's scope and the programs as read back, so ``verify`` finds the same words.
 

@@ -36,7 +36,7 @@ from machopt.verification.tables.table_cache import cache_tables
 
 MISSING_VALUE = float("nan")
 MAX_PARALLEL_SAMPLES = (
-    200_000  # samples of a motion up to which programs are checked beside the tables: longer, memory counts more
+    200_000  # samples of a motion up to which programs and tables are checked in parallel; above, memory limits it
 )
 
 
@@ -187,7 +187,7 @@ def _check_programs(
 def _split_tables(
     stints: tuple[ToolSegment, ...], folder: Path, motion: ExportedMotion | None, found: Verification | None
 ) -> list[tuple[ToolSegment, ExportedTables | None]]:
-    """Each tool with its part of the tables; none where these do not hold the changes, which has been told."""
+    """Return each tool with its part of the tables; none where the changes are wrong, which is reported already."""
     if len(stints) == 1:
         return [(stints[0], None)]
     whole = None if motion is None else read_tables(stints[0].cell, folder, motion)

@@ -44,7 +44,7 @@ class OptionsInForce:
     options: PlanOptions
     toolpath: Toolpath
     notes: tuple[str, ...] = ()  # options that the user gave and the folder was not made with
-    checks: tuple[VerificationCheck, ...] = ()  # what the manifest records and nobody can use
+    checks: tuple[VerificationCheck, ...] = ()  # wrong records of the manifest
 
 
 def resolve_options_in_force(

@@ -172,7 +172,7 @@ def verify_single_tool(
     ]
     bodies = build_bodies(cell, arm)
     table = PointsTableCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
-    # pairs that a plan can be asked to keep apart by the clearance
+    # pairs to which the required clearance applies
     kept, unfounded = verification_list_checked_pairs(cell, arm, bodies, options.clearance, touching)
     wanted = kept if touching is not None else list_checked_pairs(cell, arm, bodies)
     of_points = [*table.check_all(motion, on), *_check_clearance(table, stood, bodies, kept, options)]

@@ -77,7 +77,7 @@ def _find_segment_starts(motion: ExportedMotion) -> list[int]:
 
 
 def _check_tool_changes(motion: ExportedMotion, stints: Sequence[ToolSegment]) -> list[str]:
-    """Tools in the order of the CAM file; each changed where the machine stands still at the pose for it."""
+    """Check that tools follow the order of the CAM file, each changed at rest at the tool-change pose."""
     starts = _find_segment_starts(motion)
     found, wanted = [motion.tool[n] for n in starts], [s.tool for s in stints]
     if found != wanted:
@@ -174,7 +174,7 @@ def _merge_checks(stints: Sequence[ToolSegment], found: Sequence[list[Verificati
 
 
 def _rank_check(check: VerificationRow) -> tuple[int, float]:
-    """Failed before not run before kept; among these by what is measured."""
+    """Order checks: failed, not run, passed; within these by value."""
     if isinstance(check, VerificationInformation):
         return 0, check.value if np.isfinite(check.value) else -np.inf
     order = {False: 2, None: 1, True: 0}[check.passed]

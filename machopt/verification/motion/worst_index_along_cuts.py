@@ -23,9 +23,7 @@ from machopt.verification.motion.path_geometry.process_force import compute_side
 from machopt.verification.motion.stiffness import arm_compliance
 from machopt.verification.tables.exported_tables import ExportedMotion
 
-SAMPLE_SPACING_RAD = np.radians(
-    0.5
-)  # rad of joints together (m of slides likewise) between two samples that are looked at
+SAMPLE_SPACING_RAD = np.radians(0.5)  # rad of joints together (m of slides likewise) between two evaluated samples
 
 
 def find_worst_index(cell: Cell, toolpath: Toolpath, motion: ExportedMotion, index: str, options: PlanOptions) -> float:

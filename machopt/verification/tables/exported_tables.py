@@ -219,7 +219,7 @@ def _check_names(table: ColumnTable, needed: Sequence[str], further: Sequence[st
 
 
 def _check_tools(table: ColumnTable, cell: Cell) -> None:
-    """Every row has the tool that the toolpath wants, or one of the table where it wants several."""
+    """Check that every row has the tool of the toolpath, or one of the table where it has several."""
     wanted = {*cell.tools} if cell.tool_name is None else {cell.tool_name}
     for row, word in enumerate(table.read_words("tool"), start=1):
         if word not in wanted:

@@ -75,7 +75,7 @@ def build_residual_scene(data: DiagnosisPageData) -> Spec | None:
 
 
 def _list_residual_sizes(rms: list[float], worst: float, after: float, row: int, both: bool) -> list[tuple[str, str]]:
-    """What is said beside a pose; nothing of an after where the machine has no finding, as it would be the same."""
+    """Return the text of a pose; without a finding of the machine, before and after are the same and not repeated."""
     size = f"{FINE_LENGTH.format_value(worst, unit=True)}, row {row}"
     if not both:
         return [("Residual, rms", FINE_LENGTH.format_value(rms[0], unit=True)), ("Largest", size)]

@@ -291,7 +291,7 @@ class _ComparisonContext:
             same = joint & (np.abs(driven - wanted).max(axis=1) < JOINT_TOLERANCE_RAD)
             T[same], joint = self.tcp[same], joint & ~same
         if joint.any():
-            # where external axes are missing is told elsewhere; home lets the rest be looked at
+            # missing external axes are reported elsewhere; home allows the other checks
             stood = np.where(np.isfinite(external), external, self.cell.external_home)
             T[joint] = self.arm.compute_tcp_in_workpiece(q[joint], stood[joint])
         pulses = controller.pulses_per_deg
@@ -330,7 +330,7 @@ class _ComparisonContext:
     def _check_frames_and_words(
         self, name: str, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, rows: Array
     ) -> list[VerificationCheck]:
-        """Frames, configuration and words that nobody understood."""
+        """Check frames, configuration and unknown words."""
         given = compute_workpiece_frame(parsed, self.cell, self.arm, controller, self.motion.external[0])
         coupled = parsed.dialect in COUPLED_FRAME_FORMATS and bool(
             self.arm.list_moving_joints(self.arm.workpiece_placement)
@@ -368,7 +368,7 @@ class _ComparisonContext:
                     where or "of all moves as their joints are",
                 )
             )
-        own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: nobody here knows its words
+        own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: its words are unknown here
         strange = [w.word for w in parsed.ignored if not w.understood and own.isdisjoint(re.findall(r"\w+", w.word))]
         strange += [w for w in parsed.warnings if "cut off" in w]
         both = np.flatnonzero(parsed.has_pose & np.isfinite(said.q).all(axis=1))

@@ -85,7 +85,7 @@ def _get_segment(t: ResultComparison, p: RobotProgramEntry) -> ToolSegment:
 
 
 def _check_program_statements(t: ResultComparison, p: RobotProgramEntry) -> Iterable[str]:
-    """What is told of one program: its checks, and what it takes for granted or leaves to a comment."""
+    """Check the entry of one program: its checks, assumptions and events left to a comment."""
     post = find_post(p.post, t.folder, t.cell, t.manifest)
     if post is not None:
         stint = _get_segment(t, p)

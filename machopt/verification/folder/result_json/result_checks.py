@@ -102,7 +102,7 @@ def check_result_document(
         return [_build_check("", [str(problem)])]
     try:
         result = OptimizeDocument.model_validate(value)
-    except ValidationError as problem:  # what somebody else wrote into the file may be of any shape
+    except ValidationError as problem:  # an edited file may have any form
         return [_build_check(part, said) for part, said in list_schema_errors(problem).items()]
     told = ResultComparison(
         result=result,
@@ -130,7 +130,7 @@ def _run_part_check(
 
 
 def _format_error(problem: Exception) -> str:
-    """What somebody who knows no Python makes something of."""
+    """Return the message in words that do not refer to Python."""
     if isinstance(problem, KeyError):
         return f"the key {format_json_value(problem.args[0])} is missing"
     if isinstance(problem, ValueError) and problem.args:
@@ -383,7 +383,7 @@ def _is_reversal(toolpath: Toolpath, at: float) -> bool:
 
 
 def _is_dwelling(t: ResultComparison, point: Array) -> Bools:
-    """(S,) rows that stand where the one before stood, at a point where the file dwells: no feed is asked for there."""
+    """Return (S,) rows at the position of the row before, at a dwell of the file: no feed applies there."""
     at = [min(e.index, len(t.toolpath)) - 1 for e in t.toolpath.events if e.kind == "dwell"]
     if not at:
         return np.zeros(len(point), bool)

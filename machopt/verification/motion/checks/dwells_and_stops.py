@@ -80,7 +80,7 @@ def check_dwells_and_stops(
 
 
 def _list_dwells(toolpath: Toolpath) -> dict[int, float]:
-    """s that the file dwells at each point at which it dwells or stops, 0 where none is told; −1: before the first."""
+    """Return the dwell time at each point with a dwell or stop, s, 0 without a stated time; −1: before the first."""
     out: dict[int, float] = {}
     for event in toolpath.events:
         if event.kind in ("dwell", "stop"):
@@ -91,7 +91,7 @@ def _list_dwells(toolpath: Toolpath) -> dict[int, float]:
 
 
 def _count_equal_points_before(toolpath: Toolpath, k: int) -> int:
-    """How many points right before point k lie at its place: the motion may pass them all while it stands."""
+    """Return how many points before point k lie at its place: the motion may pass them all while at rest."""
     count = 0
     while (
         count < k

@@ -32,7 +32,7 @@ POSITION_TOLERANCE = {
 
 @dataclass(frozen=True)
 class _PositionErrors:
-    """How far joints stand from what was asked, and where."""
+    """Return the deviation of joints from the requested positions, and its place."""
 
     off: list[float]
     where: list[str]

@@ -26,7 +26,7 @@ from machopt.verification.motion.collision.bodies import (
 )
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
-MAX_JOINT_STEP_RAD = np.radians(0.5)  # joint motion between rows that are looked at first
+MAX_JOINT_STEP_RAD = np.radians(0.5)  # joint motion between the rows that are checked first
 BLOCK_ROWS = 20_000  # rows whose frames are held at a time
 MIN_MOTION_M = 1e-4  # m, motion below which a stretch is not halved any more
 

@@ -73,7 +73,7 @@ def split_convex_shells(vertices: Array, corner: Ints) -> tuple[Array, list[int]
 
     if not len(corner):
         return np.empty((0, 3)), []
-    places, same = np.unique(vertices, axis=0, return_inverse=True)  # corners of a file may be told face by face
+    places, same = np.unique(vertices, axis=0, return_inverse=True)  # a file may repeat its corners for each face
     faces = same.reshape(-1)[corner]
     ends = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(places), len(places)))

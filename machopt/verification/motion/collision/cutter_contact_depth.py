@@ -16,7 +16,7 @@ from machopt.verification.motion.path_geometry.axis_interpolation import interpo
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
 from machopt.verification.tables.exported_tables import ExportedMotion
 
-MAX_CONTACT_SAMPLES, MAX_DEPTH_SAMPLES = 400, 48  # samples asked whether they touch, and how deep
+MAX_CONTACT_SAMPLES, MAX_DEPTH_SAMPLES = 400, 48  # samples checked for contact, and for its depth
 MAX_DEPTH_M = 1.0  # m
 DEPTH_TOLERANCE_M = 1e-4  # m, of a depth
 LEVEL_TOLERANCE_M = 2e-4  # m under the level of a cut; twice what the drawn-in cutter may graze

@@ -23,7 +23,7 @@ from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematic
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
 from machopt.verification.tables.exported_tables import ExportedMotion
 
-SAMPLE_SPACING_M, SAMPLE_SPACING_RAD = 5e-4, np.radians(0.25)  # m and rad between the samples that are looked at
+SAMPLE_SPACING_M, SAMPLE_SPACING_RAD = 5e-4, np.radians(0.25)  # m and rad between the checked samples
 POINT_SPACING_M = 4e-4, 2e-3  # m between points of the cutter, a sixth of its radius in between
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))  # rad from one point of the spiral to the next
 MAX_MEASURED_POINTS = 3_000  # points whose distance coal measures once a gouge is known
@@ -88,7 +88,7 @@ def build_cutter_points(cutter: CutterGeometry) -> Array:
     r, c = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0)
     flat, arc, side = r - c, c * np.pi / 2.0, cutter.length - c
     step = float(np.clip(r / 6.0, *POINT_SPACING_M))
-    edges = np.array([flat, flat + arc, flat + arc + side])  # where the profile bends: rings there are looked at too
+    edges = np.array([flat, flat + arc, flat + arc + side])  # where the profile bends: rings there are checked too
     fine = np.union1d(np.linspace(0.0, 1.0, 4001) * edges[-1], edges)  # along the profile
     turn = np.clip((fine - flat) / max(c, 1e-12), 0.0, np.pi / 2.0)
     radius = np.minimum(fine, flat) + c * np.sin(turn)
@@ -295,7 +295,7 @@ def _measure_distance(shape: object, x: Array) -> float:
 
 
 def _select_rows(tcp: Array, rows: Ints) -> Ints:
-    """Rows that APART or TURNED part from the one kept before, and the first and last."""
+    """Return rows at least one sample spacing from the row before, and the first and last."""
     if not len(rows):
         return rows
     x, z = tcp[rows, :3, 3], tcp[rows, :3, 2]

@@ -102,6 +102,6 @@ def _compute_applied_share(limits: tuple[float, float] | None, angle: Array) -> 
     if limits is None:
         return np.ones(len(angle))
     away = np.maximum(limits[0] - np.degrees(angle), np.degrees(angle) - limits[1])
-    from scipy.special import betainc  # here: kernels beside it are compiled where scipy is not installed
+    from scipy.special import betainc  # late: kernels of this module are compiled where scipy is not installed
 
     return np.asarray(1.0 - betainc(4.0, 4.0, np.clip(away / FADE_OUT_DEG, 0.0, 1.0)))

@@ -52,7 +52,7 @@ class UrdfKinematics:
         self.joints = [int(self.model.getJointId(name)) for name in cell.arm_joints]
         self._external = [int(self.model.getJointId(name)) for name in cell.external_joints]
         driven = {name: n for n, name in enumerate((*cell.arm_joints, *cell.external_joints))}
-        # joint of the URDF that follows, column of what it follows (−1: stands still), multiplier, offset
+        # joint of the URDF that follows, column of what it follows (−1: fixed), multiplier, offset
         self._follow = [
             (int(self.model.getJointId(m.joint)), driven.get(m.source, -1), m.multiplier, m.offset)
             for m in cell.mimics
@@ -237,7 +237,7 @@ class UrdfKinematics:
 
     @cached_property
     def _to_world(self) -> Array:
-        """(4, 4) the URDF's root in world: base_link stands where the cell puts it with the external axes at zero."""
+        """Return the (4, 4) pose of the URDF's root in world: the cell places base_link with external axes at zero."""
         self._forward(self.model, self._data, self.rest)
         to_world: Array = self.cell.T_world_base @ np.linalg.inv(self._data.oMf[self._base].homogeneous)
         return to_world
@@ -381,7 +381,7 @@ class UrdfKinematics:
         """
         out = np.empty((len(q), 4, 4))
         still = slice(0, 1) if self._part is None else slice(None)  # one that no joint turns is the same in all rows
-        for start in range(0, len(q), BLOCK_ROWS):  # the frames of all joints are many times what is kept
+        for start in range(0, len(q), BLOCK_ROWS):  # the frames of all joints need many times the memory of the result
             some = slice(start, start + BLOCK_ROWS)
             T = self.compute_placements(q[some], external[some])
             out[some] = np.linalg.inv(T[still, -1]) @ T[:, -2] @ self.cell.tool.T_flange_tcp

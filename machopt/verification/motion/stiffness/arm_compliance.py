@@ -45,7 +45,7 @@ class ComplianceState:
 
     J: Array  # (N, 6, 6) at the TCP
     gear: Array  # (N, 6) N·m/rad
-    k: Array  # (N, 6) N·m/rad, with the balancer beside the gear of joint 2
+    k: Array  # (N, 6) N·m/rad, with the balancer in parallel to the gear of joint 2
     linear: Array  # (N, 6, 6) rad/(N·m) of terms in the joints
     curves: tuple[spring_terms.TorqueCurve, ...]
     weight: Array  # (N, 6) N·m
