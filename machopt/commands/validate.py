@@ -92,7 +92,7 @@ def _validate_cell(
 
 
 def _is_consequence(finding: CellRemark, keys: tuple[str, ...]) -> bool:
-    """Return what is missing only because of an error that is reported already."""
+    """Return whether a remark is only the consequence of an error that is reported already."""
     return finding.where != "" and any(k.split(".")[0] == finding.where.split(".")[0] for k in keys)
 
 

@@ -174,7 +174,7 @@ def _merge_checks(stints: Sequence[ToolSegment], found: Sequence[list[Verificati
 
 
 def _rank_check(check: VerificationRow) -> tuple[int, float]:
-    """Order checks: failed, not run, passed; within these by value."""
+    """Return the rank of a check, failed highest, then not run, passed; within these by value."""
     if isinstance(check, VerificationInformation):
         return 0, check.value if np.isfinite(check.value) else -np.inf
     order = {False: 2, None: 1, True: 0}[check.passed]

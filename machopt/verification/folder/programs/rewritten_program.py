@@ -182,7 +182,7 @@ def build_failed_program_check(file: str, what: str, text: str) -> VerificationC
 
 
 def _list_printed_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:
-    """Replace columns whose last digit depends on rounding by the program's own; their law is checked separately."""
+    """Return columns as the program has them whose last digit depends on rounding; their law is checked separately."""
     words = parsed.configuration
     if parsed.dialect == "fanuc":
         cnt = [int(w.get("cnt", 0)) for w in words]  # type: ignore[call-overload]

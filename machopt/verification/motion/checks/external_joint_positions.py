@@ -32,7 +32,7 @@ POSITION_TOLERANCE = {
 
 @dataclass(frozen=True)
 class _PositionErrors:
-    """Return the deviation of joints from the requested positions, and its place."""
+    """Deviations of joints from the requested positions, with their places."""
 
     off: list[float]
     where: list[str]
