@@ -249,10 +249,10 @@ def _parse_manifest(value: Mapping[str, Any], file: Path) -> FolderManifest:
         out = []
         named = pairs("programs", ("post", "files"), frozenset({"stint"}))
         for n, ((post, own), item) in enumerate(zip(named, value["programs"], strict=True)):
-            stint = item.get("stint", 0)
-            if not isinstance(stint, int) or stint < 0:
-                raise wrong(f"programs.{n}.stint", stint, "a number from 1")
-            out.append(ManifestProgram(post, words("programs", own), stint))
+            segment = item.get("stint", 0)
+            if not isinstance(segment, int) or segment < 0:
+                raise wrong(f"programs.{n}.stint", segment, "a number from 1")
+            out.append(ManifestProgram(post, words("programs", own), segment))
         return tuple(out)
 
     def touching_pairs() -> tuple[TouchingPair, ...] | None:

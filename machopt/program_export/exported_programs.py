@@ -133,31 +133,31 @@ def write_programs(
     out: list[ExportedProgram] = []
     for one in wanted:
         samples = has_sampled_output(one.post)
-        for stint, plan, timeline in jobs:
-            key = stint.number, samples
+        for segment, plan, timeline in jobs:
+            key = segment.number, samples
             if timeline is None or timeline.trajectory is None:
                 raise ValueError("a blocked motion is no program")
             if key not in made:
                 made[key] = (
-                    build_sampled_program(plan, stint.toolpath, timeline)
+                    build_sampled_program(plan, segment.toolpath, timeline)
                     if samples
-                    else build_robot_program(plan, stint.toolpath, timeline, tolerance)
+                    else build_robot_program(plan, segment.toolpath, timeline, tolerance)
                 )
-            out.append(_write_program(folder, one, stint, made[key], tolerance))
+            out.append(_write_program(folder, one, segment, made[key], tolerance))
     return tuple(out)
 
 
 def _write_program(
-    folder: Path, one: SelectedPost, stint: ToolSegment, made: MotionProgram, tolerance: ProgramTolerance
+    folder: Path, one: SelectedPost, segment: ToolSegment, made: MotionProgram, tolerance: ProgramTolerance
 ) -> ExportedProgram:
     """One program of one post."""
-    cell, program = stint.cell, made.program
+    cell, program = segment.cell, made.program
     controller = select_controller(cell, one.post)
     target = folder / one.folder
     target.mkdir(exist_ok=True)
     files = write_program(
         target,
-        build_segment_program_name(stint, one.post),
+        build_segment_program_name(segment, one.post),
         program,
         one.post,
         controller,
@@ -175,20 +175,20 @@ def _write_program(
         feed=estimate_program_feed(program, one.post, controller),
         assumptions=list_assumptions(program, one.post, controller),
         unstarted_events=list_unstarted_events(one.post, program, controller),
-        tool_segment=stint.number,
-        tool=stint.tool if stint.number else "",
+        tool_segment=segment.number,
+        tool=segment.tool if segment.number else "",
     )
 
 
-def build_segment_program_name(stint: ToolSegment, post: str | Path) -> str:
+def build_segment_program_name(segment: ToolSegment, post: str | Path) -> str:
     """Return the program's name: the toolpath's, with the segment's number where there are several.
 
     Args:
-        stint: The tool segment.
+        segment: The tool segment.
         post: Name of a shipped post, or the path of a template file.
     """
-    source = stint.toolpath.source
-    return format_program_name(f"{source} {stint.number}" if stint.number else source, post)
+    source = segment.toolpath.source
+    return format_program_name(f"{source} {segment.number}" if segment.number else source, post)
 
 
 def add_read_back_results(

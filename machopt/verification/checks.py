@@ -140,9 +140,9 @@ def build_worst_value_check(
             name=name, passed=False, value=np.nan, limit=limit, unit=unit, where="nothing to measure"
         )
     n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
-    told = where(n) if callable(where) else where[n]
+    stated = where(n) if callable(where) else where[n]
     return VerificationCheck(
-        name=name, passed=bool(values[n] <= limit), value=float(values[n]), limit=limit, unit=unit, where=told
+        name=name, passed=bool(values[n] <= limit), value=float(values[n]), limit=limit, unit=unit, where=stated
     )
 
 

@@ -96,7 +96,7 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
     posts, tolerance = select_posts(cell, request.posts), build_tolerance(request.program_tolerance_mm, options)
     toolpath = add_reach_warning(cell, place_toolpath(refuse_unknown_words(read(), request.toolpath), cell))
     cell = select_job_tools(apply_absolute_accuracy(cell, options), toolpath)
-    stints = split_into_tool_segments(cell, toolpath)
+    segments = split_into_tool_segments(cell, toolpath)
     if request.front:
         check_front_options(options)
     check_plannable(toolpath, options)
@@ -117,7 +117,7 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
         cell=cell,
         options=options,
         toolpath=toolpath,
-        stints=stints,
+        stints=segments,
         posts=posts,
         tolerance=tolerance,
         manifest=manifest,

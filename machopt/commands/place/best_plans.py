@@ -32,7 +32,7 @@ def write_best_plans(
     siting: PlacementSearchResult,
     folder: Path,
     progress: Callable[[str], None],
-    crew: PlacementExecutor | None = None,
+    executor: PlacementExecutor | None = None,
 ) -> tuple[ConfirmedPlacement, ...]:
     """Write ``best-1`` …: ``cell`` and, for each toolpath, a complete output of ``run_optimize``.
 
@@ -42,13 +42,13 @@ def write_best_plans(
         siting: Result of the placement search.
         folder: The output folder.
         progress: Called with the name of each stage when it begins.
-        crew: Worker processes; None computes in this process.
+        executor: Worker processes; None computes in this process.
     """
     best = siting.best[: request.search.best]
     wanted = [_BestPlanTask(request, one, folder / f"best-{k}") for k, one in enumerate(best, 1)]
     out: list[ConfirmedPlacement] = []
     progress(f"write and verify the {len(best)} best")
-    for done in (crew or InProcessExecutor(site)).map_items(_write_and_verify_plan, wanted):
+    for done in (executor or InProcessExecutor(site)).map_items(_write_and_verify_plan, wanted):
         out.append(done)
         progress(f"{len(out)} of the {len(best)} best are written and verified")
     return tuple(out)

@@ -59,7 +59,7 @@ class PlaceComputation:
 
 
 def run_place(
-    request: PlaceRequest, progress: Progress = lambda _: None, crew: PlacementExecutor | None = None
+    request: PlaceRequest, progress: Progress = lambda _: None, executor: PlacementExecutor | None = None
 ) -> PlaceResult:
     """Search for the best placement, alone or with worker processes; the result is the same.
 
@@ -70,7 +70,7 @@ def run_place(
     Args:
         request: The validated request.
         progress: Called with the name of each stage when it begins.
-        crew: Worker processes; None computes in this process.
+        executor: Worker processes; None computes in this process.
 
     Raises:
         InputError: bad cell, toolpath, options, ranges or output folder.
@@ -83,11 +83,11 @@ def run_place(
         cell, toolpaths = read_request_files(request)
         with write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder:
             try:
-                found = compute_placements(request, cell, toolpaths, progress, journal, crew)
+                found = compute_placements(request, cell, toolpaths, progress, journal, executor)
             except InputError:  # a wrong request has no journal to continue
                 journal.unlink(missing_ok=True)
                 raise
-            result = write_placement_files(found, folder, progress, crew)
+            result = write_placement_files(found, folder, progress, executor)
         journal.unlink(missing_ok=True)
     return PlaceResult(result.exit_code, result, request.out / "report.html")
 
@@ -98,7 +98,7 @@ def compute_placements(
     toolpaths: tuple[Toolpath, ...],
     progress: Progress = lambda _: None,
     journal: Path | None = None,
-    crew: PlacementExecutor | None = None,
+    executor: PlacementExecutor | None = None,
 ) -> PlaceComputation:
     """Search for the best placement; write only the journal.
 
@@ -108,7 +108,7 @@ def compute_placements(
         toolpaths: The toolpaths of the jobs.
         progress: Called with the name of each stage when it begins.
         journal: File with the placements that an earlier run evaluated; new ones are appended.
-        crew: Worker processes; None computes in this process.
+        executor: Worker processes; None computes in this process.
 
     Raises:
         InputError: the cell, an option or a range is wrong.
@@ -116,7 +116,7 @@ def compute_placements(
     site, options = build_placement_site(request, cell, toolpaths)
     notes = SearchJournal(journal, compute_request_key(site.cell, toolpaths, options, request.search))
     progress(f"going on with {notes.known_count} places that are known" if notes.known_count else "places")
-    siting = find_best_placement(site, request.search, notes, progress, crew)
+    siting = find_best_placement(site, request.search, notes, progress, executor)
     if not siting.best:  # placement may help a part that is out of reach now, not one that is out of reach everywhere
         for file, reading, toolpath in zip(request.toolpaths, request.readings, site.toolpaths, strict=True):
             check_length_unit(cell, toolpath, file, stated="unit" in reading)
@@ -124,7 +124,10 @@ def compute_placements(
 
 
 def write_placement_files(
-    found: PlaceComputation, folder: Path, progress: Progress = lambda _: None, crew: PlacementExecutor | None = None
+    found: PlaceComputation,
+    folder: Path,
+    progress: Progress = lambda _: None,
+    executor: PlacementExecutor | None = None,
 ) -> PlaceDocument:
     """Write the best placements as complete plans, and all documents.
 
@@ -132,13 +135,13 @@ def write_placement_files(
         found: Result of the search.
         folder: The empty folder.
         progress: Called with the name of each stage when it begins.
-        crew: Worker processes; None computes in this process.
+        executor: Worker processes; None computes in this process.
 
     Returns:
         The content of place.json.
     """
     request, site, siting = found.request, found.site, found.siting
-    best = write_best_plans(request, site, siting, folder, progress, crew)
+    best = write_best_plans(request, site, siting, folder, progress, executor)
     hashes = {**compute_input_hashes(site.cell), **{t.source: t.sha256 for t in site.toolpaths}}
     result = build_place_document(site, request.search, siting, best, hashes)
     write_place_table(folder / "places.csv", site, siting)

@@ -60,11 +60,11 @@ def build_placement_site(
     for toolpath, file in zip(toolpaths, request.toolpaths, strict=True):
         refuse_unknown_words(toolpath, file)
     toolpaths = tuple(place_toolpath(toolpath, cell) for toolpath in toolpaths)
-    stints = [split_into_tool_segments(select_job_tools(cell, toolpath), toolpath) for toolpath in toolpaths]
+    segments = [split_into_tool_segments(select_job_tools(cell, toolpath), toolpath) for toolpath in toolpaths]
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     check_comparable_options(options)
     cell = apply_absolute_accuracy(cell, options)
-    return PlacementSite.build(cell, toolpaths, options, request.search, stints), options
+    return PlacementSite.build(cell, toolpaths, options, request.search, segments), options
 
 
 def run_site_task(pickled_request: bytes, evaluate: Callable[[Any, A], B], item: A) -> B:

@@ -76,8 +76,8 @@ def verify_folder(
         else:
             contents = found = contents or check_contents(cell, toolpath, folder, options=options, manifest=manifest)
         checks += check_parquet_copies(folder)
-        told = check_result_document(folder, cell, toolpath, options, inputs, manifest, contents)
-    return replace(found, checks=(*checks, *found.checks, *told))
+        stated = check_result_document(folder, cell, toolpath, options, inputs, manifest, contents)
+    return replace(found, checks=(*checks, *found.checks, *stated))
 
 
 def check_parquet_copies(folder: Path) -> list[VerificationCheck]:
@@ -111,18 +111,18 @@ def check_contents(
     except InputError:
         motion = None  # those who need it try again and say what is wrong
     try:
-        stints = split_into_tool_segments(cell, toolpath)
+        segments = split_into_tool_segments(cell, toolpath)
 
         listed = None if manifest is None else manifest.touching_pairs
         touching = None if listed is None else tuple((p.a, p.b) for p in listed)
 
         def of_tables() -> Verification:
-            return verify_tool_segments(stints, folder, options=options, motion=motion, touching=touching)
+            return verify_tool_segments(segments, folder, options=options, motion=motion, touching=touching)
 
         def of_programs(found: Verification | None = None) -> list[VerificationRow]:
-            return _check_programs(stints, folder, options, manifest, motion, found)
+            return _check_programs(segments, folder, options, manifest, motion, found)
 
-        if len(stints) == 1 and motion is not None and len(motion.time) <= MAX_PARALLEL_SAMPLES:
+        if len(segments) == 1 and motion is not None and len(motion.time) <= MAX_PARALLEL_SAMPLES:
             found, programs = run_two_in_threads(of_tables, of_programs)
         else:
             found = of_tables()
@@ -138,7 +138,7 @@ def check_contents(
 
 
 def _check_programs(
-    stints: tuple[ToolSegment, ...],
+    segments: tuple[ToolSegment, ...],
     folder: Path,
     options: PlanOptions,
     manifest: FolderManifest | None,
@@ -150,7 +150,7 @@ def _check_programs(
     Args:
         found: what the tables came to, which a job that changes tools is cut by; not asked of others.
     """
-    cell = stints[0].cell
+    cell = segments[0].cell
     listed = () if manifest is None else manifest.programs
     paths = () if manifest is None else manifest.inputs_of("toolpath")
     name = (
@@ -162,13 +162,13 @@ def _check_programs(
     try:
         tolerance = build_tolerance(None if manifest is None else manifest.program_tolerance_mm, options)
         compared = list(find_stray_programs(folder, [one for _, one in every]))
-        for stint, tables in _split_tables(stints, folder, motion, found):
+        for segment, tables in _split_tables(segments, folder, motion, found):
             compared += check_programs(
-                stint.cell,
-                stint.toolpath,
+                segment.cell,
+                segment.toolpath,
                 folder,
-                [one for number, one in every if number == stint.number],
-                options=stint.restrict_options(options),
+                [one for number, one in every if number == segment.number],
+                options=segment.restrict_options(options),
                 tolerance=tolerance,
                 motion=motion,
                 tables=tables,
@@ -176,7 +176,7 @@ def _check_programs(
             )
     except InputError as problem:
         return [build_failed_check(CheckName.PROGRAMS, str(problem), because=problem)]
-    odd = [one.files[0] for number, one in every if number not in {s.number for s in stints}]
+    odd = [one.files[0] for number, one in every if number not in {s.number for s in segments}]
     checks = [build_failed_program_check(file, "of this job", "no tool of the job is its") for file in odd]
     rows: list[VerificationRow] = [*checks]
     for one in compared:
@@ -185,17 +185,17 @@ def _check_programs(
 
 
 def _split_tables(
-    stints: tuple[ToolSegment, ...], folder: Path, motion: ExportedMotion | None, found: Verification | None
+    segments: tuple[ToolSegment, ...], folder: Path, motion: ExportedMotion | None, found: Verification | None
 ) -> list[tuple[ToolSegment, ExportedTables | None]]:
     """Return each tool with its part of the tables; none where the changes are wrong, which is reported already."""
-    if len(stints) == 1:
-        return [(stints[0], None)]
-    whole = None if motion is None else read_tables(stints[0].cell, folder, motion)
+    if len(segments) == 1:
+        return [(segments[0], None)]
+    whole = None if motion is None else read_tables(segments[0].cell, folder, motion)
     if whole is None or found is None or isinstance(whole, Verification):
         return []
     if any(c.check_name == CheckName.CHANGES for c in found.failed):
         return []
-    return list(zip(stints, split_tables(whole, stints), strict=True))
+    return list(zip(segments, split_tables(whole, segments), strict=True))
 
 
 def check_manifest(

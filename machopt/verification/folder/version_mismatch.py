@@ -22,9 +22,9 @@ def describe_version_mismatch(folder: Path, manifest: FolderManifest | None) -> 
         folder: The output folder.
         manifest: Manifest of the folder; None where it has none that can be read.
     """
-    told = None if manifest is None else manifest.versions.get("machopt")
-    if told is not None and told != __version__:
-        return (f"the folder was written by machopt {told}, this is {__version__}: {VERSION_REMEDY}",)
+    stated = None if manifest is None else manifest.versions.get("machopt")
+    if stated is not None and stated != __version__:
+        return (f"the folder was written by machopt {stated}, this is {__version__}: {VERSION_REMEDY}",)
     try:
         OptimizeDocument.model_validate(read_json(folder / "result.json"))
     except InputError:

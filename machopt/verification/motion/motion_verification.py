@@ -210,9 +210,9 @@ def _check_clearance(
 ) -> list[VerificationCheck]:
     """clearance_mm and nearest_pair; empty where collisions are not checked."""
     name, rows = "points.csv clearance_mm", np.flatnonzero(table.live)
-    told = table.points.numbers["clearance_mm"][rows]
+    stated = table.points.numbers["clearance_mm"][rows]
     if not options.collision:
-        extra = np.where(np.isnan(told), 0.0, np.inf)
+        extra = np.where(np.isnan(stated), 0.0, np.inf)
         at = table.describe_row(rows)
         told_off = [
             build_worst_value_check(
@@ -222,8 +222,8 @@ def _check_clearance(
         return told_off if len(rows) else []
     if not len(rows):
         return []
-    if np.isnan(told).any():
-        lacking = table.describe_row(rows[np.isnan(told)])(0)
+    if np.isnan(stated).any():
+        lacking = table.describe_row(rows[np.isnan(stated)])(0)
         return [
             VerificationCheck(
                 name=name,
@@ -252,7 +252,7 @@ def _check_clearance(
     for first in range(0, len(rows), BLOCK_ROWS):
         some = slice(first, first + BLOCK_ROWS)
         scene = PlacedBodies(table.arm, bodies, np.hstack([stood.q, stood.external])[rows[some]])
-        found = check_clearances(scene, wanted, told[some] / 1e3, tuple(named[n] for n in rows[some]), graze[some])
+        found = check_clearances(scene, wanted, stated[some] / 1e3, tuple(named[n] for n in rows[some]), graze[some])
         short[some], beyond[some], pair[some] = found.too_small, found.too_large, found.pair
     return [
         build_worst_value_check(

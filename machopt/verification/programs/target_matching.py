@@ -96,10 +96,10 @@ def match_targets(
     )
     on = np.isfinite(on_line)
     gap[on], tilt[on], turn[on] = _compute_target_distance(on_line[on], T[on], p, R, allowed.corner)
-    told = on & known
-    joints[told] = np.abs(interpolate_rows(line.joints, on_line[told])[:, : program.q.shape[1]] - program.q[told]).max(
-        axis=1
-    )
+    stated = on & known
+    joints[stated] = np.abs(
+        interpolate_rows(line.joints, on_line[stated])[:, : program.q.shape[1]] - program.q[stated]
+    ).max(axis=1)
     return line.convert_to_sample(on_line), gap, tilt, turn, joints
 
 

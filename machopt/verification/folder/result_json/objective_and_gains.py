@@ -103,14 +103,14 @@ def check_objective(t: ResultComparison) -> Iterable[str]:
     own = parts.chosen
     cost = CheckedPoints.from_file(t).compute_cost(t)
     if own.worst is not None and np.isfinite(cost).any():
-        told, most = own.worst * require_number("index_scale", t.result.index_scale), float(np.nanmax(cost))
+        stated, most = own.worst * require_number("index_scale", t.result.index_scale), float(np.nanmax(cost))
         rounding = CheckedPoints.from_file(t).cost_rounding(t)[int(np.nanargmax(cost))]
         if (
             not most * (1 - PRINTED_TOLERANCE) - rounding
-            <= told
+            <= stated
             <= limit_worst_index(t, most, float(np.max(t.worst_along_cuts)))
         ):
-            yield f"objective.chosen.worst is {told:.9g} in the index's unit, points.csv has {most:.9g}"
+            yield f"objective.chosen.worst is {stated:.9g} in the index's unit, points.csv has {most:.9g}"
         if not 0.0 < require_number("chosen.mean", own.mean) <= own.worst:
             yield "objective.chosen.mean is not between nothing and the worst"
     yield from _check_mean_nearness(t, require_number("chosen.clearance", own.clearance))
@@ -178,11 +178,11 @@ def check_compensation(t: ResultComparison) -> Iterable[str]:
     Args:
         t: Result.json and everything that it is compared with.
     """
-    told, file = t.result.compensation, t.folder / "compensation.csv"
+    stated, file = t.result.compensation, t.folder / "compensation.csv"
     if not t.options.compensate or t.contents is None:
-        yield from check_equal("compensation", told, None)
+        yield from check_equal("compensation", stated, None)
         return
-    if told is None:
+    if stated is None:
         yield "compensation is null, yet the path is compensated"
         return
     columns = read_columns(file)
@@ -190,10 +190,10 @@ def check_compensation(t: ResultComparison) -> Iterable[str]:
     shift = np.linalg.norm(np.array([columns[f"d{c}_mm"] for c in "xyz"], float), axis=0)
     at = np.clip(np.ceil(index - 1e-9).astype(int), 0, len(t.toolpath) - 1)
     yield from check_close(
-        "compensation.max_mm", told.max_mm, float(shift[t.toolpath.cutting[at]].max()), PRINTED_TOLERANCE, 1e-5
+        "compensation.max_mm", stated.max_mm, float(shift[t.toolpath.cutting[at]].max()), PRINTED_TOLERANCE, 1e-5
     )
     for small, large in (("mean_mm", "max_mm"), ("residual_mean_mm", "residual_max_mm")):
-        if not 0.0 <= getattr(told, small) <= getattr(told, large) * (1 + PRINTED_TOLERANCE):
+        if not 0.0 <= getattr(stated, small) <= getattr(stated, large) * (1 + PRINTED_TOLERANCE):
             yield f"compensation.{small} is not between nothing and {large}"
 
 
@@ -204,13 +204,13 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
     Args:
         t: Result.json and everything that it is compared with.
     """
-    told, file = t.result.front, t.folder / "front.csv"
-    if told is None:
+    stated, file = t.result.front, t.folder / "front.csv"
+    if stated is None:
         if file.exists():
             yield "names no front, yet there is a front.csv"
         return
     rows = read_columns(file)
-    free = [p for p in told if not p.dominated]
+    free = [p for p in stated if not p.dominated]
     for name, words in rows.items():
         if name in ("plan", "changed"):
             yield from check_equal(f"front.csv: {name}", words, [getattr(p, name) for p in free])
@@ -223,14 +223,14 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
             elif word:
                 yield from check_close(f"front.csv: {name} of {p.plan}", float(word), found, 1e-8, 0.0)
     keys = ("mean_index", "cycle_time_s", "joint_travel_deg", "clearance_mm")
-    known_of = [[(k, getattr(p, k)) for k in keys if getattr(p, k) is not None] for p in told]
+    known_of = [[(k, getattr(p, k)) for k in keys if getattr(p, k) is not None] for p in stated]
     less = [[(-1.0 if k == "clearance_mm" else 1.0) * v for k, v in row] for row in known_of]
-    for p, a in zip(told, less, strict=True):
+    for p, a in zip(stated, less, strict=True):
         pairs = [list(zip(a, b, strict=True)) for b in less]
         under = any(all(y <= x for x, y in c) and any(y < x - 1e-5 * abs(x) for x, y in c) for c in pairs)
         if under and not p.dominated:
             yield f"front: {p.plan} is not told as dominated, yet another plan is nowhere worse"
-    own, q = told[0], np.array([t.motion.read_numbers(f"q{j}_deg") for j in range(1, 7)])
+    own, q = stated[0], np.array([t.motion.read_numbers(f"q{j}_deg") for j in range(1, 7)])
     chosen, scale = t.result.objective.chosen, 1e3 * require_number("index_scale", t.result.index_scale)
     yield from check_close(
         "front: mean_index", own.mean_index, scale * require_number("chosen.mean", chosen.mean), RELATIVE_TOLERANCE, 0.0

@@ -104,7 +104,7 @@ def check_result_document(
         result = OptimizeDocument.model_validate(value)
     except ValidationError as problem:  # an edited file may have any form
         return [_build_check(part, said) for part, said in list_schema_errors(problem).items()]
-    told = ResultComparison(
+    stated = ResultComparison(
         result=result,
         folder=folder,
         cell=cell,
@@ -114,7 +114,7 @@ def check_result_document(
         manifest=manifest,
         contents=contents,
     )
-    return [_run_part_check(name, part, told) for name, part in _PARTS.items()]
+    return [_run_part_check(name, part, stated) for name, part in _PARTS.items()]
 
 
 def _run_part_check(
@@ -170,9 +170,9 @@ def _check_verdict(t: ResultComparison) -> Iterable[str]:
         yield from check_equal(
             "not_recomputed (of the manifest)", list(t.manifest.not_recomputed), list(NOT_RECOMPUTED)
         )
-        told = [f"{c.what}: {c.how}" for c in t.manifest.checked]
+        stated = [f"{c.what}: {c.how}" for c in t.manifest.checked]
         yield from check_equal(
-            "checked (of the manifest)", told, [f"{c.what}: {c.how}" for c in list_checked(t.options)]
+            "checked (of the manifest)", stated, [f"{c.what}: {c.how}" for c in list_checked(t.options)]
         )
         yield from check_equal("version", t.result.version, t.manifest.versions.get("machopt"))
 
@@ -246,20 +246,20 @@ def _check_toolpath(t: ResultComparison) -> Iterable[str]:
 
 def _check_tools(t: ResultComparison) -> Iterable[str]:
     """Which tool each stretch of the job has, by the CAM file."""
-    stints, told = split_into_tool_segments(t.cell, t.toolpath), t.result.tools
-    if len(stints) == 1:
-        yield from check_equal("tools", told, None)
+    segments, stated = split_into_tool_segments(t.cell, t.toolpath), t.result.tools
+    if len(segments) == 1:
+        yield from check_equal("tools", stated, None)
         return
     keys = ("tool", "first_point", "last_point", "operations")
     expected = [
         dict(zip(keys, (s.tool, s.first, s.stop - 1, list(list_used_operations(s.toolpath))), strict=True))
-        for s in stints
+        for s in segments
     ]
-    found = [{**{k: getattr(p, k) for k in keys}, "operations": list(p.operations)} for p in told or ()]
+    found = [{**{k: getattr(p, k) for k in keys}, "operations": list(p.operations)} for p in stated or ()]
     yield from check_equal("tools", found, expected)
     points, scale = CheckedPoints.from_file(t), require_number("index_scale", t.result.index_scale)
     cost = points.compute_cost(t)
-    for s, p, along in zip(stints, told or (), t.worst_along_cuts, strict=False):
+    for s, p, along in zip(segments, stated or (), t.worst_along_cuts, strict=False):
         own = cost[s.first : s.stop]
         if p.worst_index is not None and np.isfinite(own).any() and scale > 0:
             most = float(np.nanmax(own))

@@ -135,13 +135,13 @@ def _compare_tables(
     name = "points.csv and compensation.csv"
     lacking = sorted(set(range(len(toolpath))) - set(row_of))
     if lacking or points.shift is None:
-        told = (f"compensation.csv lacks point {lacking[:1]}",)
+        stated = (f"compensation.csv lacks point {lacking[:1]}",)
         return ShiftComparison(
             name=name,
             unit="mm",
             limit=TABLE_TOLERANCE_MM,
             values=np.array([np.inf]),
-            where=told,
+            where=stated,
             file="compensation.csv",
         )
     known = [n for n, k in enumerate(points.point.tolist()) if k in row_of]
@@ -165,7 +165,7 @@ def _find_cutting_joints(
     driven, stood = (np.hstack([of.q, of.external]) for of in (motion, points))
     cuts = np.flatnonzero((motion.move != MoveKind.RAPID) & np.isfinite(motion.point))
     s = np.maximum.accumulate(motion.point[cuts]) if len(cuts) else np.empty(0)
-    told = {k: q for k, q, status in zip(points.point.tolist(), stood, points.status, strict=True) if status == "ok"}
+    stated = {k: q for k, q, status in zip(points.point.tolist(), stood, points.status, strict=True) if status == "ok"}
     out: dict[int, Array] = {}
     for row in rows.tolist():
         x = float(shift.index[row])
@@ -174,8 +174,8 @@ def _find_cutting_joints(
         if s[a] <= x <= s[b] and cuts[b] - cuts[a] <= 1:
             f = (x - s[a]) / (s[b] - s[a]) if s[b] > s[a] else 1.0
             out[row] = driven[cuts[a]] + f * (driven[cuts[b]] - driven[cuts[a]])
-        elif round(x) in told and abs(x - round(x)) < 1e-6 and np.isfinite(told[round(x)]).all():
-            out[row] = told[round(x)]
+        elif round(x) in stated and abs(x - round(x)) < 1e-6 and np.isfinite(stated[round(x)]).all():
+            out[row] = stated[round(x)]
     return out
 
 

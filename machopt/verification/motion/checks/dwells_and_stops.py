@@ -26,7 +26,7 @@ def check_dwells_and_stops(
     motion: ExportedMotion,
     toolpath: Toolpath,
     points: ExportedPoints,
-    ride: SampleLocations,
+    locations: SampleLocations,
     place: tuple[Array, Array],
     cell: Cell,
 ) -> list[VerificationCheck]:
@@ -36,7 +36,7 @@ def check_dwells_and_stops(
         motion: trajectory.csv.
         toolpath: with its events.
         points: points.csv; at points that it gives up nothing stands.
-        ride: the motion against the toolpath.
+        locations: the motion against the toolpath.
         place: (P,), (P, 3) m: fractional index and place of the commanded polyline's corners.
         cell: its limits of jerk.
     """
@@ -66,7 +66,7 @@ def check_dwells_and_stops(
                     known, k + 0.5
                 )
             ]
-            near = near[np.linalg.norm(ride.tcp[near, :3, 3] - at, axis=1) <= ride.path_limit]
+            near = near[np.linalg.norm(locations.tcp[near, :3, 3] - at, axis=1) <= locations.path_limit]
             there, stood, name = (
                 bool(len(near)),
                 _find_longest_rest(np.sort(near), still) * motion.sample_time,
@@ -85,8 +85,8 @@ def _list_dwells(toolpath: Toolpath) -> dict[int, float]:
     for event in toolpath.events:
         if event.kind in ("dwell", "stop"):
             at = min(event.index, len(toolpath)) - 1
-            told = event.kind == "dwell" and event.value > 0
-            out[at] = out.get(at, 0.0) + (event.value if told else 0.0)
+            stated = event.kind == "dwell" and event.value > 0
+            out[at] = out.get(at, 0.0) + (event.value if stated else 0.0)
     return out
 
 

@@ -98,14 +98,14 @@ def _collect_errors(
     here = rows[select_steered_rows(wish, points.point[rows])]
     between = select_steered_rows(wish, motion.point)
     between = between[motion.move[between] != MoveKind.RAPID]
-    for off, told in (
+    for off, stated in (
         (_compute_deviation(wish, points.external[here, k]), [f"point {points.point[n]}" for n in here]),
         (_compute_deviation(wish, motion.external[between, k]), [motion.describe_row(n) for n in between]),
     ):
         if len(off):
             n = int(np.argmax(np.where(np.isnan(off), np.inf, off)))
             seen.off.append(float(off[n]))
-            seen.where.append(told[n])
+            seen.where.append(stated[n])
 
 
 def _compute_deviation(wish: SteeringRule, value: Array) -> Array:

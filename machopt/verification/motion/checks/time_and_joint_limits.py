@@ -43,8 +43,8 @@ def _check_time(motion: ExportedMotion, options: PlanOptions) -> list[Verificati
         where=motion.describe_row(n + 1),
     )
     wrong = np.array([abs(motion.sample_time - options.sample), abs(motion.time[0])])
-    told = (f"{1e3 * motion.sample_time:g} ms from row to row, {1e3 * options.sample:g} asked for", "the first row")
-    return [even, build_worst_value_check("control cycle and start", "s", wrong, TIME_TOLERANCE_S, told)]
+    stated = (f"{1e3 * motion.sample_time:g} ms from row to row, {1e3 * options.sample:g} asked for", "the first row")
+    return [even, build_worst_value_check("control cycle and start", "s", wrong, TIME_TOLERANCE_S, stated)]
 
 
 def _check_home(motion: ExportedMotion, wanted: tuple[Array, Array]) -> VerificationCheck:

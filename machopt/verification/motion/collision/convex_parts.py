@@ -50,8 +50,8 @@ def build_convex_parts(shape: Any) -> ConvexParts | None:
         return _build_box_tree(ends, [2], *((shape.radius, 0.0) if kind == "Cylinder" else (0.0, shape.radius)))
     if kind.startswith("BVH"):
         count = int(shape.num_tris)  # one after another: as a list of objects they would take more than the mesh
-        told = (t[k] for t in map(shape.tri_indices, range(count)) for k in (0, 1, 2))
-        corner = np.fromiter(told, np.int64, 3 * count).reshape(-1, 3)
+        stated = (t[k] for t in map(shape.tri_indices, range(count)) for k in (0, 1, 2))
+        corner = np.fromiter(stated, np.int64, 3 * count).reshape(-1, 3)
         return _build_box_tree(
             *split_convex_shells(np.asarray(shape.vertices(), float).reshape(-1, 3), corner), 0.0, 0.0
         )

@@ -110,7 +110,7 @@ def _compute_depth(cutter: CoalBody, part: CoalBody, places: Array, z_flange: Ar
 
 
 def measure_depth_outside_cuts(
-    motion: ExportedMotion, toolpath: Toolpath, ride: SampleLocations, arm: UrdfKinematics, bodies: list[CoalBody]
+    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, arm: UrdfKinematics, bodies: list[CoalBody]
 ) -> list[VerificationInformation]:
     """Return how deep the CAM file itself moves the cutter into the workpiece in a move that is no cut.
 
@@ -119,25 +119,31 @@ def measure_depth_outside_cuts(
     Args:
         motion: The exported motion (trajectory.csv), SI.
         toolpath: The toolpath, points in the workpiece frame, SI.
-        ride: Position of each motion sample relative to the toolpath.
+        locations: Position of each motion sample relative to the toolpath.
         arm: Kinematics of the URDF with the cell's tool.
         bodies: All collision bodies of the cell.
     """
     name = "cutter in the workpiece outside cuts"
     if arm.cell.tool.cutter is None or not arm.cell.workpiece.geometry:
         return []  # nothing to look at, which the verdict says of the cell
-    rows = np.flatnonzero((ride.on_feed_move & ~toolpath.cutting[ride.next_point]) | ride.on_retract_move)
+    rows = np.flatnonzero(
+        (locations.on_feed_move & ~toolpath.cutting[locations.next_point]) | locations.on_retract_move
+    )
     depth, at = find_deepest_contact(motion, arm, bodies, rows) if len(rows) else (float("nan"), -1)
     if not np.isfinite(depth):
         return [VerificationInformation(name=name, value=0.0, unit="mm", where="nowhere")]
-    why = "the CAM file moves at a feed there" if ride.on_feed_move[at] else "the CAM file begins or ends a move there"
+    why = (
+        "the CAM file moves at a feed there"
+        if locations.on_feed_move[at]
+        else "the CAM file begins or ends a move there"
+    )
     return [VerificationInformation(name=name, value=1e3 * depth, unit="mm", where=f"{motion.describe_row(at)}: {why}")]
 
 
 def check_cut_level(
     motion: ExportedMotion,
     toolpath: Toolpath,
-    ride: SampleLocations,
+    locations: SampleLocations,
     cell: Cell,
     commanded: tuple[Array, Array] | None = None,
 ) -> list[VerificationCheck]:
@@ -152,7 +158,7 @@ def check_cut_level(
     Args:
         motion: The exported motion (trajectory.csv), SI.
         toolpath: The toolpath, points in the workpiece frame, SI.
-        ride: Position of each motion sample relative to the toolpath.
+        locations: Position of each motion sample relative to the toolpath.
         cell: The robot cell.
         commanded: Index (P,) and position (P, 3) m of the commanded path in the workpiece frame; None without
             compensation.
@@ -160,7 +166,7 @@ def check_cut_level(
     name = "level of the cuts"
     if cell.workpiece.geometry:
         return []
-    rows, known = np.flatnonzero(ride.is_free), np.isfinite(motion.point)
+    rows, known = np.flatnonzero(locations.is_free), np.isfinite(motion.point)
     cuts = 1 + np.flatnonzero(toolpath.cutting[1:])
     if not len(rows) or not len(cuts):
         return [
@@ -178,7 +184,7 @@ def check_cut_level(
     place, axis = _sample_cuts(toolpath, line, cuts, max(radius, 1e-3))
     under, beside = np.zeros(len(rows)), np.zeros(len(rows))
     for i, n in enumerate(rows):
-        x, shank = ride.tcp[n, :3, 3], -ride.tcp[n, :3, 2]
+        x, shank = locations.tcp[n, :3, 3], -locations.tcp[n, :3, 2]
         up = x - place
         height = np.einsum("ij,ij->i", up, axis)
         aside = np.linalg.norm(up - height[:, None] * axis, axis=1)

@@ -36,7 +36,7 @@ GRID_ROTATION = np.linalg.qr(np.array([[0.81, -0.37, 0.29], [0.43, 0.77, -0.41],
 def check_gouges(
     motion: ExportedMotion,
     toolpath: Toolpath,
-    ride: SampleLocations,
+    locations: SampleLocations,
     arm: UrdfKinematics,
     bodies: list[CoalBody],
     options: PlanOptions,
@@ -47,7 +47,7 @@ def check_gouges(
     Args:
         motion: The exported motion (trajectory.csv), SI.
         toolpath: The toolpath, points in the workpiece frame, SI.
-        ride: Position of each motion sample relative to the toolpath.
+        locations: Position of each motion sample relative to the toolpath.
         arm: Kinematics of the URDF with the cell's tool.
         bodies: All collision bodies of the cell.
         options: The planning options in force.
@@ -56,25 +56,27 @@ def check_gouges(
     cutter, parts = arm.cell.tool.cutter, [b for b in bodies if b.kind == "workpiece"]
     if options.gouge is None or cutter is None or not parts:
         return []
-    limit = options.gouge + ride.path_limit
-    rows = _select_rows(ride.tcp, np.flatnonzero(ride.on_feed_move))
-    T = ride.tcp[rows]
+    limit = options.gouge + locations.path_limit
+    rows = _select_rows(locations.tcp, np.flatnonzero(locations.on_feed_move))
+    T = locations.tcp[rows]
     if shifted:
         at = np.clip(motion.point[rows], 0.0, len(toolpath) - 1.0)
         own = np.arange(len(toolpath), dtype=float)
         T = T.copy()
         T[:, :3, 3] = np.column_stack([np.interp(at, own, toolpath.position[:, c]) for c in range(3)])
     points = build_cutter_points(cutter)
-    best, row, told = 0.0, -1, "nowhere deeper than the tolerance"
+    best, row, stated = 0.0, -1, "nowhere deeper than the tolerance"
     for part in parts:
         depth, at_row, x = find_deepest_point(part, points, T, limit)
         if depth > best:
             best, row = depth, int(rows[at_row])
             place = 1e3 * (part.place[:3, :3] @ x + part.place[:3, 3])
-            told = f"in {part.name} at ({place[0]:.2f}, {place[1]:.2f}, {place[2]:.2f}) mm, {motion.describe_row(row)}"
+            stated = (
+                f"in {part.name} at ({place[0]:.2f}, {place[1]:.2f}, {place[2]:.2f}) mm, {motion.describe_row(row)}"
+            )
     return [
         VerificationCheck(
-            name="gouges", passed=best <= limit, value=1e3 * best, limit=1e3 * limit, unit="mm", where=told
+            name="gouges", passed=best <= limit, value=1e3 * best, limit=1e3 * limit, unit="mm", where=stated
         )
     ]
 
