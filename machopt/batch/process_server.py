@@ -71,7 +71,11 @@ class _LineReader:
         self._rest = b""
 
     def read_line(self, timeout: float) -> bytes | None:
-        """The next line, None when there will be none, or none came in time."""
+        """Return the next line; None at the end of the input, or if none came in time.
+
+        Args:
+            timeout: Longest wait, s.
+        """
         while b"\n" not in self._rest:
             if sys.platform != "win32" and not select.select([0], [], [], timeout)[0]:
                 return None

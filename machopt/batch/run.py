@@ -352,6 +352,12 @@ class _ProgressClock:
         self._begin = time.monotonic()
 
     def count_finished(self, label: str, record: BatchJobDocument) -> None:
+        """Count a finished job, and whether it had trouble.
+
+        Args:
+            label: Label of the job.
+            record: The record of the job.
+        """
         self.done += 1
         self.trouble += record.row.exit_code != 0
         self.last = f"{self._names[label]}: {record.row.verdict}"

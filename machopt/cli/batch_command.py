@@ -132,6 +132,11 @@ class _BatchProgress:
             self._bar.stop()
 
     def report_progress(self, progress: BatchProgress) -> None:
+        """Show the progress of the batch.
+
+        Args:
+            progress: The progress.
+        """
         if self._bar is not None:
             self._bar.update(
                 self._task,

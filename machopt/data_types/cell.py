@@ -64,11 +64,11 @@ class Workpiece:
 class JointLimits:
     """One value per moving joint: arm joints first, then external joints. rad or m, per s."""
 
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
-    jerk: Array
+    lower: Array  # (6 + E,) rad or m
+    upper: Array  # (6 + E,) rad or m
+    velocity: Array  # (6 + E,) rad/s or m/s
+    acceleration: Array  # (6 + E,) rad/s² or m/s²
+    jerk: Array  # (6 + E,) rad/s³ or m/s³
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class MimicJoint:
 
     joint: str
     source: str  # a joint of the arm, or a fixed one
-    multiplier: float
+    multiplier: float  # rad or m per unit of the source joint
     offset: float  # rad or m
 
 

@@ -102,7 +102,7 @@ class PlanOptions:
     index: StiffnessIndex = "auto"
     force: ProcessForce = field(default_factory=ProcessForce)
     weights: ObjectiveWeights = field(default_factory=ObjectiveWeights)
-    rotation_step: float = radians(5.0)
+    rotation_step: float = radians(5.0)  # rad
     rotation_range: tuple[float, float] = (-pi, pi)
     preferred_rotation: float | None = None  # rad; deviation from it is priced with preferred_weight
     preferred_weight: float = 0.1
@@ -111,7 +111,7 @@ class PlanOptions:
     singularity_wrist: float = radians(5.0)  # least angle between axes 4 and 6
     singularity_elbow: float = radians(3.0)  # least angle from the stretched or folded arm
     singularity_shoulder: float = 0.05  # m, least distance of the wrist centre from axis 1
-    limit_margin: float = radians(0.5)
+    limit_margin: float = radians(0.5)  # rad, distance kept from joint limits
     clearance: float = 0.002  # m, required between everything checked
     clearance_full: float = 0.05  # m, from which more gains nothing, where the objective counts it
     collision_step: float = radians(1.0)  # joint step between collision checks
@@ -119,7 +119,7 @@ class PlanOptions:
     gouge: float | None = None  # m by which the cutter may be in the part, taken as finished; None: not looked for
     sample: float = 0.012  # s
     path_tolerance: float = 15e-6  # m, corner rounding
-    axis_tolerance: float = radians(0.03)
+    axis_tolerance: float = radians(0.03)  # rad
     approach_feed: float = 0.05  # m/s for approach, retract and link moves that carry no feed
     rapid_scale: float = 0.8  # share of the joint velocity limits used in rapid moves
     limit_scale: float = 0.97  # share of the velocity, acceleration and jerk limits used while cutting

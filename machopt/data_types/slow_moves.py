@@ -29,7 +29,7 @@ class SlowStretch:
     """A stretch of the toolpath below its feed."""
 
     first: float  # fractional toolpath index
-    last: float
+    last: float  # fractional toolpath index
     ratio: float  # lowest share of the programmed feed
     where: str  # as :data:`machopt.planning.retiming.slowdowns.Where`
     axis: int  # 1…6, then the external ones

@@ -117,7 +117,11 @@ class _OutputPlace:
         self.lock = target.parent / f"{self._stem}.lock"
 
     def new(self, kind: str) -> Path:
-        """Create a sibling folder of the target with an unpredictable name."""
+        """Create a sibling folder of the target with an unpredictable name.
+
+        Args:
+            kind: Word in the name: partial or old.
+        """
         sibling = self._free(kind)
         sibling.mkdir()
         return sibling
@@ -132,7 +136,11 @@ class _OutputPlace:
             shutil.rmtree(left, ignore_errors=True)
 
     def swap(self, partial: Path) -> None:
-        """Put ``partial`` in the target's place; an existing target goes, or stays if that fails."""
+        """Put a finished folder in the target's place; an existing target is removed, or stays if the swap fails.
+
+        Args:
+            partial: The finished folder.
+        """
         if not self.target.exists():
             partial.rename(self.target)
         elif not exchange_folders(partial, self.target):

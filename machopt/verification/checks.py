@@ -58,7 +58,7 @@ class VerificationCheck:
     name: str  # for readers; of a promise about one file, that one first
     passed: bool | None  # None: it could not be run, ``where`` says why
     value: float  # NaN where there was nothing to measure
-    limit: float
+    limit: float  # greatest allowed value, in ``unit``
     unit: str
     where: str  # sample, time and point of the worst value, words that go behind "at"; or why nothing was measured
     file: str = ""  # of the folder, where the promise is about one

@@ -236,4 +236,8 @@ class _RequestHandler(BaseHTTPRequestHandler):
             self.wfile.write(data)
 
     def log_message(self, *_: object) -> None:
-        """Nothing: the address holds the token."""
+        """Log nothing, because the address holds the token.
+
+        Args:
+            _: The arguments, ignored.
+        """

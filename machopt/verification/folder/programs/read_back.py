@@ -180,6 +180,11 @@ class _ComparisonContext:
         )
 
     def compare_program(self, posted: ListedProgram) -> ProgramComparison:
+        """Read one program back and compare it with motion, CAM file and post.
+
+        Args:
+            posted: The program as the manifest lists it.
+        """
         name = posted.files[0]
         missing = [f for f in posted.files if not (self.out / f).is_file()]
         if missing:

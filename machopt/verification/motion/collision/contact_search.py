@@ -236,7 +236,12 @@ class _PairContactSearch:
         self._seen: dict[int, bool] = {}
 
     def search_stretch(self, first: int, last: int) -> int:
-        """Row of a contact, −1 if there is none."""
+        """Return the row of a contact within a stretch; −1 if there is none.
+
+        Args:
+            first: First row of the stretch.
+            last: Last row of the stretch.
+        """
         for row in (first, last):
             if row not in self._seen:
                 self._seen[row] = self._is_near(self.T[row], 0.0)

@@ -140,7 +140,11 @@ class _RunForce:
         self.lead = _compute_lead_directions(pieces)[cut]
 
     def compute_force(self, s: Array) -> Array:
-        """(n, 3) N at places (n,), outside the cuts that of the nearest."""
+        """Return the (n, 3) force at places of the run, N; outside the cuts that of the nearest cut.
+
+        Args:
+            s: (n,) places along the run, m.
+        """
         away = np.maximum(np.maximum(self.starts - s[:, None], s[:, None] - self.ends), 0.0)
         n = away.argmin(axis=1)
         f = (np.clip(s, self.starts[n], self.ends[n]) - self.starts[n]) / (self.ends[n] - self.starts[n])

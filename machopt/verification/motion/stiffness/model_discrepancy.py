@@ -108,8 +108,8 @@ class DiscrepancyState:
 
     discrepancy: StatedDiscrepancy
     stance: ArmConfiguration
-    k: Array
-    weight: Array
+    k: Array  # (N, 6) N·m/rad of the gears
+    weight: Array  # (N, 6) N·m, joint torques of the weight
 
     def compute_columns(self, wrench: Array, *, small: bool) -> Array:
         """Return the (N, 6, K) twist of the TCP per unit of each part.
