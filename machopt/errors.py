@@ -135,7 +135,7 @@ class MeshError(FileFormatError):
 
 
 class CellError(FileFormatError):
-    """A cell is read, and cannot do what is asked; ``file`` and ``where`` name the key."""
+    """Valid cell that cannot do what is requested; ``file`` and ``where`` name the key."""
 
 
 class RecordingError(FileFormatError):
@@ -147,7 +147,7 @@ class PostError(FileFormatError):
 
 
 class EffectDefinitionError(InputError):
-    """A file with effects of the user's own is wrong."""
+    """File with user-defined effects is wrong."""
 
 
 class OutputFolderError(InputError):

@@ -1,10 +1,10 @@
-"""Words that a mistyped word may stand for: what "did you mean …?" is allowed to say.
+"""Spelling suggestions for mistyped words, as in "did you mean …?".
 
-A suggestion is a slip of the same word, never a word of another meaning. Words are compared piece by piece, cut at
-hyphens, underscores and dots: digits, units and pieces of one or two letters carry meaning and have to be the same; a
-longer piece may differ by one slip (two from seven letters on), a slip being a letter more, less, another one, or two
-letters exchanged; in pieces of up to four letters another letter is none. A unit that is left out is no other meaning;
-another unit, or another number of pieces, is.
+A suggestion corrects a typing error; it never offers a word of another meaning. Words are split at hyphens,
+underscores and dots and compared part by part. Digits, units and parts of one or two letters must be equal. A longer
+part may differ by one error, from seven letters on by two. An error is a letter more, less or different, or two
+letters exchanged; in parts of up to four letters a different letter is not accepted. A missing unit is accepted.
+Another unit or another number of parts is not.
 """
 
 from __future__ import annotations
@@ -21,7 +21,12 @@ LONG = 7  # letters from which on two slips are believed
 
 
 def find_typo(word: str, valid: Sequence[str]) -> str | None:
-    """The one of ``valid`` that ``word`` is a slip of, the nearest first; None where there is none."""
+    """Return the valid word that is nearest to a mistyped one; None where there is none.
+
+    Args:
+        word: The mistyped word.
+        valid: The valid words.
+    """
     found = [(slips, n) for n, known in enumerate(valid) if (slips := _compare_words(word, known)) is not None]
     return valid[min(found)[1]] if found else None
 
@@ -71,7 +76,12 @@ def _find_unit(pieces: Sequence[str]) -> Sequence[str]:
 
 
 def count_slips(a: str, b: str) -> int:
-    """Distance of Damerau and Levenshtein (optimal string alignment): letters more, less, other or exchanged."""
+    """Return the Damerau-Levenshtein distance (optimal string alignment).
+
+    Args:
+        a: The first word.
+        b: The second word.
+    """
     before: list[int] = []
     row = list(range(len(b) + 1))
     for i, x in enumerate(a, 1):
@@ -86,6 +96,11 @@ def count_slips(a: str, b: str) -> int:
 
 
 def suggest_word(word: str, valid: Iterable[str]) -> str:
-    """``did you mean 'x'? `` or nothing."""
+    """Return ``did you mean 'x'? `` or an empty text.
+
+    Args:
+        word: The mistyped word.
+        valid: The valid words.
+    """
     close = find_typo(word, list(valid))
     return f"did you mean {close!r}? " if close else ""

@@ -54,4 +54,4 @@ def batch(
 
 
 def _ignore_progress(_: BatchProgress) -> None:
-    """Progress that nobody wants to hear of."""
+    """Ignore progress."""

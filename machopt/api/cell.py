@@ -1,4 +1,4 @@
-"""A robot cell in memory."""
+"""Robot cell of the Python API."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class Cell:
-    """A robot cell: arm, tool, workpiece, obstacles, limits, stiffness. :meth:`load` makes one."""
+    """Robot cell: arm, tool, workpiece, obstacles, limits, stiffness. :meth:`load` makes one."""
 
     path: Path  # cell folder or its cell.yaml, as it was given
     description: domain.Cell  # everything that was read, in SI
@@ -104,10 +104,13 @@ class Cell:
         return run_validate(self.path, allow_external=self.allow_external, picture_file=file, effects=effects).findings
 
     def with_stiffness(self, file: str | os.PathLike[str]) -> Cell:
-        """The same cell with another stiffness.yaml, e.g. the one that ``identify`` or ``diagnose`` saved.
+        """Return the same cell with another stiffness.yaml, e.g. the one that ``identify`` or ``diagnose`` saved.
+
+        Args:
+            file: Path of the stiffness file.
 
         Raises:
-            InputError: the file is not one, or the numbers cannot be those of this arm.
+            InputError: the file is no stiffness file, or its values do not fit this arm.
         """
         files = [own.file for own in self.effects]
         return Cell.load(self.path, stiffness=file, effects=files, allow_external=self.allow_external)
@@ -123,7 +126,7 @@ class Cell:
 
     @property
     def home(self) -> Array:
-        """(J,) home position by encoder, degrees; mm where a joint slides."""
+        """(J,) home position by encoder, degrees; mm for prismatic joints."""
         slides = (*(self.description.arm_prismatic or (False,) * 6), *self.description.external_prismatic)
         si = np.concatenate([self.description.home, self.description.external_home])
         return _copy_read_only(np.where(slides, si * 1e3, np.degrees(si)))
@@ -135,11 +138,11 @@ class Cell:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is odd about the cell, but no reason to refuse it."""
+        """Warnings about the cell that are no errors."""
         return self.description.warnings
 
     def unchanged(self) -> Cell:
-        """The cell itself, if its files are still those that were read: a result names its inputs by hash.
+        """Return the cell if its files are still those that were read, because a result names its inputs by hash.
 
         Raises:
             InputError: a file has changed since.
@@ -155,10 +158,13 @@ class Cell:
 
 
 def load_cell_argument(cell: Cell | str | os.PathLike[str]) -> Cell:
-    """A cell, loaded where a path was given.
+    """Return a cell; a path is loaded.
+
+    Args:
+        cell: A cell, or its path.
 
     Raises:
-        InputError: the path leads to no cell; or a file of the cell has changed.
+        InputError: the path is no cell, or a file of the cell has changed.
     """
     return cell.unchanged() if isinstance(cell, Cell) else Cell.load(cell)
 

@@ -28,13 +28,13 @@ class DiagnosisFigures:
     _made: DiagnoseComputation
 
     def machine(self) -> Figure:
-        """The machine from base to tool, with what was found where it sits."""
+        """Return the diagram of the machine from base to tool, with each finding at its place."""
         return Figure(build_machine_picture(self._made.diagnosis))
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a model leaves out of a recording. :func:`diagnose` makes one."""
+    """Effects of a recording that the model lacks. :func:`diagnose` makes one."""
 
     _made: DiagnoseComputation
     _own: tuple[UserModule, ...]
@@ -51,7 +51,7 @@ class Diagnosis:
 
     @property
     def findings(self) -> tuple[FindingEntry, ...]:
-        """What was found, the most important first: effect, location, parameters with interval, held-out errors."""
+        """Findings, the most important first: effect, location, parameters with interval, held-out errors."""
         return tuple(self.result.findings)
 
     @property

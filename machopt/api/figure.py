@@ -12,7 +12,7 @@ from machopt.output.single_file import write_text_file
 
 @dataclass(frozen=True)
 class Figure:
-    """A still picture; notebooks show it by themselves."""
+    """Static picture; notebooks show it directly."""
 
     svg: str  # one SVG document without anything outside it
 

@@ -22,7 +22,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class Identification:
-    """An identified stiffness. :func:`identify` makes one."""
+    """Identified stiffness. :func:`identify` makes one."""
 
     cell: Cell
     _made: IdentifyComputation

@@ -28,14 +28,14 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Placement:
-    """Places that were looked at, and the best of them. :func:`place` makes one."""
+    """Evaluated placements and the best of them. :func:`place` makes one."""
 
     cell: Cell
     _found: PlaceComputation
 
     @property
     def proven(self) -> bool:
-        """No other place that was looked at can be better."""
+        """Whether no other evaluated placement can be better."""
         return self._found.siting.is_optimal
 
     @property
@@ -52,7 +52,7 @@ class Placement:
 
     @property
     def places(self) -> Table:
-        """The columns of ``places.csv``, one row a place, the cell's own first."""
+        """Columns of ``places.csv``, one row for each placement, the cell's own first."""
         return Table(build_place_columns(self._found.site, self._found.siting))
 
     def save(self, out: Named, *, force: bool = False) -> PlaceDocument:
@@ -99,27 +99,30 @@ def place(
     progress: Progress = ignore_progress,
     **options: Unpack[PlanOptionValues],
 ) -> Placement:
-    """Where to put the workpiece, or the robot, so that the worst index over all toolpaths is best: ``machopt place``.
+    """Find the placement of workpiece or robot with the best worst index over all toolpaths: ``machopt place``.
 
     Args:
-        cell: a cell, or the path of its folder.
-        toolpaths: one or several, as toolpaths or paths of files.
-        x_mm, y_mm, z_mm: least and greatest shift along the axes of world, mm.
-        turn_deg: least and greatest turn about the vertical through the middle of the toolpaths (or base_link).
-        places: how many to look at, at most.
-        best: how many :meth:`Placement.save` writes as whole plans.
-        plans: how many to plan wholly, at most.
-        minutes: begin no further place after that.
-        move: what moves.
-        carry: obstacles that move along; None: what holds it.
-        stay: obstacles that do not, though they hold it.
-        plan_file: planning options as YAML (``--plan``).
-        posts: robot programs of the best places (``--post``).
-        progress: told what is being done.
-        options: planning options as for :func:`machopt.optimize`.
+        cell: A cell, or the path of its folder.
+        toolpaths: One or several, as toolpaths or paths of files.
+        x_mm: Least and greatest shift along x of world, mm.
+        y_mm: Least and greatest shift along y of world, mm.
+        z_mm: Least and greatest shift along z of world, mm.
+        turn_deg: Least and greatest rotation about the vertical through the middle of the toolpaths (or base_link),
+            deg.
+        places: Maximum number of placements to evaluate.
+        best: Number of placements that :meth:`Placement.save` writes as complete plans.
+        plans: Maximum number of complete plans.
+        minutes: Time after which no further placement is begun, min.
+        move: What moves.
+        carry: Obstacles that move along; None: what holds the moved object.
+        stay: Obstacles that do not move, although they hold the moved object.
+        plan_file: Planning options as YAML (``--plan``).
+        posts: Robot programs of the best placements (``--post``).
+        progress: Called with the name of each stage.
+        options: Planning options as for :func:`machopt.optimize`.
 
     Raises:
-        InputError: cell, toolpath, range or an option is wrong; says which, and what would work.
+        InputError: cell, toolpath, range or an option is wrong; the message says which, and what is accepted.
     """
     unknown = next((name for name in options if name not in OptionKeys.model_fields), None)
     if unknown is not None:  # not the planner's list alone: this function's own words may be meant

@@ -44,7 +44,7 @@ class PlanFigures:
     _made: OptimizeComputation
 
     def map(self) -> Figure:
-        """The index over path length and rotation about the tool axis, what forbids a place, and the chosen line.
+        """Return the rotation map: index over path length and rotation, infeasible regions, and the chosen line.
 
         Raises:
             InputError: the toolpath has no cutting point, so there is no map.
@@ -61,10 +61,10 @@ class PlanFigures:
 
 @dataclass(frozen=True)
 class Plan:
-    """How the robot holds itself along a toolpath of N points. :func:`optimize` makes one.
+    """Planned postures along a toolpath of N points. :func:`optimize` makes one.
 
-    A plan without a feasible answer is a plan too: ``feasible`` is False, ``why`` says what is in the way, and
-    ``points["reason"]`` the same point by point.
+    An infeasible plan is a plan too: ``feasible`` is False, ``why`` gives the obstacle, and ``points["reason"]`` the
+    reason at each point.
     """
 
     cell: Cell
@@ -73,17 +73,17 @@ class Plan:
 
     @property
     def feasible(self) -> bool:
-        """There is a motion (exit code 0 of the command, unless the verification fails)."""
+        """Whether there is a motion (exit code 0 of the command, unless the verification fails)."""
         return self._made.job_result.exit_code == 0
 
     @property
     def verdict(self) -> str:
-        """The answer in words, with what was not checked."""
+        """Verdict in words, with what was not checked."""
         return self._made.job_result.verdict
 
     @property
     def why(self) -> str:
-        """Why there is no motion: wishes that cannot be kept together, else the first break or point; "" with one."""
+        """Reason why there is no motion: conflicting rules, else the first break or point; "" with a motion."""
         made = self._made.job_result
         if made.timeline is not None and made.timeline.trajectory is not None:
             return ""
@@ -97,12 +97,12 @@ class Plan:
 
     @cached_property
     def points(self) -> Table:
-        """One row a toolpath point: the columns of ``points.csv``."""
+        """Columns of ``points.csv``, one row for each toolpath point."""
         return Table(list_points_columns(self._made.job_result.points.table))
 
     @cached_property
     def trajectory(self) -> Table | None:
-        """One row a control sample: the columns of ``trajectory.csv``; None where there is no motion."""
+        """Columns of ``trajectory.csv``, one row for each control sample; None without a motion."""
         timeline = self._made.job_result.timeline
         if timeline is None or timeline.trajectory is None:
             return None
@@ -112,7 +112,7 @@ class Plan:
 
     @property
     def joints(self) -> Array:
-        """(N, 6 + E) joint position at each toolpath point by encoder: degrees, mm where an external axis slides.
+        """(N, 6 + E) joint position at each toolpath point by encoder, degrees; mm for prismatic external axes.
 
         NaN where the point has no posture. The motion between the points is in :attr:`trajectory`.
         """
@@ -121,17 +121,19 @@ class Plan:
 
     @property
     def deflection(self) -> Array:
-        """(N,) mm, length of the tip's deflection predicted under ``force_N``; NaN without a force or a posture."""
+        """(N,) length of the tip deflection predicted under ``force_N``, mm; NaN without a force or a posture."""
         return self.points["deflection_mm"]
 
     @cached_property
     def objective(self) -> ObjectivesSection:
-        """What the plan comes to, beside the CAM file's own rotation and the method of jiao2022; as in result.json."""
+        """Objective values of the plan, of the CAM file's own rotation, and of the method of jiao2022, as in
+        result.json.
+        """
         return build_objectives_section(self._made.job_result.plan)
 
     @property
     def cycle_time_s(self) -> float | None:
-        """s, of the whole motion from home to home; None without one."""
+        """Duration of the whole motion from home to home, s; None without a motion."""
         timeline = self._made.job_result.timeline
         return None if timeline is None or timeline.trajectory is None else float(timeline.trajectory.time[-1])
 
@@ -141,12 +143,12 @@ class Plan:
         return PlanFigures(self._made)
 
     def verify(self) -> Verification:
-        """Write the plan into a folder that is thrown away, and hold every file of it against cell and toolpath.
+        """Write the plan into a temporary folder, and verify every file of it against cell and toolpath.
 
         The checks share no code with the planner; they are those of ``machopt verify``.
 
         Raises:
-            InputError: the plan has no motion; or the cell has changed since.
+            InputError: the plan has no motion, or the cell has changed since it was loaded.
         """
         if self.trajectory is None:
             raise InputError(f"{self.verdict}: there is no motion to verify", file=self.toolpath.path)

@@ -19,7 +19,7 @@ from machopt.output.tables.poses_table import list_poses_columns
 
 @dataclass(frozen=True)
 class PosePlan:
-    """Load tests that make the stiffness known. :func:`plan_poses` makes one."""
+    """Load tests to identify the stiffness. :func:`plan_poses` makes one."""
 
     cell: Cell
     _made: PlanPosesComputation
@@ -31,7 +31,7 @@ class PosePlan:
 
     @property
     def feasible(self) -> bool:
-        """At least one load test can be measured (exit code 0 of the command)."""
+        """Whether at least one load test can be measured (exit code 0 of the command)."""
         return self._made.exit_code == 0
 
     @property
@@ -41,7 +41,7 @@ class PosePlan:
 
     @property
     def poses(self) -> Table | None:
-        """The columns of ``poses.csv``, one row a load test in order of work; None where there is none."""
+        """Columns of ``poses.csv``, one row for each load test in order of work; None without any."""
         return None if self._made.table is None else Table(list_poses_columns(self._made.table))
 
     @property

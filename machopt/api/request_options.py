@@ -1,4 +1,4 @@
-"""From a caller's keywords to the request that a service takes: one table of names and defaults, the request itself."""
+"""Conversion of keyword arguments of the API into the request of a command."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ NOWHERE = Path()  # ``out`` of a request whose place is named later, by ``save``
 
 
 def list_option_names(request: type[Any]) -> list[str]:
-    """The options of a command, as its request has them."""
+    """Return the option names of a command, from the fields of its request.
+
+    Args:
+        request: Class of the request.
+    """
     return [f.name for f in fields(request) if f.name not in NON_OPTION_ARGUMENTS]
 
 
@@ -56,10 +60,14 @@ def build_request(request: type[R], options: Mapping[str, object], **given: Any)
 
 
 def convert_to_path(value: object, where: str) -> Path:
-    """A path that a caller gave as text or as any kind of path.
+    """Return a path that was given as text or as any kind of path.
+
+    Args:
+        value: The given value.
+        where: Name of the argument.
 
     Raises:
-        InputError: it is neither; ``where`` is the argument's name.
+        InputError: the value is neither.
     """
     if not isinstance(value, str | os.PathLike):
         raise InputError(f"found {_format_value(value)}; a path would work, as text or pathlib.Path", where=where)
@@ -67,10 +75,14 @@ def convert_to_path(value: object, where: str) -> Path:
 
 
 def convert_to_paths(value: object, where: str) -> tuple[Path, ...]:
-    """One path or several.
+    """Return one path or several as a tuple.
+
+    Args:
+        value: The given value.
+        where: Name of the argument.
 
     Raises:
-        InputError: something else, or something else among them.
+        InputError: a value is no path.
     """
     if isinstance(value, Iterable) and not isinstance(value, str | os.PathLike):
         return tuple(convert_to_path(v, where) for v in value)
@@ -78,20 +90,29 @@ def convert_to_paths(value: object, where: str) -> tuple[Path, ...]:
 
 
 def convert_to_texts(value: object, where: str) -> tuple[str, ...]:
-    """One name or several, of which some may be paths.
+    """Return one name or several as a tuple; names may be paths.
+
+    Args:
+        value: The given value.
+        where: Name of the argument.
 
     Raises:
-        InputError: something else, or something else among them.
+        InputError: a value is neither text nor path.
     """
     several = value if isinstance(value, Iterable) and not isinstance(value, str | os.PathLike) else (value,)
     return tuple(v if isinstance(v, str) else os.fspath(convert_to_path(v, where)) for v in several)
 
 
 def check_value_type(value: Any, hint: Any, where: str) -> Any:
-    """The value, if it is of the type that a request's field or an argument is annotated with.
+    """Return the value if it has the annotated type of a request's field or an argument.
+
+    Args:
+        value: The given value.
+        hint: The annotated type.
+        where: Name of the argument.
 
     Raises:
-        InputError: it is not; says what was found and what would work.
+        InputError: the value has another type; the message says what was found and what is accepted.
     """
     try:
         TypeAdapter(hint).validate_python(value, strict=True)
@@ -115,7 +136,7 @@ def _describe_annotation(kind: str) -> str:
 
 
 def _convert_to_field_type(value: Any, kind: str, where: str) -> Any:
-    """A value as the field wants it: tuples for lists, paths for names of files."""
+    """Return a value in the type of its field: tuples for lists, paths for names of files."""
     if kind.startswith("Mapping") and kind.endswith("Path]") and isinstance(value, Mapping):
         return {name: convert_to_path(folder, where) for name, folder in value.items()}
     if "Path" in kind and value is not None:

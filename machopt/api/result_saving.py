@@ -1,4 +1,4 @@
-"""How results are written."""
+"""Saving of API results to output folders."""
 
 from __future__ import annotations
 
@@ -18,14 +18,24 @@ Named = str | os.PathLike[str]
 
 
 def ignore_progress(_: str) -> None:
-    """Progress that nobody wants to hear of."""
+    """Ignore progress messages.
+
+    Args:
+        _: Name of the stage.
+    """
 
 
 def save_result(cell: Cell, out: Named, write: Callable[[Path], W], *, force: bool = False) -> W:
-    """Write a result made from a cell into OUT: whole or not at all.
+    """Write a result of a cell into an output folder, completely or not at all.
+
+    Args:
+        cell: The robot cell.
+        out: The output folder.
+        write: Function that writes the files into a folder.
+        force: Replace the file or folder whatever it holds.
 
     Raises:
-        InputError: OUT holds something else, or a file of the cell has changed since it was loaded.
+        InputError: the folder holds something else, or a file of the cell has changed since it was loaded.
     """
     with (
         use_cell_effects(cell.unchanged()),
@@ -35,5 +45,9 @@ def save_result(cell: Cell, out: Named, write: Callable[[Path], W], *, force: bo
 
 
 def use_cell_effects(cell: Cell) -> AbstractContextManager[None]:
-    """Within it the effects of the user's own are known."""
+    """Return a context in which the cell's user-defined effects are registered.
+
+    Args:
+        cell: The robot cell.
+    """
     return activate_user_effects(cell.effects)

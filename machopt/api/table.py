@@ -1,4 +1,4 @@
-"""Columns by name, as a table file has them."""
+"""Table of named columns, as a table file has them."""
 
 from __future__ import annotations
 
@@ -73,13 +73,17 @@ class Table(Mapping[str, NDArray[Any]]):
         return len(next(iter(self._columns.values()), ()))
 
     def array(self, *names: str) -> NDArray[np.float64]:
-        """(rows, columns) of these columns of numbers side by side, read-only."""
+        """Return (rows, columns) of some numeric columns, read-only.
+
+        Args:
+            names: Names of the columns.
+        """
         out = np.column_stack([np.asarray(self[name], float) for name in names])
         out.setflags(write=False)
         return out
 
     def frame(self) -> pandas.DataFrame:
-        """The table as a pandas data frame of its own memory.
+        """Return the table as a pandas data frame with its own memory.
 
         Raises:
             InputError: pandas is not installed.
@@ -93,7 +97,7 @@ class Table(Mapping[str, NDArray[Any]]):
         return pandas.DataFrame({name: values.copy() for name, values in self._columns.items()})
 
     def arrow(self) -> pyarrow.Table:
-        """The table as an Arrow table, which polars, DuckDB and Parquet take.
+        """Return the table as an Arrow table, which polars, DuckDB and Parquet accept.
 
         Raises:
             InputError: pyarrow is not installed.

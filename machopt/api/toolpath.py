@@ -1,4 +1,4 @@
-"""A toolpath in memory."""
+"""Toolpath of the Python API."""
 
 from __future__ import annotations
 
@@ -69,14 +69,14 @@ class Toolpath:
 
     @property
     def feed(self) -> Array:
-        """(N,) mm/min along the move that ends at each point; NaN for rapid moves."""
+        """(N,) feed of the move that ends at each point, mm/min; NaN for rapid moves."""
         out = 60e3 * self.description.feed
         out.setflags(write=False)
         return out
 
     @property
     def move(self) -> tuple[str, ...]:
-        """(N,) what the robot does on the way to each point: cut, rapid, approach, retract, link."""
+        """(N,) type of the move to each point: cut, rapid, approach, retract, link."""
         return tuple(domain.MoveKind(m).word for m in np.asarray(self.description.move).tolist())
 
     @property
@@ -86,7 +86,7 @@ class Toolpath:
 
     @property
     def not_understood(self) -> tuple[str, ...]:
-        """Words of the file that no reader knows, each with its first line; those that may move points stop a plan."""
+        """Unknown words of the file, each with its first line; those that may move points prevent a plan."""
         words = self.description.ignored
         return tuple(f"{w.word} (line {w.first_line})" for w in words if not w.understood)
 
@@ -99,7 +99,11 @@ class Toolpath:
 
 
 def read_toolpath_argument(path: Toolpath | str | os.PathLike[str], cell: Cell) -> Toolpath:
-    """A toolpath, read where a path was given.
+    """Return a toolpath; a path is read.
+
+    Args:
+        path: A toolpath, or its path.
+        cell: The robot cell.
 
     Raises:
         InputError: the file is no toolpath.

@@ -32,7 +32,7 @@ class MapFigures:
     _made: MapComputation
 
     def map(self) -> Figure:
-        """What ``map.svg`` shows: the quantity that postures are chosen by, a panel a layer."""
+        """Return the picture of ``map.svg``: the quantity that postures are chosen by, one panel for each layer."""
         return Figure(build_map_svg(self._made.page))
 
 
@@ -55,7 +55,9 @@ class Map:
 
     @cached_property
     def layers(self) -> dict[str, Table]:
-        """A table a layer, the columns of its CSV file: ``given``, and ``free`` where the rotation is free too."""
+        """One table for each layer, with the columns of its CSV file: ``given``, and ``free`` where the rotation is
+        free.
+        """
         made, first = self._made, self._made.layers[0]
         out = {}
         for layer in made.layers:
@@ -65,7 +67,7 @@ class Map:
 
     @property
     def samples(self) -> Table:
-        """The columns of ``map.csv``, one row a sample."""
+        """Columns of ``map.csv``, one row for each sample."""
         return next(iter(self.layers.values()))
 
     @property

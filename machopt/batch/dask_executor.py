@@ -1,8 +1,8 @@
-"""The jobs on Dask: workers in this process, or those of a running scheduler, supervise one job each.
+"""Batch jobs on Dask: each worker, of this process or of a running scheduler, supervises one job at a time.
 
-A local batch opens no port: its scheduler and workers are threads of this process, which talk in memory, and Dask's
-status pages are left out. There is nothing for another user of the machine to reach, and no worker to lose: what can
-be killed are the process servers that :mod:`machopt.batch.job_supervisor` starts, and it starts others.
+A local batch opens no port: scheduler and workers are threads of this process and communicate in memory; Dask's
+status pages are off. So no other user of the machine can connect. Jobs run in the process servers of
+:mod:`machopt.batch.job_supervisor`, which are restarted when they end.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class SchedulerLostError(InputError):
 
 
 class DaskExecutor:
-    """A connection to the workers; use it as a context."""
+    """Connection to the workers; use it as a context manager."""
 
     def __init__(self, batch: str, *, scheduler: str | None, workers: int, version: str | None) -> None:
         self.batch, self._address, self._workers, self._version = batch, scheduler, workers, version
@@ -93,7 +93,10 @@ class DaskExecutor:
                     self._client.close(timeout=CLOSE_TIMEOUT_S)
 
     def check_workers(self, work: Path) -> None:
-        """Make sure that the workers run this program and see the output folder.
+        """Check that the workers run this version and can access the output folder.
+
+        Args:
+            work: Work folder of the batch.
 
         Raises:
             InputError: there is no worker, it has another version, or does not share the file system.
@@ -133,15 +136,26 @@ class DaskExecutor:
 
     @property
     def worker_count(self) -> int:
-        """Workers that are there, one at least."""
+        """Number of connected workers, at least one."""
         return max(len(self._client.ncores()), 1)
 
     def submit_call(self, what: Any, *arguments: Any) -> Any:
-        """Ask a worker for one call; its future. Every call is made anew, alike or not."""
+        """Submit one call to a worker; equal calls are not merged.
+
+        Args:
+            what: The function.
+            arguments: Its positional arguments.
+
+        Returns:
+            The future of the call.
+        """
         return self._client.submit(what, *arguments, pure=False)
 
     def run_jobs(self, specs: Sequence[tuple[str, JobSpec]]) -> Generator[tuple[str, JobEnd], None, None]:
-        """Hand out all jobs in order; yields each with its end as they finish.
+        """Submit all jobs in order; yield each with its end as they finish.
+
+        Args:
+            specs: (label, job) pairs.
 
         Raises:
             SchedulerLostError: the scheduler is gone.
@@ -208,7 +222,7 @@ def _start_local_cluster(workers: int) -> Generator[Any, None, None]:
 
 @functools.cache
 def _define_portless_classes() -> tuple[type, type]:
-    """Dask's scheduler and worker without the status pages, which it serves to the network even where told not to."""
+    """Dask's scheduler and worker without the status pages, which no option of Dask switches off."""
     distributed = _import_distributed()
 
     class Portless:
@@ -243,16 +257,16 @@ def _is_lost_connection(problem: BaseException | None) -> bool:
 
 
 def check_installed() -> None:
-    """Refuse where what batches run on is not there.
+    """Check that the packages of batch runs are installed.
 
     Raises:
-        InputError: names the extra.
+        InputError: a package is missing; the message names the extra.
     """
     _import_distributed()
 
 
 def get_machine_memory() -> int:
-    """Bytes of memory that this machine, or the container around us, has."""
+    """Return the memory of this machine, or of its container, bytes."""
     _import_distributed()
     from distributed.system import MEMORY_LIMIT
 

@@ -1,4 +1,4 @@
-"""From what the user named to jobs: folders, patterns, lists and single toolpaths."""
+"""Jobs of a batch from the user's folders, patterns, lists and single toolpaths."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from machopt.output import is_machopt_output
 
 LIST_SUFFIXES = (".yaml", ".yml")
 IGNORED_SUFFIXES = frozenset(
-    {  # what lies beside toolpaths; files with other names are tried, and refused with a reason
+    {  # files next to toolpaths; files with other names are tried, and refused with a reason
         ".7z",
         ".bak",
         ".bat",
@@ -71,7 +71,7 @@ _SLUG = 40  # letters of each part of a label
 
 @dataclass(frozen=True, kw_only=True)
 class BatchJob:
-    """One job: what it reads, what steers it, and its name."""
+    """One job: its inputs, options and name."""
 
     label: str  # name of its folder: readable, and unique by its last eight digits
     cell: Path
@@ -82,20 +82,23 @@ class BatchJob:
     reading: dict[str, object]
     time_limit: float | None  # s, of this job alone
     memory_limit: int | None  # bytes
-    where: str  # the list and place it stands in, for messages
+    where: str  # list and place of the job, for messages
     posts: tuple[str | Path, ...] = ()  # robot programs to write: names, or template files
 
 
 @dataclass(frozen=True)
 class DiscoveredJobs:
-    """The jobs in the user's order, and the files that were taken for no toolpath."""
+    """Jobs in the user's order, and the ignored files."""
 
     jobs: tuple[BatchJob, ...]
     ignored_files: tuple[str, ...] = field(default=())
 
 
 def find_jobs(request: BatchRequest) -> DiscoveredJobs:
-    """All jobs of a request.
+    """Return all jobs of a request.
+
+    Args:
+        request: The request of ``machopt batch``.
 
     Raises:
         InputError: a list is wrong, a file or cell is missing, a job stands twice, or there is none.
@@ -150,7 +153,7 @@ def _split_before_pattern(path: Path) -> Iterator[str]:
 
 
 def _find_in_folder(folder: Path, base: Path, cell: Path | None, left_out: list[str]) -> Iterator[ListedJob]:
-    """Files of a folder with the cell beside them, else the one above; then the folders inside."""
+    """Yield the files of a folder with the cell in it, else the one above; then its subfolders."""
     beside = folder / "cell"
     if (beside / "cell.yaml").is_file():
         cell = beside
@@ -237,7 +240,12 @@ def _list_default_posts(request: BatchRequest) -> tuple[str | Path, ...]:
 
 
 def build_slug(text: str, *, from_start: bool = False) -> str:
-    """Letters, digits, dots and underscores of a text, the rest as hyphens; the last (or first) forty letters."""
+    """Return letters, digits, dots and underscores of a text, the rest as hyphens; at most forty characters.
+
+    Args:
+        text: The text.
+        from_start: Keep the first characters instead of the last ones.
+    """
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     whole = re.sub(r"[^A-Za-z0-9_.]+", "-", plain).strip("-.")
     return (whole[:_SLUG] if from_start else whole[-_SLUG:]).strip("-.")

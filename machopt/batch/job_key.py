@@ -1,4 +1,4 @@
-"""The key of a job: a hash of everything its result depends on. Two jobs with one key have one result."""
+"""Key of a job: a hash of everything that its result depends on. Jobs with the same key have the same result."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ NUMERIC_PACKAGES = (
     "pyarrow",
 )
 """Packages whose version may move a number or the reading of a file."""
-_COMPILED_SUFFIXES = frozenset({".pyc", ".pyo", ".nbi", ".nbc"})  # what Python and numba store beside the sources
+_COMPILED_SUFFIXES = frozenset({".pyc", ".pyo", ".nbi", ".nbc"})  # caches of Python and numba in the source folders
 _CACHE_FOLDER = "__pycache__"  # where they do, and compiled templates
 
 
 @functools.cache
 def compute_program_version() -> str:
-    """Version and a hash of the program: every file it ships, Python, and the packages it computes with.
+    """Return version and hash of the program: all its files, Python, and the numerical packages.
 
-    A changed source, built-in post or page style is another program, same number or not.
+    A changed source, built-in post or page style is another program, even with the same version number.
     """
     total = hashlib.sha256(f"{sys.version_info[:2]}".encode())
     for name in NUMERIC_PACKAGES:
@@ -54,7 +54,11 @@ def compute_program_version() -> str:
 
 
 def compute_package_hash(package: Path) -> str:
-    """SHA-256 of all files of a package by name and content, but for what Python and numba store beside them."""
+    """Return SHA-256 of all files of a package by name and content, except caches of Python and numba.
+
+    Args:
+        package: Folder of the package.
+    """
     total = hashlib.sha256()
     for file in sorted(p for p in package.rglob("*") if p.suffix not in _COMPILED_SUFFIXES and p.is_file()):
         if _CACHE_FOLDER in file.relative_to(package).parts:
@@ -73,7 +77,7 @@ def _get_package_version(package: str) -> str:
 
 @dataclass(frozen=True)
 class ReadyJob:
-    """A job that can start."""
+    """Job that can start."""
 
     job: BatchJob
     key: str
@@ -83,7 +87,7 @@ class ReadyJob:
 
 @dataclass(frozen=True)
 class RefusedJob:
-    """A job that cannot start, and why."""
+    """Job that cannot start, with the reason."""
 
     job: BatchJob
     reason: str
@@ -91,7 +95,7 @@ class RefusedJob:
 
 @dataclass
 class JobKeyBuilder:
-    """Makes keys; every cell and file is read once."""
+    """Builder of job keys; every cell and file is read once."""
 
     request: BatchRequest
     version: str
@@ -100,7 +104,11 @@ class JobKeyBuilder:
     _cell_names: dict[Path, tuple[Path, ...]] = field(default_factory=dict)
 
     def build_key(self, job: BatchJob) -> ReadyJob | RefusedJob:
-        """The key of a job, or the reason that the planner would give for refusing its cell, file or options."""
+        """Return the key of a job, or the reason to refuse its cell, file or options.
+
+        Args:
+            job: The job.
+        """
         request = self.request
         try:
             cell = self._read_cell(job.cell)
@@ -132,7 +140,7 @@ class JobKeyBuilder:
         return hashlib.sha256(json.dumps(parts, sort_keys=True, ensure_ascii=True, default=str).encode()).hexdigest()
 
     def _read_with(self, toolpath: Path) -> tuple[Path, ...]:
-        """A toolpath, and where it is a robot program the files beside it that it takes its points from."""
+        """Return a toolpath and, for a robot program, the files in its folder that hold its points."""
         if toolpath not in self._cell_names:
             try:
                 files = read_program(toolpath).files[1:] if is_program_file(toolpath) else ()
@@ -157,6 +165,14 @@ class JobKeyBuilder:
         return found
 
     def hash_file(self, file: Path) -> str:
+        """Return SHA-256 of a file; each file is read once.
+
+        Args:
+            file: Path of the file.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
         if file not in self._hashes:
             try:
                 self._hashes[file] = compute_file_hash(file)
@@ -166,7 +182,11 @@ class JobKeyBuilder:
 
 
 def compute_file_hash(file: Path) -> str:
-    """SHA-256 of a file's bytes."""
+    """Return SHA-256 of a file's bytes.
+
+    Args:
+        file: Path of the file.
+    """
     with file.open("rb") as data:
         return hashlib.file_digest(data, "sha256").hexdigest()
 

@@ -1,4 +1,4 @@
-"""What a job's own process does: ``machopt optimize``, and its result as one row of the summary."""
+"""Job process of a batch: ``machopt optimize``, and its result as one row of the summary."""
 
 from __future__ import annotations
 
@@ -59,16 +59,23 @@ def _is_disk_error(problem: BaseException | None) -> bool:
 
 
 def warm(folder: Path) -> None:
-    """Import and compile what every job needs, by doing a tiny one."""
+    """Import and compile what every job needs, by running a tiny one.
+
+    Args:
+        folder: An empty folder.
+    """
     from machopt.batch.warm_up_job import run_warm_up_job
 
     run_warm_up_job(folder)
 
 
 def build_summary_row(result: OptimizeDocument) -> BatchRowSection:
-    """The numbers of the summary from result.json.
+    """Return the numbers of the summary from result.json.
 
     ``mean`` and ``worst`` are in ``unit``: deflection in mm, or stiffness along the tool in N/mm.
+
+    Args:
+        result: The content of result.json.
     """
     objective, path = result.objective, result.toolpath
     done = result.exit_code != 3

@@ -11,7 +11,7 @@ from machopt.batch.job_discovery import BatchJob
 
 @dataclass(frozen=True, kw_only=True)
 class JobStatus:
-    """One job and what is known of it."""
+    """Status of one job."""
 
     job: BatchJob
     key: str  # empty where the job cannot start

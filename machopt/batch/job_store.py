@@ -1,9 +1,9 @@
-"""The output folder of a batch: jobs that are there wholly or not at all, and the summary of them.
+"""Output folder of a batch: jobs that are complete or absent, and their summary.
 
-``jobs/LABEL/`` holds a job's result, its record ``job.json`` and ``timing.json``; ``log.txt`` is there when it went
-wrong. What depends on the clock or the machine stands only in ``timing.json``, ``timings.csv``, ``timings.js`` and the
-logs (and in the ``timings_s`` of each job's own result.json and report): all other files are the same bytes whether a
-batch ran through or was killed and resumed.
+``jobs/LABEL/`` holds a job's result, its record ``job.json`` and ``timing.json``, and ``log.txt`` if the job failed.
+Values that depend on the clock or the machine are only in ``timing.json``, ``timings.csv``, ``timings.js``, the logs,
+and ``timings_s`` of each job's result.json and report. All other files have the same bytes whether a batch ran
+through or was killed and resumed.
 """
 
 from __future__ import annotations
@@ -42,16 +42,18 @@ TIMING_FILES = ("timings.csv", "timings.js", "timings.parquet")
 
 
 class JobStore:
-    """One batch's output folder, while this process holds its lock."""
+    """Output folder of one batch, while this process holds its lock."""
 
     def __init__(self, folder: Path, batch: str) -> None:
         self.folder, self.jobs, self.work = folder, folder / JOBS, folder / WORK / batch
         self._records: dict[str, BatchJobDocument] = {}
 
     def find_finished(self, label: str, key: str) -> BatchJobDocument | None:
-        """The record of a job that is finished with this very key, None where it is to be done.
+        """Return the record of a job that is finished with this key, None where it has to be run.
 
-        A job that was finished under another name (its list or folder was renamed) is taken over.
+        Args:
+            label: Label of the job.
+            key: Key of the job.
         """
         record = self._records.get(label)
         if record is not None and record.key == key:
@@ -59,7 +61,12 @@ class JobStore:
         return None
 
     def take_over(self, labels: set[str], wanted: dict[str, str]) -> None:
-        """Rename folders of jobs that nobody names any more to wanted labels with the same key (label → key)."""
+        """Rename folders of jobs that are no longer in the batch to wanted labels with the same key.
+
+        Args:
+            labels: Labels of the jobs of this batch.
+            wanted: Label → key of the jobs of this batch.
+        """
         free = {r.key: label for label, r in self._records.items() if label not in labels}
         for label, key in wanted.items():
             old = free.get(key)
@@ -71,11 +78,15 @@ class JobStore:
             del free[key]
 
     def list_other_folders(self, labels: set[str]) -> list[str]:
-        """Folders of finished jobs that are not among these."""
+        """Return the folders of finished jobs that are not in this batch.
+
+        Args:
+            labels: Labels of the jobs of this batch.
+        """
         return sorted(set(self._records) - labels)
 
     def load_records(self) -> None:
-        """Read the records of all finished jobs whose files are still there, and still what was written."""
+        """Read the records of all finished jobs whose files are still complete and unchanged."""
         for folder in sorted(self.jobs.iterdir()):
             try:
                 record = read_result(folder / RECORD, BatchJobDocument)
@@ -110,41 +121,66 @@ class JobStore:
             shutil.rmtree(made, ignore_errors=True)
 
     def list_interrupted_jobs(self) -> list[tuple[str, str, JobEnd]]:
-        """Label, key and end of jobs that ended in an earlier run and were not put away before it was killed."""
+        """Return label, key and end of jobs that ended in an earlier run but were not stored."""
         ended = [found for work in sorted(self.work.parent.iterdir()) for found in list_ended_jobs(work)]
         return [found for found in ended if not _is_result_moved(found[2])]
 
     def read_timing(self, label: str) -> JobTimingDocument | None:
-        """What a finished job took; None where nothing says it."""
+        """Return the timing of a finished job; None where there is none.
+
+        Args:
+            label: Label of the job.
+        """
         try:
             return read_result(self.jobs / label / TIMING, JobTimingDocument)
         except (OSError, InputError):
             return None
 
     def write_summary_file(self, name: str, text: str) -> None:
-        """Replace a file of the summary in one step."""
+        """Replace a file of the summary in one step.
+
+        Args:
+            name: Name of the file.
+            text: Its content.
+        """
         new = self.work / name
         new.write_text(text, encoding="utf-8", newline="\n")
         self._replace_file(new)
 
     def copy_to_parquet(self, names: Iterable[str]) -> None:
-        """Tables of the summary as Parquet, too, each in one step."""
+        """Write Parquet copies of tables of the summary, each in one step.
+
+        Args:
+            names: Names of the CSV files.
+        """
         for name in write_parquet_copies([self.folder / name for name in names], self.work):
             self._replace_file(self.work / name)
 
     def begin_batch(self, value: BatchDocument) -> None:
-        """Say in batch.json that the batch is not complete, and take away the summary of an earlier run."""
+        """Write batch.json of an incomplete batch, and remove the summary of an earlier run.
+
+        Args:
+            value: The content of batch.json.
+        """
         self.write_main(value)
         for name in (*SUMMARY_FILES, *TIMING_FILES, MANIFEST):
             (self.folder / name).unlink(missing_ok=True)
 
     def write_main(self, value: BatchDocument) -> None:
-        """Replace batch.json in one step."""
+        """Replace batch.json in one step.
+
+        Args:
+            value: The content of batch.json.
+        """
         write_result(self.work / MAIN_FILE, value)
         self._replace_file(self.work / MAIN_FILE)
 
     def write_manifest(self, manifest: FolderManifest) -> None:
-        """Replace manifest.json in one step; a job's files are listed in the manifest of the job."""
+        """Replace manifest.json in one step; a job's files are listed in the manifest of the job.
+
+        Args:
+            manifest: Manifest of the batch.
+        """
         jobs = [f"{JOBS}/{label}/{name}" for label in sorted(self._records) for name in (MANIFEST, RECORD)]
         names = [name for name in (MAIN_FILE, *SUMMARY_FILES, *TIMING_FILES, *jobs) if (self.folder / name).is_file()]
         write_manifest(self.folder, manifest, dict.fromkeys(jobs, "job"), names, into=self.work)
@@ -177,7 +213,7 @@ def _is_result_moved(ended: JobEnd) -> bool:
 
 
 def _list_in_manifest(folder: Path) -> None:
-    """Add what the batch writes beside a job's result to the manifest of that result, if it made one."""
+    """Add the batch's files of a job to the manifest of its result, if there is one."""
     if (folder / MANIFEST).exists():
         manifest, _ = read_manifest(folder)
         write_manifest(folder, manifest, {f.name: f.role for f in manifest.files} | BATCH_ROLES)
@@ -192,7 +228,14 @@ def _is_intact(folder: Path, record: BatchJobDocument) -> bool:
 
 @contextlib.contextmanager
 def report_disk_errors(folder: Path) -> Iterator[None]:
-    """Say in words when the disk does not take what the batch writes."""
+    """Convert errors of writing into an input error with a clear message.
+
+    Args:
+        folder: The output folder.
+
+    Raises:
+        InputError: the disk refuses a file.
+    """
     try:
         yield
     except OSError as problem:
@@ -269,7 +312,11 @@ def _is_edited_summary(text: str) -> bool:
 
 
 def is_batch(folder: Path) -> bool:
-    """True if a folder is a batch's output, begun or finished."""
+    """Return whether a folder is a batch's output, begun or finished.
+
+    Args:
+        folder: The folder.
+    """
     if {f.name for f in folder.iterdir()} <= {JOBS, WORK, LOCK}:
         return True  # killed in its first moments
     try:  # by its head alone: what an earlier version wrote is a batch's folder, too

@@ -1,6 +1,6 @@
-"""A Dask task: give one job to a process server, keep it within its time and memory, and tell how it ended.
+"""Supervision of one job by a Dask task: a process server runs it within its limits of time and memory.
 
-Nothing here raises for what a job does; a job that crashes, hangs or eats memory is an :class:`JobEnd` like any other.
+A job that crashes, exceeds its time or its memory raises nothing: its outcome is a :class:`JobEnd` like any other.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ EndReason = Literal["ended", "crashed", "time", "memory", "server", "stopped"]
 END_FILE = "ended.json"
 CAN_FORK = sys.platform == "linux"  # elsewhere system libraries do not promise to survive a fork
 WARM_UP_LIMIT_S = 900.0  # s a server may take to import and compile, or to wait for another that does
-GRACE_PERIOD_S = 10.0  # s in which a server ends the job it was told to end; one that does not is ended with it
+GRACE_PERIOD_S = 10.0  # s for a server to end a job on request; after that the server is ended too
 POLL_INTERVAL_S = 0.05  # s between two looks at a job's memory and time
 POLLS_PER_PROCESS_SCAN = 20  # finding what a job has started itself takes milliseconds: not at every look
 SINGLE_THREAD_VARIABLES = dict.fromkeys(
@@ -43,7 +43,7 @@ SINGLE_THREAD_VARIABLES = dict.fromkeys(
 
 @dataclass(frozen=True, kw_only=True)
 class JobSpec:
-    """One job as it goes to a worker; plain values only."""
+    """One job for a worker; plain values only."""
 
     label: str
     key: str
@@ -57,7 +57,7 @@ class JobSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class JobEnd:
-    """How a job ended."""
+    """Outcome of a job."""
 
     how: EndReason
     folder: str  # what it wrote: out/, outcome.json, log.txt
@@ -70,20 +70,27 @@ class JobEnd:
     worker: str = ""
 
     def to_json_types(self) -> dict[str, Any]:
-        """In JSON's own types; :meth:`of` reads it."""
+        """Return the fields in JSON's own types; :meth:`from_json_types` reads them."""
         return {**vars(self), "outcome": None if self.outcome is None else self.outcome.to_json_types()}
 
     @classmethod
     def from_json_types(cls, plain: Mapping[str, Any]) -> JobEnd:
-        """From :meth:`plain`."""
+        """Build the end from the plain types of a JSON file.
+
+        Args:
+            plain: The fields as plain types.
+        """
         return cls(**{**plain, "outcome": _parse_outcome(plain["outcome"])})
 
 
 def supervise_job(spec: JobSpec) -> dict[str, Any]:
-    """Run one job to its end; returns an :class:`JobEnd` in plain types.
+    """Run one job to its end; return a :class:`JobEnd` in plain types.
 
-    The end is written beside what the job wrote before anyone is told, so a job whose worker or driver is killed
-    before the result was put away is still done.
+    The end is written next to the job's files first. So a job is not lost if its worker or the main process is killed
+    before the result is stored.
+
+    Args:
+        spec: The job with its limits.
     """
     for _, key, earlier in list_ended_jobs(Path(spec.work), spec.label):
         if key == spec.key:
@@ -97,7 +104,12 @@ def supervise_job(spec: JobSpec) -> dict[str, Any]:
 
 
 def list_ended_jobs(work: Path, label: str = "*") -> Iterator[tuple[str, str, JobEnd]]:
-    """Label, key and end of the jobs of a work folder, or of one of them, that have ended and were not put away."""
+    """Yield label, key and end of jobs in a work folder that have ended and are not stored yet.
+
+    Args:
+        work: Work folder of the batch.
+        label: Label of the job; ``*`` for all.
+    """
     for file in sorted(work.glob(f"{label}~*/{END_FILE}")):
         try:
             found = json.loads(file.read_text(encoding="utf-8"))
@@ -116,7 +128,11 @@ def _write_end(spec: JobSpec, ended: JobEnd) -> None:
 
 
 def stop_servers(batch: str) -> None:
-    """End all servers of a batch in this worker, with the jobs they run."""
+    """End all servers of a batch in this worker, with their jobs.
+
+    Args:
+        batch: Id of the batch.
+    """
     with _LOCK:
         _STOPPED_BATCHES.add(batch)
         servers = [s for s in _ALL_SERVERS if s.batch == batch]
@@ -158,7 +174,7 @@ def _take_server(spec: JobSpec) -> ProcessServer:
 
 
 class ProcessServer:
-    """The other end of :mod:`machopt.batch.process_server`."""
+    """Client of :mod:`machopt.batch.process_server`."""
 
     def __init__(self, batch: str, entry: str, *, forks: bool) -> None:
         self.batch, self.entry, self._forks = batch, entry, forks
@@ -184,11 +200,16 @@ class ProcessServer:
 
     @property
     def is_alive(self) -> bool:
-        """It can take a job. A killed process closes its pipe a moment before the system says that it has ended."""
+        """Return whether it can take a job. A killed process closes its pipe before it counts as ended."""
         return not self._silent.is_set() and self._process.poll() is None
 
     def run_job(self, spec: JobSpec, folder: str) -> JobEnd:
-        """Do one job, within its limits."""
+        """Run one job within its limits.
+
+        Args:
+            spec: The job with its limits.
+            folder: Output folder of the job.
+        """
         if not self._ready and not self._wait_ready():
             return JobEnd(how="server", folder=folder, text=self._read_error_text())
         if not self._send_line(json.dumps({"job": spec.job, "folder": folder})):
@@ -225,7 +246,7 @@ class ProcessServer:
         )
 
     def close(self) -> None:
-        """End the server; the job it runs ends with it."""
+        """End the server and the job it runs."""
         with contextlib.suppress(OSError):
             self._process.stdin.close()  # type: ignore[union-attr]
         try:
@@ -239,7 +260,7 @@ class ProcessServer:
         self._words.close()
 
     def _watch_job(self, spec: JobSpec, pid: int, begin: float) -> tuple[EndReason | None, JobEndedMessage | None, int]:
-        """Wait for the end; returns the limit that was broken, the end as told, and the largest memory seen."""
+        """Wait for the end; return the exceeded limit, the reported end, and the peak memory."""
         broken: EndReason | None = None
         peak = looks = 0
         told_at = math.inf
@@ -334,7 +355,12 @@ def _parse_outcome(plain: Any) -> BatchRowSection | JobFailureDocument | None:
 
 
 def read_log_tail(folder: Path, lines: int = 1) -> str:
-    """The last words a job wrote."""
+    """Return the last lines of a job's log that are not empty.
+
+    Args:
+        folder: Work folder of the job.
+        lines: Number of lines.
+    """
     try:
         text = (folder / LOG_FILE).read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -343,7 +369,11 @@ def read_log_tail(folder: Path, lines: int = 1) -> str:
 
 
 def format_signal_name(number: int) -> str:
-    """``SIGSEGV`` of 11."""
+    """Return the name of a signal: ``SIGSEGV`` of 11.
+
+    Args:
+        number: Number of the signal.
+    """
     try:
         return signal.Signals(number).name
     except ValueError:

@@ -1,4 +1,4 @@
-"""Other processes that look at places for ``machopt place``: of this machine, or the workers of a Dask scheduler."""
+"""Worker processes of ``machopt place``: of this machine, or the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -27,14 +27,18 @@ B = TypeVar("B")
 
 @dataclass(frozen=True, eq=False)
 class PlacementWorkers:
-    """Processes that were told the request, and load cell and toolpaths with the first question."""
+    """Worker processes that have the request and load cell and toolpaths on first use."""
 
     pickled_request: bytes  # the pickled request
     submit: Callable[..., Any]  # what to call and its arguments; a future
     worker_count: int
 
     def map_items(self, ask: Callable[[PlacementSite, A], B], items: Sequence[A]) -> Iterator[B]:
-        """Answers in the order of the questions.
+        """Yield the results of a function of the site in the order of its items.
+
+        Args:
+            ask: Function of site and item.
+            items: The items.
 
         Raises:
             MachoptError: a process has ended.

@@ -1,11 +1,11 @@
-"""The process server of one worker: imports and compiles once, then forks a process for every job.
+"""Process server of one worker: imports and compiles once, then forks a process for every job.
 
-Run as ``python -m machopt.batch.process_server ENTRY [--once]``. It talks JSON lines: on its standard output first
-``{"ready": true}``, then for each job line on its standard input ``{"pid": …}`` and, when that process has ended,
-``{"status": …, "peak_KiB": …}``. The line ``kill`` ends the job at work. When its standard input closes, because
-whoever started it is gone, it kills the job and ends: no job outlives the one who waits for it.
+Run as ``python -m machopt.batch.process_server ENTRY [--once]``. It exchanges JSON lines. On its standard output it
+writes ``{"ready": true}`` first. For each job line on its standard input it writes ``{"pid": …}`` and, when that
+process has ended, ``{"status": …, "peak_KiB": …}``. The line ``kill`` ends the running job. When its standard input
+closes, it kills the job and ends; so no job outlives the process that waits for it.
 
-With ``--once`` (where forking is not safe) the process does one job itself and ends with it.
+With ``--once`` (where forking is not safe) the process runs one job itself and ends with it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,14 @@ LOG_FILE = "log.txt"
 
 
 def main(argv: list[str]) -> int:
-    """Serve jobs until standard input closes."""
+    """Serve jobs until standard input closes.
+
+    Args:
+        argv: Arguments: entry point, then options.
+
+    Returns:
+        The exit code.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver, which closes our input
     channel = os.dup(1)
     os.dup2(2, 1)  # what libraries print must not get between the answers
@@ -64,7 +71,11 @@ class _LineReader:
         self._rest = b""
 
     def read_line(self, timeout: float) -> bytes | None:
-        """The next line, None when there will be none, or none came in time."""
+        """Return the next line; None at the end of the input, or if none came in time.
+
+        Args:
+            timeout: Longest wait, s.
+        """
         while b"\n" not in self._rest:
             if sys.platform != "win32" and not select.select([0], [], [], timeout)[0]:
                 return None
@@ -81,7 +92,7 @@ def _send_message(channel: int, message: DocumentModel) -> None:
 
 
 def _run_job_in_child(entry: ModuleType, job: dict[str, Any], channel: int, lines: _LineReader) -> bool:
-    """One job in a child; False when the one who asked for it is gone."""
+    """Run one job in a child process; return False when the client is gone."""
     parent = os.getpid()
     pid = os.fork()
     if pid == 0:
@@ -122,7 +133,7 @@ def _run_single_job(entry: ModuleType, job: dict[str, Any], channel: int) -> Non
 
 
 def _run_job_and_exit(entry: ModuleType, job: dict[str, Any]) -> None:
-    """Run the job and leave the process, whatever happens; what it returns or raises stands in outcome.json."""
+    """Run the job and exit the process in any case; result or error is written to outcome.json."""
     folder = Path(job["folder"])
     code = 1
     try:

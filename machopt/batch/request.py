@@ -1,4 +1,4 @@
-"""What the user asked of ``machopt batch``, what is told on the way, and what came out."""
+"""Request, progress and result of ``machopt batch``."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class BatchRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchProgress:
-    """How far a batch is; told once at the start and after every job."""
+    """Progress of a batch; reported at the start and after every job."""
 
     total: int
     reused: int  # finished in an earlier run
@@ -56,7 +56,7 @@ class BatchProgress:
 
     @property
     def remaining_time(self) -> float | None:
-        """Seconds until all are finished at this rate."""
+        """Seconds until all jobs are finished at this rate."""
         todo = self.total - self.reused - self.done
         return 0.0 if todo == 0 else None if self.rate is None else todo / self.rate
 
@@ -82,11 +82,15 @@ class BatchResult:
     result: BatchDocument
     report: Path  # summary.html
     done: int  # jobs run now
-    reused: int  # jobs kept from earlier runs
+    reused: int  # jobs reused from earlier runs
 
 
 def format_duration(seconds: float) -> str:
-    """``1:02:03``, ``5:43``."""
+    """Return a duration as ``1:02:03`` or ``5:43``.
+
+    Args:
+        seconds: Duration, s.
+    """
     minutes, s = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{s:02d}" if hours else f"{minutes}:{s:02d}"

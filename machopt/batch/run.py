@@ -112,7 +112,7 @@ def _remove_unused_folder(out: Path) -> Generator[None]:
     except InputError:
         jobs = out / "jobs"
         if new and not (jobs.is_dir() and any(jobs.iterdir())):
-            with contextlib.suppress(OSError):  # somebody else's file there stays, and the folder with it
+            with contextlib.suppress(OSError):  # files of others stay, and the folder with them
                 for name in (MAIN_FILE, LOCK):
                     (out / name).unlink(missing_ok=True)
                 jobs.rmdir()
@@ -238,7 +238,7 @@ def _build_job_spec(plan: ReadyJob, request: BatchRequest, store: JobStore, memo
 
 
 def _build_record(ready: ReadyJob, ended: JobEnd, request: BatchRequest) -> BatchJobDocument:
-    """What is kept of a job: nothing in it differs between two runs of the same job."""
+    """Return the record of a job: it is the same in two runs of the same job."""
     state, row = _describe_state(ready, ended, request)
     return BatchJobDocument(machopt_batch_job=1, job=ready.job.label, key=ready.key, state=state, row=row)
 
@@ -352,6 +352,12 @@ class _ProgressClock:
         self._begin = time.monotonic()
 
     def count_finished(self, label: str, record: BatchJobDocument) -> None:
+        """Count a finished job, and whether it had trouble.
+
+        Args:
+            label: Label of the job.
+            record: The record of the job.
+        """
         self.done += 1
         self.trouble += record.row.exit_code != 0
         self.last = f"{self._names[label]}: {record.row.verdict}"

@@ -1,4 +1,4 @@
-"""The summary of a batch: ranked rows as CSV, JSON and one page."""
+"""Summary of a batch: ranked rows as CSV, JSON and one page."""
 
 from __future__ import annotations
 
@@ -69,7 +69,11 @@ _TIMING_COLUMNS = ("wall_s", "cpu_s", "peak_MiB", "worker")
 
 
 def rank_jobs(lines: Iterable[JobStatus]) -> list[JobStatus]:
-    """Answers by their gain over the CAM's default rotation, the largest first; then what has no answer, by kind."""
+    """Return solved jobs by their gain over the CAM's default rotation, largest first; then the others, by kind.
+
+    Args:
+        lines: The jobs with their states.
+    """
 
     def place(line: JobStatus) -> tuple[int, bool, float, str]:
         gain = line.row.get("gain_percent")
@@ -79,7 +83,11 @@ def rank_jobs(lines: Iterable[JobStatus]) -> list[JobStatus]:
 
 
 def compute_exit_code(lines: Iterable[JobStatus]) -> int:
-    """The worst of the jobs: 4 verification failed, else 1 crashed, else 3 no answer, else 0."""
+    """Return the worst exit code: 4 verification failed, else 1 crashed, else 3 no solution, else 0.
+
+    Args:
+        lines: The jobs with their states.
+    """
     codes = {line.exit_code for line in lines}
     if 4 in codes:
         return 4
@@ -97,7 +105,16 @@ def build_batch_document(
     others: Sequence[str] = (),
     compared: BatchComparison | None = None,
 ) -> BatchDocument:
-    """batch.json: the same for the same jobs, however often the batch was stopped."""
+    """Return the content of batch.json: the same for the same jobs, however often the batch was stopped.
+
+    Args:
+        found: The jobs that were found, and ignored files.
+        lines: The ranked jobs with their states.
+        version: Program version.
+        complete: All jobs have ended.
+        others: Folders of finished jobs that are not in this batch.
+        compared: Comparison with another batch; None where none was requested.
+    """
     states = Counter(line.state for line in lines)
     return BatchDocument(
         machopt_batch=1,
@@ -140,7 +157,14 @@ def _build_summary_entry(rank: int, line: JobStatus) -> BatchJobEntry:
 def write_summary(
     store: JobStore, lines: Sequence[JobStatus], result: BatchDocument, compared: BatchComparison | None
 ) -> None:
-    """Write batch.json, summary.csv, summary.html, timings.csv, timings.js and, where asked for, compare.csv."""
+    """Write batch.json, summary.csv, summary.html, timings.csv, timings.js and, if requested, compare.csv.
+
+    Args:
+        store: Output folder of the batch.
+        lines: The ranked jobs with their states.
+        result: Content of batch.json.
+        compared: Comparison with another batch; None where none was requested.
+    """
     known = {line.job.label: store.read_timing(line.job.label) for line in rank_jobs(lines) if line.folder}
     times = [{"job": label, **({} if took is None else took.to_json_types())} for label, took in known.items()]
     store.write_summary_file(

@@ -1,4 +1,4 @@
-"""A tiny whole job: done once in every process server, so that the jobs it forks find all imported and compiled.
+"""Warm-up job: a tiny complete job, run once in every process server so that its jobs find everything compiled.
 
 Only one process of a machine compiles; the others wait for it and load what it stored.
 """
@@ -60,7 +60,11 @@ x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min
 
 
 def run_warm_up_job(folder: Path) -> int:
-    """Do the job in an empty folder; returns its exit code, 0."""
+    """Run the job; return its exit code, 0.
+
+    Args:
+        folder: An empty folder.
+    """
     from machopt.commands.optimize.request import OptimizeRequest
     from machopt.commands.optimize.run import run_optimize
 
@@ -93,7 +97,7 @@ def _solve_general_arm(cell: Path) -> None:
 
 @contextlib.contextmanager
 def lock_first_warm_up() -> Iterator[None]:
-    """The first warm-up of this program on this machine goes alone; the later ones find its mark and do not wait."""
+    """Let the first warm-up of this program on this machine run alone; later ones find its mark and do not wait."""
     compiled_for = hashlib.sha256(
         f"{compute_program_version()} {os.environ.get('NUMBA_CACHE_DIR')}".encode()
     ).hexdigest()[:12]
@@ -116,7 +120,7 @@ def lock_first_warm_up() -> Iterator[None]:
 
 
 def _get_user_lock_folder() -> Path:
-    """A folder of the user's own, where nobody else can lay a file or a link in the way."""
+    """Return a private folder of the user, where no other user can create a file or a link."""
     base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     place = Path(base).expanduser() / "machopt"
     place.mkdir(mode=0o700, parents=True, exist_ok=True)

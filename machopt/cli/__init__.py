@@ -1,4 +1,4 @@
-"""The command ``machopt``: parse, call, print. Heavy imports are late so that ``--help`` answers at once."""
+"""The command ``machopt``: parse, call, print. Heavy imports are delayed so that ``--help`` is fast."""
 
 from __future__ import annotations
 
@@ -30,7 +30,14 @@ BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code of contracts: 0 done, 1 bug, 2 bad input, 3 infeasible, 4 verification."""
+    """Run one command.
+
+    Args:
+        argv: The arguments; None takes those of the process.
+
+    Returns:
+        The exit code: 0 done, 1 bug, 2 bad input, 3 infeasible, 4 verification failed.
+    """
     garbage_collection.pause_garbage_collection()
     _replace_closed_streams()
     _limit_blas_threads()

@@ -1,4 +1,4 @@
-"""The parser of every command: what is wrong in one line, with the word that was probably meant."""
+"""Argument parser of every command: errors in one line, with suggestions for mistyped words."""
 
 from __future__ import annotations
 
@@ -13,19 +13,29 @@ N = TypeVar("N")
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without two screens of usage above it.
+    """Argument parser that reports errors in one line, without the usage text.
 
-    Options are never abbreviated: the beginning of one word may mean another command's option, or tomorrow's.
+    Options are never abbreviated: an abbreviation may match another command's option, or a future one.
     """
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **{**settings, "allow_abbrev": False})
 
     def error(self, message: str) -> NoReturn:
+        """Print an error in one line and exit with code 2.
+
+        Args:
+            message: What is wrong.
+        """
         self.exit(2, f"machopt: {message} ({self.prog} --help lists the options)\n")
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
-        """As argparse, but an option that no command knows is answered with the one it is a slip of."""
+        """Parse as argparse does; an unknown option gets a spelling suggestion.
+
+        Args:
+            args: The arguments; None takes those of the process.
+            namespace: Object that receives the values.
+        """
         found, left = self.parse_known_args(args, namespace)
         if left:
             command = list_commands(self).get(found.command, self)
@@ -58,12 +68,20 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def list_options(parser: argparse.ArgumentParser) -> list[str]:
-    """Every option of a command, the long names where there are any."""
+    """Return every long option of a command.
+
+    Args:
+        parser: The argument parser.
+    """
     return [word for a in parser._actions for word in a.option_strings if word.startswith("--")]
 
 
 def list_commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """The commands of the whole parser by name."""
+    """Return the sub-parsers of all commands by name.
+
+    Args:
+        parser: The argument parser.
+    """
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             return dict(action.choices)

@@ -19,7 +19,12 @@ Commands = Any  # argparse keeps its subparsers' type private
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        common: Parent parser with the options of every command.
+    """
     job = commands.add_parser(
         "batch",
         parents=[common, build_reading_parser()],
@@ -99,7 +104,7 @@ def _run_batch(args: argparse.Namespace) -> int:
 
 
 def _list_job_inputs(args: argparse.Namespace) -> dict[str, Any]:
-    """What every job is asked beside its options, where it is asked: it is part of what a finished job is known by."""
+    """Return what every job gets besides its options; it is part of the key of a finished job."""
     given = {"program_tolerance_mm": args.program_tolerance_mm, "tables": args.tables}
     return {k: v for k, v in given.items() if v not in (None, "csv")}
 
@@ -127,6 +132,11 @@ class _BatchProgress:
             self._bar.stop()
 
     def report_progress(self, progress: BatchProgress) -> None:
+        """Show the progress of the batch.
+
+        Args:
+            progress: The progress.
+        """
         if self._bar is not None:
             self._bar.update(
                 self._task,

@@ -1,4 +1,4 @@
-"""The commands about cells themselves: ``init``, ``validate``."""
+"""The commands ``init`` and ``validate`` for cells."""
 
 from __future__ import annotations
 
@@ -29,7 +29,12 @@ _QUESTIONS = (
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the commands to the parser."""
+    """Add the commands to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        common: Parent parser with the options of every command.
+    """
     from machopt.cell_setup.template.init_request import UNITS, InitRequest
 
     p = commands.add_parser(
@@ -146,7 +151,7 @@ def _run_validate(args: argparse.Namespace) -> int:
 
 
 def _prompt_for_missing(args: argparse.Namespace) -> None:
-    """Ask for what was not given, again until it fits; Return keeps what stands in brackets."""
+    """Prompt for missing values until they are valid; Return keeps the value in brackets."""
     for name, words in _QUESTIONS:
         unsaid = "by the arm's size" if name == "tool_length_mm" else "nothing"
         while True:

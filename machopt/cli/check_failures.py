@@ -1,4 +1,4 @@
-"""Failed checks in the order in which somebody looks for a fault: what is behind the others first, in plain words."""
+"""Order and format of failed checks: causes first."""
 
 from __future__ import annotations
 
@@ -20,17 +20,25 @@ _OF_FOLDER = {CheckName.FILES, CheckName.INPUTS, CheckName.MANIFEST, CheckName.P
 _OF_FOLDER |= {CheckName.PARQUET, CheckName.OPTIONS, CheckName.READING}
 _MOTION = "trajectory.csv"
 _CONSEQUENCE = 6  # rank of what follows from other failures
-MOST = 6  # failures that are told in full
+MOST = 6  # failures that are listed in full
 
 
 def sort_causes_first(checks: Sequence[VerificationCheck]) -> list[VerificationCheck]:
-    """Failed checks before all others, causes before what follows from them."""
+    """Return failed checks before all others, causes before consequences.
+
+    Args:
+        checks: The checks.
+    """
     failed = {id(c): _rank_check(c, checks) for c in checks if c.passed is False}
     return sorted(checks, key=lambda c: failed.get(id(c), 99))  # stable: else in the order they were made
 
 
 def format_failures(checks: Sequence[VerificationCheck]) -> str:
-    """The first cause on the first line; the other failures below it, those that follow from them by name."""
+    """Return the first cause on the first line, other failures below it, consequences by name.
+
+    Args:
+        checks: The checks.
+    """
     failed = [c for c in sort_causes_first(checks) if c.passed is False]
     causes = [c for c in failed if _rank_check(c, checks) < _CONSEQUENCE]
     follow = [c.name for c in failed if c not in causes]
@@ -50,7 +58,11 @@ def format_failures(checks: Sequence[VerificationCheck]) -> str:
 
 
 def format_failed_check(c: VerificationCheck) -> str:
-    """File, what, how much, place."""
+    """Return file, quantity, value and place of a failed check.
+
+    Args:
+        c: The check.
+    """
     if c.check_name == CheckName.FILES:
         return c.where
     if c.check_name == CheckName.INPUTS:

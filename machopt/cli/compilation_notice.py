@@ -1,4 +1,6 @@
-"""The first run after installing compiles: say so, share the work with a second process, and end that process."""
+"""Notice of the first run after installation, which compiles; a second process shares the work and is ended
+afterwards.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,11 @@ NOT_STORED = (
 
 @contextlib.contextmanager
 def announce_compilation(display: ProgressDisplay) -> Iterator[None]:
-    """While a plan is made: what is printed and begun when a kernel is missing. Nothing where all are stored."""
+    """Show a notice and start a second process while a kernel has to be compiled; nothing where all are stored.
+
+    Args:
+        display: The progress display.
+    """
     from machopt.numerics.compiled_functions import call_on_compilation
     from machopt.planning.compiled_kernels import start_compile_process
 

@@ -1,4 +1,4 @@
-"""The command ``diagnose``: where model and recording differ, and which physics is missing."""
+"""The command ``diagnose``: differences of model and recording, and the missing effects."""
 
 from __future__ import annotations
 
@@ -25,7 +25,12 @@ _VERDICTS = {
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        common: Parent parser with the options of every command.
+    """
     p = commands.add_parser(
         "diagnose", parents=[common], help="where model and recording differ, and which physics is missing"
     )
@@ -101,7 +106,11 @@ def _run_diagnose(args: argparse.Namespace) -> int:
 
 
 def format_diagnosis_summary(result: DiagnosisDocument) -> list[str]:
-    """What diagnosis.json says, for a terminal."""
+    """Return the summary of diagnosis.json as lines for the terminal.
+
+    Args:
+        result: Content of diagnosis.json.
+    """
     unit = result.rmse_unit
     first, last = result.baseline, result.final
     lines = [

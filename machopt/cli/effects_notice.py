@@ -1,4 +1,4 @@
-"""What a command says of the option ``--effects``."""
+"""Notice of the option ``--effects``, which runs code."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ import sys
 
 
 def warn_of_effect_code(args: argparse.Namespace) -> None:
-    """Say that code is run."""
+    """Print a notice for each file whose code is run.
+
+    Args:
+        args: The parsed command line.
+    """
     for file in () if args.quiet else args.effects:
         print(f"machopt: --effects runs the code in {file} with your rights", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""What ``optimize`` and ``verify`` say on the terminal."""
+"""Terminal output of ``optimize`` and ``verify``."""
 
 from __future__ import annotations
 
@@ -24,6 +24,11 @@ STOPS = 6  # places that are named where the motion stops
 
 
 def format_check_line(c: VerificationCheck) -> str:
+    """Return a check as one line.
+
+    Args:
+        c: The check.
+    """
     if c.passed is None:
         return f"–    {c.name}: not run, {c.where}"
     where = "" if c.passed or not c.where else f" at {c.where}"
@@ -35,13 +40,22 @@ def format_check_line(c: VerificationCheck) -> str:
 
 
 def format_information_line(i: VerificationInformation) -> str:
-    """A value that is no check: it has neither a limit nor a verdict."""
+    """Return a measured value as one line; it has neither a limit nor a result.
+
+    Args:
+        i: The measured value.
+    """
     value = "" if math.isnan(i.value) else f": {i.value:.4g} {i.unit}"
     return f"info {i.name}{value}{f', {i.where}' if i.where else ''}"
 
 
 def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]:
-    """What a process engineer wants to read first."""
+    """Return the summary of a result as lines.
+
+    Args:
+        result: The content of result.json.
+        report: Path of the report.
+    """
     path, objective = result.toolpath, result.objective
     lines = [f"before production: {text}" for text in result.production_blockers]
     lines += [
@@ -135,7 +149,7 @@ def _format_removed_deflection(shift: CompensationSection) -> list[str]:
 
 
 def _format_gain_lines(result: OptimizeDocument) -> list[str]:
-    """The gain of the mean over each yardstick, with its uncertainty where the stiffness file has one."""
+    """Return the gain of the mean over each baseline, with its uncertainty where the stiffness file has one."""
     what = "mean deflection" if result.index == "deflection" else "mean compliance"
     lines = []
     for gain in result.objective.gain:
@@ -202,9 +216,15 @@ def _format_cost(result: OptimizeDocument, cost: float | None) -> str:
 
 
 def format_first_infeasibility(result: OptimizeDocument) -> str:
-    """The first places where it fails, and what would help there."""
+    """Return the first infeasible places and what would help there.
+
+    Args:
+        result: The content of result.json.
+    """
     points = result.infeasible_points
-    breaks = [b for b in result.breaks if not any(b.reason in p.reason for p in points)]  # told at the point already
+    breaks = [
+        b for b in result.breaks if not any(b.reason in p.reason for p in points)
+    ]  # reported at the point already
     parts = []
     if points:
         number = f"{len(points)} points" if len(points) > 1 else "1 point"
@@ -217,7 +237,11 @@ def format_first_infeasibility(result: OptimizeDocument) -> str:
 
 
 def format_break_ends(one: MotionBreakEntry) -> str:
-    """The two ends of a break in words."""
+    """Return the two ends of a break as text.
+
+    Args:
+        one: The break of the motion.
+    """
     ends = ("home" if k is None else f"point {k:g}" for k in (one.from_point, one.to_point))
     return "from {} to {}".format(*ends)
 
@@ -253,6 +277,11 @@ def _format_program_lines(result: OptimizeDocument) -> list[str]:
 
 
 def format_failed_verification(result: OptimizeDocument) -> str:
+    """Return the failed checks of a result.
+
+    Args:
+        result: The content of result.json.
+    """
     from machopt.cli.check_failures import format_failures
 
     checks = result.verification.checks if result.verification else []
@@ -274,5 +303,5 @@ def _convert_to_check(c: CheckEntry) -> VerificationCheck:
 
 
 def _convert_null_to_nan(value: float | None) -> float:
-    """A number of a result file, where null stands for what is not finite."""
+    """Return a number of a result file; null is NaN."""
     return math.nan if value is None else value

@@ -1,4 +1,4 @@
-"""The command ``place``: where to put the workpiece, or the robot."""
+"""The command ``place``: the best placement of workpiece or robot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,12 @@ Commands = Any  # argparse keeps its subparsers' type private
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        common: Parent parser with the options of every command.
+    """
     job = commands.add_parser(
         "place",
         parents=[common, build_reading_parser()],
@@ -89,7 +94,7 @@ def _run_place(args: argparse.Namespace) -> int:
 
     warn_of_effect_code(args)
     x, y, z = ((a / 1e3, b / 1e3) for a, b in (args.x_mm, args.y_mm, args.z_mm))
-    there = Path.absolute if args.scheduler else Path  # a worker of a cluster stands in a folder of its own
+    there = Path.absolute if args.scheduler else Path  # a worker of a cluster has another working directory
     request = PlaceRequest(
         cell=there(args.cell),
         toolpaths=tuple(there(f) for f in args.toolpaths),

@@ -1,4 +1,4 @@
-"""The command as a process of its own, and how it ends."""
+"""Entry point of the command as a process, and its fast exit."""
 
 from __future__ import annotations
 
@@ -13,15 +13,18 @@ from machopt.cli import main
 
 
 def run_command_and_exit() -> NoReturn:
-    """What ``machopt`` and ``python -m machopt`` do: the command, and the process ends with its exit code."""
+    """Run the command of the process arguments and exit with its exit code."""
     exit_process(main())
 
 
 def exit_process(code: int) -> NoReturn:
-    """End the process at once; what was to be done at exit is done, and what was printed is out.
+    """End the process at once, after exit handlers and flushing of the output.
 
-    Python would take down every object first, one by one: 0.17 s after a plan of 1,000 points, for memory that the
-    system takes back as a whole. Where another thread still runs, Python ends as ever and waits for it.
+    Python would free every object first, one by one: 0.17 s after a plan of 1,000 points. Where another thread still
+    runs, Python exits as usual and waits for it.
+
+    Args:
+        code: The exit code.
     """
     if threading.active_count() > 1:
         sys.exit(code)

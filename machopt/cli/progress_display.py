@@ -1,4 +1,4 @@
-"""What every command reads and prints with: whole numbers; the stage at work, results as JSON, indented lines."""
+"""Input and output helpers of every command: integers, the current stage, results as JSON, indented lines."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LAST_PORT = 65535  # TCP counts ports in 16 bits
 
 
 class ProgressDisplay:
-    """The stage at work, on a terminal as a live line, elsewhere one line a stage."""
+    """Display of the current stage: a live line on a terminal, else one line for each stage."""
 
     _WORDS: ClassVar[dict[str, str]] = {
         "load": "reading cell and toolpath",
@@ -53,13 +53,22 @@ class ProgressDisplay:
             self._status.stop()
 
     def print_line(self, text: str) -> None:
-        """A line that stays."""
+        """Print a line that stays.
+
+        Args:
+            text: The line.
+        """
         if self._status is not None:
             self._status.console.print(f"… {text}", highlight=False)
         elif self._show:
             print(f"… {text}", file=sys.stderr, flush=True)
 
     def show_stage(self, name: str) -> None:
+        """Show the current stage.
+
+        Args:
+            name: Key of the stage.
+        """
         words = self._WORDS.get(name, name)
         if self._status is not None:
             self._status.update(words)
@@ -69,12 +78,23 @@ class ProgressDisplay:
 
 
 def parse_natural_number(text: str) -> int:
-    """A whole number from 0 on."""
+    """Return a whole number from 0 on.
+
+    Args:
+        text: Text of the option.
+    """
     return _parse_integer(text, 0)
 
 
 def parse_port(text: str) -> int:
-    """A TCP port, 0 for any that is free."""
+    """Return a TCP port, 0 for any that is free.
+
+    Args:
+        text: Text of the option.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no port.
+    """
     value = parse_natural_number(text)
     if value > LAST_PORT:
         raise argparse.ArgumentTypeError(f"found {text!r}; expected a port from 0 to {LAST_PORT}")
@@ -82,7 +102,11 @@ def parse_port(text: str) -> int:
 
 
 def parse_positive_integer(text: str) -> int:
-    """A whole number from 1 on."""
+    """Return a whole number from 1 on.
+
+    Args:
+        text: Text of the option.
+    """
     return _parse_integer(text, 1)
 
 
@@ -97,7 +121,11 @@ def _parse_integer(text: str, least: int) -> int:
 
 
 def print_result(result: DocumentModel) -> None:
-    """A result as one JSON object on one line of stdout."""
+    """Print a result as one JSON object on one line of stdout.
+
+    Args:
+        result: The result document.
+    """
     print(json.dumps(_replace_non_finite(result.to_json_types()), ensure_ascii=False))
 
 
@@ -113,7 +141,12 @@ def _replace_non_finite(value: Any) -> Any:
 
 
 def format_as_tree(value: dict[str, Any], indent: int = 0) -> list[str]:
-    """A dictionary as indented lines."""
+    """Return a dictionary as indented lines.
+
+    Args:
+        value: The dictionary.
+        indent: Number of leading levels.
+    """
     out = []
     pad = "  " * indent
     for key, item in value.items():

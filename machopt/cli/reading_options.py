@@ -1,4 +1,4 @@
-"""Options of every command that reads toolpath files: what the file does not say itself."""
+"""Options of every command that reads toolpath files: information that the file does not contain."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from machopt.errors import OptionError
 
 
 def build_reading_parser() -> argparse.ArgumentParser:
-    """A parent parser with the options."""
+    """Return a parent parser with the options."""
     p = argparse.ArgumentParser(add_help=False)
     p.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that does not say")
     p.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
@@ -60,7 +60,10 @@ def build_reading_parser() -> argparse.ArgumentParser:
 
 
 def convert_reading_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Keywords of :func:`machopt.toolpath.toolpath_reader.read_toolpath`, in SI; those not given are left out.
+    """Return the keywords of :func:`machopt.toolpath.toolpath_reader.read_toolpath` that were given, SI.
+
+    Args:
+        args: The parsed command line.
 
     Raises:
         InputError: a number that cannot be.

@@ -1,4 +1,4 @@
-"""Options that several commands have, each written once, and those that every command takes."""
+"""Options of several commands, each defined once, and the options of every command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,14 @@ from machopt.file_formats.parquet_tables import KINDS
 
 
 def parse_package_argument(text: str) -> tuple[str, Path]:
-    """NAME=FOLDER, a folder that exists, relative to the current one."""
+    """Return name and absolute folder of NAME=FOLDER.
+
+    Args:
+        text: Text of the option.
+
+    Raises:
+        argparse.ArgumentTypeError: another form, or no such folder.
+    """
     name, mark, folder = text.partition("=")
     if not (name and mark and Path(folder).is_dir()):
         raise argparse.ArgumentTypeError(f"found {text!r}; expected NAME=FOLDER, a folder that is there")
@@ -21,7 +28,14 @@ def parse_package_argument(text: str) -> tuple[str, Path]:
 
 
 def parse_xacro_argument(text: str) -> tuple[str, str]:
-    """NAME=VALUE, in which the value may be empty."""
+    """Return name and value of NAME=VALUE; the value may be empty.
+
+    Args:
+        text: Text of the option.
+
+    Raises:
+        argparse.ArgumentTypeError: another form.
+    """
     name, mark, value = text.partition("=")
     if not (name and mark):
         raise argparse.ArgumentTypeError(f"found {text!r}; expected NAME=VALUE")
@@ -83,7 +97,7 @@ SHARED: dict[str, dict[str, Any]] = {
         "help": "take this error of the record as a warning",
     },
 }
-"""Name → what argparse is told; ``flags`` are further names."""
+"""Name → keywords of argparse; ``flags`` are further names."""
 
 _IDLE: dict[str, dict[str, Any]] = {
     "--seed": {"dest": "idle_seed", "help": "accepted for scripts; nothing is drawn at random here"},
@@ -94,13 +108,23 @@ _IDLE: dict[str, dict[str, Any]] = {
 
 
 def add_shared_option(parser: argparse._ActionsContainer, name: str, **changed: Any) -> None:
-    """Add a shared option; ``changed`` is what this command says otherwise of it."""
+    """Add a shared option to a parser.
+
+    Args:
+        parser: The argument parser.
+        name: Name of the option.
+        changed: Argparse keywords that this command overrides.
+    """
     told = {**SHARED[name], **changed}
     parser.add_argument(*told.pop("flags", ()), name, **told)
 
 
 def add_common_options(parser: argparse.ArgumentParser) -> None:
-    """Add what every command takes and this one has not, so that a script may give all of them the same words."""
+    """Add the common options that the parser lacks, so that scripts can pass the same options to every command.
+
+    Args:
+        parser: The argument parser.
+    """
     known = list_options(parser)
     for name, changed in _IDLE.items():
         if name not in known:
@@ -108,7 +132,12 @@ def add_common_options(parser: argparse.ArgumentParser) -> None:
 
 
 def warn_of_unused_options(words: list[str], why: str, *, quiet: bool) -> None:
-    """Planning options given to a command that has no use for them: checked like any, then named on stderr.
+    """Check planning options that a command does not use, and name them on stderr.
+
+    Args:
+        words: The options as NAME=VALUE.
+        why: Why they have no effect.
+        quiet: Print nothing.
 
     Raises:
         InputError: no planning option, or not a value of it.

@@ -1,4 +1,4 @@
-"""The command ``completion``: what a shell needs to complete commands and options."""
+"""The command ``completion``: completion scripts for shells."""
 
 from __future__ import annotations
 
@@ -33,7 +33,12 @@ autoload -U +X bashcompinit && bashcompinit
 
 
 def add_commands(commands: Commands, whole: argparse.ArgumentParser) -> None:
-    """Add the command to the parser; ``whole`` is the one that has all of them."""
+    """Add the command to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        whole: The main parser with all commands.
+    """
     p = commands.add_parser("completion", help='completion for a shell: eval "$(machopt completion bash)"')
     p.add_argument("shell", choices=("bash", "zsh", "fish"))
     p.set_defaults(run=lambda args: _print_completion(args.shell, whole), debug=False)
@@ -45,7 +50,12 @@ def _print_completion(shell: str, whole: argparse.ArgumentParser) -> int:
 
 
 def build_completion_script(shell: str, parsers: dict[str, argparse.ArgumentParser]) -> str:
-    """What the shell reads: commands, their options, and the words an option takes; files elsewhere."""
+    """Return the script of a shell: commands, options, and the words that an option accepts; else files.
+
+    Args:
+        shell: Bash, zsh or fish.
+        parsers: Parser of each command by name.
+    """
     values = {name: _list_option_values(parser) for name, parser in parsers.items()}
     if shell == "fish":
         return "".join(_format_fish_lines(name, parser, values[name]) for name, parser in parsers.items())

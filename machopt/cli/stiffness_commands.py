@@ -1,4 +1,4 @@
-"""The commands about stiffness itself: ``identify``, ``plan-poses``, ``map``."""
+"""The commands ``identify``, ``plan-poses`` and ``map`` for stiffness."""
 
 from __future__ import annotations
 
@@ -19,7 +19,12 @@ Commands = Any  # argparse keeps its subparsers' type private
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the three commands to the parser."""
+    """Add the three commands to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        common: Parent parser with the options of every command.
+    """
     cell = argparse.ArgumentParser(add_help=False)
     add_shared_option(cell, "cell")
     add_shared_option(cell, "--out")
@@ -137,7 +142,7 @@ def _format_identify_summary(result: IdentificationDocument) -> list[str]:
 
 
 def _convert_null_to_nan(value: float | None) -> float:
-    """A number of a result file, where null stands for what is not finite."""
+    """Return a number of a result file; null is NaN."""
     return math.nan if value is None else value
 
 

@@ -1,4 +1,4 @@
-"""The commands about toolpaths: ``optimize``, ``inspect``, ``verify``."""
+"""The commands ``optimize``, ``inspect`` and ``verify`` for toolpaths."""
 
 from __future__ import annotations
 
@@ -26,7 +26,12 @@ Commands = Any  # argparse keeps its subparsers' type private
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the commands to the parser."""
+    """Add the commands to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        common: Parent parser with the options of every command.
+    """
     planning = argparse.ArgumentParser(add_help=False)
     add_shared_option(planning, "--plan")
     add_shared_option(planning, "--set")

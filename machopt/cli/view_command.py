@@ -1,4 +1,4 @@
-"""The command ``view``: a plan in a browser on this machine, to look at and to steer."""
+"""The command ``view``: a plan in a local browser, to view and to steer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,12 @@ Commands = Any  # argparse keeps its subparsers' type private
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: The sub-parsers of the main parser.
+        common: Parent parser with the options of every command.
+    """
     p = commands.add_parser(
         "view",
         parents=[common, build_reading_parser()],

@@ -1,1 +1,1 @@
-"""One command each, from files to files: load → call → write. The command line only parses and prints."""
+"""Commands, each from files to files: load, compute, write. The command line only parses and prints."""

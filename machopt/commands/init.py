@@ -1,4 +1,4 @@
-"""``machopt init``: from a robot's URDF or xacro file to a cell folder that validates."""
+"""``machopt init``: a valid cell folder from a robot's URDF or xacro file."""
 
 from __future__ import annotations
 
@@ -47,11 +47,14 @@ from machopt.workspace_map.posture_layers import build_reaching_arm
 
 _NO_ROTATION = (0.0, 0.0, 0.0)
 _TRIED_ROTATIONS = (_NO_ROTATION, (0.0, 0.0, 90.0), (0.0, 0.0, 180.0), (0.0, 0.0, -90.0), (0.0, -90.0, 0.0))
-"""deg, roll, pitch and yaw in which a workpiece is tried whose place nobody gave: flat, then upright before the arm."""
+"""deg, roll, pitch and yaw tried for a workpiece without a given place: flat, then upright in front of the arm."""
 
 
 def run_init(request: InitRequest) -> InitResult:
     """Write a new cell.
+
+    Args:
+        request: The validated request.
 
     Raises:
         InputError: the robot cannot be read or is no six-axis arm, an option is wrong, or the folder is taken.

@@ -1,4 +1,4 @@
-"""What a job was given, by hash, so that a result can say which files it belongs to."""
+"""SHA-256 of a command's input files, so that a result names the files it belongs to."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ _ROLE_BY_SUFFIX = {".urdf": "urdf", ".xacro": "urdf", ".srdf": "srdf"}
 
 
 def list_cell_inputs(cell: Cell) -> tuple[ManifestFile, ...]:
-    """Every file a cell is made of, with its role, named relative to the cell.
+    """Return every file of a cell with its role, named relative to the cell.
+
+    Args:
+        cell: The robot cell.
 
     Raises:
         InputError: a file cannot be read any more.
@@ -26,7 +29,12 @@ def list_cell_inputs(cell: Cell) -> tuple[ManifestFile, ...]:
 
 
 def list_recording_inputs(recordings: Sequence[Path], role: str = "recording") -> tuple[ManifestFile, ...]:
-    """Everything in the recordings' folders."""
+    """Return all files in the recordings' folders.
+
+    Args:
+        recordings: Folders or files of the recordings.
+        role: Role of the file in the manifest.
+    """
     out = []
     for path in recordings:
         folder = path if path.is_dir() else path.parent
@@ -36,7 +44,11 @@ def list_recording_inputs(recordings: Sequence[Path], role: str = "recording") -
 
 
 def list_request_paths(request: object) -> tuple[Path, ...]:
-    """Every file and folder that a command's request names, but for its output folder."""
+    """Return every file and folder that a command's request names, except its output folder.
+
+    Args:
+        request: The validated request.
+    """
     out: list[Path] = []
     for f in fields(request):  # type: ignore[arg-type]
         value = getattr(request, f.name)
@@ -46,12 +58,21 @@ def list_request_paths(request: object) -> tuple[Path, ...]:
 
 
 def build_manifest_file(file: Path, role: str) -> ManifestFile:
-    """One file the user named, under its own name."""
+    """Return the manifest entry of a file that the user named, under its own name.
+
+    Args:
+        file: Path of the file.
+        role: Role of the file in the manifest.
+    """
     return output_build_manifest_file(file, file.name, role)
 
 
 def rename_duplicate_names(files: Iterable[ManifestFile]) -> tuple[ManifestFile, ...]:
-    """The same files, two of one name told apart by their role: a plan.yaml in the cell and one beside it."""
+    """Return the files, with the role added to names that occur twice.
+
+    Args:
+        files: The files with their hashes.
+    """
     out: dict[str, ManifestFile] = {}
     for f in files:
         name, n = f.name, 1
@@ -63,18 +84,32 @@ def rename_duplicate_names(files: Iterable[ManifestFile]) -> tuple[ManifestFile,
 
 
 def map_hashes_by_name(files: Iterable[ManifestFile]) -> dict[str, str]:
-    """SHA-256 by name, as the result files have it."""
+    """Return SHA-256 by name, as the result files list it.
+
+    Args:
+        files: The files with their hashes.
+    """
     return {f.name: f.sha256 for f in files}
 
 
 def compute_input_hashes(cell: Cell, recordings: Sequence[Path] = ()) -> dict[str, str]:
-    """SHA-256 of a cell's files and of everything in the recordings' folders, by name."""
+    """Return SHA-256 of a cell's files and of all files in the recordings' folders, by name.
+
+    Args:
+        cell: The robot cell.
+        recordings: Folders or files of the recordings.
+    """
     own = {format_name_in_cell(cell, f): compute_sha256(f) for f in cell.files}
     return {**own, **map_hashes_by_name(list_recording_inputs(recordings))}
 
 
 def format_name_in_cell(cell: Cell, file: Path) -> str:
-    """A file's name relative to its cell; as it stands where it lies elsewhere."""
+    """Return a file's name relative to its cell, or its path where it lies elsewhere.
+
+    Args:
+        cell: The robot cell.
+        file: Path of the file.
+    """
     return file.relative_to(cell.folder).as_posix() if file.is_relative_to(cell.folder) else file.as_posix()
 
 

@@ -1,4 +1,4 @@
-"""``machopt inspect`` of a cell or a robot: what its joints may do, how it stands, what may touch what."""
+"""``machopt inspect`` of a cell or a robot: joint limits, home position, pairs that may touch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The manifest of a command: what it was asked and by what it works, before anything is made."""
+"""Manifest of a command: its inputs, options and program version, before output files are made."""
 
 from __future__ import annotations
 
@@ -51,7 +51,19 @@ def build_optimize_manifest(
     effects: Sequence[Path] = (),
     tolerance: ProgramTolerance,
 ) -> FolderManifest:
-    """The manifest of one plan; files, programs and verdict follow when they are there."""
+    """Return the manifest of one plan; files, programs and verdict are added later.
+
+    Args:
+        cell: The robot cell.
+        toolpath_file: The toolpath file.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        options: The planning options in force.
+        reading: Reading options of the toolpath that differ from the default.
+        plan_file: Plan file with options; None without one.
+        post_files: Template files of posts.
+        effects: Files with user-defined effects.
+        tolerance: The tolerance between program and motion.
+    """
     read = build_manifest_file(toolpath_file, "toolpath")
     named = [ManifestFile(read.name, "toolpath", toolpath.sha256 or read.sha256, read.size)]
     named += [build_manifest_file(plan_file, "plan")] if plan_file is not None else []
@@ -70,7 +82,13 @@ def build_optimize_manifest(
 
 
 def list_option_fields(cell: Cell, options: PlanOptions, toolpath: Toolpath) -> dict[str, Any]:
-    """What a manifest says of the options in force, by its fields: they change where a plan is steered."""
+    """Return the manifest fields that depend on the options; they change where a plan is steered.
+
+    Args:
+        cell: The robot cell.
+        options: The planning options in force.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+    """
     said = {"checked": coverage.list_checked(options), "unchecked": coverage.list_unchecked(cell, options, toolpath)}
     return {"options": format_user_options(options), "not_recomputed": coverage.NOT_RECOMPUTED, **said}
 
@@ -87,11 +105,18 @@ def write_command_manifest(
     checked: Iterable[CheckCoverage] = (),
     unchecked: Iterable[str] = (),
 ) -> None:
-    """manifest.json of a command that plans no toolpath, beside everything else it wrote.
+    """Write manifest.json of a command that plans no toolpath, after all its other files.
 
     Args:
-        request: the command's own dataclass; its fields but the paths named here are the options.
-        inputs: what it read beside the cell.
+        folder: The output folder.
+        command: Name of the command.
+        request: Dataclass of the command; its fields except paths are the options.
+        cell: The robot cell.
+        verdict: Verdict in words.
+        exit_code: Exit code of the command.
+        inputs: Input files other than those of the cell.
+        checked: What was checked.
+        unchecked: What was not checked.
     """
     if getattr(request, "tables", "csv") == "parquet":
         write_parquet_copies(folder.glob("*.csv"))
@@ -110,7 +135,7 @@ def write_command_manifest(
 
 
 def read_library_versions() -> dict[str, str]:
-    """machopt, Python and the libraries that the numbers come from."""
+    """Return the versions of machopt, Python and the numerical libraries."""
     out = {"machopt": __version__, "python": platform.python_version()}
     for name in _LIBRARIES:
         try:

@@ -1,4 +1,4 @@
-"""The cell's robot, for programs whose targets are joint positions."""
+"""Reading options of toolpaths that come from the cell: the robot for joint targets, and work offsets."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from machopt.programs.program_to_toolpath import ProgramRobot
 
 
 def build_known_robot(cell: Cell) -> ProgramRobot | None:
-    """Places of joint targets by the cell's kinematics, which are loaded when the first one is asked for.
+    """Return the robot that converts joint targets; its kinematics are loaded on first use.
 
-    None where the workpiece is carried by another link: its place then depends on that axis.
+    It is None where another link carries the workpiece: the position then depends on that axis.
+
+    Args:
+        cell: The robot cell.
     """
     if cell.workpiece.link != "world":
         return None
@@ -32,6 +35,9 @@ def build_known_robot(cell: Cell) -> ProgramRobot | None:
 
 
 def get_reading_options(cell: Cell) -> dict[str, Any]:
-    """What a cell says of how toolpaths for it are read: keywords of
-    :func:`machopt.toolpath.toolpath_reader.read_toolpath`."""
+    """Return the cell's keywords for :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
+
+    Args:
+        cell: The robot cell.
+    """
     return {"robot": build_known_robot(cell), "cell_offsets": tuple(cell.offsets)}

@@ -1,4 +1,4 @@
-"""``machopt validate``: everything wrong or odd about a cell, with a picture."""
+"""``machopt validate``: all errors and warnings of a cell, with a picture."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from machopt.output.single_file import refuse_overwriting, write_text_file
 
 @dataclass(frozen=True)
 class ValidateResult:
-    """What was found."""
+    """Result of ``machopt validate``."""
 
     path: Path  # as the user named the cell
     cell: Cell | None  # without what is wrong; None where too much is
@@ -43,7 +43,7 @@ class ValidateResult:
 
     @property
     def exit_code(self) -> int:
-        """0: a plan can be made; 2: none, or none that could be driven."""
+        """Exit code: 0 if a motion can be planned, else 2."""
         return 2 if self.errors else 0
 
 
@@ -92,7 +92,7 @@ def _validate_cell(
 
 
 def _is_consequence(finding: CellRemark, keys: tuple[str, ...]) -> bool:
-    """What is only missing because a mistake in it has been told already."""
+    """Return whether a remark is only the consequence of an error that is reported already."""
     return finding.where != "" and any(k.split(".")[0] == finding.where.split(".")[0] for k in keys)
 
 

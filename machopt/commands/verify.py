@@ -1,4 +1,4 @@
-"""``machopt verify``: an output folder of optimize held against cell and toolpath."""
+"""``machopt verify``: verification of an output folder of optimize against cell and toolpath."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from machopt.verification.folder.version_mismatch import describe_version_mismat
 
 @dataclass(frozen=True)
 class VerifyResult:
-    """What was found."""
+    """Result of ``machopt verify``."""
 
     verification: Verification
     exit_code: int  # 0, 3 (intact, but no feasible answer in it) or 4
@@ -48,7 +48,10 @@ class VerifyResult:
 
 
 def run_verify(request: VerifyRequest) -> VerifyResult:
-    """Check an output folder of optimize against cell and toolpath.
+    """Verify an output folder of optimize against cell and toolpath.
+
+    Args:
+        request: The validated request.
 
     Raises:
         InputError: cell, toolpath, an option or a file with effects is wrong, or ``out`` is no folder.

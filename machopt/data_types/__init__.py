@@ -1,1 +1,1 @@
-"""Frozen nouns that cross a boundary: cell, toolpath, stiffness, trajectory, options. SI units throughout."""
+"""Frozen data types shared by the packages: cell, toolpath, stiffness, trajectory, options. SI units throughout."""

@@ -1,4 +1,4 @@
-"""What a cell is: robot, tool, workpiece, obstacles, limits. Built by :mod:`machopt.cell.cell_reader`."""
+"""Cell model: robot, tool, workpiece, obstacles, limits. Built by :mod:`machopt.cell.cell_reader`."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class CollisionShape:
 
 @dataclass(frozen=True)
 class CutterGeometry:
-    """The rotating cutter: a cylinder from the TCP back along −z of the TCP, rounded at its tip's edge.
+    """Rotating cutter: a cylinder from the TCP back along −z of the TCP, rounded at its tip's edge.
 
-    Collisions are those of the whole cylinder; the corner counts where the cutter is held against the finished part.
+    Collision checks use the whole cylinder; the corner radius counts in the gouge check against the finished part.
     """
 
     diameter: float  # m
@@ -41,6 +41,8 @@ class CutterGeometry:
 
 @dataclass(frozen=True, kw_only=True)
 class Tool:
+    """Tool at the flange with TCP, mass and shapes."""
+
     T_flange_tcp: Array  # (4, 4)
     mass: float = 0.0  # kg
     com: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, in flange
@@ -51,6 +53,8 @@ class Tool:
 
 @dataclass(frozen=True)
 class Workpiece:
+    """Workpiece with its frame and shapes."""
+
     link: str  # "world" or a link of the URDF
     T_link_workpiece: Array  # (4, 4)
     geometry: tuple[CollisionShape, ...] = ()
@@ -60,32 +64,32 @@ class Workpiece:
 class JointLimits:
     """One value per moving joint: arm joints first, then external joints. rad or m, per s."""
 
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
-    jerk: Array
+    lower: Array  # (6 + E,) rad or m
+    upper: Array  # (6 + E,) rad or m
+    velocity: Array  # (6 + E,) rad/s or m/s
+    acceleration: Array  # (6 + E,) rad/s² or m/s²
+    jerk: Array  # (6 + E,) rad/s³ or m/s³
 
 
 @dataclass(frozen=True)
 class MimicJoint:
-    """A joint that follows another: it stands at ``multiplier`` times that one's value plus ``offset``."""
+    """Joint that follows another: its value is ``multiplier`` times that one's value plus ``offset``."""
 
     joint: str
-    source: str  # a joint of the arm, or one that stands still
-    multiplier: float
+    source: str  # a joint of the arm, or a fixed one
+    multiplier: float  # rad or m per unit of the source joint
     offset: float  # rad or m
 
 
 @dataclass(frozen=True)
 class IgnoredPair:
-    """Bodies that may touch each other, because the cell says so; every one of ``first`` each of ``second``."""
+    """Bodies that the cell allows to touch: every one of ``first`` each of ``second``."""
 
     a: str  # as the cell or SRDF names them: a link, a body, tool, workpiece or cutter
     b: str
     first: tuple[str, ...]  # names of bodies; a link's n-th collision body is called LINK_n, n from 0
     second: tuple[str, ...]
-    source: str  # where it stands, for readers
+    source: str  # its place in the file, for messages
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +133,7 @@ class Cell:
 
     @property
     def urdf_text(self) -> str:
-        """The robot's description itself."""
+        """Text of the robot's URDF."""
         return self.urdf.read_text(encoding="utf-8-sig") if self.expanded is None else self.expanded
 
     @property
@@ -155,7 +159,11 @@ class Cell:
 
 
 def describe_fixed_external_joints(cell: Cell) -> tuple[str, ...]:
-    """What to say where measurements of an arm are read: none, or that its external joints are taken to stand still."""
+    """Return the warning that external joints are assumed fixed in recordings; none without them.
+
+    Args:
+        cell: The robot cell.
+    """
     if not cell.external_joints:
         return ()
     return (

@@ -1,6 +1,6 @@
-"""What a model may lack, as a stiffness file's ``discrepancy`` names it: ``joint 3``, ``coupling 4-5``, ``base rx`` …
+"""Names of model discrepancies in a stiffness file's ``discrepancy``: ``joint 3``, ``coupling 4-5``, ``base rx`` ….
 
-Files and models hold the text; who needs its parts asks here.
+Files and models hold the text; this module parses and formats it.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-AXES = ("x", "y", "z", "rx", "ry", "rz")  # along and about which a body gives way
+AXES = ("x", "y", "z", "rx", "ry", "rz")  # of a body's compliance
 JOINT, COUPLING, COS, SIN, TERM, LOADED = "joint", "coupling", "cos", "sin", "term", "loaded"
 
 
@@ -23,7 +23,10 @@ class DiscrepancyName:
 
 @lru_cache(maxsize=1024)
 def parse_discrepancy_name(text: str) -> DiscrepancyName:
-    """The parts of a name.
+    """Return the parts of a name.
+
+    Args:
+        text: The name.
 
     Raises:
         ValueError: it is no such name.
@@ -38,20 +41,40 @@ def parse_discrepancy_name(text: str) -> DiscrepancyName:
 
 
 def format_joint_name(kind: str, joint: int) -> str:
-    """``joint 3``, ``play 3`` … of a number from 1."""
+    """Return the name of a joint discrepancy: ``joint 3``, ``play 3`` ….
+
+    Args:
+        kind: Kind of the discrepancy.
+        joint: The joint, counted from 1.
+    """
     return f"{kind} {joint}"
 
 
 def format_joint_pair_name(i: int, j: int) -> str:
-    """``coupling 4-5`` of numbers from 1."""
+    """Return the name of a coupling: ``coupling 4-5``.
+
+    Args:
+        i: First joint, counted from 1.
+        j: Second joint, counted from 1.
+    """
     return f"{COUPLING} {i}-{j}"
 
 
 def format_term_name(place: int, coefficient: int) -> str:
-    """``term 0 1``: numbers from 0."""
+    """Return the name of a term's coefficient: ``term 0 1``.
+
+    Args:
+        place: Number of the term in the file, from 0.
+        coefficient: Number of the coefficient, from 0.
+    """
     return f"{TERM} {place} {coefficient}"
 
 
 def format_body_name(location: str, axis: str) -> str:
-    """``link:2 rx``."""
+    """Return the name of a body compliance: ``link:2 rx``.
+
+    Args:
+        location: Location of the body.
+        axis: Axis of the compliance.
+    """
     return f"{location} {axis}"

@@ -1,4 +1,4 @@
-"""Why a configuration, a point or a rotation cannot be used: data, never an exception."""
+"""Reason codes of infeasible configurations, points and rotations; they are data, never an exception."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""What is not elastic and yet moves the TCP: corrections between a joint's encoder and its true angle.
+"""Kinematic corrections between a joint's encoder angle and its true angle.
 
-The true angle of joint j is q_j + Δ_j(q), q what the encoders say and every Δ the sum of the corrections at j. Planner
-and verification make their own code of these entries; here they stand as kinematics.yaml and diagnosis.json hold them.
+The true angle of joint j is q_j + Δ_j(q), with q the encoder angles and Δ_j the sum of the corrections of joint j.
+Planner and verification each implement these entries on their own; here they are as kinematics.yaml and
+diagnosis.json hold them.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class KinematicCorrection:
     effect: str
     location: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    # of an effect of the user's own: (S,) rad that it turns its joint by at angles (S,) rad; nobody has a second law
+    # of a user-defined effect: (S,) rad rotation of its joint at angles (S,) rad; it has no second implementation
     own: Callable[[Array], Array] | None = field(default=None, compare=False)
 
 

@@ -1,6 +1,7 @@
-"""Where something sits: ``joint:3``, ``joint:4-5``, ``link:2``, ``base``, ``tool``, ``sensor:force``, ``rows:7,9`` …
+"""Locations of effects and faults: ``joint:3``, ``joint:4-5``, ``link:2``, ``base``, ``tool``, ``sensor:force``,
+``rows:7,9`` ….
 
-Files, results and keys hold the text; who needs its parts asks here.
+Files, results and keys hold the text; this module parses and formats it.
 """
 
 from __future__ import annotations
@@ -42,16 +43,24 @@ class NamedLocation:
 
 @lru_cache(maxsize=1024)
 def parse_location(text: str) -> NamedLocation:
-    """The parts of a location as files and results write it."""
+    """Return the parts of a location.
+
+    Args:
+        text: The location as files and results write it.
+    """
     kind, _, which = text.partition(":")
     return NamedLocation(kind, which)
 
 
 def parse_joint_location(text: str) -> tuple[int, int]:
-    """0-based, of ``joint:4-5``: the joint that drives and the one that is moved; of ``joint:3`` itself twice.
+    """Return the 0-based joints of ``joint:4-5``: the driving and the driven one; of ``joint:3`` the same joint
+    twice.
+
+    Args:
+        text: The location.
 
     Raises:
-        ValueError: another place.
+        ValueError: the location is no joint.
     """
     place = parse_location(text)
     if not place.is_joint_location or not place.numbers:
@@ -60,10 +69,13 @@ def parse_joint_location(text: str) -> tuple[int, int]:
 
 
 def parse_link_location(text: str) -> int:
-    """1-based, of ``link:3``.
+    """Return the 1-based link of ``link:3``.
+
+    Args:
+        text: The location.
 
     Raises:
-        ValueError: another place.
+        ValueError: the location is no link.
     """
     place = parse_location(text)
     if place.kind != LINK or len(place.numbers) != 1:
@@ -72,30 +84,55 @@ def parse_link_location(text: str) -> int:
 
 
 def format_joint_location(number: int) -> str:
-    """``joint:3`` of a number from 1."""
+    """Return ``joint:3``.
+
+    Args:
+        number: The joint, counted from 1.
+    """
     return str(NamedLocation(JOINT, str(number)))
 
 
 def format_joint_pair_location(drives: int, moved: int) -> str:
-    """``joint:4-5`` of numbers from 1."""
+    """Return ``joint:4-5``.
+
+    Args:
+        drives: The driving joint, counted from 1.
+        moved: The driven joint, counted from 1.
+    """
     return str(NamedLocation(JOINT, f"{drives}-{moved}"))
 
 
 def format_link_location(number: int) -> str:
-    """``link:3`` of a number from 1."""
+    """Return ``link:3``.
+
+    Args:
+        number: The link, counted from 1.
+    """
     return str(NamedLocation(LINK, str(number)))
 
 
 def format_sensor_location(channel: str) -> str:
-    """``sensor:force``."""
+    """Return ``sensor:force``.
+
+    Args:
+        channel: Name of the channel.
+    """
     return str(NamedLocation(SENSOR, channel))
 
 
 def format_rows_location(numbers: Iterable[int]) -> str:
-    """``rows:7,9`` of data rows from 1."""
+    """Return ``rows:7,9``.
+
+    Args:
+        numbers: Data rows, counted from 1.
+    """
     return f"{ROWS}:{','.join(str(n) for n in numbers)}"
 
 
 def format_column_location(name: str) -> str:
-    """``column:fx_N``."""
+    """Return ``column:fx_N``.
+
+    Args:
+        name: Name of the column.
+    """
     return f"{COLUMN}:{name}"

@@ -1,4 +1,4 @@
-"""What an output folder says of itself: its files, what it was made from and how, what was checked and what was not."""
+"""Manifest of an output folder: its files, inputs and options, what was checked and what was not."""
 
 from __future__ import annotations
 
@@ -60,17 +60,30 @@ class FolderManifest:
     unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
     not_recomputed: tuple[str, ...] = ()  # keys of result.json that verify takes as they are
     touching_pairs: tuple[TouchingPair, ...] | None = None  # None: of a version that did not list them
-    warnings: tuple[str, ...] = ()  # what somebody has to see to before a program runs
+    warnings: tuple[str, ...] = ()  # to be settled before a program runs
 
     def file(self, name: str) -> ManifestFile | None:
-        """The entry of one file of the folder."""
+        """Return the entry of one file of the folder; None if it is not listed.
+
+        Args:
+            name: Name of the file, relative to the folder.
+        """
         return next((f for f in self.files if f.name == name), None)
 
     def inputs_of(self, role: str) -> tuple[ManifestFile, ...]:
-        """The inputs of one role."""
+        """Return the inputs of one role.
+
+        Args:
+            role: Role of the file in the manifest.
+        """
         return tuple(f for f in self.inputs if f.role == role)
 
 
 def add_scope_to_verdict(verdict: str, unchecked: Iterable[str]) -> str:
-    """``done, collisions NOT checked``: a verdict with what it does not cover, the same words wherever it is said."""
+    """Return a verdict with what it does not cover: ``done, collisions NOT checked``.
+
+    Args:
+        verdict: The verdict.
+        unchecked: Names of what was not checked.
+    """
     return ", ".join([verdict, *unchecked])

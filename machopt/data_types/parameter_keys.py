@@ -1,4 +1,4 @@
-"""Which number of an arm is meant: a key that code compares, beside the name that people read."""
+"""Keys of model parameters: what code compares, as opposed to the names that people read."""
 
 from __future__ import annotations
 
@@ -31,5 +31,9 @@ class ParameterKey:
 
 
 def build_joint_spring_key(joint: int) -> ParameterKey:
-    """The compliance of a joint, counted from 1."""
+    """Return the key of a joint's compliance.
+
+    Args:
+        joint: The joint, counted from 1.
+    """
     return ParameterKey(JOINT_SPRING, format_joint_location(joint), "compliance_rad_per_Nm")

@@ -21,7 +21,7 @@ class FixedRotation:
 
 @dataclass(frozen=True, kw_only=True)
 class SteeringRule:
-    """What the user decided about some places; :mod:`machopt.data_types.steering` says which these are."""
+    """User's decision about some places; :mod:`machopt.data_types.steering` resolves which these are."""
 
     operation: str = ""  # its label; "": by points
     points: tuple[int, int] | None = None  # first and last toolpath point; None without an operation: all
@@ -31,13 +31,13 @@ class SteeringRule:
     weight: float = 0.1
     branch: int | None = None  # the only branch to use
     joint: str = ""  # an external joint, by its name or as e1, e2 …; then the wish is about it alone
-    at: float | None = None  # m or rad, where it stands there
-    away: tuple[float, float] | None = None  # m or rad, it stands nowhere between these
+    at: float | None = None  # m or rad, its position there
+    away: tuple[float, float] | None = None  # m or rad, forbidden range
     unit: Literal["mm", "deg", ""] = ""  # of ``at`` and ``away``
 
     @property
     def forbids(self) -> bool:
-        """It may keep a plan from being one; a preference does not."""
+        """Whether the rule can make a plan infeasible; a preference cannot."""
         return any(v is not None for v in (self.gamma, self.forbid, self.branch, self.at, self.away))
 
 
@@ -71,7 +71,7 @@ ExternalMode = Literal["locked", "operation", "moving"]
 
 @dataclass(frozen=True, kw_only=True)
 class ExternalJointOptions:
-    """How one external joint is used."""
+    """Use of one external joint."""
 
     joint: str  # its name, or e1, e2 … in the order of the cell
     mode: ExternalMode | None = None  # locked: at ``at`` or home; operation: one value each; moving, also None
@@ -81,28 +81,28 @@ class ExternalJointOptions:
     preferred: float | None = None  # m or rad
     range: tuple[float, float] | None = None  # m or rad, within its limits
     unit: Literal["mm", "deg", ""] = ""  # of what is given; "": nothing with a unit is
-    at_operations: tuple[tuple[str, float], ...] = ()  # m or rad, where it stands in operations by label
+    at_operations: tuple[tuple[str, float], ...] = ()  # m or rad, position in operations by label
 
     @property
     def locks(self) -> bool:
-        """It stands where it is locked, at least in some operations."""
+        """Whether it is locked, at least in some operations."""
         return self.mode == "locked" or "locked" in dict(self.operations).values()
 
     @property
     def moves(self) -> bool:
-        """Its value is chosen, at least in some operations."""
+        """Whether its value is chosen, at least in some operations."""
         return self.mode != "locked" or any(mode != "locked" for _, mode in self.operations)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions:
-    """Everything that steers one plan."""
+    """All options of one plan."""
 
     method: PlanMethod = "global"
     index: StiffnessIndex = "auto"
     force: ProcessForce = field(default_factory=ProcessForce)
     weights: ObjectiveWeights = field(default_factory=ObjectiveWeights)
-    rotation_step: float = radians(5.0)
+    rotation_step: float = radians(5.0)  # rad
     rotation_range: tuple[float, float] = (-pi, pi)
     preferred_rotation: float | None = None  # rad; deviation from it is priced with preferred_weight
     preferred_weight: float = 0.1
@@ -111,7 +111,7 @@ class PlanOptions:
     singularity_wrist: float = radians(5.0)  # least angle between axes 4 and 6
     singularity_elbow: float = radians(3.0)  # least angle from the stretched or folded arm
     singularity_shoulder: float = 0.05  # m, least distance of the wrist centre from axis 1
-    limit_margin: float = radians(0.5)
+    limit_margin: float = radians(0.5)  # rad, distance kept from joint limits
     clearance: float = 0.002  # m, required between everything checked
     clearance_full: float = 0.05  # m, from which more gains nothing, where the objective counts it
     collision_step: float = radians(1.0)  # joint step between collision checks
@@ -119,7 +119,7 @@ class PlanOptions:
     gouge: float | None = None  # m by which the cutter may be in the part, taken as finished; None: not looked for
     sample: float = 0.012  # s
     path_tolerance: float = 15e-6  # m, corner rounding
-    axis_tolerance: float = radians(0.03)
+    axis_tolerance: float = radians(0.03)  # rad
     approach_feed: float = 0.05  # m/s for approach, retract and link moves that carry no feed
     rapid_scale: float = 0.8  # share of the joint velocity limits used in rapid moves
     limit_scale: float = 0.97  # share of the velocity, acceleration and jerk limits used while cutting

@@ -1,4 +1,4 @@
-"""What a plan says of each point of its toolpath."""
+"""Table of a plan's results at each point of its toolpath."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True, kw_only=True)
 class PointsTable:
-    """One row a toolpath point, in SI; NaN where a value does not exist, −1 where no branch was chosen."""
+    """One row for each toolpath point, SI; NaN where a value does not exist, −1 where no branch was chosen."""
 
     position: Array  # (N, 3) m, tool tip in workpiece
     axis: Array  # (N, 3) unit, tip to shank

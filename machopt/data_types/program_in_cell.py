@@ -1,4 +1,4 @@
-"""A robot program as an independent reader understood it, brought to the cell's own terms."""
+"""Robot program as an independent reader parsed it, in the cell's frames and units."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""A motion program as every post takes it, and the controller it is written for.
+"""Motion program as every post takes it, and the controller it is written for.
 
-Joint angles of a controller come from those of the URDF by a map that the cell states, never guessed:
+The cell states the map from joint positions of the URDF to the controller's axis angles:
 
-    a = C (sign · deg(q) + offset_deg),   C = 1 + coupling.
+  a = C (sign · deg(q) + offset_deg),   C = 1 + coupling.
 
-``coupling`` holds what one axis adds to another: FANUC counts J3 from the horizontal, robots with a parallel
-linkage count axis 3 against the upright lower arm's motor; both are one entry (axis 3 from axis 2).
+``coupling`` holds what one axis adds to another. FANUC counts J3 from the horizontal. Robots with a parallel
+linkage count the motor of axis 3, which does not turn with the lower arm. Both are one entry (axis 3 from axis 2).
 """
 
 from __future__ import annotations
@@ -29,21 +29,25 @@ EVENT_LINES = ("spindle_on", "spindle_off", "coolant_on", "coolant_off", "tool",
 
 @dataclass(frozen=True)
 class JointMap:
-    """Axis angles of the controller from joint positions of the URDF: see the head of this file."""
+    """Map from joint positions of the URDF to the controller's axis angles: see the module docstring."""
 
     sign: Array = field(default_factory=lambda: np.ones(6))  # (6,) ±1
     offset_deg: Array = field(default_factory=lambda: np.zeros(6))  # (6,)
     coupling: Array = field(default_factory=lambda: np.zeros((6, 6)))  # (6, 6), row: axis that gains, strictly lower
 
     def compute_axes_deg(self, q: Array) -> Array:
-        """(..., 6) degrees as the controller counts them, from q (..., 6) rad."""
+        """Return the (..., 6) axis angles as the controller counts them, deg.
+
+        Args:
+            q: (..., 6) joint positions of the URDF, rad.
+        """
         plain = self.sign * np.degrees(q) + self.offset_deg
         return np.asarray(plain + plain @ self.coupling.T)
 
 
 @dataclass(frozen=True)
 class ExternalProgramAxis:
-    """One external joint of a cell, as programs have to know it."""
+    """External joint of a cell as programs need it."""
 
     joint: str  # its name in the URDF
     slides: bool  # mm, else degrees
@@ -52,7 +56,7 @@ class ExternalProgramAxis:
 
 @dataclass(frozen=True, kw_only=True)
 class ExternalAxisMap:
-    """How a controller counts one external joint: sign · value + offset, in mm or degrees."""
+    """Controller value of one external joint: sign · value + offset, mm or degrees."""
 
     number: int | None = None  # of KUKA's E1 … E6, ABB's eax_a … f; None: by its place among the cell's external joints
     sign: float = 1.0  # ±1
@@ -64,7 +68,7 @@ class ExternalAxisMap:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotController:
-    """What a post must know of the robot's controller; everything optional, and what is missing is told."""
+    """Data of the robot's controller that posts need; everything is optional, and missing values are reported."""
 
     post: str | None = None  # a post's name, or a template file; None: no maker is known and none is assumed
     joint_map: JointMap | None = None  # None: the URDF's joints are taken as they are
@@ -77,7 +81,7 @@ class RobotController:
     pulses_per_deg: Array | None = None  # (6,) Yaskawa
     position_levels: Array | None = None  # (8,) m, Yaskawa's PL=1 … 8, rising
     moves_per_part: int | None = None  # instead of the template's
-    nonflip_j5: Literal["negative", "positive"] | None = None  # FANUC: the sign of J5 that its N stands for
+    nonflip_j5: Literal["negative", "positive"] | None = None  # FANUC: the sign of J5 for its N
     lines: Mapping[str, str] = field(default_factory=dict)  # program lines by event, keys EVENT_LINES
     absolute_accuracy: Literal["on", "off", "unknown"] = "unknown"  # on: it corrects geometry and gravity sag itself
 
@@ -130,7 +134,7 @@ class RobotProgram:
 
     @property
     def part_rides(self) -> bool:
-        """A positioner carries the workpiece."""
+        """Whether a positioner carries the workpiece."""
         return any(axis.carries_part for axis in self.external_axes)
 
     @property

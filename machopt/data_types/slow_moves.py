@@ -1,11 +1,11 @@
-"""Moves that are driven slower than programmed, and what the row of points.csv that they end in says of it.
+"""Moves that are driven slower than programmed, and the message of points.csv at the points where they end.
 
-Written by the planner, and compared by the verification with the dips of result.json: both use this module.
+The planner writes these messages, and the verification compares them with the feed dips of result.json.
 
-A stop that the path itself demands is no lost feed: where a run begins or ends, where the file dwells or stops, where
-the path turns back by more than ``TURN_BACK``. The ramps from and to such a stop are listed apart (``feed_stops`` of
-result.json) and give no reason in points.csv. A stretch of a ramp that the axes could not drive at the programmed feed
-even without the stop is a dip of its own.
+A stop that the path itself demands is no feed dip: at both ends of a run, at a dwell or stop of the file, and where
+the path turns back by more than ``TURN_BACK``. The ramps from and to such a stop are listed separately
+(``feed_stops`` of result.json) and give no reason in points.csv. A part of a ramp that the axes could not drive at
+the programmed feed even without the stop is a separate dip.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class SlowStretch:
     """A stretch of the toolpath below its feed."""
 
     first: float  # fractional toolpath index
-    last: float
+    last: float  # fractional toolpath index
     ratio: float  # lowest share of the programmed feed
     where: str  # as :data:`machopt.planning.retiming.slowdowns.Where`
     axis: int  # 1…6, then the external ones
@@ -45,7 +45,11 @@ class SlowStretch:
         )
 
     def ends(self, count: int) -> range:
-        """Points at which the moves end that it lies on, of ``count`` points."""
+        """Return the points at which the stretch's moves end.
+
+        Args:
+            count: Number of toolpath points.
+        """
         begin = int(np.floor(self.first + ON_POINT)) + 1
         return range(begin, min(max(int(np.ceil(self.last - ON_POINT)), begin), count - 1) + 1)
 
@@ -74,7 +78,15 @@ def is_turn_back(position: Array, axis: Array, point: int, least: float = TURN_B
 
 
 def describe_slow_points(stretches: Sequence[SlowStretch], count: int) -> dict[int, str]:
-    """Point → what is said of the move that ends there: of the stretches that no ramp is, the deepest one."""
+    """Return the message of each point whose move is slow, of the deepest stretch that is no ramp.
+
+    Args:
+        stretches: Stretches below the programmed feed.
+        count: Number of toolpath points.
+
+    Returns:
+        Point → message.
+    """
     out: dict[int, str] = {}
     for one in sorted((s for s in stretches if s.where not in RAMPS), key=lambda s: s.ratio):
         for k in one.ends(count):

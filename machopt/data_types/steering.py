@@ -1,8 +1,6 @@
-"""What the user decided about single places of a plan: pins, zones, preferences, branches, by operation or by points.
+"""Steering of a plan by the user: pins, zones, preferences and branches, by operation or by points.
 
-:func:`resolve_steering` turns operations into toolpath points, so that planner and verifier agree on which points are
-meant
-without sharing more than this.
+:func:`resolve_steering` converts operations into toolpath points, so that planner and verifier use the same points.
 """
 
 from __future__ import annotations
@@ -27,15 +25,18 @@ SAME = 1e-9  # of an index along the toolpath
 
 
 def resolve_steering(options: PlanOptions, toolpath: Toolpath) -> PlanOptions:
-    """The options with every wish laid down at points.
+    """Return the options with every steering rule converted to points.
 
-    Pins of operations and of several points become fixed rotations of each point, where it cuts if an operation is
-    meant: what leads to and from it stays free. A point's own fixed rotation goes before that of its operation. All
-    other wishes then name the first and the last of the points they are about; so does a pin of neighbouring points,
-    for what lies between them.
+    Pins of operations and of several points become fixed rotations of each point. A pin of an operation holds at its
+    cutting points only, so the moves to and from it stay free. A point's own fixed rotation overrides that of its
+    operation. All other rules then name first and last point of their range; so does a pin of neighbouring points.
+
+    Args:
+        options: The planning options in force.
+        toolpath: The toolpath, points in the workpiece frame, SI.
 
     Raises:
-        InputError: places that the toolpath has not, or two rotations of one point, and what would work.
+        InputError: a rule names places that the toolpath does not have, or a point has two rotations.
     """
     if not options.steer:
         return options
@@ -64,8 +65,11 @@ def resolve_steering(options: PlanOptions, toolpath: Toolpath) -> PlanOptions:
 def refuse_narrow_zones(options: PlanOptions) -> None:
     """Refuse zones that lie between two rotations of the grid, and pins beyond the range of rotations.
 
+    Args:
+        options: The planning options in force.
+
     Raises:
-        InputError: with what would work.
+        InputError: a zone is too narrow, or a pin is out of range; the message says what would be accepted.
     """
     low, high = options.rotation_range
     pins = [(f"fixed at point {f.point}", f.gamma, "fixed") for f in options.fixed]
@@ -96,27 +100,45 @@ def refuse_narrow_zones(options: PlanOptions) -> None:
 
 
 def list_constrained_points(options: PlanOptions) -> tuple[int, ...]:
-    """Points at which the rotation must be chosen, of options that are laid down: pinned, or in a zone."""
+    """Return the points whose rotation is pinned or restricted by a zone, of resolved options.
+
+    Args:
+        options: The planning options in force.
+    """
     zones = [w.points for w in options.steer if w.points is not None and (w.forbid is not None or w.branch is not None)]
     inside = sorted({p for first, last in zones for p in range(first, last + 1)})
     return (*(f.point for f in options.fixed), *(inside if len(inside) <= MAX_CONSTRAINED_POINTS else ()))
 
 
 def select_steered_rows(wish: SteeringRule, index: Array | NDArray[np.int64]) -> NDArray[np.intp]:
-    """Rows of toolpath indices (n,), fractional ones too, that a wish is about, once it is laid down."""
+    """Return the rows that a resolved rule applies to.
+
+    Args:
+        wish: The steering rule.
+        index: (n,) toolpath indices of the rows, which may be fractional.
+    """
     first, last = wish.points if wish.points is not None else (-np.inf, np.inf)
     return np.flatnonzero((index >= first - SAME) & (index <= last + SAME))
 
 
 def is_inside_zone(gamma: Array, zone: tuple[float, float]) -> Bools:
-    """Where rotations (…) rad lie inside a zone from its first to its second angle, which may lead through ±π."""
+    """Return whether rotations lie inside a zone.
+
+    Args:
+        gamma: (…) rotations, rad.
+        zone: First and last angle of the zone, rad; it may cross ±π.
+    """
     width = (zone[1] - zone[0]) % (2 * pi)
     beyond = (gamma - zone[0]) % (2 * pi)
     return np.asarray((beyond > EDGE) & (beyond < width - EDGE))
 
 
 def format_steering_rule(wish: SteeringRule) -> str:
-    """A wish in the user's words and units."""
+    """Return a rule in the user's words and units.
+
+    Args:
+        wish: The steering rule.
+    """
     what = []
     if wish.gamma is not None:
         what.append(f"the rotation {_format_deg(wish.gamma)}")
@@ -135,7 +157,12 @@ def format_steering_rule(wish: SteeringRule) -> str:
 
 
 def find_external_joint(name: str, names: Sequence[str]) -> int | None:
-    """Which of a cell's external joints a name means, its own or e1, e2 …; None: none of them."""
+    """Return the number of the external joint that a name means, from 0; None if there is none.
+
+    Args:
+        name: The joint's own name, or e1, e2 …
+        names: Names of the cell's external joints.
+    """
     if name in names:
         return list(names).index(name)
     counts = name[:1] == "e" and name[1:].isdigit() and 1 <= int(name[1:]) <= len(names)
@@ -143,7 +170,12 @@ def find_external_joint(name: str, names: Sequence[str]) -> int | None:
 
 
 def format_external_value(value: float, unit: str) -> str:
-    """A place of an external joint, m or rad, as the user says it."""
+    """Return a position of an external joint as text.
+
+    Args:
+        value: The position, m or rad.
+        unit: ``mm``, or any other unit for degrees.
+    """
     return f"{float(f'{value * 1e3:.9g}'):g} mm" if unit == "mm" else _format_deg(value)
 
 
@@ -181,7 +213,12 @@ def _check_steering_rule(wish: SteeringRule, n: int, toolpath: Toolpath) -> None
 
 
 def list_steered_stretches(wish: SteeringRule, toolpath: Toolpath) -> Iterable[tuple[int, int]]:
-    """First and last point of each stretch that a wish is about; of an operation, what it cuts."""
+    """Return first and last point of each stretch that a rule applies to; of an operation, its cutting points.
+
+    Args:
+        wish: The steering rule.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+    """
     if not wish.operation:
         yield (0, len(toolpath) - 1) if wish.points is None else wish.points
         return

@@ -17,7 +17,11 @@ WITHIN = np.radians(1.0)  # beyond the last measured angle that still counts as 
 
 
 def format_joint_stiffness(stiffness: float) -> str:
-    """A joint's stiffness (N·m/rad) as files and tables write it: 4.68e5 N·m/rad, no 4.68e+05."""
+    """Return a joint's stiffness as files and tables write it: 4.68e5 N·m/rad.
+
+    Args:
+        stiffness: Joint stiffness, N·m/rad.
+    """
     return f"{stiffness:.3g} N·m/rad".replace("e+0", "e").replace("e+", "e")
 
 
@@ -62,14 +66,15 @@ class ModelDiscrepancy:
     left: float  # m a coordinate, what the model left of the readings
     noise: float  # m a coordinate, what replicates and statements make of it
     misfit: bool = True  # readings show that something is missing
-    local: float = 0.0  # m/N, 1 sigma of a coordinate's compliance that each pose has for itself beside all that
+    local: float = 0.0  # m/N, 1 sigma of a coordinate's compliance of each pose on its own, in addition
     counted: bool = True
 
     def describe_misfit(self, what: str, sure: str = "") -> str:
-        """What it says of its own misfit, and whether ``what`` (a plural) counts that in; empty where there is neither.
+        """Return a sentence on the model's misfit, and whether a quantity includes it; empty where there is neither.
 
         Args:
-            sure: a sentence on how sure these then are.
+            what: Name of the quantity, a plural.
+            sure: A sentence on its uncertainty.
         """
         counts = self.counted and bool(self.shift.any())
         mean = f"{what} count in, in the mean, what the readings show beyond the file's springs."
@@ -93,18 +98,26 @@ class PositionError:
     It holds at joint angles between those that were measured.
     """
 
-    std: float  # m, with the corrections that were found beside it (kinematics.yaml)
+    std: float  # m, with the corrections of kinematics.yaml
     plain: float  # m, without them: springs alone
     noise: float  # m, of it what repeats or statements make of the instrument and the arm's return
     poses: int
     joints: Array  # (6, 2) rad, lowest and highest encoder angle
 
     def is_in_covered_range(self, q: Array) -> Array:
-        """(N, 6) bool, whether joints (N, 6) rad are within what was measured."""
+        """Return (N, 6) whether each joint is within its measured range.
+
+        Args:
+            q: (N, 6) joint positions by encoder, rad.
+        """
         return np.asarray((q >= self.joints[:, 0] - WITHIN) & (q <= self.joints[:, 1] + WITHIN))
 
     def beyond(self, q: Array) -> tuple[str, ...]:
-        """What to say of poses (N, 6) rad that go beyond what was measured; none, or a sentence."""
+        """Return a sentence on joints beyond the measured range; none if all are within.
+
+        Args:
+            q: (N, 6) joint positions by encoder, rad.
+        """
         inside = self.is_in_covered_range(q)
         if inside.all():
             return ()
@@ -118,7 +131,7 @@ class PositionError:
 
 @dataclass(frozen=True, kw_only=True)
 class ExternalJointSpring:
-    """An external joint that gives way, and the body that it moves: a rail's carriage, a positioner's table.
+    """Compliant external joint and the body that it moves: a rail's carriage, a positioner's table.
 
     The body's frame is the URDF link that the joint moves.
     """
@@ -139,15 +152,15 @@ class ExternalJointSpring:
 
     @property
     def is_compliant(self) -> bool:
-        """It gives way under a load."""
+        """Whether the joint or its body deflects under a load."""
         return bool(np.isfinite(self.stiffness) or self.compliance.any())
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArmStiffness:
-    """Stiffness of the arm, and of what moves its base or the part.
+    """Stiffness of the arm, and of what moves its base or the workpiece.
 
-    Outside ``grid`` the constant values hold (flagged in the results).
+    Outside ``grid`` the constant values apply (marked in the results).
     """
 
     joints: Array  # (6,) N·m/rad
@@ -156,13 +169,17 @@ class ArmStiffness:
     terms: tuple[StiffnessTerm, ...] = ()
     file: Path | None = field(default=None, compare=False)  # it was read from, for messages
     estimated: bool = False  # by a rule, from no measurement of this arm
-    discrepancy: ModelDiscrepancy | None = None  # what it may lack; None: no reading was held against it
+    discrepancy: ModelDiscrepancy | None = None  # None: not compared with readings
     external: tuple[ExternalJointSpring, ...] = ()  # of the external joints that are not rigid or weigh something
-    position: PositionError | None = None  # None: no measured pose was held against it
+    position: PositionError | None = None  # None: not compared with measured poses
 
 
 def describe_ignored_springs(external: tuple[ExternalJointSpring, ...]) -> tuple[str, ...]:
-    """What to say where measurements of an arm are read and the file speaks of external joints: none, or a sentence."""
+    """Return the warning that springs of external joints are ignored in measurements; none without springs.
+
+    Args:
+        external: Springs of the external joints.
+    """
     names = ", ".join(s.joint for s in external if s.is_compliant)
     if not names:
         return ()

@@ -1,4 +1,4 @@
-"""A job that changes tools, cut where it does: one stint a tool that is on."""
+"""Segments of a job with tool changes, one for each tool in use."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True, kw_only=True)
 class ToolSegment:
-    """A stretch of a toolpath with one tool on; a job with one tool is one stint.
+    """Segment of a toolpath with one tool; a job with one tool has one segment.
 
-    The machine stands at ``begin`` before and at ``end`` after it: at home, or where tools are changed.
+    The machine is at ``begin`` before and at ``end`` after it: home, or the tool-change position.
     """
 
     cell: Cell  # with the tool that is on
@@ -28,7 +28,7 @@ class ToolSegment:
 
     @property
     def stop(self) -> int:
-        """The point after its last one, in the whole toolpath."""
+        """Point after its last one, in the whole toolpath."""
         return self.first + len(self.toolpath)
 
     @property
@@ -37,10 +37,13 @@ class ToolSegment:
         return self.cell.tool_name or ""
 
     def restrict_options(self, options: PlanOptions) -> PlanOptions:
-        """The planning options with the user's wishes for its points, which are counted from its first.
+        """Return the planning options with the steering rules of its points, counted from its first point.
+
+        Args:
+            options: The planning options in force.
 
         Raises:
-            InputError: a wish is about a place that the whole toolpath has not.
+            InputError: a rule names a place that the toolpath does not have.
         """
         if not self.number or not (options.fixed or options.steer):
             return options
@@ -60,10 +63,15 @@ class ToolSegment:
 
 
 def cut_toolpath(toolpath: Toolpath, first: int, stop: int) -> Toolpath:
-    """The points ``first`` to before ``stop`` by themselves.
+    """Return some points of a toolpath as a separate toolpath.
 
-    What happens between the last point and the change of tool (a spindle that stops) belongs to the tool that is still
-    on, at its end, and so does what happens behind the toolpath's last point.
+    Events between the last point and the tool change (a spindle stop) belong to the tool before the change. So do
+    events behind the toolpath's last point.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        first: First point.
+        stop: Point behind the last one.
     """
     rows = slice(first, stop)
     events = [e for k, e in enumerate(toolpath.events) if first <= _find_event_point(toolpath, k) < stop]

@@ -1,4 +1,4 @@
-"""A toolpath as every reader delivers it and every planning step takes it."""
+"""Toolpath as every reader returns it and every planning step takes it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ToolpathOperation:
     kind: Literal["point", "trajectory"]  # point: drilling and the like, cuts run along the tool axis
     tool: str = ""
     comment: str = ""
-    tool_named: str = ""  # another word of the file for the same tool, such as its name beside its number
+    tool_named: str = ""  # another word of the file for the same tool, such as its name in addition to its number
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -44,7 +44,7 @@ class ToolpathOperation:
 
 @dataclass(frozen=True)
 class ToolpathEvent:
-    """Something that happens just before the move to point ``index`` starts (spindle, coolant, tool, dwell)."""
+    """Event just before the move to point ``index`` starts (spindle, coolant, tool, dwell)."""
 
     index: int
     kind: Literal["spindle", "coolant", "tool", "dwell", "stop", "comment"]
@@ -54,7 +54,7 @@ class ToolpathEvent:
 
 @dataclass(frozen=True)
 class IgnoredWord:
-    """A word of the source that was read but has no effect here, with where it first stands."""
+    """Word of the source that was read but has no effect, with its first place."""
 
     word: str
     count: int
@@ -99,8 +99,9 @@ class Toolpath:
 
     @property
     def dwells(self) -> Array:
-        """(N + 1,) s that the file waits: entry 0 before the first point, k + 1 at point k; a wait of no told length
-        is none."""
+        """(N + 1,) dwell times of the file, s: entry 0 before the first point, k + 1 at point k; 0 without a stated
+        time.
+        """
         out = np.zeros(len(self) + 1)
         for event in self.events:
             if event.kind == "dwell" and event.value > 0.0:
@@ -114,5 +115,9 @@ class Toolpath:
 
 
 def format_incomplete_warning(reason: str) -> str:
-    """The warning of a toolpath whose file seems to end too early, from ``meta["incomplete"]``."""
+    """Return the warning of a toolpath whose file seems to end too early.
+
+    Args:
+        reason: The reason, from ``meta["incomplete"]``.
+    """
     return f"INCOMPLETE FILE? {reason}"

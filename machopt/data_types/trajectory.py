@@ -1,4 +1,4 @@
-"""The exported motion: one row a control sample."""
+"""Exported motion: one row for each control sample."""
 
 from __future__ import annotations
 

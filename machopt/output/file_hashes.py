@@ -11,7 +11,10 @@ from machopt.errors import OutputFolderError
 
 
 def compute_sha256(file: Path) -> str:
-    """SHA-256 of a file's bytes as lower-case hexadecimal.
+    """Return SHA-256 of a file's bytes as lower-case hexadecimal.
+
+    Args:
+        file: Path of the file.
 
     Raises:
         InputError: the file cannot be read.
@@ -26,7 +29,12 @@ def compute_sha256(file: Path) -> str:
 
 
 def build_manifest_file(file: Path, name: str, role: str) -> ManifestFile:
-    """A file as a manifest lists it.
+    """Return a file's entry in a manifest.
+
+    Args:
+        file: Path of the file.
+        name: Name of the file in the manifest.
+        role: Role of the file in the manifest.
 
     Raises:
         InputError: the file cannot be read.
@@ -36,5 +44,9 @@ def build_manifest_file(file: Path, name: str, role: str) -> ManifestFile:
 
 
 def compute_digest(data: bytes) -> str:
-    """SHA-256 of bytes as lower-case hexadecimal."""
+    """Return SHA-256 of bytes as lower-case hexadecimal.
+
+    Args:
+        data: The bytes.
+    """
     return hashlib.sha256(data).hexdigest()

@@ -33,4 +33,8 @@ ROLES = {
 TABLES = tuple(name for name in ROLES if name.endswith(".csv"))
 ROLES |= {name.removesuffix("csv") + "parquet": ROLES[name] for name in TABLES}  # copies, with --tables parquet
 
-BATCH_ROLES = {"job.json": "record", "timing.json": "timing", "log.txt": "log"}  # beside each result of a batch
+BATCH_ROLES = {
+    "job.json": "record",
+    "timing.json": "timing",
+    "log.txt": "log",
+}  # in the folder of each result of a batch

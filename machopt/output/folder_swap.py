@@ -1,4 +1,4 @@
-"""Put a finished folder in the place of an old one so that a kill at any moment leaves one of the two there."""
+"""Replacement of an old folder by a finished one; a kill at any moment leaves one of the two in place."""
 
 from __future__ import annotations
 
@@ -13,10 +13,14 @@ _RENAME_SWAP = 2  # macOS, renamex_np(2)
 
 
 def sync_tree(folder: Path) -> None:
-    """Bring every file and folder below to the disk, the folder itself last: a rename must not overtake its content.
+    """Flush every file and folder below to the disk, the folder itself last, so that a rename cannot precede its
+    content.
+
+    Args:
+        folder: The folder.
 
     Raises:
-        OSError: the disk did not take it.
+        OSError: the disk refuses a write.
     """
     for place, _, files in os.walk(folder, topdown=False):
         for name in files:
@@ -25,22 +29,29 @@ def sync_tree(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring a folder's own entries (names, renames) to the disk.
+    """Flush a folder's own entries (names, renames) to the disk.
+
+    Args:
+        folder: The folder.
 
     Raises:
-        OSError: the disk did not take it.
+        OSError: the disk refuses a write.
     """
     _sync_file(folder)
 
 
 def exchange_folders(a: Path, b: Path) -> bool:
-    """Let two paths of one file system swap what they name, in one step of the system.
+    """Exchange two paths of one file system in one atomic step.
+
+    Args:
+        a: The first path.
+        b: The second path.
 
     Returns:
-        False where the system or the file system knows no such step.
+        False where the system or the file system has no such step.
 
     Raises:
-        OSError: it knows it and it failed.
+        OSError: the step exists and failed.
     """
     if sys.platform == "linux":
         call, arguments = "renameat2", (_AT_FDCWD, os.fsencode(a), _AT_FDCWD, os.fsencode(b), _RENAME_EXCHANGE)

@@ -9,7 +9,7 @@ from typing import Any
 
 
 class InterruptSignals:
-    """Turn SIGTERM into an exception like Ctrl-C's, and hold both back once asked to.
+    """Conversion of SIGTERM into an exception like Ctrl-C's, and deferral of both on request.
 
     Handlers are process-wide and belong to the main thread: elsewhere, or where the program has its own
     handler, nothing is touched.
@@ -36,11 +36,11 @@ class InterruptSignals:
             self._raise(number)
 
     def defer_signals(self) -> None:
-        """From here to the end of the block, signals wait."""
+        """Defer signals from here to the end of the block."""
         self._held = True
 
     def raise_pending_signal(self) -> None:
-        """Raise for a signal that has come already."""
+        """Raise for a signal that has arrived already."""
         if self._came is not None:
             self._raise(self._came)
 

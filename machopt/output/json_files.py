@@ -24,6 +24,10 @@ def write_json(path: Path, value: Mapping[str, object]) -> None:
     """Write JSON with the keys in the given order, one-space indent, NaN and infinities as null.
 
     NumPy scalars and arrays, tuples and paths are taken as they come; anything else is refused.
+
+    Args:
+        path: The file to write.
+        value: The object; NumPy scalars and arrays are allowed.
     """
     text = json.dumps(convert_to_json_types(value), indent=1, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8", newline="\n")
@@ -31,6 +35,9 @@ def write_json(path: Path, value: Mapping[str, object]) -> None:
 
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object.
+
+    Args:
+        path: The file to read.
 
     Raises:
         InputError: the file is missing or too large, is no JSON, holds a key twice, or is no object.
@@ -58,15 +65,24 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_result(path: Path, result: DocumentModel) -> None:
-    """Write a result document."""
+    """Write a result document.
+
+    Args:
+        path: The file to write.
+        result: The document.
+    """
     write_json(path, result.to_json_types())
 
 
 def read_result(path: Path, form: type[DocumentT]) -> DocumentT:
     """Read a result document.
 
+    Args:
+        path: The file to read.
+        form: Model of the document.
+
     Raises:
-        InputError: no such file, no JSON, or not of the form that machopt writes; says which key, and what was found.
+        InputError: the file is missing, is no JSON, or does not match the model; the message names key and value.
     """
     value = read_json(path)
     try:
@@ -77,12 +93,20 @@ def read_result(path: Path, form: type[DocumentT]) -> DocumentT:
 
 
 def list_unique_errors(errors: Sequence[ErrorDetails]) -> list[str]:
-    """What is wrong, once for each key: pydantic tells every kind it tried of one that may be of several."""
+    """Return one message for each wrong key; pydantic reports one error for every type of a union.
+
+    Args:
+        errors: Errors of pydantic.
+    """
     return list({_format_key(error): describe_wrong_key(error) for error in reversed(errors)}.values())[::-1]
 
 
 def describe_wrong_key(error: ErrorDetails) -> str:
-    """What is wrong with one key, for whoever reads the file."""
+    """Return what is wrong with one key.
+
+    Args:
+        error: Error of pydantic.
+    """
     key = _format_key(error)
     if error["type"] == "extra_forbidden":
         return f"{key} is no key of this file"
@@ -106,7 +130,14 @@ def _describe_expected(error: ErrorDetails) -> str:
 
 
 def convert_to_json_types(value: object) -> Any:
-    """The value in JSON's own types."""
+    """Return the value in JSON's own types.
+
+    Args:
+        value: The value.
+
+    Raises:
+        TypeError: the value has no JSON form.
+    """
     if isinstance(value, Mapping):
         return {str(key): convert_to_json_types(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""``manifest.json``: written last, read strictly, and held against what lies in the folder."""
+"""``manifest.json``: written last, read strictly, and compared with the files in the folder."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _LATER = ("not_recomputed", "touching_pairs")  # keys that manifests of earlier 
 
 @dataclass(frozen=True)
 class FileDifference:
-    """A file of the folder that is not as the manifest lists it."""
+    """File of the folder that differs from its entry in the manifest."""
 
     name: str
     description: str
@@ -95,7 +95,11 @@ def write_manifest(
 
 
 def compute_seal(value: Mapping[str, object]) -> str:
-    """SHA-256 of a manifest's own content: shows that it was edited, not by whom."""
+    """Return SHA-256 of a manifest's own content; it shows that the file was edited, not by whom.
+
+    Args:
+        value: Content of the manifest.
+    """
     text = json.dumps(
         convert_to_json_types({k: v for k, v in value.items() if k != "seal"}),
         sort_keys=True,
@@ -106,10 +110,13 @@ def compute_seal(value: Mapping[str, object]) -> str:
 
 
 def read_manifest(folder: Path) -> tuple[FolderManifest, bool]:
-    """Read manifest.json; the flag tells whether its seal holds.
+    """Read manifest.json; the flag tells whether its seal is valid.
+
+    Args:
+        folder: The output folder.
 
     Raises:
-        InputError: it is missing, no JSON, or not of the form that machopt writes; says where and what was expected.
+        InputError: it is missing, is no JSON, or does not have the expected form; the message says where.
     """
     file = folder / MANIFEST
     value = read_json(file)
@@ -129,7 +136,11 @@ def read_manifest(folder: Path) -> tuple[FolderManifest, bool]:
 
 
 def list_folder_files(folder: Path) -> set[str]:
-    """Names of everything in a folder and below it that is not a folder itself; links are names too, not followed."""
+    """Return the names of all files in a folder and below it; links are listed and not followed.
+
+    Args:
+        folder: The folder.
+    """
     out: set[str] = set()
     for place, folders, files in os.walk(folder):
         here = Path(place)
@@ -141,7 +152,12 @@ def list_folder_files(folder: Path) -> set[str]:
 
 
 def find_differences(folder: Path, manifest: FolderManifest) -> tuple[FileDifference, ...]:
-    """What is missing from the folder, changed in it, or there without being listed."""
+    """Return files that are missing, changed, or present without an entry.
+
+    Args:
+        folder: The output folder.
+        manifest: Its manifest.
+    """
     there = list_folder_files(folder) - {MANIFEST}
     out = [FileDifference(name, ADDED) for name in sorted(there - {f.name for f in manifest.files})]
     for f in manifest.files:
@@ -233,10 +249,10 @@ def _parse_manifest(value: Mapping[str, Any], file: Path) -> FolderManifest:
         out = []
         named = pairs("programs", ("post", "files"), frozenset({"stint"}))
         for n, ((post, own), item) in enumerate(zip(named, value["programs"], strict=True)):
-            stint = item.get("stint", 0)
-            if not isinstance(stint, int) or stint < 0:
-                raise wrong(f"programs.{n}.stint", stint, "a number from 1")
-            out.append(ManifestProgram(post, words("programs", own), stint))
+            segment = item.get("stint", 0)
+            if not isinstance(segment, int) or segment < 0:
+                raise wrong(f"programs.{n}.stint", segment, "a number from 1")
+            out.append(ManifestProgram(post, words("programs", own), segment))
         return tuple(out)
 
     def touching_pairs() -> tuple[TouchingPair, ...] | None:

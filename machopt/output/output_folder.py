@@ -1,11 +1,11 @@
-"""Output folders that are whole or not there: written into a temporary sibling, synced, swapped at the end.
+"""Output folders that are complete or absent: written into a temporary folder, flushed, and swapped at the end.
 
-Beside an output folder ``OUT`` there may stand, all hidden and all with a hash of its name in theirs:
+The folder of ``OUT`` may hold these hidden entries, each with a hash of its name:
 
-- ``.OUT.<hash>.lock``: held by the run at work; the system drops the lock when that process ends;
-- ``.OUT.<hash>.partial-<random>``: what a run is writing, or what a killed one left; the next run takes it away;
-- ``.OUT.<hash>.old-<random>``: the former OUT for the moment of the swap, only where the file system cannot exchange
-  two folders in one step; if a run is killed in that moment, the next one puts it back.
+- ``.OUT.<hash>.lock``: lock of the running process; the system drops it when the process ends;
+- ``.OUT.<hash>.partial-<random>``: output in progress, or the rest of a killed run; the next run removes it;
+- ``.OUT.<hash>.old-<random>``: the former OUT during the swap, only where the file system cannot exchange two folders
+  in one step; if a run is killed in that moment, the next one restores it.
 """
 
 from __future__ import annotations
@@ -98,12 +98,16 @@ def write_output_folder(path: Path | str, *, force: bool = False, inputs: Iterab
 
 
 def is_machopt_output(folder: Path) -> bool:
-    """True if ``folder`` carries a result file of ours."""
+    """Return whether a folder has a result file of machopt.
+
+    Args:
+        folder: The folder.
+    """
     return any(_has_result_key(folder / name) for name in (*RESULT_FILES, MANIFEST))
 
 
 class _OutputPlace:
-    """An output folder's place and the names beside it."""
+    """Location of an output folder, and its hidden siblings."""
 
     def __init__(self, target: Path) -> None:
         digits = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]
@@ -113,7 +117,11 @@ class _OutputPlace:
         self.lock = target.parent / f"{self._stem}.lock"
 
     def new(self, kind: str) -> Path:
-        """A new folder beside the target, under a name that nobody can foresee."""
+        """Create a sibling folder of the target with an unpredictable name.
+
+        Args:
+            kind: Word in the name: partial or old.
+        """
         sibling = self._free(kind)
         sibling.mkdir()
         return sibling
@@ -128,7 +136,11 @@ class _OutputPlace:
             shutil.rmtree(left, ignore_errors=True)
 
     def swap(self, partial: Path) -> None:
-        """Put ``partial`` in the target's place; an existing target goes, or stays if that fails."""
+        """Put a finished folder in the target's place; an existing target is removed, or stays if the swap fails.
+
+        Args:
+            partial: The finished folder.
+        """
         if not self.target.exists():
             partial.rename(self.target)
         elif not exchange_folders(partial, self.target):
@@ -154,7 +166,7 @@ class _OutputPlace:
 
 
 def _is_own_file(path: Path) -> bool:
-    """In a folder that others may write, what somebody else has put under our name is not ours."""
+    """Check the owner: in a shared folder, another user may have created an entry with our name."""
     return not hasattr(os, "getuid") or path.stat().st_uid == os.getuid()
 
 
@@ -213,10 +225,13 @@ def _refuse_foreign_folder(target: Path, named: Path, *, force: bool, inputs: tu
 
 
 def find_edited_files(folder: Path) -> tuple[str, ...]:
-    """Files of an earlier output that would be lost with it, each with what happened to it.
+    """Return the files of an earlier output that would be lost with it, each with what happened to it.
 
-    These are files that were changed since machopt wrote them and files that machopt did not write. Where no manifest
-    can be read, every file counts whose name is not one that machopt gives.
+    These are files that were changed since machopt wrote them, and files that machopt did not write. Without a
+    readable manifest, every file counts whose name machopt does not use.
+
+    Args:
+        folder: The output folder.
     """
     try:
         manifest, _ = read_manifest(folder)

@@ -1,10 +1,9 @@
-"""Single files that a user names (a page, a picture, a table, a plan): never written over anything else.
+"""Single output files that a user names (a page, a picture, a table, a plan), protected against overwriting.
 
-The rule: an existing file is replaced only where nothing can be lost by it. That is so if it holds the same bytes
-already, or if it ends with the seal that machopt put there and the seal still fits, which shows that machopt wrote the
-file and nobody has edited it since. Everything else, inputs first, is replaced only with ``--force``. Links are
-followed before the check, since the file behind the link is what would be lost. The new content is written into a
-temporary sibling and renamed, so a hard link to the former file keeps its content.
+An existing file is replaced only if nothing can be lost. That is so if it holds the same bytes already, or if its
+seal is valid: machopt wrote the file and nobody has edited it since. All other files, inputs first, are replaced only
+with ``--force``. Links are resolved before the check, because the file behind the link would be lost. The new content
+is written into a temporary file and renamed, so a hard link to the former file keeps its content.
 """
 
 from __future__ import annotations
@@ -46,7 +45,17 @@ def write_text_file(path: Path, text: str, *, force: bool = False, inputs: Itera
 
 
 def write_bytes_file(path: Path, data: bytes, *, force: bool = False, inputs: Iterable[Path] = ()) -> None:
-    """Write a file of any kind; the same rule and errors as :func:`write_text_file`, without a seal."""
+    """Write a file of any kind; the same rule and errors as :func:`write_text_file`, without a seal.
+
+    Args:
+        path: The file to write.
+        data: Content of the file.
+        force: Replace the file or folder whatever it holds.
+        inputs: Input files, which must never be overwritten.
+
+    Raises:
+        InputError: the file holds something else, or cannot be written.
+    """
     try:
         target = path.expanduser().resolve()
         _refuse_overwriting(target, path, data, force=force, inputs=inputs)
@@ -63,6 +72,11 @@ def write_bytes_file(path: Path, data: bytes, *, force: bool = False, inputs: It
 
 def refuse_overwriting(path: Path, *, force: bool = False, inputs: Iterable[Path] = ()) -> None:
     """Refuse an output file before the work for it begins.
+
+    Args:
+        path: The file to write.
+        force: Replace the file or folder whatever it holds.
+        inputs: Input files, which must never be overwritten.
 
     Raises:
         InputError: as :func:`write_text_file`.

@@ -1,4 +1,4 @@
-"""Robot programs of a job: written, with what came back when they were read, or withdrawn."""
+"""Robot programs of a job: written, verified after reading back, or removed."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedProgram:
-    """One program of a job."""
+    """One robot program of a job."""
 
     label: str
     files: tuple[str, ...]  # relative to the output folder, the one that is run first
@@ -52,7 +52,7 @@ class ExportedProgram:
 
     @property
     def ok(self) -> bool:
-        """False where it says something else than motion and CAM file."""
+        """False where it differs from motion or CAM file."""
         return self.checked is None or not self.checked.differences
 
     @property
@@ -133,31 +133,31 @@ def write_programs(
     out: list[ExportedProgram] = []
     for one in wanted:
         samples = has_sampled_output(one.post)
-        for stint, plan, timeline in jobs:
-            key = stint.number, samples
+        for segment, plan, timeline in jobs:
+            key = segment.number, samples
             if timeline is None or timeline.trajectory is None:
                 raise ValueError("a blocked motion is no program")
             if key not in made:
                 made[key] = (
-                    build_sampled_program(plan, stint.toolpath, timeline)
+                    build_sampled_program(plan, segment.toolpath, timeline)
                     if samples
-                    else build_robot_program(plan, stint.toolpath, timeline, tolerance)
+                    else build_robot_program(plan, segment.toolpath, timeline, tolerance)
                 )
-            out.append(_write_program(folder, one, stint, made[key], tolerance))
+            out.append(_write_program(folder, one, segment, made[key], tolerance))
     return tuple(out)
 
 
 def _write_program(
-    folder: Path, one: SelectedPost, stint: ToolSegment, made: MotionProgram, tolerance: ProgramTolerance
+    folder: Path, one: SelectedPost, segment: ToolSegment, made: MotionProgram, tolerance: ProgramTolerance
 ) -> ExportedProgram:
     """One program of one post."""
-    cell, program = stint.cell, made.program
+    cell, program = segment.cell, made.program
     controller = select_controller(cell, one.post)
     target = folder / one.folder
     target.mkdir(exist_ok=True)
     files = write_program(
         target,
-        build_segment_program_name(stint, one.post),
+        build_segment_program_name(segment, one.post),
         program,
         one.post,
         controller,
@@ -175,21 +175,31 @@ def _write_program(
         feed=estimate_program_feed(program, one.post, controller),
         assumptions=list_assumptions(program, one.post, controller),
         unstarted_events=list_unstarted_events(one.post, program, controller),
-        tool_segment=stint.number,
-        tool=stint.tool if stint.number else "",
+        tool_segment=segment.number,
+        tool=segment.tool if segment.number else "",
     )
 
 
-def build_segment_program_name(stint: ToolSegment, post: str | Path) -> str:
-    """The program's name: the toolpath's, with the stint's number behind it where there are several."""
-    source = stint.toolpath.source
-    return format_program_name(f"{source} {stint.number}" if stint.number else source, post)
+def build_segment_program_name(segment: ToolSegment, post: str | Path) -> str:
+    """Return the program's name: the toolpath's, with the segment's number where there are several.
+
+    Args:
+        segment: The tool segment.
+        post: Name of a shipped post, or the path of a template file.
+    """
+    source = segment.toolpath.source
+    return format_program_name(f"{source} {segment.number}" if segment.number else source, post)
 
 
 def add_read_back_results(
     programs: Sequence[ExportedProgram], verification: Verification
 ) -> tuple[ExportedProgram, ...]:
-    """The programs with what the verification says of each."""
+    """Return the programs, each with its verification result.
+
+    Args:
+        programs: The exported programs.
+        verification: Verification of the output folder.
+    """
     return tuple(
         replace(p, checked=ProgramComparison.build(p.to_posted_program, verification)) if p.files else p
         for p in programs
@@ -199,7 +209,13 @@ def add_read_back_results(
 def list_omitted_programs(
     wanted: Sequence[SelectedPost], tolerance: ProgramTolerance, why: str
 ) -> tuple[ExportedProgram, ...]:
-    """What stands for programs that are not written at all."""
+    """Return the entries of programs that are not written.
+
+    Args:
+        wanted: The selected posts.
+        tolerance: The tolerance between program and motion.
+        why: Reason why they are not written.
+    """
     return tuple(
         ExportedProgram(
             label=one.label,
@@ -215,7 +231,16 @@ def list_omitted_programs(
 
 
 def remove_programs(folder: Path, programs: Sequence[ExportedProgram], why: str) -> tuple[ExportedProgram, ...]:
-    """Remove programs that nobody may load, with folders of their own."""
+    """Remove programs that must not be loaded, with their own folders.
+
+    Args:
+        folder: The output folder.
+        programs: The exported programs.
+        why: Reason of the removal.
+
+    Returns:
+        The entries without files, with the reason.
+    """
     for name in (name for p in programs for name in p.files):
         file = folder / name
         file.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""The motion as a robot program: PTP for rapid moves, LIN along the toolpath; or every control sample with its time."""
+"""Robot program of a motion: PTP for rapid moves, LIN along the toolpath; or every control sample with its time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from machopt.verification.folder.programs.post_lookup import (
 
 @dataclass(frozen=True)
 class MotionProgram:
-    """A program beside the motion it stands for."""
+    """Robot program with the motion it represents."""
 
     program: RobotProgram
     at: Array  # (M,) row of the trajectory each move ends at, fractional, not falling
@@ -37,10 +37,16 @@ class MotionProgram:
 def build_robot_program(
     plan: Plan, toolpath: Toolpath, timeline: MotionTimeline, tolerance: ProgramTolerance | None = None
 ) -> MotionProgram:
-    """Home (or where the tool was changed) first, then every leg of the timeline as moves to its way points.
+    """Return home (or the tool-change pose) first, then every leg of the timeline as moves to its way points.
 
-    Where a straight line between two of them would leave the driven motion by more than the tolerance, samples of the
+    Where a straight line between two way points would leave the motion by more than the tolerance, samples of the
     motion become way points too.
+
+    Args:
+        plan: The plan.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        timeline: The motion over time.
+        tolerance: The tolerance; None takes the default.
 
     Raises:
         ValueError: the timeline has no trajectory.
@@ -89,7 +95,12 @@ def build_robot_program(
 
 
 def build_sampled_program(plan: Plan, toolpath: Toolpath, timeline: MotionTimeline) -> MotionProgram:
-    """Every control sample of the trajectory with its time, for posts that stream joints.
+    """Return every control sample of the trajectory with its time, for posts that stream joint positions.
+
+    Args:
+        plan: The plan.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        timeline: The motion over time.
 
     Raises:
         ValueError: the timeline has no trajectory.

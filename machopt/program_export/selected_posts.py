@@ -1,4 +1,4 @@
-"""The posts of a job, each tried on a short program before anything is planned."""
+"""Selection of the posts of a job; each is tested with a short program before planning."""
 
 from __future__ import annotations
 
@@ -24,12 +24,16 @@ class SelectedPost:
 
 
 def select_posts(cell: Cell, asked: Sequence[str]) -> tuple[SelectedPost, ...]:
-    """The posts asked for, or the cell's own, or none; each is tried on a short program before anything is planned.
+    """Return the requested posts, or the cell's own, or none; each is tested with a short program.
 
-    One post writes into the output folder itself, several into folders of their own.
+    One post writes into the output folder itself, several into their own folders.
+
+    Args:
+        cell: The robot cell.
+        asked: Names or template files of the requested posts.
 
     Raises:
-        InputError: no such post, a faulty template, the same one twice, or the cell does not say what it needs.
+        InputError: unknown post, faulty template, the same post twice, or the cell lacks what the post needs.
     """
     out: list[SelectedPost] = []
     for text in asked or ([] if cell.controller.post is None else [cell.controller.post]):
@@ -47,7 +51,11 @@ def select_posts(cell: Cell, asked: Sequence[str]) -> tuple[SelectedPost, ...]:
 
 
 def is_post_file(text: str) -> bool:
-    """A template file rather than the name of a shipped post."""
+    """Return whether a text is a template file and not the name of a shipped post.
+
+    Args:
+        text: Name or path.
+    """
     return text.endswith(".toml") or (text not in list_post_names() and Path(text).is_file())
 
 

@@ -1,4 +1,4 @@
-"""The page a process engineer reads: figures, tables, verdict. Plotting lives here and nowhere else."""
+"""HTML report pages: figures, tables, verdict. All plotting is in this package."""
 
 from machopt.report.page_types.optimize_report import ReportData
 from machopt.report.pages.optimize.optimize_page import write_report

@@ -1,4 +1,4 @@
-"""The frame every page stands in: one self-contained HTML file, its style, its data and its scripts inside."""
+"""HTML shell of every page: one self-contained file with style, data and scripts."""
 
 from __future__ import annotations
 
@@ -64,7 +64,14 @@ def build_page_html(
 
 
 def build_section(anchor: str, title: str, lead: Markup | str, body: Markup | str) -> Markup | str:
-    """A headed part of the page; nothing where there is nothing to show."""
+    """Return a section of the page with heading; nothing where the body is empty.
+
+    Args:
+        anchor: Anchor of the section in the page's links.
+        title: The heading.
+        lead: Introductory sentence.
+        body: Content of the section, markup or text.
+    """
     return render_part("section", anchor, title, lead, body) if body else ""
 
 

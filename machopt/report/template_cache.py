@@ -1,4 +1,4 @@
-"""Templates as code, kept beside Python's own: they are compiled once an installation, and not in every run."""
+"""Cache of compiled templates: they are compiled once for each installation."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from jinja2.bccache import Bucket, BytecodeCache
 
 
 class TemplateCache(BytecodeCache):
-    """One file a template in a folder that is written where it can be, and where Python may write its own code.
+    """Folder of compiled templates, one file each, used where it and Python's own cache can be written.
 
-    Jinja2 looks at the source of a template and at the version of Python before it takes what is stored.
+    Jinja2 compares the source of a template and the version of Python before it uses what is stored.
 
     Args:
-        folder: where.
-        options: in words, those of the environment that change the code of a template.
+        folder: The folder.
+        options: Options of the environment that change the compiled code, as text.
     """
 
     def __init__(self, folder: Path, options: str) -> None:
@@ -27,14 +27,29 @@ class TemplateCache(BytecodeCache):
         self.of = hashlib.sha256(f"{jinja2.__version__} {options}".encode()).hexdigest()[:12]
 
     def get_cache_key(self, name: str, filename: str | None = None) -> str:
-        """The name alone: where the package stands changes nothing."""
+        """Return the key of a template; it depends on the name alone, not on the package's folder.
+
+        Args:
+            name: Name of the template.
+            filename: Path of the template, not used.
+        """
         return f"{name.replace('/', '.')}.{sys.implementation.cache_tag}-{self.of}"
 
     def load_bytecode(self, bucket: Bucket) -> None:
+        """Load a compiled template into a bucket, if it is stored.
+
+        Args:
+            bucket: Bucket of Jinja2.
+        """
         with contextlib.suppress(OSError), (self.folder / bucket.key).open("rb") as file:
             bucket.load_bytecode(file)
 
     def dump_bytecode(self, bucket: Bucket) -> None:
+        """Store a compiled template, if the folder can be written.
+
+        Args:
+            bucket: Bucket of Jinja2.
+        """
         if sys.dont_write_bytecode:
             return
         with contextlib.suppress(OSError):

@@ -1,7 +1,7 @@
-"""Markup is written by the templates of ``report/templates`` and nowhere else; they escape all that is not markup.
+"""Rendering of the templates in ``report/templates``, the only source of markup; they escape everything else.
 
-A macro gives a piece of a page that other macros take as it is (:class:`markupsafe.Markup`); text is never joined with
-markup by hand. What a template asks for and is not given is an error, not a gap on the page.
+A macro returns a part of a page as :class:`markupsafe.Markup`, which other macros take unchanged. Text is never
+joined with markup by hand. A value that a template needs and does not get is an error.
 """
 
 from __future__ import annotations
@@ -39,29 +39,55 @@ def _build_environment() -> Environment:
 
 
 def bind_units(sentence: str) -> str:
-    """The same with its units whole on the line of their numbers: no line ends before a %, behind a ±, in N/µm."""
+    """Return a sentence with no-break spaces, so that no line ends between a number and its unit.
+
+    Args:
+        sentence: The sentence.
+    """
     kept = sentence.replace(" %", "\N{NO-BREAK SPACE}%").replace("± ", "±\N{NO-BREAK SPACE}")
     return kept.replace("N/µm", "N/\N{WORD JOINER}µm").replace("mm/min", "mm/\N{WORD JOINER}min")
 
 
 def render_file(template: str, /, **values: Any) -> str:
-    """A whole file of ``report/templates``, filled in."""
+    """Return a whole file of ``report/templates``, filled in.
+
+    Args:
+        template: Name of the template.
+        values: Values of the template's variables.
+    """
     return _build_environment().get_template(template).render(**values)
 
 
 def render_macro(template: str, macro: str, /, *given: Any, **values: Any) -> Markup:
-    """One macro of a file of ``report/templates``, filled in: text is escaped, markup stays."""
+    """Return one macro of a file of ``report/templates``, filled in: text is escaped, markup is not.
+
+    Args:
+        template: Name of the template.
+        macro: Name of the macro.
+        given: Positional arguments of the macro.
+        values: Keyword arguments of the macro.
+    """
     piece: Markup = getattr(_build_environment().get_template(template).module, macro)(*given, **values)
     return piece
 
 
 def render_part(macro: str, /, *given: Any, **values: Any) -> Markup:
-    """One macro of ``parts.html``: what all pages are made of."""
+    """Return one macro of ``parts.html``, the common parts of all pages.
+
+    Args:
+        macro: Name of the macro.
+        given: Positional arguments of the macro.
+        values: Keyword arguments of the macro.
+    """
     return render_macro("parts.html", macro, *given, **values)
 
 
 def join_markup(pieces: Iterable[Markup | str]) -> Markup:
-    """Pieces one after another; what is no markup is escaped."""
+    """Return the concatenated pieces; text that is no markup is escaped.
+
+    Args:
+        pieces: Markup and text.
+    """
     from markupsafe import Markup
 
     return Markup().join(pieces)

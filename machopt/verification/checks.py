@@ -1,6 +1,6 @@
-"""What a verification says: one row a promise, kept, broken or not looked at.
+"""Checks and measured values of a verification: name, result, value, limit and place.
 
-A row's name is for readers. Code that asks for one asks by its promise, which :class:`CheckName` writes down once.
+A check has a readable name. Code that needs one check finds it by its :class:`CheckName`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from machopt.numerics.array_types import Array
 
 
 class CheckName(StrEnum):
-    """What is asked for by those who read checks; all other promises are only listed."""
+    """Names of the checks that code refers to; all other checks are only listed."""
 
     MANIFEST = "manifest.json"
     FILES = "files as listed"
@@ -28,7 +28,7 @@ class CheckName(StrEnum):
     READING = "reading options"
     CHANGES = "tool changes"
     TOUCHING = "pairs that touch by construction"
-    CONTACTS = "collisions"  # the row that says that contacts and clearances were not looked at
+    CONTACTS = "collisions"  # check that reports that contacts and clearances were not checked
     VELOCITY = "joint velocity"
     ACCELERATION = "joint acceleration"
     JERK = "joint jerk"
@@ -53,12 +53,12 @@ class CheckName(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class VerificationCheck:
-    """One promise and whether it is kept."""
+    """One check with its result."""
 
     name: str  # for readers; of a promise about one file, that one first
     passed: bool | None  # None: it could not be run, ``where`` says why
     value: float  # NaN where there was nothing to measure
-    limit: float
+    limit: float  # greatest allowed value, in ``unit``
     unit: str
     where: str  # sample, time and point of the worst value, words that go behind "at"; or why nothing was measured
     file: str = ""  # of the folder, where the promise is about one
@@ -69,13 +69,13 @@ class VerificationCheck:
 
     @property
     def check_name(self) -> str:
-        """What was promised, without the file that it is about: equal to a :class:`CheckName` where that is one."""
+        """Name of the check without the file: equal to a :class:`CheckName` where it is one."""
         return self.what or self.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class VerificationInformation:
-    """A measured value that no condition is put on: it cannot fail, so it is no check and is not counted as one."""
+    """Measured value without a condition: it cannot fail, so it is not counted as a check."""
 
     name: str
     value: float  # NaN where there was nothing to measure
@@ -86,7 +86,7 @@ class VerificationInformation:
 
     @property
     def check_name(self) -> str:
-        """The name without the file that it is about."""
+        """Name without the file."""
         return self.what or self.name
 
 
@@ -95,7 +95,7 @@ VerificationRow = VerificationCheck | VerificationInformation
 
 @dataclass(frozen=True)
 class Verification:
-    """All checks of one exported trajectory, and what else was measured."""
+    """All checks and measured values of one exported trajectory."""
 
     checks: tuple[VerificationCheck, ...]
     samples: int
@@ -104,7 +104,13 @@ class Verification:
 
     @classmethod
     def from_rows(cls, rows: Sequence[VerificationRow], samples: int, duration: float) -> Verification:
-        """Build a verification from checks and information in the order in which they were found."""
+        """Build a verification from checks and information in the order in which they were found.
+
+        Args:
+            rows: Checks and measured values.
+            samples: Number of motion samples.
+            duration: Duration of the motion, s.
+        """
         checks = tuple(row for row in rows if isinstance(row, VerificationCheck))
         return cls(checks, samples, duration, tuple(row for row in rows if isinstance(row, VerificationInformation)))
 
@@ -120,38 +126,65 @@ class Verification:
 def build_worst_value_check(
     name: str, unit: str, values: Array, limit: float, where: Sequence[str] | Callable[[int], str]
 ) -> VerificationCheck:
-    """The greatest of ``values`` against a limit; NaN is the greatest of all, none at all a failure.
+    """Return a check of the greatest value against a limit; NaN is the worst value, and no values fail.
 
     Args:
-        where: what is said of entry n: a text each, or what makes it.
+        name: Name of the check.
+        unit: Unit of the value.
+        values: (n,) values, in ``unit``.
+        limit: The greatest allowed value.
+        where: Place of entry n: one text each, or a function of n.
     """
     if not len(values):
         return VerificationCheck(
             name=name, passed=False, value=np.nan, limit=limit, unit=unit, where="nothing to measure"
         )
     n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
-    told = where(n) if callable(where) else where[n]
+    stated = where(n) if callable(where) else where[n]
     return VerificationCheck(
-        name=name, passed=bool(values[n] <= limit), value=float(values[n]), limit=limit, unit=unit, where=told
+        name=name, passed=bool(values[n] <= limit), value=float(values[n]), limit=limit, unit=unit, where=stated
     )
 
 
 def build_file_check(
     file: str, what: str, passed: bool | None, value: float, limit: float, unit: str, where: str, *, of: str = ": "
 ) -> VerificationCheck:
-    """A promise about one file of the folder; ``of`` stands between both in its name."""
+    """Return a check of one file of the folder.
+
+    Args:
+        file: Name of the file in the folder.
+        what: Checked quantity; the name of the check is ``file + of + what``.
+        passed: Result; None where it was not checked.
+        value: Greatest value found, in ``unit``.
+        limit: Greatest allowed value, in ``unit``.
+        unit: Unit of the value.
+        where: Place of the greatest value.
+        of: Text between file and quantity in the name.
+    """
     return VerificationCheck(
         name=f"{file}{of}{what}", passed=passed, value=value, limit=limit, unit=unit, where=where, file=file, what=what
     )
 
 
 def build_skipped_check(name: str, why: str, unit: str = "") -> VerificationCheck:
-    """A check that was not made, and why."""
+    """Return a check that could not be made.
+
+    Args:
+        name: Name of the check.
+        why: Reason why it was not made.
+        unit: Unit of the quantity.
+    """
     return VerificationCheck(name=name, passed=None, value=np.nan, limit=np.nan, unit=unit, where=why)
 
 
 def build_count_check(name: str, wrong: Sequence[str] | list[str], unit: str = "rows") -> VerificationCheck:
-    """So many places are wrong, the first of them named; none is the promise."""
+    """Return a check that passes if no place is wrong.
+
+    Args:
+        name: Name of the check.
+        wrong: Wrong places; the first one is named.
+        unit: What is counted.
+    """
     more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
     return VerificationCheck(
         name=name,

@@ -1,4 +1,4 @@
-"""The page of a cell by itself, for ``machopt view CELL``."""
+"""Page of a cell, for ``machopt view CELL``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from machopt.version import __version__
 
 
 def build_cell_html(cell: Cell) -> str:
-    """The page as text; the same cell gives the same bytes.
+    """Return the page; the same cell gives the same bytes.
+
+    Args:
+        cell: The robot cell.
 
     Raises:
         InputError: the arm's bodies cannot be read.

@@ -1,4 +1,4 @@
-"""Where the cell and the toolpath of an output folder lie: by the hashes its manifest has, for it names no places."""
+"""Location of the cell and the toolpath of an output folder, by the hashes of its manifest, which names no paths."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from machopt.output.file_hashes import compute_sha256
 
 MAX_LEVELS_UP = 2  # folders above the output folder that are looked into
 MAX_LEVELS_DOWN = 4  # how deep below them
-MAX_ENTRIES = 20_000  # entries that are looked at: a home folder must not be read to its end
+MAX_ENTRIES = 20_000  # entries that are read at most, so that a home folder is not searched completely
 _SKIPPED_FOLDERS = {"node_modules", "__pycache__", "site-packages"}
 
 
 @dataclass(frozen=True)
 class InputLocations:
-    """What an output folder was made from, as far as it was found; ``missing`` says what was not."""
+    """Located inputs of an output folder; ``missing`` lists what was not found."""
 
     cell: Path | None
     toolpath: Path | None
@@ -49,7 +49,12 @@ def locate_inputs(out: Path, manifest: FolderManifest, around: Iterable[Path] = 
 
 
 def list_changed_inputs(then: Iterable[ManifestFile], now: Iterable[ManifestFile]) -> tuple[str, ...]:
-    """Names of inputs that are other ones today, or are not there any more."""
+    """Return the names of inputs that have changed or are missing.
+
+    Args:
+        then: Inputs that the manifest records.
+        now: Inputs of today.
+    """
     today = {f.name: f.sha256 for f in now}
     return tuple(f.name for f in then if f.role != "plan" and today.get(f.name) != f.sha256)
 

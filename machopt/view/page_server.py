@@ -1,10 +1,9 @@
-"""A page for one user on this machine: loopback only, nothing without the token, nothing for other hosts.
+"""HTTP server of a page for one user: loopback address, secret token, requests to this host only.
 
-A browser lets any page send requests to 127.0.0.1, and a name that leads there passes for the page's own host (DNS
-rebinding). So the address holds a token nobody else knows, and a request must name this very host. Requests are read by
-threads; what they ask is done by the thread that called :meth:`PageServer.work`, one thing at a time, so that Ctrl-C
-stops
-a plan that is being made like any other.
+A browser lets any page send requests to 127.0.0.1, and a host name that resolves to it passes for the page's own host
+(DNS rebinding). So the address holds a secret token, and a request must name this very host. Threads read the
+requests. The thread that called :meth:`PageServer.work` carries out their actions, one at a time, so that Ctrl-C
+stops a running plan like any other.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ CONTENT_SECURITY_POLICY = (
 
 @dataclass
 class PendingAction:
-    """Something to do, and what came of it."""
+    """Requested action and its answer."""
 
     name: str
     body: dict[str, Any]
@@ -44,7 +43,7 @@ class PendingAction:
 
 
 class PageServer:
-    """Serves a page; ``page`` and ``act`` are called by :meth:`work` alone."""
+    """HTTP server of a page; only :meth:`serve_actions` calls ``page`` and ``act``."""
 
     def __init__(
         self,
@@ -85,7 +84,7 @@ class PageServer:
 
     @property
     def hosts(self) -> tuple[str, ...]:
-        """What a request may call this host."""
+        """Host names that a request may use."""
         return f"{HOST}:{self.port}", f"localhost:{self.port}"
 
     @property
@@ -94,20 +93,31 @@ class PageServer:
 
     @property
     def progress(self) -> ViewProgressDocument:
-        """What is being done."""
+        """Current stage of the running action."""
         return ViewProgressDocument(stage=self._stage, seconds=time.monotonic() - self._since if self._stage else 0.0)
 
     def serve_actions(self) -> None:
-        """Do what is asked, until :class:`KeyboardInterrupt`."""
+        """Carry out requested actions until :class:`KeyboardInterrupt`."""
         while True:
             self.run_action(self.wait_for_action())
 
     def wait_for_action(self, seconds: float | None = None) -> PendingAction:
-        """Wait for the next thing to do; :class:`queue.Empty` where none comes in time."""
+        """Wait for the next action.
+
+        Args:
+            seconds: Longest wait, s; None waits for ever.
+
+        Raises:
+            queue.Empty: no action came in time.
+        """
         return self._queue.get(timeout=seconds)
 
     def run_action(self, asked: PendingAction) -> None:
-        """Do one thing."""
+        """Carry out one action.
+
+        Args:
+            asked: The action.
+        """
         self._since = time.monotonic()
         try:
             asked.answer = self._act(asked.name, asked.body, self._set_progress)
@@ -118,7 +128,12 @@ class PageServer:
             asked.finished.set()
 
     def request_action(self, what: str, body: dict[str, Any]) -> ViewAnswerDocument | None:
-        """Have something done and wait for it; None where something is being done already, or all is over."""
+        """Request an action and wait for it; None where another one is running, or the server is closed.
+
+        Args:
+            what: Name of the action.
+            body: Data of the request.
+        """
         if not self._busy.acquire(blocking=False):
             return None
         try:
@@ -131,7 +146,7 @@ class PageServer:
             self._busy.release()
 
     def close(self) -> None:
-        """End; nobody waits any longer."""
+        """Stop the server and release waiting requests."""
         self._open = False
         self._http.shutdown()
         self._thread.join()
@@ -184,7 +199,7 @@ class _RequestHandler(BaseHTTPRequestHandler):
         return self._send_json(answer)
 
     def _parse_path(self) -> str | None:
-        """What is asked for behind the token; None where the request was refused."""
+        """Return the requested path behind the token; None where the request was refused."""
         origin = self.headers.get("Origin")
         if self.headers.get("Host") not in self.owner.hosts or (
             origin is not None and origin not in [f"http://{host}" for host in self.owner.hosts]
@@ -221,4 +236,8 @@ class _RequestHandler(BaseHTTPRequestHandler):
             self.wfile.write(data)
 
     def log_message(self, *_: object) -> None:
-        """Nothing: the address holds the token."""
+        """Log nothing, because the address holds the token.
+
+        Args:
+            _: The arguments, ignored.
+        """

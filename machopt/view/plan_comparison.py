@@ -1,4 +1,4 @@
-"""Two plans of one job beside each other, figure by figure."""
+"""Comparison of two plans of one job, figure by figure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ MISSING_VALUE = float("nan")
 
 
 def compare_plans(now: OptimizeJobResult, before: OptimizeJobResult | None) -> tuple[PlanComparison, ...]:
-    """Objective, index, time and clearance of a plan and of the one before it, NaN where there is none."""
+    """Return objective, index, time and clearance of a plan and of the one before it, NaN where there is none.
+
+    Args:
+        now: The plan.
+        before: The plan before it; None for the first plan.
+    """
     deflects = now.plan.scores.index == "deflection"
     word, unit, factor = ("deflection", "mm", 1e3) if deflects else ("compliance", "µm/N", 1e6)
     scale = now.plan.scores.scale
@@ -38,7 +43,7 @@ def compare_plans(now: OptimizeJobResult, before: OptimizeJobResult | None) -> t
 
 
 def _compute_objective(plan: Plan, scale: float) -> float:
-    """J with c₀ as given and without preferred rotations: so two plans with other wishes have one unit."""
+    """Return J with given c₀ and without preferred rotations, so that plans with different rules are comparable."""
     o, w = plan.chosen.objective, plan.options.weights
     return float(o.total - o.preferred + (plan.scores.scale / scale - 1.0) * (w.mean * o.mean + w.worst * o.worst))
 

@@ -1,4 +1,4 @@
-"""``machopt view``: what is served, and what a request does to it."""
+"""``machopt view``: what is served, and the actions of the page."""
 
 from __future__ import annotations
 
@@ -26,60 +26,71 @@ ACTIONS = ("plan", "back", "save", "verify")
 
 @dataclass(frozen=True, kw_only=True)
 class ViewRequest:
-    """What the user wants to see."""
+    """Request of ``machopt view``."""
 
     paths: tuple[Path, ...]  # OUT; CELL; CELL TOOLPATH; OUT CELL TOOLPATH
-    request: OptimizeRequest  # options, reading and so on; its places are not looked at
+    request: OptimizeRequest  # options, reading and so on; its paths are not used
     save: Path  # where the plan file goes
     words: tuple[str, ...] = ()  # of the reading options, for the command that plans the same
     port: int = 0
     report_only: bool = False  # a report is shown, not planned anew
 
 
-def serve_view(asked: ViewRequest, say: Callable[[str], None], progress: Callable[[str], None]) -> PageServer:
-    """Load or plan, and begin to serve; :meth:`PageServer.work` does what the page asks.
+def serve_view(view_request: ViewRequest, say: Callable[[str], None], progress: Callable[[str], None]) -> PageServer:
+    """Load or plan, and start the server; :meth:`PageServer.work` carries out the page's actions.
+
+    Args:
+        view_request: The request of ``machopt view``.
+        say: Called with each message to the user.
+        progress: Called with the name of each stage when it begins.
 
     Raises:
-        InputError: what cannot be shown or planned.
+        InputError: the input cannot be shown or planned.
     """
-    places = list(asked.paths)
+    places = list(view_request.paths)
     out = places.pop(0) if (places[0] / MANIFEST).is_file() else None
     if out is not None:
         for name, why in find_unreadable_files(out, read_manifest(out)[0])[:1]:
             raise InputError(why, file=out / name)
     if out is not None and not places:
-        places = [] if asked.report_only else _locate_inputs(out, say)
+        places = [] if view_request.report_only else _locate_inputs(out, say)
         if not places:
-            return _serve_report(out, asked.port)
+            return _serve_report(out, view_request.port)
     if len(places) == 1:
-        cell = load_cell(places[0], allow_external=asked.request.allow_external)
+        cell = load_cell(places[0], allow_external=view_request.request.allow_external)
         say("a cell by itself; with a toolpath (machopt view CELL TOOLPATH) it is planned and can be steered")
-        return _serve_fixed_page(build_cell_html(cell), asked.port)
+        return _serve_fixed_page(build_cell_html(cell), view_request.port)
     if len(places) != 2:
         raise InputError("too many places; OUT, CELL, CELL TOOLPATH or OUT CELL TOOLPATH would work", where="view")
-    request = _build_optimize_request(asked, out, *places)
+    request = _build_optimize_request(view_request, out, *places)
     given = load_optimize_inputs(request)
     if out is not None and (other := list_changed_inputs(read_manifest(out)[0].inputs, given.manifest.inputs)):
         say(f"{', '.join(other)} changed since {out} was made: the plan is that of today's files")
     session = ViewSession.start(
         given,
-        asked.save,
-        _list_command_words(asked, *places),
+        view_request.save,
+        _list_command_words(view_request, *places),
         progress,
         overwrite=request.overwrite,
-        inputs=(*given.cell.files, *list_request_paths(request), *list_request_paths(asked.request)),
+        inputs=(*given.cell.files, *list_request_paths(request), *list_request_paths(view_request.request)),
     )
-    return PageServer(session.build_html, SessionActions(session).run_action, ACTIONS, asked.port)
+    return PageServer(session.build_html, SessionActions(session).run_action, ACTIONS, view_request.port)
 
 
 @dataclass(frozen=True)
 class SessionActions:
-    """Does what the page of a session asks."""
+    """Actions of the page of a session."""
 
     session: ViewSession
 
     def run_action(self, what: str, body: dict[str, Any], progress: Callable[[str], None]) -> ViewAnswerDocument:
-        """One action; a mistake of the user's is an answer."""
+        """Carry out one action; an input error becomes part of the answer.
+
+        Args:
+            what: Name of the action.
+            body: Data of the request.
+            progress: Called with the name of each stage when it begins.
+        """
         try:
             if what == "plan":
                 told, shown = self.session.replan(body, progress)

@@ -1,4 +1,4 @@
-"""A loaded problem and its plans: what the user steers, without anything of a browser."""
+"""Session of ``machopt view``: a loaded problem and its plans, independent of the browser."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ WISH_KEYS = ("fixed", "steer", "external")  # of a plan file, that the page may 
 
 @dataclass(kw_only=True)
 class ViewSession:
-    """One cell and toolpath; the plan shown, and the one it is compared with."""
+    """One cell and toolpath with the shown plan and the previous one."""
 
     optimize_inputs: OptimizeInputs
     file: Path  # where the plan file is saved
@@ -66,7 +66,16 @@ class ViewSession:
         overwrite: bool = False,
         inputs: tuple[Path, ...] = (),
     ) -> ViewSession:
-        """Plan as asked."""
+        """Compute the first plan, and return the session.
+
+        Args:
+            given: The loaded inputs.
+            file: Plan file that the page may write.
+            words: Planning options of the command line.
+            progress: Called with the name of each stage when it begins.
+            overwrite: Replace the plan file whatever it holds.
+            inputs: Input files, which must never be overwritten.
+        """
         store = StepCache()
         with use_step_cache(store):
             made = compute_optimize_plan(given, StageTimings(progress=progress))
@@ -84,19 +93,23 @@ class ViewSession:
         )
 
     def list_wishes(self) -> dict[str, Any]:
-        """What the plan shown was steered by, under the keys of a plan file."""
+        """Return the steering rules of the shown plan, under the keys of a plan file."""
         user = format_user_options(self.current.inputs.options)
         return {"fixed": user["fixed"], "steer": user.get("steer", []), "external": user.get("external", {})}
 
     def replan(self, wishes: dict[str, Any], progress: Progress) -> tuple[str, bool]:
-        """Plan anew with other wishes; what they do not change is taken from the plan shown.
+        """Plan again with other steering rules; unchanged steps come from the cache.
+
+        Args:
+            wishes: The rules, under the keys of a plan file.
+            progress: Called with the name of each stage when it begins.
 
         Returns:
-            what came of it, and whether the new plan is shown now: one without a motion takes the place of none that
-            has one.
+            A message, and whether the new plan is shown now: a plan without a motion does not replace one with a
+            motion.
 
         Raises:
-            InputError: a wish that cannot be meant; the plan shown stays.
+            InputError: a rule is not valid; the shown plan stays.
         """
         options = self._build_options(wishes)
         if self.has_motion and format_user_options(options) == format_user_options(self.current.inputs.options):
@@ -116,23 +129,26 @@ class ViewSession:
         return told, True
 
     def swap_plans(self) -> None:
-        """Change the plan shown for the one before."""
+        """Exchange the shown plan and the previous one."""
         if self.previous is not None:
             self.previous, self.current = self.current, self.previous
             self.message, self.has_motion = _describe_outcome(self.current)
 
     def save_plan_file(self) -> str:
-        """Write the plan file; its command."""
+        """Write the plan file; return its command."""
         write_text_file(self.file, self.plan_text(), force=self.overwrite, inputs=self.inputs)
         return self.command
 
     def verify(self, progress: Progress) -> ViewAnswerDocument:
-        """Write the plan shown to a folder of its own, programs included, and hold it against cell and toolpath.
+        """Write the shown plan with its programs to a temporary folder, and verify it against cell and toolpath.
 
-        The checks share no code with the planner. The folder is gone afterwards.
+        The checks share no code with the planner.
+
+        Args:
+            progress: Called with the name of each stage when it begins.
 
         Returns:
-            what the page shows: a sentence, whether all is well, and every check.
+            What the page shows: a sentence, whether all checks passed, and every check.
         """
         with TemporaryDirectory(prefix="machopt-view-") as place:
             timed = replace(self.current, timings=StageTimings(progress=progress))
@@ -169,11 +185,11 @@ class ViewSession:
 
     @property
     def command(self) -> str:
-        """What plans the same anew."""
+        """Command that computes the same plan."""
         return " ".join(["machopt optimize", *self.words, "--plan", str(self.file)])
 
     def plan_text(self) -> str:
-        """Every option of the plan shown as a plan file: YAML 1.2, of which JSON values are a part."""
+        """Options of the shown plan as a plan file: YAML 1.2, which includes JSON."""
         user = {"machopt_plan": 1, **format_user_options(self.current.inputs.options)}
         user.setdefault("steer", [])  # an empty list takes the place of one in cell.yaml
         lines = ["# yaml-language-server: $schema=plan.schema.json"]
@@ -185,7 +201,7 @@ class ViewSession:
         return "\n".join(lines) + "\n"
 
     def build_html(self) -> str:
-        """The page: the report of the plan shown, and what steers it."""
+        """Return the page: the report of the shown plan, and the steering panel."""
         made, timings = self.current.job_result, self.current.timings
         data = build_report_data(
             made.plan,

@@ -1,4 +1,4 @@
-"""A diagnosis in memory, and its files: everything that ``machopt diagnose`` computes before it writes the first."""
+"""Computation of ``machopt diagnose`` in memory, and its output files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseComputation:
-    """A diagnosis in memory: nothing of it is written yet."""
+    """Result of a diagnosis in memory, not written yet."""
 
     request: DiagnoseRequest
     cell: Cell
@@ -38,7 +38,13 @@ class DiagnoseComputation:
 
 
 def write_diagnosis_files(done: DiagnoseComputation, folder: Path, progress: Progress = lambda _: None) -> None:
-    """Write its files into an empty folder."""
+    """Write the files into an empty folder.
+
+    Args:
+        done: Result of the computation.
+        folder: The empty folder.
+        progress: Called with the name of each stage when it begins.
+    """
     request = done.request
     progress("writing the model and tables")
     write_stiffness_file(folder, done.model)

@@ -1,4 +1,4 @@
-"""Files of ``machopt diagnose`` beside result and page, and what it says of a toolpath."""
+"""Files of ``machopt diagnose`` other than result and page, and its statement about a toolpath."""
 
 from __future__ import annotations
 
@@ -33,7 +33,14 @@ def write_residual_table(
     diagnosis: DiagnosisResult,
     problem: DiagnosisProblem | None = None,
 ) -> None:
-    """``residuals.csv``: line, pose, session, used, and the residual before and after in each coordinate."""
+    """Write ``residuals.csv``: line, pose, session, used, and the residual before and after in each coordinate.
+
+    Args:
+        path: The file to write.
+        recording: The recording, or the recordings that were joined.
+        diagnosis: The diagnosis.
+        problem: The equations of the diagnosis; None where they were not built.
+    """
     page = locate_readings(recording, diagnosis, problem)
     prefix = "d" if diagnosis.channel == "deflection" else ""
     names = [
@@ -56,7 +63,12 @@ def write_residual_table(
 
 
 def write_stiffness_file(folder: Path, stiffness: ArmStiffness | None) -> None:
-    """``stiffness.yaml``, where there is one."""
+    """Write ``stiffness.yaml``, where there is a stiffness, and check that it can be read.
+
+    Args:
+        folder: The output folder.
+        stiffness: The extended stiffness model; None where there is none.
+    """
     if stiffness is None:
         return
     write_stiffness(folder / STIFFNESS, stiffness)
@@ -64,12 +76,22 @@ def write_stiffness_file(folder: Path, stiffness: ArmStiffness | None) -> None:
 
 
 def list_kinematic_corrections(d: DiagnosisResult) -> tuple[KinematicCorrection, ...]:
-    """What is not elastic of what was found."""
+    """Return the kinematic corrections among the findings.
+
+    Args:
+        d: The diagnosis.
+    """
     return tuple(f.correction for f in d.findings if isinstance(f.correction, KinematicCorrection))
 
 
 def write_kinematics_file(folder: Path, cell: Cell, d: DiagnosisResult) -> None:
-    """``kinematics.yaml``, where something belongs there."""
+    """Write ``kinematics.yaml``, where a kinematic correction was found.
+
+    Args:
+        folder: The output folder.
+        cell: The robot cell.
+        d: The diagnosis.
+    """
     found = list_kinematic_corrections(d)
     if not found:
         return

@@ -1,4 +1,4 @@
-"""``machopt diagnose``: from a cell and a recording to what the model leaves out, the extended model, and a page."""
+"""``machopt diagnose``: missing effects of the model from a cell and a recording, the extended model, and a page."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class DiagnoseResult:
-    """What came out."""
+    """Result of ``machopt diagnose``."""
 
     diagnosis: DiagnosisResult
     result: DiagnosisDocument
@@ -44,6 +44,10 @@ class DiagnoseResult:
 
 def run_diagnose(request: DiagnoseRequest, progress: Progress = lambda _: None) -> DiagnoseResult:
     """Diagnose a recording of a cell's robot.
+
+    Args:
+        request: The validated request.
+        progress: Called with the name of each stage when it begins.
 
     Raises:
         InputError: bad cell, recording, laws or output folder.
@@ -62,12 +66,13 @@ def run_diagnose(request: DiagnoseRequest, progress: Progress = lambda _: None) 
 def compute_diagnosis(
     request: DiagnoseRequest, own: tuple[UserModule, ...], progress: Progress, cell: Cell | None = None
 ) -> DiagnoseComputation:
-    """What the model leaves out.
+    """Return the effects that the model lacks.
 
     Args:
-        request: what was asked; its ``out`` is not looked at.
-        own: the files of ``request.terms``, run and in use.
-        cell: where it has been read already.
+        request: The validated request; its ``out`` is not used.
+        own: Loaded files of ``request.terms``, already registered.
+        progress: Called with the name of each stage when it begins.
+        cell: The cell, if it is loaded already.
     """
     progress("reading cell and recording")
     paths = request.recordings

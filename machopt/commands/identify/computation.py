@@ -1,4 +1,4 @@
-"""A stiffness in memory: everything that ``machopt identify`` computes before it writes its first file."""
+"""Computation of ``machopt identify`` in memory, before it writes its first file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from machopt.stiffness.terms import compile_terms
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyComputation:
-    """A stiffness in memory: nothing of it is written yet."""
+    """Result of an identification in memory, not written yet."""
 
     request: IdentifyRequest
     cell: Cell
@@ -43,11 +43,12 @@ class IdentifyComputation:
 def compute_identification(
     request: IdentifyRequest, progress: Callable[[str], None], cell: Cell | None = None
 ) -> IdentifyComputation:
-    """The stiffness.
+    """Return the identified stiffness.
 
     Args:
-        request: what was asked; its ``out`` is not looked at.
-        cell: where it has been read already.
+        request: The validated request; its ``out`` is not used.
+        progress: Called with the name of each stage when it begins.
+        cell: The cell, if it is loaded already.
     """
     check_identify_request(request)
     options = convert_to_options(request, tuple(parse_term(t) for t in request.terms))

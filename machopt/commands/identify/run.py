@@ -1,4 +1,4 @@
-"""``machopt identify``: from a cell and load tests to a stiffness file with its uncertainty, and a page."""
+"""``machopt identify``: a stiffness file with uncertainty from a cell and load tests, and a page."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from machopt.report.pages.identification_page import write_identification_page
 
 @dataclass(frozen=True)
 class IdentifyResult:
-    """What came out."""
+    """Result of ``machopt identify``."""
 
     identification: IdentificationResult
     result: IdentificationDocument
@@ -33,6 +33,10 @@ class IdentifyResult:
 
 def run_identify(request: IdentifyRequest, progress: Callable[[str], None] = lambda _: None) -> IdentifyResult:
     """Identify the stiffness of a cell's robot from one or several recordings.
+
+    Args:
+        request: The validated request.
+        progress: Called with the name of each stage when it begins.
 
     Raises:
         InputError: bad cell, recording, options or output folder; a record that cannot be right.
@@ -50,7 +54,13 @@ def run_identify(request: IdentifyRequest, progress: Callable[[str], None] = lam
 def write_identification_files(
     done: IdentifyComputation, folder: Path, progress: Callable[[str], None] = lambda _: None
 ) -> None:
-    """Write its files into an empty folder."""
+    """Write the files into an empty folder.
+
+    Args:
+        done: Result of the computation.
+        folder: The empty folder.
+        progress: Called with the name of each stage when it begins.
+    """
     progress("writing stiffness and tables")
     request, cell, tests, found = done.request, done.cell, done.tests, done.identification
     write_stiffness(folder / "stiffness.yaml", found.stiffness)

@@ -1,4 +1,4 @@
-"""A map in memory: everything that ``machopt map`` computes before it writes its first file."""
+"""Computation of ``machopt map`` in memory, before it writes its first file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _UNCHECKED = {"none": ("collisions NOT checked",), "self": (), "cell": ()}  # "s
 
 @dataclass(frozen=True, kw_only=True)
 class MapComputation:
-    """A map in memory: nothing of it is written yet."""
+    """Result of a map in memory, not written yet."""
 
     request: MapRequest
     cell: Cell
@@ -66,11 +66,12 @@ class MapComputation:
 
 
 def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell | None = None) -> MapComputation:
-    """The map.
+    """Return the map.
 
     Args:
-        request: what was asked; its ``out`` is not looked at.
-        cell: where it has been read already.
+        request: The validated request; its ``out`` is not used.
+        progress: Called with the name of each stage when it begins.
+        cell: The cell, if it is loaded already.
     """
     progress("load")
     cell = load_cell(request.cell, allow_external=request.allow_external) if cell is None else cell

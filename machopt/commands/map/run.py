@@ -1,4 +1,4 @@
-"""``machopt map``: from a cell to stiffness and dexterity over a slice, a volume, a line or a joint plane."""
+"""``machopt map``: stiffness and dexterity of a cell over a slice, a volume, a line or a joint plane."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["MapRequest", "MapResult", "run_map"]
 
 @dataclass(frozen=True)
 class MapResult:
-    """What came out; ``exit_code`` is 0, or 3 where no sample has a posture."""
+    """Result of ``machopt map``; ``exit_code`` is 0, or 3 where no sample has a posture."""
 
     exit_code: int
     result: MapDocument
@@ -37,6 +37,10 @@ def run_map(request: MapRequest, progress: Callable[[str], None] = lambda _: Non
 
     Writes ``map.csv`` (and ``map_free.csv`` where the rotation about the tool axis is free), ``map.json``,
     ``map.svg`` and ``report.html``. The same input gives the same bytes.
+
+    Args:
+        request: The validated request.
+        progress: Called with the name of each stage when it begins.
 
     Raises:
         InputError: bad cell, options, measured table or output folder.
@@ -52,7 +56,13 @@ def run_map(request: MapRequest, progress: Callable[[str], None] = lambda _: Non
 
 
 def write_map_files(done: MapComputation, folder: Path, progress: Callable[[str], None] = lambda _: None) -> None:
-    """Write its files into an empty folder."""
+    """Write the files into an empty folder.
+
+    Args:
+        done: Result of the computation.
+        folder: The empty folder.
+        progress: Called with the name of each stage when it begins.
+    """
     progress("report")
     request, first = done.request, done.layers[0]
     for layer in done.layers:

@@ -1,4 +1,4 @@
-"""The columns of map.csv."""
+"""Columns of map.csv."""
 
 from __future__ import annotations
 
@@ -27,7 +27,15 @@ def build_map_columns(
     given: MapLayerResult,
     comparison: MeasuredComparison | None,
 ) -> list[MapColumn]:
-    """The table of one layer, one row a sample, the last axis fastest."""
+    """Return the columns of one layer's table, one row for each sample, the last axis fastest.
+
+    Args:
+        samples: Sample positions of the map.
+        layer: Results of the layer.
+        options: Options of the map.
+        given: Results of the layer with given rotation about the tool axis.
+        comparison: Comparison with measured stiffness; None without measurements.
+    """
     p, v = layer.postures, layer.values
     axis = -convert_to_map_frame(v.T_base_tcp, options)[:, :3, 2]
     columns = [MapColumn("sample", [str(i) for i in range(len(samples))])]

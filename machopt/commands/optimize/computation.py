@@ -1,4 +1,4 @@
-"""A plan in memory: everything that ``machopt optimize`` computes before it writes its first file."""
+"""Computation of ``machopt optimize`` in memory, before it writes its first file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OptimizeComputation:
-    """A plan in memory: nothing of it is written yet."""
+    """Result of a plan in memory, not written yet."""
 
     inputs: OptimizeInputs
     job_result: OptimizeJobResult  # without verification, programs and front, which are made of what is written
@@ -27,16 +27,18 @@ class OptimizeComputation:
 def compute_optimize_plan(
     given: OptimizeInputs, timings: StageTimings, before: Sequence[Plan] = ()
 ) -> OptimizeComputation:
-    """The plan, and its motion where there is one; tool after tool where the job changes it.
+    """Return the plan, and its motion where there is one; tool after tool where the job changes it.
 
     Args:
-        before: the plans of the same stints but for the user's wishes, which lend what these do not change; or none.
+        given: The loaded inputs.
+        timings: Collects the computing time of each stage.
+        before: Earlier plans of the same segments with other steering rules, whose unchanged steps are reused.
     """
     job = plan_job(given.stints, given.toolpath, given.options, timings, before)
     from machopt.commands.optimize.job_result import OptimizeJobResult, ToolSegmentResult
     from machopt.program_export.exported_programs import (
         list_omitted_programs,
-    )  # late: loaded beside the plan (machopt.commands.optimize.run)
+    )  # late: loaded in parallel to the plan (machopt.commands.optimize.run)
 
     made = OptimizeJobResult(
         cell=given.cell,

@@ -1,4 +1,4 @@
-"""result.json of optimize: what was asked, what came out, and the hash of everything it belongs to."""
+"""result.json of optimize: request, result, and the hashes of all files it belongs to."""
 
 from __future__ import annotations
 
@@ -34,7 +34,13 @@ from machopt.version import __version__
 
 
 def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict[str, float]) -> told.OptimizeDocument:
-    """The result as result.json has it; ``outputs`` are the files that lie in ``folder`` by now."""
+    """Return the content of result.json; ``outputs`` are the files that lie in the folder at the time.
+
+    Args:
+        made: Result of the run.
+        folder: The output folder.
+        seconds: Computing time of each stage, s.
+    """
     cell, toolpath, the_plan, points = made.cell, made.toolpath, made.plan, made.points
     timeline, verification = made.timeline, made.verification
     trajectory = timeline.trajectory if timeline else None
@@ -98,7 +104,11 @@ def _compute_dwell_time(toolpath: Toolpath, points: PointResults) -> float:
 
 
 def build_objectives_section(the_plan: Plan) -> told.ObjectivesSection:
-    """What the plan comes to, and what it is compared with."""
+    """Return the objective values of the plan and of its baselines.
+
+    Args:
+        the_plan: The plan.
+    """
     return told.ObjectivesSection(
         cam_default=build_objective_section(the_plan.cam_default),
         jiao2022=build_objective_section(the_plan.jiao2022),

@@ -1,4 +1,4 @@
-"""Everything one run of ``machopt optimize`` came to, before it is told."""
+"""Result of one run of ``machopt optimize``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from machopt.verification.folder.coverage import format_completeness, list_check
 
 @dataclass(frozen=True)
 class ToolSegmentResult:
-    """What one tool that is on came to: what its robot program is made of."""
+    """Result of one tool segment, from which its robot program is made."""
 
     stint: ToolSegment
     plan: Plan  # its toolpath indices count from the stint's first point
@@ -31,7 +31,7 @@ class ToolSegmentResult:
 
 @dataclass(frozen=True, kw_only=True)
 class OptimizeJobResult:
-    """Everything one run came to, before it is told."""
+    """Complete result of one run."""
 
     cell: Cell
     toolpath: Toolpath
@@ -42,12 +42,12 @@ class OptimizeJobResult:
     timeline: MotionTimeline | None
     verification: Verification | None
     programs: tuple[ExportedProgram, ...]
-    front: tuple[FrontPlan, ...] = ()  # the trade-off, where it was asked for
+    front: tuple[FrontPlan, ...] = ()  # the trade-off front, if requested
     manifest: FolderManifest  # without files; names inputs, reading options and what is not checked
 
     @property
     def exit_code(self) -> int:
-        """0 done, 3 no feasible answer, 4 verification failed."""
+        """Exit code: 0 done, 3 infeasible, 4 verification failed."""
         if self.timeline is None or self.timeline.trajectory is None:
             return 3
         held = self.verification is None or self.verification.ok
@@ -67,7 +67,7 @@ class OptimizeJobResult:
 
     @property
     def production_blockers(self) -> tuple[str, ...]:
-        """What has to be settled before the part is made; nothing where there is no motion to make it with."""
+        """What has to be settled before production; empty where there is no motion."""
         if self.exit_code == 3:
             return ()
         return list_production_blockers(self.cell, self.unchecked, [p.to_document() for p in self.programs])
@@ -81,7 +81,11 @@ class OptimizeJobResult:
         return format_completeness(cut, len(points) - cut)
 
     def with_programs(self, programs: tuple[ExportedProgram, ...]) -> OptimizeJobResult:
-        """The same with these programs, in the manifest too; one that is withheld has no files."""
+        """Return a copy with these programs, in the manifest too; an omitted program has no files.
+
+        Args:
+            programs: The exported programs.
+        """
         named = tuple(ManifestProgram(p.label, p.files, p.tool_segment) for p in programs if p.files)
         said = tuple(
             f"{p.files[0]}: {text}" for p in programs if p.files for text in (*p.unstarted_events, *p.assumptions)
@@ -89,12 +93,16 @@ class OptimizeJobResult:
         return replace(self, programs=programs, manifest=replace(self.manifest, programs=named, warnings=said))
 
     def with_touching_pairs(self) -> OptimizeJobResult:
-        """The same with the pairs of bodies that the planner leaves out, in the manifest."""
+        """Return a copy with the pairs of bodies that the planner leaves out, in the manifest."""
         models = [s.plan.setup.collision for s in self.stints]
         pairs = {(e.a, e.b): e.reason for m in models if m is not None for e in m.excluded if np.isfinite(e.share)}
         listed = tuple(TouchingPair(a, b, reason) for (a, b), reason in pairs.items())
         return replace(self, manifest=replace(self.manifest, touching_pairs=listed))
 
     def with_verification(self, found: Verification) -> OptimizeJobResult:
-        """The same with what the verification found, of each program too."""
+        """Return a copy with the verification, also for each program.
+
+        Args:
+            found: The verification of the output folder.
+        """
         return replace(self, verification=found, programs=add_read_back_results(self.programs, found))

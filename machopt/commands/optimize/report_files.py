@@ -1,4 +1,4 @@
-"""What came of a run of ``machopt optimize``, written: report, result, manifest."""
+"""Output of a run of ``machopt optimize``: report, result and manifest."""
 
 from __future__ import annotations
 
@@ -26,7 +26,14 @@ from machopt.report.pages.optimize.optimize_page import write_report
 def write_report_files(
     made: OptimizeJobResult, folder: Path, timings: StageTimings, shown: CollisionMap
 ) -> OptimizeDocument:
-    """Write report, result and manifest; programs go where the motion does not hold."""
+    """Write report, result and manifest; remove the programs where the motion failed its verification.
+
+    Args:
+        made: Result of the run.
+        folder: The output folder.
+        timings: Computing time of each stage.
+        shown: The map of feasible rotations and branches.
+    """
     if made.exit_code != 0 and any(p.files for p in made.programs):
         made = made.with_programs(remove_programs(folder, made.programs, made.verdict))
     with timings.stage("report"):
@@ -56,7 +63,14 @@ def write_report_files(
 
 
 def write_plan_tables(folder: Path, plan: Plan, points: PointResults, timeline: MotionTimeline | None) -> None:
-    """points.csv, and trajectory.csv and compensation.csv where there is a motion."""
+    """Write points.csv, and trajectory.csv and compensation.csv where there is a motion.
+
+    Args:
+        folder: The output folder.
+        plan: The plan.
+        points: Results at the toolpath's points.
+        timeline: The motion over time; None where there is no motion.
+    """
     write_points_csv(folder / "points.csv", points.table)
     if timeline is None or timeline.trajectory is None:
         return
@@ -69,6 +83,10 @@ def write_plan_tables(folder: Path, plan: Plan, points: PointResults, timeline: 
 
 
 def list_tool_names(plan: Plan) -> tuple[str, ...]:
-    """The tool of each stretch of the plan, in order; none where the cell has no table."""
+    """Return the tool of each segment of the plan, in order; none where the cell has no tool table.
+
+    Args:
+        plan: The plan.
+    """
     cells = [part.plan.setup.cell for part in plan.parts] or [plan.setup.cell]
     return tuple(cell.tool_name for cell in cells if cell.tool_name is not None)

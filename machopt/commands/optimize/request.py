@@ -1,4 +1,4 @@
-"""What ``machopt optimize`` was asked, loaded and refused where no plan could answer it."""
+"""Request of ``machopt optimize``: loading of its files, and refusal where no plan is possible."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from machopt.verification.folder.programs.post_lookup import build_tolerance
 
 @dataclass(frozen=True, kw_only=True)
 class OptimizeRequest:
-    """What the user asked for."""
+    """Request of ``machopt optimize``."""
 
     cell: Path
     toolpath: Path
@@ -51,7 +51,7 @@ class OptimizeRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class OptimizeInputs:
-    """Everything a plan is made from."""
+    """Loaded inputs of a plan."""
 
     cell: Cell
     options: PlanOptions
@@ -66,7 +66,14 @@ class OptimizeInputs:
 
 
 def load_optimize_inputs(request: OptimizeRequest) -> OptimizeInputs:
-    """Read every file that was named; an InputError names a bad cell, toolpath, option or post."""
+    """Read every file that the request names.
+
+    Args:
+        request: The validated request.
+
+    Raises:
+        InputError: bad cell, toolpath, option or post.
+    """
     cell = load_cell(request.cell, allow_external=request.allow_external)
     return prepare_optimize_inputs(
         cell, lambda: read_for_plan(request.toolpath, **get_reading_options(cell), **request.reading), request
@@ -74,7 +81,7 @@ def load_optimize_inputs(request: OptimizeRequest) -> OptimizeInputs:
 
 
 def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest) -> OptimizeInputs:
-    """What was asked of a cell and a toolpath, refused where no plan could answer it.
+    """Return the inputs of a plan; refuse a request for which no plan is possible.
 
     Args:
         cell: as it was read, or changed since.
@@ -89,7 +96,7 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
     posts, tolerance = select_posts(cell, request.posts), build_tolerance(request.program_tolerance_mm, options)
     toolpath = add_reach_warning(cell, place_toolpath(refuse_unknown_words(read(), request.toolpath), cell))
     cell = select_job_tools(apply_absolute_accuracy(cell, options), toolpath)
-    stints = split_into_tool_segments(cell, toolpath)
+    segments = split_into_tool_segments(cell, toolpath)
     if request.front:
         check_front_options(options)
     check_plannable(toolpath, options)
@@ -110,7 +117,7 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
         cell=cell,
         options=options,
         toolpath=toolpath,
-        stints=stints,
+        stints=segments,
         posts=posts,
         tolerance=tolerance,
         manifest=manifest,

@@ -1,4 +1,4 @@
-"""``machopt optimize``: from a cell and a CAM file to a folder with motion, program, tables, verdict and report."""
+"""``machopt optimize``: motion, program, tables, verdict and report from a cell and a CAM file."""
 
 from __future__ import annotations
 
@@ -18,21 +18,25 @@ from machopt.planning.pipeline.planning_setup import StageTimings
 if TYPE_CHECKING:
     from machopt.data_types.documents.optimize_document import OptimizeDocument
 
-OUTPUT_MODULE = "machopt.commands.optimize.verified_files"  # what a plan does not need is loaded beside it
+OUTPUT_MODULE = "machopt.commands.optimize.verified_files"  # loaded in parallel to the plan, which does not need it
 
 
 @dataclass(frozen=True)
 class OptimizeResult:
-    """What came out; ``exit_code`` is 0, 3 or 4."""
+    """Result of ``machopt optimize``; ``exit_code`` is 0, 3 or 4."""
 
     exit_code: int
     result: OptimizeDocument
     report: Path
-    conflict: str = ""  # wishes that no plan keeps, in words
+    conflict: str = ""  # conflicting steering rules, in words
 
 
 def run_optimize(request: OptimizeRequest, progress: Callable[[str], None] = lambda _: None) -> OptimizeResult:
-    """Run the main job.
+    """Plan, verify and write the result of one job.
+
+    Args:
+        request: The validated request.
+        progress: Called with the name of each stage when it begins.
 
     Raises:
         InputError: bad cell, toolpath, options or output folder.

@@ -1,7 +1,7 @@
-"""``--front``: what more stiffness costs in time, joint travel and clearance, as a handful of whole plans.
+"""``--front``: the cost of more stiffness in time, joint travel and clearance, as a small set of complete plans.
 
-Each plan has other weights or another clearance, is driven in full and held against the cell by the same checks as the
-main one. A plan that another is nowhere worse than is no trade.
+Each plan has other weights or another clearance. Each gets a complete motion and the same checks as the main plan.
+Dominated plans are dropped.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ FRONT_COLUMNS = (
 
 
 def compute_trade_off_front(given: OptimizeInputs, asked: Plan, own: FrontPlan) -> list[FrontPlan]:
-    """The plan that was asked for, and every further one that can be driven and passes the checks.
+    """Return the requested plan, and every further one that is feasible and passes the checks.
 
     Args:
         given: the job; where it changes tools each plan is one of all of them.
@@ -60,7 +60,12 @@ def compute_trade_off_front(given: OptimizeInputs, asked: Plan, own: FrontPlan) 
 
 
 def write_trade_off_front(path: Path, points: list[FrontPlan]) -> None:
-    """Write ``front.csv``: the plans that no other is nowhere worse than."""
+    """Write ``front.csv`` with the plans that no other plan dominates.
+
+    Args:
+        path: The file to write.
+        points: All plans of the front.
+    """
     lines = [",".join(FRONT_COLUMNS)]
     lines += [",".join(_format_value(getattr(p, name)) for name in FRONT_COLUMNS) for p in points if not p.dominated]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")

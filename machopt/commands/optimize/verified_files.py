@@ -1,4 +1,4 @@
-"""A plan's files, written and checked: tables, programs, verdict, result and report."""
+"""Verified output files of a plan: tables, programs, verdict, result and report."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ from machopt.verification.tables.table_cache import cache_tables
 
 @dataclass(frozen=True)
 class VerifiedFiles:
-    """What stands in the folder, and what was checked of it."""
+    """Files of the output folder with their verification."""
 
     result: OptimizeDocument
     verification: Verification | None  # of every file; None where there is no motion
 
 
 def write_verified_files(the_plan: OptimizeComputation, folder: Path) -> VerifiedFiles:
-    """Write a plan's files and check what was written.
+    """Write a plan's files and verify them.
 
     Args:
-        folder: an empty folder.
+        the_plan: The plan with its inputs.
+        folder: An empty folder.
     """
     with cache_tables():  # by the verdict on the tables, and by that on all of it
         return _write_and_verify(the_plan, folder)

@@ -1,4 +1,4 @@
-"""The best places as ``run_optimize`` plans, exports and verifies them, each with its moved cell."""
+"""Plans, exports and verification of the best placements, each with its moved cell."""
 
 from __future__ import annotations
 
@@ -32,14 +32,23 @@ def write_best_plans(
     siting: PlacementSearchResult,
     folder: Path,
     progress: Callable[[str], None],
-    crew: PlacementExecutor | None = None,
+    executor: PlacementExecutor | None = None,
 ) -> tuple[ConfirmedPlacement, ...]:
-    """Write ``best-1`` …: ``cell`` and, for each toolpath, a whole output of ``run_optimize``."""
+    """Write ``best-1`` …: ``cell`` and, for each toolpath, a complete output of ``run_optimize``.
+
+    Args:
+        request: The validated request.
+        site: The cell, the jobs and the options of the search.
+        siting: Result of the placement search.
+        folder: The output folder.
+        progress: Called with the name of each stage when it begins.
+        executor: Worker processes; None computes in this process.
+    """
     best = siting.best[: request.search.best]
     wanted = [_BestPlanTask(request, one, folder / f"best-{k}") for k, one in enumerate(best, 1)]
     out: list[ConfirmedPlacement] = []
     progress(f"write and verify the {len(best)} best")
-    for done in (crew or InProcessExecutor(site)).map_items(_write_and_verify_plan, wanted):
+    for done in (executor or InProcessExecutor(site)).map_items(_write_and_verify_plan, wanted):
         out.append(done)
         progress(f"{len(out)} of the {len(best)} best are written and verified")
     return tuple(out)
@@ -73,6 +82,10 @@ def _write_and_verify_plan(site: PlacementSite, wanted: _BestPlanTask) -> Confir
 
 
 def list_toolpath_folder_names(files: tuple[Path, ...]) -> list[str]:
-    """A folder's name for each toolpath: its own, numbered where two are alike."""
+    """Return a folder name for each toolpath: its file name, numbered where two are equal.
+
+    Args:
+        files: The toolpath files.
+    """
     stems = [f.stem for f in files]
     return stems if len({*stems, "cell"}) == len(files) + 1 else [f"{k}-{stem}" for k, stem in enumerate(stems, 1)]

@@ -1,4 +1,4 @@
-"""What ``machopt place`` says of what it found: place.json, places.csv and the data of the page."""
+"""Output of ``machopt place``: place.json, places.csv and the data of the page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from machopt.version import __version__
 
 @dataclass(frozen=True)
 class ConfirmedPlacement:
-    """One of the best, as ``optimize`` wrote and verified it."""
+    """One of the best placements, as ``optimize`` wrote and verified it."""
 
     planned: PlannedPlacement
     folder: str
@@ -43,7 +43,11 @@ class ConfirmedPlacement:
 
 
 def get_index_unit(options: PlanOptions) -> tuple[str, float]:
-    """The index's unit for people, and what an index in m or m/N is multiplied with."""
+    """Return the displayed unit of the index, and the factor from m or m/N.
+
+    Args:
+        options: The planning options in force.
+    """
     return ("mm", 1e3) if resolve_index(options) == "deflection" else ("mm/kN", 1e6)
 
 
@@ -54,11 +58,14 @@ def build_place_document(
     confirmed: tuple[ConfirmedPlacement, ...] | None,
     inputs: dict[str, str],
 ) -> PlaceDocument:
-    """place.json.
+    """Return the content of place.json.
 
     Args:
-        confirmed: the best as they were written; None before that.
-        inputs: SHA-256 by name.
+        site: The cell, the jobs and the options of the search.
+        search: Options of the placement search.
+        siting: Result of the placement search.
+        confirmed: The best placements as written; None before that.
+        inputs: SHA-256 of the input files by name.
     """
     cell, unit = site.cell, get_index_unit(site.options)
     here = next((p for p in siting.planned if p.place.number == 0), None)
@@ -113,7 +120,12 @@ def build_place_document(
 
 
 def describe_range_edges(search: PlacementOptions, top: PlannedPlacement | None) -> tuple[str, ...]:
-    """Where the best place lies at the end of a range: beyond it there may be a better one."""
+    """Return messages where the best placement lies at the end of a range; a better one may lie beyond it.
+
+    Args:
+        search: Options of the placement search.
+        top: The best placement; None where there is none.
+    """
     if top is None:
         return ()
     out = []
@@ -238,7 +250,12 @@ def _compute_pose(
 
 
 def build_place_columns(site: PlacementSite, siting: PlacementSearchResult) -> dict[str, NDArray[Any]]:
-    """places.csv by column: every place that was looked at, the cell's own first; the index in its unit."""
+    """Return places.csv by column: every evaluated placement, the cell's own first; the index in its displayed unit.
+
+    Args:
+        site: The cell, the jobs and the options of the search.
+        siting: Result of the placement search.
+    """
     unit = get_index_unit(site.options)[1]
     planned = {p.place.number: p for p in siting.planned}
     every = siting.places
@@ -256,7 +273,13 @@ def build_place_columns(site: PlacementSite, siting: PlacementSearchResult) -> d
 
 
 def write_place_table(path: Path, site: PlacementSite, siting: PlacementSearchResult) -> None:
-    """places.csv."""
+    """Write places.csv.
+
+    Args:
+        path: The file to write.
+        site: The cell, the jobs and the options of the search.
+        siting: Result of the placement search.
+    """
     columns = build_place_columns(site, siting)
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
@@ -268,7 +291,13 @@ def write_place_table(path: Path, site: PlacementSite, siting: PlacementSearchRe
 def build_placement_page_data(
     site: PlacementSite, siting: PlacementSearchResult, result: PlaceDocument
 ) -> PlacementPageData:
-    """The page's data."""
+    """Return the data of the page.
+
+    Args:
+        site: The cell, the jobs and the options of the search.
+        siting: Result of the placement search.
+        result: Content of place.json.
+    """
     unit = get_index_unit(site.options)[1]
     planned = {p.place.number: p for p in siting.planned}
     marks = tuple(

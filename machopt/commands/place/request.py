@@ -1,4 +1,4 @@
-"""What ``machopt place`` was asked, what it can compare, and how a stopped run knows its own question again."""
+"""Request of ``machopt place``: its checks, and the key by which a stopped run is continued."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from machopt.version import __version__
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceRequest:
-    """What the user asked for."""
+    """Request of ``machopt place``."""
 
     cell: Path
     toolpaths: tuple[Path, ...]
@@ -35,15 +35,18 @@ class PlaceRequest:
     direct: dict[str, object] | None = None  # options by their user key
     posts: tuple[str, ...] = ()
     effects: tuple[Path, ...] = ()
-    tables: str = "csv"  # parquet: every table, those of the best plans too, as Parquet beside its CSV
+    tables: str = "csv"  # parquet: every table, those of the best plans too, also as Parquet
     overwrite: bool = False  # replace an earlier output though files in it were edited or added
 
 
 def check_comparable_options(options: PlanOptions) -> None:
-    """Refuse options under which places cannot be compared.
+    """Refuse options under which placements cannot be compared.
+
+    Args:
+        options: The planning options in force.
 
     Raises:
-        InputError: with what would work.
+        InputError: an option prevents the comparison; the message says what would be accepted.
     """
     wrong = None
     if options.method != "global":
@@ -62,7 +65,14 @@ def check_comparable_options(options: PlanOptions) -> None:
 def compute_request_key(
     cell: Cell, toolpaths: tuple[Toolpath, ...], options: PlanOptions, search: PlacementOptions
 ) -> str:
-    """A hash of everything that decides what is found; limits of time and number do not."""
+    """Return a hash of everything that decides the result; limits of time and number do not.
+
+    Args:
+        cell: The robot cell.
+        toolpaths: The toolpaths of the jobs.
+        options: The planning options in force.
+        search: Options of the placement search.
+    """
     ranges = {k: v for k, v in asdict(search).items() if k not in ("seconds", "plans", "best")}
     asked = [
         __version__,

@@ -1,4 +1,4 @@
-"""``machopt place``: where to put the workpiece, or the robot, and the best places as whole verified plans."""
+"""``machopt place``: the best placements of workpiece or robot, as complete verified plans."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class PlaceResult:
-    """What came out; ``exit_code`` is 0, 3 where nothing can be planned anywhere, 4 where a plan is not confirmed."""
+    """Result of ``machopt place``; ``exit_code`` is 0, 3 where no placement can be planned, 4 where a plan is not
+    confirmed.
+    """
 
     exit_code: int
     result: PlaceDocument
@@ -49,7 +51,7 @@ class PlaceResult:
 
 @dataclass(frozen=True)
 class PlaceComputation:
-    """What was found, in memory."""
+    """Result of the search in memory."""
 
     request: PlaceRequest
     site: PlacementSite
@@ -57,12 +59,18 @@ class PlaceComputation:
 
 
 def run_place(
-    request: PlaceRequest, progress: Progress = lambda _: None, crew: PlacementExecutor | None = None
+    request: PlaceRequest, progress: Progress = lambda _: None, executor: PlacementExecutor | None = None
 ) -> PlaceResult:
-    """Look for the best place, alone or with a crew of other processes: the answer is the same.
+    """Search for the best placement, alone or with worker processes; the result is the same.
 
-    Writes ``place.json``, ``places.csv``, ``report.html`` and ``best-1`` …: the moved cell and a whole output of
-    ``optimize`` for each toolpath. Until then ``OUT.progress.jsonl`` has what was found: the same command goes on.
+    Writes ``place.json``, ``places.csv``, ``report.html`` and ``best-1`` …: the moved cell and a complete output of
+    ``optimize`` for each toolpath. Until then ``OUT.progress.jsonl`` holds the evaluated placements: the same command
+    continues from there.
+
+    Args:
+        request: The validated request.
+        progress: Called with the name of each stage when it begins.
+        executor: Worker processes; None computes in this process.
 
     Raises:
         InputError: bad cell, toolpath, options, ranges or output folder.
@@ -75,11 +83,11 @@ def run_place(
         cell, toolpaths = read_request_files(request)
         with write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder:
             try:
-                found = compute_placements(request, cell, toolpaths, progress, journal, crew)
-            except InputError:  # nothing can go on from what was asked wrongly
+                found = compute_placements(request, cell, toolpaths, progress, journal, executor)
+            except InputError:  # a wrong request has no journal to continue
                 journal.unlink(missing_ok=True)
                 raise
-            result = write_placement_files(found, folder, progress, crew)
+            result = write_placement_files(found, folder, progress, executor)
         journal.unlink(missing_ok=True)
     return PlaceResult(result.exit_code, result, request.out / "report.html")
 
@@ -90,14 +98,17 @@ def compute_placements(
     toolpaths: tuple[Toolpath, ...],
     progress: Progress = lambda _: None,
     journal: Path | None = None,
-    crew: PlacementExecutor | None = None,
+    executor: PlacementExecutor | None = None,
 ) -> PlaceComputation:
-    """Look for the best place and write nothing but the journal.
+    """Search for the best placement; write only the journal.
 
     Args:
-        cell, toolpaths: as the request names them.
-        journal: what an earlier run found, and where this one notes what it finds.
-        crew: who looks and plans; None: this process.
+        request: The validated request.
+        cell: The robot cell.
+        toolpaths: The toolpaths of the jobs.
+        progress: Called with the name of each stage when it begins.
+        journal: File with the placements that an earlier run evaluated; new ones are appended.
+        executor: Worker processes; None computes in this process.
 
     Raises:
         InputError: the cell, an option or a range is wrong.
@@ -105,19 +116,32 @@ def compute_placements(
     site, options = build_placement_site(request, cell, toolpaths)
     notes = SearchJournal(journal, compute_request_key(site.cell, toolpaths, options, request.search))
     progress(f"going on with {notes.known_count} places that are known" if notes.known_count else "places")
-    siting = find_best_placement(site, request.search, notes, progress, crew)
-    if not siting.best:  # a part out of reach as it stands is what placement may help; one out of reach anywhere is not
+    siting = find_best_placement(site, request.search, notes, progress, executor)
+    if not siting.best:  # placement may help a part that is out of reach now, not one that is out of reach everywhere
         for file, reading, toolpath in zip(request.toolpaths, request.readings, site.toolpaths, strict=True):
             check_length_unit(cell, toolpath, file, stated="unit" in reading)
     return PlaceComputation(request, site, siting)
 
 
 def write_placement_files(
-    found: PlaceComputation, folder: Path, progress: Progress = lambda _: None, crew: PlacementExecutor | None = None
+    found: PlaceComputation,
+    folder: Path,
+    progress: Progress = lambda _: None,
+    executor: PlacementExecutor | None = None,
 ) -> PlaceDocument:
-    """Write the best places as whole plans, and everything that is told."""
+    """Write the best placements as complete plans, and all documents.
+
+    Args:
+        found: Result of the search.
+        folder: The empty folder.
+        progress: Called with the name of each stage when it begins.
+        executor: Worker processes; None computes in this process.
+
+    Returns:
+        The content of place.json.
+    """
     request, site, siting = found.request, found.site, found.siting
-    best = write_best_plans(request, site, siting, folder, progress, crew)
+    best = write_best_plans(request, site, siting, folder, progress, executor)
     hashes = {**compute_input_hashes(site.cell), **{t.source: t.sha256 for t in site.toolpaths}}
     result = build_place_document(site, request.search, siting, best, hashes)
     write_place_table(folder / "places.csv", site, siting)

@@ -1,4 +1,4 @@
-"""Cell and jobs of ``machopt place``, loaded; here, or by another process that was told only what was asked."""
+"""Loading of cell and jobs of ``machopt place``, in this process or in a worker process that has only the request."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ _SITE_LOCK = threading.Lock()  # a worker of a cluster may have threads; a plan 
 
 
 def read_request_files(request: PlaceRequest) -> tuple[Cell, tuple[Toolpath, ...]]:
-    """The files that the request names.
+    """Read the files that the request names.
+
+    Args:
+        request: The validated request.
 
     Raises:
         InputError: a file is wrong.
@@ -43,7 +46,12 @@ def read_request_files(request: PlaceRequest) -> tuple[Cell, tuple[Toolpath, ...
 def build_placement_site(
     request: PlaceRequest, cell: Cell, toolpaths: tuple[Toolpath, ...]
 ) -> tuple[PlacementSite, PlanOptions]:
-    """What is looked at from everywhere.
+    """Return the data that every placement is evaluated with, and the options.
+
+    Args:
+        request: The validated request.
+        cell: The robot cell.
+        toolpaths: The toolpaths of the jobs.
 
     Raises:
         InputError: the cell, an option or a range is wrong.
@@ -52,19 +60,25 @@ def build_placement_site(
     for toolpath, file in zip(toolpaths, request.toolpaths, strict=True):
         refuse_unknown_words(toolpath, file)
     toolpaths = tuple(place_toolpath(toolpath, cell) for toolpath in toolpaths)
-    stints = [split_into_tool_segments(select_job_tools(cell, toolpath), toolpath) for toolpath in toolpaths]
+    segments = [split_into_tool_segments(select_job_tools(cell, toolpath), toolpath) for toolpath in toolpaths]
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     check_comparable_options(options)
     cell = apply_absolute_accuracy(cell, options)
-    return PlacementSite.build(cell, toolpaths, options, request.search, stints), options
+    return PlacementSite.build(cell, toolpaths, options, request.search, segments), options
 
 
-def run_site_task(order: bytes, ask: Callable[[Any, A], B], item: A) -> B:
-    """Answer one question in a process that may never have heard of the site: ``order`` is the pickled request."""
+def run_site_task(pickled_request: bytes, evaluate: Callable[[Any, A], B], item: A) -> B:
+    """Evaluate one item in a worker process, which loads the site on first use.
+
+    Args:
+        pickled_request: The pickled request.
+        evaluate: Function of site and item.
+        item: The item to evaluate.
+    """
     with _SITE_LOCK:
-        request, site = _load_cached_site(order)
+        request, site = _load_cached_site(pickled_request)
         with activate_user_effects(load_effect_files(request.effects)):
-            return ask(site, item)
+            return evaluate(site, item)
 
 
 @functools.lru_cache(maxsize=1)

@@ -1,4 +1,4 @@
-"""Load tests in memory: everything that ``machopt plan-poses`` computes before it writes its first file."""
+"""Computation of ``machopt plan-poses`` in memory, before it writes its first file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from machopt.report.pages.pose_plan_page import format_verdict_sentence
 
 @dataclass(frozen=True, kw_only=True)
 class PlanPosesComputation:
-    """Load tests in memory: nothing of them is written yet."""
+    """Planned load tests in memory, not written yet."""
 
     request: PosesRequest
     cell: Cell
@@ -62,11 +62,12 @@ class PlanPosesComputation:
 def compute_pose_plan(
     request: PosesRequest, progress: Callable[[str], None], cell: Cell | None = None
 ) -> PlanPosesComputation:
-    """The load tests.
+    """Return the planned load tests.
 
     Args:
-        request: what was asked; its ``out`` is not looked at.
-        cell: where it has been read already.
+        request: The validated request; its ``out`` is not used.
+        progress: Called with the name of each stage when it begins.
+        cell: The cell, if it is loaded already.
     """
     check_poses_request(request)
     progress("reading the cell")

@@ -1,4 +1,4 @@
-"""The diagnosis that ``plan-poses --discriminate`` starts from."""
+"""Diagnosis that ``plan-poses --discriminate`` starts from."""
 
 from __future__ import annotations
 

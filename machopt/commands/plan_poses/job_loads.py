@@ -1,4 +1,4 @@
-"""What a job asks of the arm, for ``plan-poses``: by toolpath and process force, or by a range of forces alone."""
+"""Loads of a job on the arm, for ``plan-poses``: from toolpath and process force, or from a range of forces alone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ from machopt.toolpath.unknown_words import read_for_plan
 
 
 def read_job_loads(request: PosesRequest, cell: Cell) -> ProcessLoads | None:
-    """None where no job was told.
+    """Return the loads of the job; None where the request names no job.
+
+    Args:
+        request: The validated request.
+        cell: The robot cell.
 
     Raises:
         InputError: a toolpath that cannot be read or has no force, or that the arm cannot drive.

@@ -1,4 +1,4 @@
-"""``machopt plan-poses``: which poses and loads to measure so that the stiffness is known as well as wanted."""
+"""``machopt plan-poses``: poses and loads to measure for a wanted accuracy of the stiffness."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["PlanPosesResult", "PosesRequest", "run_plan_poses"]
 
 @dataclass(frozen=True)
 class PlanPosesResult:
-    """What came out; ``exit_code`` is 0, or 3 where no pose can be measured."""
+    """Result of ``machopt plan-poses``; ``exit_code`` is 0, or 3 where no pose can be measured."""
 
     exit_code: int
     result: PosesDocument
@@ -58,7 +58,13 @@ def run_plan_poses(request: PosesRequest, progress: Callable[[str], None] = lamb
 def write_pose_plan_files(
     done: PlanPosesComputation, folder: Path, progress: Callable[[str], None] = lambda _: None
 ) -> None:
-    """Write their files into an empty folder."""
+    """Write the files into an empty folder.
+
+    Args:
+        done: Result of the computation.
+        folder: The empty folder.
+        progress: Called with the name of each stage when it begins.
+    """
     request = done.request
     if done.table is not None:
         write_poses_csv(folder / "poses.csv", done.table)
@@ -80,7 +86,7 @@ def write_pose_plan_files(
 
 
 def _list_input_files(request: PosesRequest) -> tuple[ManifestFile, ...]:
-    """What a plan was made from beside its cell."""
+    """Return the input files of a plan other than its cell."""
     found: tuple[ManifestFile, ...] = ()
     if request.discriminate is not None:
         found = list_recording_inputs([request.discriminate], "diagnosis")

@@ -1,7 +1,8 @@
-"""What each command writes or prints as JSON, typed: one file a document, the schemas beside them.
+"""JSON documents that each command writes or prints, one file for each document; their schemas are in this folder.
 
-``optimize.OptimizeResult`` result.json · ``diagnosis.DiagnosisResult`` diagnosis.json · ``identification.
-IdentificationResult`` identification.json · ``maps.MapResult`` map.json · ``poses.PosesResult`` plan.json ·
-``batch.BatchResult`` batch.json, ``batch.BatchRecord`` job.json and ``batch.JobTiming`` timing.json ·
-printed by ``--json`` alone: ``inspected``, ``cells``, ``verified``; sent to a page: ``view``. Units stand in the keys.
+``optimize_document`` result.json · ``diagnosis_document`` diagnosis.json · ``identification_document``
+identification.json · ``map_document`` map.json · ``poses_document`` plan.json · ``place_document`` place.json ·
+``batch_document`` batch.json, job.json and timing.json · ``manifest_document`` manifest.json. Printed by ``--json``
+alone: ``inspect_documents``, ``cell_documents``, ``verify_document``. Sent to a page: ``view_document``. Keys carry
+their units.
 """

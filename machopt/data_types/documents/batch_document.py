@@ -1,4 +1,4 @@
-"""What ``machopt batch`` keeps: batch.json of the whole, and job.json of each job."""
+"""batch.json of a batch, and job.json and timing.json of each job."""
 
 from __future__ import annotations
 

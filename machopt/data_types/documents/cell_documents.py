@@ -1,4 +1,4 @@
-"""What ``machopt init --json`` and ``machopt validate --json`` print."""
+"""JSON output of ``machopt init --json`` and ``machopt validate --json``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What result documents share: no key but the known ones, numbers as JSON has them, null for what is not finite."""
+"""Base of the result documents: known keys only, JSON numbers, null for numbers that are not finite."""
 
 from __future__ import annotations
 
@@ -26,7 +26,14 @@ def _convert_flag(value: object) -> object:
 
 
 def check_literal_integer(value: object) -> object:
-    """A literal 1 is no true and no 1.0."""
+    """Return the value if it is an integer, not true and not 1.0.
+
+    Args:
+        value: Value of the key.
+
+    Raises:
+        ValueError: the value is no integer.
+    """
     if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError("a whole number was expected")
     return value
@@ -66,7 +73,11 @@ class DocumentModel(BaseModel):
 
     @classmethod
     def from_fields(cls, found: object) -> Self:
-        """From anything with the fields as attributes."""
+        """Build the document from an object with its fields as attributes.
+
+        Args:
+            found: The object.
+        """
         return cls(**vars(found))
 
     def __repr__(self) -> str:

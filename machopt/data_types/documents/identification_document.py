@@ -21,7 +21,12 @@ from machopt.data_types.documents.document_base import (
 
 
 def describe_unidentified_joint(joint: int, reason: str) -> str:
-    """The warning of a joint (from 1) whose stiffness the readings do not show."""
+    """Return the warning of a joint whose stiffness the readings do not determine.
+
+    Args:
+        joint: The joint, counted from 1.
+        reason: Why it is not identified.
+    """
     return f"joint {joint} is not identified: {reason}"
 
 

@@ -1,4 +1,4 @@
-"""What ``machopt inspect --json`` prints: of a toolpath, of a cell, of a robot by itself."""
+"""JSON output of ``machopt inspect --json``: of a toolpath, of a cell, of a robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The JSON schemas of the result documents, made from the models; they lie beside this file, for other programs."""
+"""JSON schemas of the result documents, generated from the models and stored in this folder for other programs."""
 
 from __future__ import annotations
 
@@ -51,19 +51,31 @@ DOCUMENTS: dict[str, type[DocumentModel]] = {
 
 
 def format_schema_name(document: str) -> str:
-    """``result.schema.json`` of ``result.json``."""
+    """Return the schema's file name: ``result.schema.json`` of ``result.json``.
+
+    Args:
+        document: File name of the document, such as ``result.json``.
+    """
     return f"{Path(document).stem}.schema.json"
 
 
 def render_schema(document: str) -> str:
-    """The schema of one document, as its file has it."""
+    """Return the schema of one document as JSON text.
+
+    Args:
+        document: File name of the document, such as ``result.json``.
+    """
     schema = DOCUMENTS[document].model_json_schema(by_alias=True, mode="serialization")
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": document}
     return json.dumps({**head, **schema, "title": document}, indent=1, ensure_ascii=False) + "\n"
 
 
 def write_schemas(folder: Path = FOLDER) -> None:
-    """Write all of them."""
+    """Write all schemas.
+
+    Args:
+        folder: Folder of the schemas.
+    """
     folder.mkdir(exist_ok=True)
     for document in DOCUMENTS:
         (folder / format_schema_name(document)).write_text(render_schema(document), encoding="utf-8", newline="\n")

@@ -234,7 +234,11 @@ class CheckEntry(DocumentModel):
 
     @classmethod
     def from_fields(cls, found: object) -> Self:
-        """Without the keys by which code asks for a check."""
+        """Build the entry from a check, without the keys that only code uses.
+
+        Args:
+            found: The check.
+        """
         return cls(**{key: getattr(found, key) for key in cls.model_fields})
 
 
@@ -249,7 +253,11 @@ class InformationEntry(DocumentModel):
 
     @classmethod
     def from_fields(cls, found: object) -> Self:
-        """Without the key by which code asks for it."""
+        """Build the entry from a measured value, without the key that only code uses.
+
+        Args:
+            found: The measured value.
+        """
         return cls(**{key: getattr(found, key) for key in cls.model_fields})
 
 

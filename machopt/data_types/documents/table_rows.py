@@ -1,4 +1,4 @@
-"""The tables of optimize, column by column and in their order: a row of each as a mapping, null for an empty field."""
+"""Rows of the tables of optimize, column by column in their order; null for an empty field."""
 
 from __future__ import annotations
 

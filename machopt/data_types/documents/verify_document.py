@@ -1,4 +1,4 @@
-"""What ``machopt verify --json`` prints."""
+"""JSON output of ``machopt verify --json``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``machopt view`` answers its page, as JSON."""
+"""JSON answers of ``machopt view`` to its page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stiffness that somebody measured at places or in postures."""
+"""Measured stiffness at positions or in postures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to measure, in which order."""
+"""Table of the poses to measure, in order."""
 
 from __future__ import annotations
 

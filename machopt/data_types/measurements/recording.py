@@ -1,7 +1,7 @@
-"""What was measured on a real robot: joint positions, loads, displacements or poses, as a recording folder holds them.
+"""Recording of measurements on a real robot: joint positions, loads, displacements or poses.
 
-Everything is in SI and in the frames the file states; turning it into base axes at the TCP needs kinematics and
-happens in :mod:`machopt.measurement.estimation.load_test_equations`.
+All values are in SI and in the frames that the file states. The conversion to base axes at the TCP needs kinematics
+and is done in :mod:`machopt.measurement.estimation.load_test_equations`.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Recording:
     pose: Ints  # (N,) same label: same robot pose; numbered by q where the file has no column
     cycle: Ints  # (N,) same label inside a pose: same load cycle; every reading its own where there is no column
     session: Ints  # (N,) same label: same day and set-up; all 0 where there is no column
-    line: Ints  # (N,) 1-based line of the data file each reading stands on; 1-based row of a Parquet file
+    line: Ints  # (N,) 1-based line of each reading in the data file; 1-based row of a Parquet file
     wrench: Array | None = None  # (N, 6) N, N·m on the robot, axes of wrench_frame, about wrench_point
     wrench_frame: FrameName = "base"
     wrench_point: Array | None = None  # (3,) m in flange; None: the TCP
@@ -85,6 +85,10 @@ class Recording:
         return len(self.q)
 
     def place(self, reading: int) -> str:
-        """Where a reading (0-based) stands, for messages: ``line 12``, or ``run_b.csv line 12`` of several files."""
+        """Return file and line of a reading for messages: ``line 12``, or ``run_b.csv line 12`` of several files.
+
+        Args:
+            reading: Number of the reading, from 0.
+        """
         name = "" if self.file is None or len(self.files) < 2 else f"{self.files[self.file[reading]]} "
         return f"{name}line {self.line[reading]}"

@@ -1,4 +1,4 @@
-"""``map.csv``, and the table of stiffness measured at places: SI inside, mm, degrees and N/mm in the files."""
+"""``map.csv``, and the table of measured stiffness: SI inside, mm, degrees and N/mm in the files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ROWS_AT_ONCE = 4096
 
 @dataclass(frozen=True)
 class MapColumn:
-    """A column of a map's table: numbers (empty where NaN), or words."""
+    """Column of a map's table: numbers (empty where NaN), or words."""
 
     name: str
     values: Array | Sequence[str]  # (M,) in the unit of the name
@@ -37,7 +37,12 @@ class MapColumn:
 
 
 def write_map_csv(path: Path, columns: Sequence[MapColumn]) -> None:
-    """Write one row a sample."""
+    """Write one row for each sample.
+
+    Args:
+        path: The file to write.
+        columns: The columns, SI.
+    """
     texts = [_format_column(column) for column in columns]
     rows = len(texts[0])
     with path.open("w", encoding="utf-8", newline="\n") as out:
@@ -59,10 +64,13 @@ def _format_column(column: MapColumn) -> Sequence[str]:
 
 
 def read_measured_stiffness(path: Path) -> MeasuredStiffness:
-    """Read stiffness measured at places (CSV or Parquet).
+    """Read measured stiffness at positions or poses (CSV or Parquet).
 
     Columns: ``x_mm, y_mm, z_mm`` of the TCP in the map's frame, or ``q1_deg`` … ``q6_deg``, or both; and at least one
     of ``kx_N_mm, ky_N_mm, kz_N_mm`` along the map's axes.
+
+    Args:
+        path: The file to read.
 
     Raises:
         InputError: a column is missing or unknown, a value is no finite number, a stiffness is not above zero.

@@ -1,7 +1,6 @@
 """``trajectory.csv`` and ``points.csv``: SI in, mm, degrees and mm/min out, the same bytes every time.
 
-The columns stand in one fixed order; what is added stands after ``reason``. A number that does not
-exist is an empty field.
+The column order is fixed; new columns are added after ``reason``. A number that does not exist is an empty field.
 """
 
 from __future__ import annotations
@@ -94,7 +93,14 @@ def list_trajectory_columns(
     external_prismatic: Sequence[bool] = (),
     tools: Sequence[str] = (),
 ) -> dict[str, NDArray[Any]]:
-    """The columns of ``trajectory.csv`` by name, (S,) each and read-only: its very numbers, NaN for an empty field."""
+    """Return the columns of ``trajectory.csv`` by name, (S,) each and read-only, NaN for an empty field.
+
+    Args:
+        trajectory: The motion samples.
+        operations: Names of the operations.
+        external_prismatic: Which external joints are prismatic.
+        tools: Names of the tools; none without tool changes.
+    """
     return {c.name: c.array for c in _build_trajectory_columns(trajectory, operations, external_prismatic, tools)}
 
 
@@ -120,16 +126,24 @@ def _build_trajectory_columns(
 
 
 def write_points_csv(path: Path, table: PointsTable) -> None:
-    """Write ``points.csv``, one row a toolpath point, numbered from 0.
+    """Write ``points.csv``, one row for each toolpath point, numbered from 0.
 
-    q1_deg … q6_deg and limit_margin_deg are of encoder angles, kinematics.yaml of the cell counted in; stiffness,
-    clearance and singularity of where the arm really stands.
+    q1_deg … q6_deg and limit_margin_deg are encoder angles, corrected by the cell's kinematics.yaml. Stiffness,
+    clearance and singularity refer to the true posture of the arm.
+
+    Args:
+        path: The file to write.
+        table: The table of points, SI.
     """
     _write_csv(path, _build_points_columns(table))
 
 
 def list_points_columns(table: PointsTable) -> dict[str, NDArray[Any]]:
-    """The columns of ``points.csv`` by name, (N,) each and read-only: its very numbers, NaN for an empty field."""
+    """Return the columns of ``points.csv`` by name, (N,) each and read-only, NaN for an empty field.
+
+    Args:
+        table: The table of points, SI.
+    """
     return {c.name: c.array for c in _build_points_columns(table)}
 
 

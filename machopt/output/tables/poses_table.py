@@ -1,4 +1,4 @@
-"""``poses.csv``, what to measure in which order, and the empty recording that the measurements go into."""
+"""``poses.csv`` with the poses to measure in order, and the empty recording for the measurements."""
 
 from __future__ import annotations
 
@@ -20,7 +20,12 @@ _MEASURED = (*_TRANSLATION, *_ROTATION)
 
 
 def write_poses_csv(path: Path, table: PosesTable) -> None:
-    """Write ``poses.csv``; rows are numbered from 1 in ``order``."""
+    """Write ``poses.csv``; rows are numbered from 1 in ``order``.
+
+    Args:
+        path: The file to write.
+        table: The table of poses, SI.
+    """
     columns = {**_format_columns(table), "load": [_quote_cell(v) for v in table.load]}  # in its place
     with path.open("w", encoding="utf-8", newline="\n") as out:
         out.write(",".join(columns) + "\n")
@@ -28,7 +33,11 @@ def write_poses_csv(path: Path, table: PosesTable) -> None:
 
 
 def list_poses_columns(table: PosesTable) -> dict[str, NDArray[Any]]:
-    """The columns of ``poses.csv`` by name: its very numbers, NaN for an empty field; words as they are."""
+    """Return the columns of ``poses.csv`` by name, NaN for an empty field; words as text.
+
+    Args:
+        table: The table of poses, SI.
+    """
     words = ("load", "way_free")
     return {
         name: np.array(values) if name in words else np.array([float(v or "nan") for v in values])

@@ -27,17 +27,21 @@ def write_readings_csv(
     weight: Array,
     leverage: Array,
 ) -> None:
-    """Write the table, one row a reading.
+    """Write the table, one row for each reading.
 
     Args:
-        path: the file.
-        pose, cycle, session, line: (N,) labels, and the line of the data file.
-        wrench: (N, 6) N, N·m at the TCP.
-        measured, predicted: (N, D) m, rad; D = 3 or 6.
-        heldout: (N, D) predicted by fits that did not see the pose; NaN where there is none.
+        path: The file to write.
+        pose: (N,) pose labels.
+        cycle: (N,) cycle labels.
+        session: (N,) session labels.
+        line: (N,) lines of the data file.
+        wrench: (N, 6) wrenches at the TCP, N and N·m.
+        measured: (N, D) measured displacements, m and rad; D = 3 or 6.
+        predicted: (N, D) predicted displacements, m and rad.
+        heldout: (N, D) predictions of fits without the pose; NaN where there is none.
         uncertainty: (N, D) 1 sigma of the prediction from the coefficients.
-        weight: (N, D) 0 … 1; below 0.5 put aside as an outlier.
-        leverage: (N,).
+        weight: (N, D) weights 0 … 1; below 0.5 the reading is an outlier.
+        leverage: (N,) leverages.
     """
     names = _COMPONENTS[: measured.shape[1]]
     columns: list[tuple[str, Array | Ints, str]] = [

@@ -30,17 +30,20 @@ def write_residuals_csv(
     before: Array,
     after: Array,
 ) -> None:
-    """Write the table, one row a reading.
+    """Write the table, one row for each reading.
 
     Args:
-        path: the file.
-        row, line: (N,) 1-based data row, and line of the data file.
-        file: (N,) name of the data file; empty where there is only one.
-        pose, session: (N,) labels.
-        used: (N,) False where the reading was put aside.
+        path: The file to write.
+        row: (N,) data rows, counted from 1.
+        line: (N,) lines of the data file.
+        file: (N,) names of the data file; empty where there is only one.
+        pose: (N,) pose labels.
+        session: (N,) session labels.
+        used: (N,) False where the reading was excluded.
         names: (D,) coordinates with their unit, e.g. ``dx_mm``.
         factors: (D,) report unit per SI unit.
-        before, after: (N, D) held-out residuals of the base alone and with the findings; NaN is an empty field.
+        before: (N, D) held-out residuals of the base model; NaN is an empty field.
+        after: (N, D) held-out residuals with the findings; NaN is an empty field.
     """
     labels: list[tuple[str, Sequence[object]]] = [
         ("row", row.tolist()),

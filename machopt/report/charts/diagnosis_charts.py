@@ -1,4 +1,4 @@
-"""What the charts of the diagnosis page draw: errors per group, residuals over an axis, laws with their readings."""
+"""Chart specifications of the diagnosis page: errors per group, residuals over an axis, laws with their readings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,11 @@ Z_90_PERCENT = 1.645
 
 
 def build_group_chart(data: DiagnosisPageData) -> Spec | None:
-    """Held-out error of each group before and after, worst first."""
+    """Return the chart of the held-out error of each group before and after, worst first; None without groups.
+
+    Args:
+        data: The data of the page.
+    """
     d = data.diagnosis
     error = d.errors.by_group
     known = np.flatnonzero(np.isfinite(error).all(axis=1)) if len(error) else np.zeros(0, int)
@@ -109,7 +113,13 @@ def build_group_chart(data: DiagnosisPageData) -> Spec | None:
 
 
 def build_axis_chart(data: DiagnosisPageData, axis: str, spec_id: str) -> Spec | None:
-    """Size of the held-out residual over one axis of the data: readings, and their rms per value or bin."""
+    """Return the chart of the held-out residual over one axis: readings, and their rms per value or bin.
+
+    Args:
+        data: The data of the page.
+        axis: Name of the axis of the data.
+        spec_id: Id of the chart in the page.
+    """
     d = data.diagnosis
     factor, unit_x = get_axis_unit(axis)
     name = f"{describe_axis(axis)} ({unit_x})" if unit_x else describe_axis(axis)
@@ -178,10 +188,16 @@ def build_axis_chart(data: DiagnosisPageData, axis: str, spec_id: str) -> Spec |
 
 
 def compute_reading_errors(data: DiagnosisPageData) -> tuple[Array, Array, str, str]:
-    """(N,) rms over a reading's coordinates before and after, the unit shown, and whose coordinates.
+    """Return the rms error of each reading before and after, the displayed unit, and whose coordinates these are.
 
-    Of the joints of a motion only the one where something was found, or where most of the mismatch lives: the others
-    would hide it.
+    For joints of a motion only one joint counts: the one with a finding, else the one with the largest residuals. The
+    other joints would hide it.
+
+    Args:
+        data: The data of the page.
+
+    Returns:
+        (N,) before, (N,) after, unit, name of the coordinates.
     """
     d = data.diagnosis
     main = [n for n, c in enumerate(data.coordinates) if c.main]
@@ -200,7 +216,13 @@ def compute_reading_errors(data: DiagnosisPageData) -> tuple[Array, Array, str, 
 
 
 def build_law_chart(data: DiagnosisPageData, n: int, f: Finding) -> Spec | None:
-    """The missing law as the readings show it, with the fitted law drawn through it."""
+    """Return the chart of a missing law: the readings and the fitted law.
+
+    Args:
+        data: The data of the page.
+        n: Number of the finding.
+        f: The finding.
+    """
     c = f.curve
     if c is None or f.curve_residual is None:
         return None
@@ -272,7 +294,12 @@ def build_law_chart(data: DiagnosisPageData, n: int, f: Finding) -> Spec | None:
 
 
 def compute_value_range(value: Array, line: Array) -> tuple[float, float]:
-    """Heights to show: the law and all but the farthest readings (those that hardly see it scatter without end)."""
+    """Return the value range of a chart: the law and all but the farthest readings.
+
+    Args:
+        value: (N,) readings.
+        line: (L,) values of the fitted law.
+    """
     q1, q3 = np.percentile(value, [25, 75])
     low, high = np.percentile(value, [1, 99])
     reach = 3.0 * (q3 - q1)
@@ -285,13 +312,24 @@ def compute_value_range(value: Array, line: Array) -> tuple[float, float]:
 
 
 def compute_binned_rms(x: Array, size: Array, *, few: bool) -> tuple[Array, Array]:
-    """Root mean square of ``size`` per value of sorted ``x``, or per bin of equal count."""
+    """Return mean x and root mean square of ``size`` per value of x, or per bin of equal count.
+
+    Args:
+        x: (N,) sorted positions on the axis.
+        size: (N,) residuals.
+        few: X has few distinct values: one bin for each.
+    """
     parts = _split_bins(x, few)
     return np.array([x[p].mean() for p in parts]), np.array([math.sqrt(np.mean(size[p] ** 2)) for p in parts])
 
 
 def compute_binned_median(x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Median of ``y`` per bin of ``x`` with the half width of its 90 % interval (asymptotic, from the quartiles)."""
+    """Return x, median of ``y`` and half width of its 90 % interval per bin; asymptotic, from the quartiles.
+
+    Args:
+        x: (N,) positions on the axis.
+        y: (N,) values.
+    """
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
     parts = [p for p in _split_bins(x, len(np.unique(x)) <= MIN_READINGS) if len(p) >= MIN_IN_BIN]
@@ -304,7 +342,11 @@ def compute_binned_median(x: Array, y: Array) -> tuple[Array, Array, Array]:
 
 
 def build_job_charts(job: JobEffect) -> list[Spec]:
-    """Rotation and predicted deflection along the toolpath."""
+    """Return the charts of rotation and predicted deflection along the toolpath.
+
+    Args:
+        job: Effect of the diagnosis on a toolpath.
+    """
     sets: list[tuple[str, str, str, list[tuple[str, Array, str, str]]]] = [
         (
             "d-gamma",

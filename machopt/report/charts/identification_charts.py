@@ -1,4 +1,4 @@
-"""The charts of the page of ``machopt identify``, for assets/xy.js."""
+"""Chart specifications of the page of ``machopt identify``, for assets/xy.js."""
 
 from __future__ import annotations
 
@@ -33,6 +33,11 @@ MAX_HALF_WIDTH = 100.0  # %
 
 
 def build_identification_charts(data: IdentificationPageData) -> list[Spec]:
+    """Return all charts of the page.
+
+    Args:
+        data: The data of the page.
+    """
     charts = [
         _build_forest_chart(data.joints, data.level),
         _build_parity_chart(data, 0),

@@ -28,7 +28,13 @@ def compute_isolines(values: Array, level: float) -> list[Array]:
 
 
 def choose_round_levels(low: float, high: float, most: int = 8) -> Array:
-    """Round numbers between two, at most ``most`` or so."""
+    """Return round numbers between two values.
+
+    Args:
+        low: The lower end.
+        high: The upper end.
+        most: Approximate maximum number of levels.
+    """
     span = high - low
     if not span > 0:
         return np.empty(0)

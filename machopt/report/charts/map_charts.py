@@ -1,4 +1,4 @@
-"""The pictures of a map as plain numbers in displayed units; the page's scripts only draw."""
+"""Chart specifications of a map in displayed units; the page's scripts only draw them."""
 
 from __future__ import annotations
 
@@ -22,13 +22,17 @@ Spec = dict[str, Any]
 ANGLE_LEVEL = 0.02  # deg, steps in which the page knows joint angles
 LOG_SCALE_RATIO = 50.0  # ratio above which levels are spaced by ratio: a peak must not cost the rest its digits
 _PEAK = 10.0
-_ARMS = 6  # stick figures beside curves
+_ARMS = 6  # stick figures next to curves
 _AROUND = 60  # postures that the 3-D picture must have room for
 COLORS = (CHOSEN, JIAO, FOURTH, "#8e44ad", DEFAULT, LIMIT)
 
 
 def build_map_specs(data: MapPageData) -> Spec:
-    """``{"field": … or None, "charts": […], "arms": … or None, "view": … or None}``."""
+    """Return ``{"field": … or None, "charts": […], "arms": … or None, "view": … or None}``.
+
+    Args:
+        data: The data of the page.
+    """
     if len(data.axes) > 1:
         return {"field": build_field_spec(data), "charts": [], "arms": None, "view": build_map_scene(data)}
     return {
@@ -40,7 +44,11 @@ def build_map_specs(data: MapPageData) -> Spec:
 
 
 def build_map_scene(data: MapPageData) -> Spec | None:
-    """The arm in three dimensions: at the places of the map, or stepped along a single axis; None without postures."""
+    """Return the 3-D view of the arm at the samples of the map, or along a single axis; None without postures.
+
+    Args:
+        data: The data of the page.
+    """
     layer = next((x for x in reversed(data.layers) if x.best >= 0), None)
     if data.space is None or layer is None:
         return None
@@ -71,7 +79,11 @@ def build_map_scene(data: MapPageData) -> Spec | None:
 
 
 def build_arms_spec(data: MapPageData) -> Spec | None:
-    """The arm at a few places along a single axis; None where there is no posture."""
+    """Return the arm at some samples along a single axis; None without postures.
+
+    Args:
+        data: The data of the page.
+    """
     layer = next((x for x in reversed(data.layers) if x.best >= 0), None)
     if layer is None:
         return None
@@ -82,7 +94,11 @@ def build_arms_spec(data: MapPageData) -> Spec | None:
 
 
 def build_field_spec(data: MapPageData) -> Spec:
-    """A map of colours over two or three axes, every field and layer inside."""
+    """Return a colour map over two or three axes with all quantities and layers.
+
+    Args:
+        data: The data of the page.
+    """
     fields = [f for f in data.fields if any(np.isfinite(layer.value.get(f.key, np.nan)).any() for layer in data.layers)]
     return {
         "id": "field",
@@ -111,7 +127,11 @@ def build_field_spec(data: MapPageData) -> Spec:
 
 
 def build_arm_spec(data: MapPageData) -> Spec:
-    """The arm at q = 0 in mm, for the stick figure."""
+    """Return the arm at q = 0 for the stick figure, mm.
+
+    Args:
+        data: The data of the page.
+    """
     a = data.arm
     mm = LENGTH.factor
     return {
@@ -148,9 +168,13 @@ def _build_layer_spec(layer: MapLayer, fields: Sequence[MapField]) -> Spec:
 
 
 def pack_field_levels(values: Array) -> Spec:
-    """Numbers as 16-bit levels between their extremes, by ratio where they span more than WIDE; 65535 for none.
+    """Return values as 16-bit levels between their extremes; 65535 for NaN. Wide ranges use a logarithmic scale.
 
-    ``from`` and ``to`` are the percentiles 2 and 98: single places beside a singularity must not bleach the rest.
+    ``from`` and ``to`` are the percentiles 2 and 98, so that single samples near a singularity do not dominate the
+    colour scale.
+
+    Args:
+        values: Values in displayed units, NaN where there is none.
     """
     known = np.isfinite(values)
     if not known.any():
@@ -175,7 +199,11 @@ def pack_field_levels(values: Array) -> Spec:
 
 
 def build_curve_charts(data: MapPageData) -> list[Spec]:
-    """Line charts over one axis: a straight path, or one joint."""
+    """Return line charts over one axis: a straight path, or one joint.
+
+    Args:
+        data: The data of the page.
+    """
     axis = data.axes[0]
     x = axis.values * axis.display_unit.factor
     charts: list[Spec | None] = []

@@ -1,4 +1,4 @@
-"""What each picture shows, as plain numbers in displayed units; the page's script only draws."""
+"""Chart specifications of the optimize report in displayed units; the page's script only draws them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,11 @@ _MARKS = 200  # most dips marked in the picture
 
 
 def build_figure_specs(data: ReportData) -> Spec:
-    """Every picture the data allows: ``{"charts": […], "map": … or None}``."""
+    """Return every chart that the data allow: ``{"charts": […], "map": … or None}``.
+
+    Args:
+        data: The data of the page.
+    """
     charts: list[Spec] = []
     if data.path is not None and len(data.path.s):
         charts += _build_path_charts(data, data.path)
@@ -80,7 +84,12 @@ def build_figure_specs(data: ReportData) -> Spec:
 
 
 def format_reason_with_distance(reason: str, shortfall: str) -> str:
-    """A reason with its distance, and neither twice: "38 mm out of reach at every rotation"."""
+    """Return a reason with its distance, without repetition: "38 mm out of reach at every rotation".
+
+    Args:
+        reason: Reason why the point is infeasible.
+        shortfall: Missing distance as text; empty where there is none.
+    """
     if not shortfall or shortfall.split(" mm", maxsplit=1)[0] in reason.split():
         return reason
     return reason.replace("out of reach", shortfall, 1) if "out of reach" in reason else f"{reason}, {shortfall}"
@@ -127,7 +136,7 @@ def _build_map_spec(data: ReportData, m: RotationMap) -> Spec:
     index = np.where(np.isin(status, (PlaceCode.OK, PlaceCode.NOT_CHECKED)), m.index[pick] * unit.factor, np.nan)
     known = index[np.isfinite(index)]
     lowest, highest = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-    # single places beside a singularity must not bleach the rest
+    # single places near a singularity must not dominate the colour scale
     low, high = (float(v) for v in np.percentile(known, [2, 98])) if known.size else (0.0, 1.0)
     lines = [
         ("CAM default", m.cam_default, "#ff4d4d", "#ffffff", 1.8, "7 4"),
@@ -306,7 +315,7 @@ def _build_band_labels(bands: list[Spec]) -> dict[int, str]:
 
 
 def _build_operation_bands(p: PathSeries, operations: tuple[OperationRow, ...]) -> list[Spec]:
-    """Stretches of path length of one operation each; none where there are too many to be told apart."""
+    """Return the path length range of each operation; none where there are too many to distinguish."""
     cuts = np.flatnonzero(np.diff(p.operation)) + 1
     if not operations or len(cuts) + 1 > _BANDS:
         return []

@@ -1,4 +1,4 @@
-"""Fewer points for the eye, and compact numbers for the page: what leaves here is JSON-ready."""
+"""Reduction of points for charts, and compact JSON numbers."""
 
 from __future__ import annotations
 
@@ -43,12 +43,23 @@ def select_plot_points(series: Sequence[Array], limit: int = PLOT_POINTS) -> Ind
 
 
 def round_for_json(values: Array, digits: int = 6) -> list[float | None]:
-    """Values for JSON with ``digits`` significant digits; NaN and infinities become null."""
+    """Return rounded values; NaN and infinities become None.
+
+    Args:
+        values: The values.
+        digits: Significant digits.
+    """
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in np.asarray(values, float).tolist()]
 
 
 def pack_levels(values: Array, lowest: float, highest: float) -> str:
-    """Base64 of little-endian 16-bit levels 0 … 65534 over [lowest, highest]; 65535 stands for NaN."""
+    """Return values as base64 of little-endian 16-bit levels 0 … 65534; 65535 stands for NaN.
+
+    Args:
+        values: The values.
+        lowest: Value of level 0.
+        highest: Value of level 65534.
+    """
     span = highest - lowest or 1.0
     known = np.isfinite(values)
     level = np.full(values.shape, 65535, dtype="<u2")
@@ -57,12 +68,22 @@ def pack_levels(values: Array, lowest: float, highest: float) -> str:
 
 
 def pack_codes(codes: NDArray[np.uint8]) -> str:
-    """Base64 of one byte a code."""
+    """Return codes as base64, one byte each.
+
+    Args:
+        codes: The codes.
+    """
     return base64.b64encode(np.ascontiguousarray(codes, dtype=np.uint8).tobytes()).decode("ascii")
 
 
 def select_deepest_dips(dips: Sequence[FeedDipRow], time: Array, most: int) -> list[FeedDipRow]:
-    """The dips to be marked, in order of time: of those that would stand on one another the one that falls furthest."""
+    """Return the feed dips to mark, in order of time; of overlapping marks the deepest dip is kept.
+
+    Args:
+        dips: All feed dips.
+        time: (S,) time of the motion samples, s.
+        most: Maximum number of marks.
+    """
     known = sorted((d for d in dips if np.isfinite(d.time)), key=lambda d: d.feed_lowest - d.feed_programmed)
     begin, whole = (float(time[0]), float(time[-1] - time[0]) or 1.0) if len(time) else (0.0, 1.0)
     kept: dict[int, FeedDipRow] = {}

@@ -1,4 +1,4 @@
-"""The pictures of the pose plan's page, as JSON for assets/xy.js."""
+"""Chart specifications of the pose plan page, for assets/xy.js."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ BAR_WIDTH = 0.15  # of a category's width
 
 
 def build_uncertainty_chart(data: PosePlanPageData) -> Spec:
-    """Expected 1 σ of each unknown, beside the papers' rules."""
+    """Return the chart of the expected 1 σ of each unknown, with the published rules for comparison.
+
+    Args:
+        data: The data of the page.
+    """
     shown = np.flatnonzero(data.relative)
     entries = [("this plan", data.sigma, PLAN_COLOR), *((h.name, h.sigma, COLORS[h.name]) for h in data.heuristics)]
     layers: list[Spec] = []
@@ -56,7 +60,11 @@ def build_uncertainty_chart(data: PosePlanPageData) -> Spec:
 
 
 def build_pose_count_chart(data: PosePlanPageData) -> Spec:
-    """Expected 1 σ over the number of poses."""
+    """Return the chart of the expected 1 σ over the number of poses.
+
+    Args:
+        data: The data of the page.
+    """
     x = np.array(data.curve_poses, float) * data.per_pose
     layers: list[Spec] = [
         {
@@ -101,7 +109,11 @@ def build_pose_count_chart(data: PosePlanPageData) -> Spec:
 
 
 def build_arm_views(data: PosePlanPageData) -> list[Spec]:
-    """From above (x, y), and from the side: height over the distance from axis z of base_link."""
+    """Return the arm from above (x, y), and from the side: height over the distance from axis z of base_link.
+
+    Args:
+        data: The data of the page.
+    """
     mm = 1e3
     cloud, arms = data.cloud * mm, data.arms * mm
     heading = arms[:, -1, :2]

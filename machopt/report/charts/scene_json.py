@@ -1,4 +1,4 @@
-"""The 3-D picture as JSON for ``assets/stage.js`` and ``assets/view.js``: small numbers, packed."""
+"""3-D scene as JSON for ``assets/stage.js`` and ``assets/view.js``, with packed numbers."""
 
 from __future__ import annotations
 
@@ -26,16 +26,21 @@ Spec = dict[str, Any]  # JSON
 MAX_TRIANGLES = 24_000  # of all bodies together: about 0.3 MB on the page
 MIN_BODY_TRIANGLES = 200  # that any body may have
 MAX_SAMPLES = 6_000  # of the motion
-MISSING_LEVEL = 65535  # level that stands for no number
+MISSING_LEVEL = 65535  # level of NaN
 
 
 def reduce_bodies(bodies: tuple[SceneBody, ...], triangles: int = MAX_TRIANGLES) -> tuple[SceneBody, ...]:
-    """The bodies with as many triangles as the page has room for, shared by what each has beyond FEWEST."""
+    """Return the bodies with at most so many triangles; each gives up a share of what it has above FEWEST.
+
+    Args:
+        bodies: The bodies with their meshes.
+        triangles: Maximum number of triangles of all bodies.
+    """
     have = np.array([len(b.faces) for b in bodies], float)
     if have.sum() <= triangles:
         return bodies
     room = max(triangles - float(np.minimum(have, MIN_BODY_TRIANGLES).sum()), 0.0)
-    extra = np.maximum(have - MIN_BODY_TRIANGLES, 0.0) ** 0.5  # the root: small bodies keep their shape beside scans
+    extra = np.maximum(have - MIN_BODY_TRIANGLES, 0.0) ** 0.5  # the root: small bodies keep their shape next to scans
     allowed = np.minimum(have, MIN_BODY_TRIANGLES) + room * extra / extra.sum()
     out = []
     for body, most in zip(bodies, allowed.tolist(), strict=True):
@@ -49,7 +54,11 @@ def reduce_bodies(bodies: tuple[SceneBody, ...], triangles: int = MAX_TRIANGLES)
 
 
 def build_scene_spec(scene: CellScene) -> Spec:
-    """The cell as JSON: lengths in m, angles in rad, matrices row by row."""
+    """Return the cell as JSON: lengths in m, angles in rad, matrices row by row.
+
+    Args:
+        scene: The cell's bodies for the 3-D view.
+    """
     return {
         "root": round_for_json(scene.T_world_root.ravel(), 9),
         "joints": [
@@ -79,7 +88,11 @@ def build_scene_spec(scene: CellScene) -> Spec:
 
 
 def build_path_spec(path: ToolpathScene) -> Spec:
-    """The toolpath as JSON; colours are chosen by the page."""
+    """Return the toolpath as JSON; the page chooses the colours.
+
+    Args:
+        path: The toolpath as the 3-D view shows it.
+    """
     known = path.value[np.isfinite(path.value)]
     low, high = (float(v) for v in np.percentile(known, [2, 98])) if known.size else (0.0, 1.0)
     return {
@@ -96,7 +109,12 @@ def build_path_spec(path: ToolpathScene) -> Spec:
 
 
 def build_stations_spec(stations: StationPostures, pick: NDArray[np.intp]) -> Spec:
-    """What belongs to the stations of the map that are drawn, as JSON."""
+    """Return the data of the drawn stations of the map as JSON.
+
+    Args:
+        stations: Postures, stiffness and clearance at all stations.
+        pick: Numbers of the drawn stations.
+    """
     nearest = [stations.nearest[i] for i in pick]
     names = list(dict.fromkeys(nearest))
     number = {name: i for i, name in enumerate(names)}
@@ -117,7 +135,11 @@ def build_stations_spec(stations: StationPostures, pick: NDArray[np.intp]) -> Sp
 
 
 def build_motion_spec(motion: MotionScene) -> Spec:
-    """The motion as JSON, every so many samples: in between, the page goes on straight lines."""
+    """Return a subset of the motion samples as JSON; the page interpolates linearly between them.
+
+    Args:
+        motion: The motion as the 3-D view shows it.
+    """
     k = np.unique(np.r_[0 : len(motion.time) : -(-len(motion.time) // MAX_SAMPLES), len(motion.time) - 1])
     return {
         "time": pack_floats(motion.time[k]),
@@ -133,7 +155,14 @@ def build_motion_spec(motion: MotionScene) -> Spec:
 def build_posture_view(
     title: str, scene: CellScene, postures: ScenePostures | None = None, path: ToolpathScene | None = None
 ) -> Spec:
-    """A picture without a motion, for ``assets/posture.js``."""
+    """Return a 3-D view without a motion, for ``assets/posture.js``.
+
+    Args:
+        title: Title of the view.
+        scene: The cell's bodies for the 3-D view.
+        postures: Arm postures to choose from.
+        path: The toolpath; None without one.
+    """
     return {
         "title": title,
         "scene": build_scene_spec(scene),
@@ -168,7 +197,7 @@ def build_posture_view(
 
 
 def build_empty_scene() -> CellScene:
-    """Nothing but a frame: for a toolpath by itself."""
+    """Return a scene with a frame only, for a toolpath without a cell."""
     one = np.eye(4)
     return CellScene(T_world_root=one, joints=(), bodies=(), T_root_tool=one, T_root_part=one, tool_joint=-1)
 
@@ -179,7 +208,11 @@ def _get_longest(at: Array) -> float:
 
 
 def pack_joint_levels(values: Array) -> Spec:
-    """Joints (…, J) as 16-bit levels between the least and the largest of each; NONE stands for NaN."""
+    """Return joint positions as 16-bit levels between the least and the largest of each; NONE stands for NaN.
+
+    Args:
+        values: (…, J) joint positions, rad or m.
+    """
     flat = np.asarray(values, float).reshape(-1, values.shape[-1])
     known = np.isfinite(flat)
     low = np.where(known, flat, np.inf).min(axis=0, initial=np.inf)
@@ -196,7 +229,11 @@ def pack_joint_levels(values: Array) -> Spec:
 
 
 def pack_floats(values: Array) -> str:
-    """Base64 of little-endian 32-bit numbers."""
+    """Return values as base64 of little-endian 32-bit numbers.
+
+    Args:
+        values: The values.
+    """
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 

@@ -1,1 +1,1 @@
-"""The data of each page, gathered from what was computed: numbers in SI and words, no markup."""
+"""Data of each page, collected from results: numbers in SI and words, no markup."""

@@ -1,4 +1,4 @@
-"""A cell by itself as a picture: every body that is looked at for collisions, the arm at home."""
+"""3-D scene of a cell: every body that is checked for collisions, the arm at home."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from machopt.report.scene.scene_types import CellScene, ScenePostures
 
 
 def build_cell_scene(cell: Cell) -> tuple[CellScene, ScenePostures]:
-    """The scene, and home.
+    """Return the scene and the home posture.
+
+    Args:
+        cell: The robot cell.
 
     Raises:
         InputError: the arm's bodies cannot be read.

@@ -1,4 +1,4 @@
-"""The diagnosis page's data from a diagnosis."""
+"""Data of the diagnosis page from a diagnosis."""
 
 from __future__ import annotations
 
@@ -69,27 +69,38 @@ def build_diagnosis_page_data(
     )
 
 
-def build_job_effect(given: JobEffectSection) -> JobEffect:
-    """The block a job gives: what a toolpath's result is under the model as it was, and as it is now."""
+def build_job_effect(section: JobEffectSection) -> JobEffect:
+    """Return what a toolpath's result is under the model before and after the diagnosis.
+
+    Args:
+        section: Section of diagnosis.json about the toolpath.
+    """
     changes = tuple(
-        JobQuantityChange(c.what, _convert_number(c.before), _convert_number(c.after), c.unit) for c in given.changes
+        JobQuantityChange(c.what, _convert_number(c.before), _convert_number(c.after), c.unit) for c in section.changes
     )
     return JobEffect(
-        toolpath=given.toolpath,
-        sentence=given.sentence,
+        toolpath=section.toolpath,
+        sentence=section.sentence,
         changes=changes,
-        point=_convert_numbers(given.point),
-        gamma_before=_convert_numbers(given.gamma_before_deg),
-        gamma_after=_convert_numbers(given.gamma_after_deg),
-        deflection_before=_convert_numbers(given.deflection_before_mm),
-        deflection_unchanged=_convert_numbers(given.deflection_unchanged_mm),
-        deflection_after=_convert_numbers(given.deflection_after_mm),
+        point=_convert_numbers(section.point),
+        gamma_before=_convert_numbers(section.gamma_before_deg),
+        gamma_after=_convert_numbers(section.gamma_after_deg),
+        deflection_before=_convert_numbers(section.deflection_before_mm),
+        deflection_unchanged=_convert_numbers(section.deflection_unchanged_mm),
+        deflection_after=_convert_numbers(section.deflection_after_mm),
     )
 
 
 def locate_readings(
     recording: Recording | Sequence[Recording], d: DiagnosisResult, problem: DiagnosisProblem | None
 ) -> dict[str, Any]:  # of DiagnosisPage
+    """Return place and pose of each reading, by field of the page data.
+
+    Args:
+        recording: The recording, or the recordings that were joined.
+        d: The diagnosis.
+        problem: The equations of the diagnosis; None where they were not built.
+    """
     parts, n = list_source_recordings(recording), len(d.used)
     whole = sum(len(r) for r in parts) == n
     motion = parts[0].kind == "motion"

@@ -1,4 +1,4 @@
-"""The identification page's data from what was found."""
+"""Data of the identification page from the identification result."""
 
 from __future__ import annotations
 
@@ -30,7 +30,15 @@ def build_identification_page_data(
     found: IdentificationResult,
     facts: tuple[tuple[str, str], ...],
 ) -> IdentificationPageData:
-    """Collect everything the page shows."""
+    """Return everything that the page shows.
+
+    Args:
+        cell: The robot cell.
+        recording: The recording, or the joined recordings.
+        tests: Load tests of the recording.
+        found: Result of the identification.
+        facts: Label and text of each fact in the page's table.
+    """
     known = [j for j in found.joints if j.identified]
     unseen = found.heldout
     t = found.table

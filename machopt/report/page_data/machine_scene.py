@@ -1,4 +1,4 @@
-"""A cell as the 3-D picture shows it: from the planner's machine and bodies."""
+"""Machine and bodies of a cell for the 3-D view, from the planner's model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from machopt.report.scene.scene_types import CellScene, SceneBody, SceneJoint
 
 
 def build_machine_scene(cell: Cell, robot: Robot, bodies: Iterable[checked.CollisionBody]) -> CellScene:
-    """The machine as a tree of joints, with what they carry and what stands around it.
+    """Return the machine as a tree of joints, with their bodies and the surroundings.
 
     The planner's chain goes from the part over the hall to the tool; the picture's tree grows out of the hall both
     ways, in base_link axes where every joint is at zero.
@@ -62,7 +62,13 @@ def build_machine_scene(cell: Cell, robot: Robot, bodies: Iterable[checked.Colli
 
 
 def build_bodies(cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...]) -> list[checked.CollisionBody]:
-    """Everything in the cell that has a shape, where no collision model has read it."""
+    """Return every body of the cell that has a shape, where no collision model has read it.
+
+    Args:
+        cell: The robot cell.
+        robot: The kinematic model of the robot.
+        shapes: Shapes of the robot's links.
+    """
     machine = load_machine(cell, robot)
     carriers = LinkCarriers(cell, machine)
     cutter = [] if cell.tool.cutter is None else [checked.build_cutter_body(cell, machine, cell.tool.cutter)]

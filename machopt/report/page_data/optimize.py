@@ -1,4 +1,4 @@
-"""The report's data from the plan, the motion and the verification."""
+"""Data of the optimize report from plan, motion and verification."""
 
 from __future__ import annotations
 
@@ -83,11 +83,23 @@ def build_report_data(
     options: dict[str, object],
     timings: dict[str, float],
 ) -> page.ReportData:
-    """Collect everything the page shows; parts that were not reached stay empty.
+    """Collect everything that the page shows; stages that were not reached stay empty.
 
     Args:
-        blockers: what has to be settled before production.
-        before: a plan to compare with, on the map.
+        plan: The plan.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: Results at the toolpath's points.
+        timeline: The motion over time; None where there is no motion.
+        verification: The verification; None where there is none.
+        programs: The exported programs.
+        front: Plans of the trade-off front.
+        shown: The map of feasible rotations and branches; None where there is none.
+        before: A plan to compare with, on the rotation map.
+        unchecked: Names of what was not checked.
+        blockers: What has to be settled before production.
+        hashes: SHA-256 of the input files by name.
+        options: The planning options in force.
+        timings: Computing time of each stage.
     """
     index = plan.scores.index
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
@@ -213,7 +225,7 @@ def _build_summary(
     clearance = points.table.clearance
     nearest = int(np.nanargmin(clearance)) if np.isfinite(clearance).any() else -1
     if nearest >= 0 and not points.nearest_pair[nearest]:
-        nearest = -1  # what is told there is how far was looked, and nobody stands within it
+        nearest = -1  # the value is the search distance; no body is within it
     trajectory = timeline.trajectory if timeline else None
     feasible = trajectory is not None
     outcome = (
@@ -253,7 +265,11 @@ def _build_summary(
 
 
 def describe_deflection(worst: WorstPointSection | None) -> str:
-    """The worst point's deflection along and across the tool axis, as the terminal shows it too."""
+    """Return the worst point's deflection along and across the tool axis, in the words of the terminal.
+
+    Args:
+        worst: The worst point; None where there is none.
+    """
     if worst is None or worst.deflection_along_mm is None or worst.deflection_across_mm is None:
         return ""
 
@@ -361,7 +377,11 @@ def _count_feed_stops(timeline: MotionTimeline | None) -> tuple[tuple[str, int],
 
 
 def describe_dip_cause(dip: FeedSlowdown) -> str:
-    """What slowed the feed, in words."""
+    """Return what limits the feed at a dip.
+
+    Args:
+        dip: The feed dip.
+    """
     where = " while the tool turns on the spot" if dip.where == "reorientation" else ""
     return f"{format_axis_name(dip.joint - 1)} {dip.limit}{where}"
 
@@ -419,7 +439,12 @@ def _get_label(toolpath: Toolpath, plan: Plan, row: int) -> str:
 
 
 def format_measured_value(value: float, check: VerificationCheck) -> str:
-    """A value of a check as it is read aloud: what is not beyond a limit is within it, and by how much."""
+    """Return a value of a check for reading: within its limit, or beyond it and by how much.
+
+    Args:
+        value: Value of the check, in its unit.
+        check: The check.
+    """
     if check.beyond and value <= 0.0:
         return "at the limit" if value == 0.0 else f"{-value:.4g} {check.beyond} within the limit"
     number = f"{value + 0.0:.4g}"
@@ -429,7 +454,11 @@ def format_measured_value(value: float, check: VerificationCheck) -> str:
 
 
 def format_found_value(check: VerificationCheck) -> str:
-    """What a check found; of what is mere rounding beside what it allows result.json has the number."""
+    """Return the value that a check found; rounding errors are shortened, result.json has the number.
+
+    Args:
+        check: The check.
+    """
     if check.passed and not check.beyond and 0.0 < abs(check.value) < ROUNDING_SHARE * check.limit:
         return "< 0.1 % of allowed"
     return format_measured_value(check.value, check)

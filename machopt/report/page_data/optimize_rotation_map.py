@@ -1,4 +1,4 @@
-"""The rotation map of the report of optimize."""
+"""Rotation map of the optimize report: feasible rotations and their cost along the path."""
 
 from __future__ import annotations
 
@@ -21,10 +21,15 @@ _DISPLAYED_CODE = {PlaceCode.NO_PATH: PlaceCode.NOT_CHECKED}  # this map has no 
 def build_rotation_map(
     plan: Plan, shown: CollisionMap, s: Array, before: Plan | None = None
 ) -> page.RotationMap | None:
-    """Best branch per station and rotation, marked where its pose was not looked at for collisions.
+    """Return the best branch per station and rotation, with a mark where its pose was not checked for collisions.
 
-    Rotation is shown as gamma's carried reference, phi; ``s`` (N,) m is the path length at the toolpath's points.
-    ``before`` is another plan of the same toolpath, whose line is drawn too.
+    The rotation is shown as the angle phi of gamma's transported reference.
+
+    Args:
+        plan: The plan.
+        shown: The map of feasible rotations and branches.
+        s: (N,) path length at the toolpath's points, m.
+        before: Another plan of the same toolpath, whose line is drawn too.
     """
     st, c = plan.path.stations, shown.candidates
     cut = find_cut_stations(plan)
@@ -60,12 +65,22 @@ def build_rotation_map(
 
 
 def find_cut_stations(plan: Plan) -> NDArray[np.intp]:
-    """(N,) the stations that the map shows: those the tool cuts to."""
+    """Return (N,) the stations that the map shows: those that the tool cuts to.
+
+    Args:
+        plan: The plan.
+    """
     return np.flatnonzero(plan.path.counted[plan.path.stations])
 
 
 def find_best_branch(plan: Plan, shown: CollisionMap, st: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
-    """(N, R) the usable branch with the least cost, and that cost; infinite where none is usable."""
+    """Return (N, R) the feasible branch with the least cost, and that cost; infinite where none is feasible.
+
+    Args:
+        plan: The plan.
+        shown: The map of feasible rotations and branches.
+        st: (N,) numbers of the stations.
+    """
     usable = compute_any_last(shown.candidates.feasible[st])
     rated = np.where(usable, plan.scores.cost[st], np.inf)
     first = rated.argmin(axis=2)

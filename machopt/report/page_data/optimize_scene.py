@@ -1,4 +1,4 @@
-"""The 3-D picture of optimize: toolpath, motion, and a posture for every cell of the map."""
+"""3-D scene of the optimize report: toolpath, motion, and a posture for every cell of the rotation map."""
 
 from __future__ import annotations
 
@@ -34,7 +34,16 @@ def build_optimize_scene(
     shown: CollisionMap,
     index: Array,
 ) -> OptimizeScene:
-    """What the picture shows; ``index`` (N,) is the chosen plan's, in the quantity of the page."""
+    """Return everything that the 3-D view shows.
+
+    Args:
+        plan: The plan.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: Results at the toolpath's points.
+        timeline: The motion over time; None where there is no motion.
+        shown: The map of feasible rotations and branches.
+        index: (N,) stiffness index of the plan, in the quantity of the page.
+    """
     return OptimizeScene(
         scene=_build_cell_scene(plan),
         path=_build_toolpath_scene(plan, toolpath, points, index),
@@ -59,7 +68,11 @@ def _build_cell_scene(plan: Plan) -> CellScene:
 
 
 def list_tools(plan: Plan) -> list[str]:
-    """The tools of a job that changes them, each once, in the order of the job."""
+    """Return the tools of a job with tool changes, each once, in the order of the job.
+
+    Args:
+        plan: The plan.
+    """
     return list(dict.fromkeys(str(part.plan.setup.cell.tool_name) for part in plan.parts))
 
 

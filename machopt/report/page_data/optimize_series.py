@@ -1,4 +1,4 @@
-"""Curves of the report of optimize: values along the path, the motion."""
+"""Series of the optimize report: values along the path and over the motion."""
 
 from __future__ import annotations
 
@@ -17,6 +17,14 @@ from machopt.report.page_types import optimize_report as page
 def build_path_series(
     plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]
 ) -> page.PathSeries:
+    """Return the values along the path.
+
+    Args:
+        plan: The plan.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: Results at the toolpath's points.
+        series: Series along the path by name, (N,) each.
+    """
     t, counted = points.table, plan.path.counted[points.rows]
 
     def only_cut(values: Array) -> Array:
@@ -45,13 +53,23 @@ def build_path_series(
 
 
 def compute_cut_length(toolpath: Toolpath, counted: NDArray[np.bool_]) -> Array:
-    """(N,) m cut up to each toolpath point: the one path length of the page. Rapid and linking moves add nothing."""
+    """Return (N,) the cut length up to each toolpath point, m. Rapid and linking moves add nothing.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        counted: (N,) points that are cut to.
+    """
     step = np.r_[0.0, np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)]
     return np.asarray(np.cumsum(step * counted))
 
 
 def interpolate_path_length(s: Array, point: Array) -> Array:
-    """Path length (m) at fractional toolpath points, NaN where there is none; ``s`` (N,) at the points."""
+    """Return the path length at fractional toolpath points, m; NaN where there is none.
+
+    Args:
+        s: (N,) path length at the toolpath's points, m.
+        point: (S,) fractional toolpath points, NaN where there is none.
+    """
     known = np.isfinite(point)
     return np.asarray(np.where(known, np.interp(np.where(known, point, 0.0), np.arange(len(s)), s), np.nan))
 
@@ -59,6 +77,14 @@ def interpolate_path_length(s: Array, point: Array) -> Array:
 def build_motion_series(
     plan: Plan, toolpath: Toolpath, points: PointResults, timeline: MotionTimeline | None
 ) -> page.MotionSeries | None:
+    """Return the values over the motion; None without a motion.
+
+    Args:
+        plan: The plan.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: Results at the toolpath's points.
+        timeline: The motion over time; None where there is no motion.
+    """
     t = timeline.trajectory if timeline else None
     if t is None:
         return None

@@ -1,4 +1,4 @@
-"""The worst points of a plan, and what carries most of the compliance there."""
+"""Worst points of a plan, and the largest contributions to their compliance."""
 
 from __future__ import annotations
 
@@ -20,6 +20,14 @@ MAX_WORST_POINTS = 8  # rows of the table
 def list_worst_points(
     plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]
 ) -> tuple[page.WorstPointRow, ...]:
+    """Return the rows of the table of worst points.
+
+    Args:
+        plan: The plan.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: Results at the toolpath's points.
+        series: Series along the path by name, (N,) each.
+    """
     there = plan.path.counted & (plan.chosen.assignment.reason == InfeasibilityReason.OK)
     values = np.where(there[points.rows], series["chosen"], np.nan)
     known = np.flatnonzero(np.isfinite(values))

@@ -1,4 +1,4 @@
-"""The page of a measurement plan from the plan."""
+"""Data of the measurement plan page from the plan."""
 
 from __future__ import annotations
 
@@ -38,7 +38,22 @@ def build_pose_plan_page_data(
     scene: CellScene | None = None,
     job: ProcessLoads | None = None,
 ) -> page.PosePlanPageData:
-    """Everything the page shows."""
+    """Return everything that the page shows.
+
+    Args:
+        request: The request of ``machopt plan-poses``.
+        cell: The robot cell.
+        robot: The kinematic model of the robot.
+        pool: Candidate poses.
+        cases: Load cases.
+        plan: The measurement plan; None where none was computed.
+        table: Table of the poses; None without a plan.
+        hashes: SHA-256 of the input files by name.
+        warnings: Warnings to show.
+        apart: Plan that distinguishes rival models; None without one.
+        scene: The cell for the 3-D view; None without one.
+        job: Loads of the job that the stiffness is needed for; None without one.
+    """
     common: dict[str, Any] = {
         "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}",
         "cell": cell.name,

@@ -1,4 +1,4 @@
-"""What the page of a map shows, from its results."""
+"""Data of the map page from its results."""
 
 from __future__ import annotations
 
@@ -64,7 +64,20 @@ def build_map_page_data(
     result: MapDocument,
     scene: CellScene,
 ) -> MapPageData:
-    """Everything the page and the picture show."""
+    """Return everything that page and picture show.
+
+    Args:
+        cell: The robot cell.
+        options: Options of the map.
+        setting: Settings that follow from options and cell.
+        samples: Sample positions of the map.
+        arm: Kinematics and limits of the arm.
+        layers: Results of each layer.
+        criterion: Quantity by which postures are chosen.
+        comparison: Comparison with measured stiffness; None without measurements.
+        result: Content of map.json.
+        scene: The cell's bodies for the 3-D view.
+    """
     fields = [
         MapField(key=f.key, name=f.name, unit=f.unit, better=f.better, note=f.note) for f in layers[0].values.fields
     ]

@@ -1,1 +1,1 @@
-"""What each page shows, as plain data."""
+"""Data types of each page, as plain data."""

@@ -1,4 +1,4 @@
-"""What the diagnosis page shows: the diagnosis itself, where its readings stand in the files, what it does to a job."""
+"""Data of the diagnosis page: diagnosis, places of its readings in the files, and its effect on a job."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from machopt.report.scene.scene_types import CellScene
 
 @dataclass(frozen=True)
 class ReadingCoordinate:
-    """One of the D numbers of a reading."""
+    """One of the D coordinates of a reading."""
 
     name: str  # "x", "rx", "joint 3"
     unit: str  # of reports: "mm", "mrad", "N·m"
@@ -24,7 +24,7 @@ class ReadingCoordinate:
 
 @dataclass(frozen=True)
 class JobQuantityChange:
-    """One number of a job under the model as it was and as it is now."""
+    """Value of a job under the model before and after the diagnosis."""
 
     what: str
     before: float
@@ -34,7 +34,7 @@ class JobQuantityChange:
 
 @dataclass(frozen=True, kw_only=True)
 class JobEffect:
-    """What the found physics changes for one toolpath; curves have one value a point, empty where not given."""
+    """Effect of the findings on one toolpath; curves have one value for each point, empty where unknown."""
 
     toolpath: str
     sentence: str
@@ -49,7 +49,7 @@ class JobEffect:
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisPageData:
-    """Everything on the page; N readings of D coordinates."""
+    """Data of the diagnosis page; N readings of D coordinates."""
 
     title: str
     cell: str
@@ -61,7 +61,7 @@ class DiagnosisPageData:
     session: Ints  # (N,)
     line: Ints  # (N,) of the data file
     row: Ints  # (N,) 1-based data row
-    file: tuple[str, ...]  # (N,) data file each reading stands in; empty where there is only one
+    file: tuple[str, ...]  # (N,) data file of each reading; empty where there is only one
     group_word: str  # what is held out together: "pose", "stretch"
     group_names: tuple[str, ...]  # (G,) of diagnosis.errors.groups
     branch: NDArray[np.int8] | None  # (N,) +1 loading, −1 unloading, 0 not stated

@@ -1,4 +1,4 @@
-"""The one place where SI becomes what a process engineer reads: mm, deg, mm/min, N/µm."""
+"""Conversion from SI to displayed units: mm, deg, mm/min, N/µm."""
 
 from __future__ import annotations
 
@@ -9,13 +9,23 @@ from machopt.report.page_types.optimize_report import Quantity
 
 
 def format_fixed(value: float, decimals: int, *, signed: bool = False) -> str:
-    """So many decimals with a true minus sign; what rounds to zero has none."""
+    """Return a number with fixed decimals and a true minus sign; a value that rounds to zero has no sign.
+
+    Args:
+        value: The value.
+        decimals: Number of decimals.
+        signed: Write a plus sign for positive values.
+    """
     rounded = round(value, decimals) + 0.0
     return f"{rounded:{'+' if signed and rounded else ''}.{decimals}f}".replace("-", "−")
 
 
 def format_option_value(value: object) -> str:
-    """An option's value as a reader takes it: yes, no, none, a list without brackets."""
+    """Return an option's value as text: yes, no, none, a list without brackets.
+
+    Args:
+        value: Value of the option.
+    """
     if value is None or (isinstance(value, list | tuple | dict) and not value):
         return "none"
     if isinstance(value, bool):
@@ -27,14 +37,19 @@ def format_option_value(value: object) -> str:
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """A displayed unit: shown = SI · factor."""
+    """Displayed unit: shown = SI · factor."""
 
     factor: float
     name: str
     decimals: int
 
     def format_value(self, value: float, *, unit: bool = False) -> str:
-        """The value as shown, "–" where there is none."""
+        """Return the value in the displayed unit, "–" where there is none.
+
+        Args:
+            value: Value, SI.
+            unit: Append the unit's name.
+        """
         if not math.isfinite(value):
             return "–"
         number = format_fixed(value * self.factor, self.decimals)
@@ -60,7 +75,7 @@ QUANTITY_UNITS: dict[Quantity, DisplayUnit] = {
 
 @dataclass(frozen=True)
 class QuantityLabels:
-    """How the optimised quantity is spoken of."""
+    """Wording of the optimised quantity."""
 
     worst: str
     axis: str

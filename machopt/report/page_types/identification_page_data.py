@@ -1,4 +1,4 @@
-"""What the identification page shows; SI, plain arrays, nothing computed from a model here."""
+"""Data of the identification page in SI; plain arrays, no model is evaluated here."""
 
 from __future__ import annotations
 

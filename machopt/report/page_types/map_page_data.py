@@ -1,4 +1,4 @@
-"""What the page of a map shows, in SI; :mod:`machopt.report.page_data.workspace_map` fills it."""
+"""Data of the map page in SI; :mod:`machopt.report.page_data.workspace_map` fills it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FIELD_UNITS: dict[FieldUnit, DisplayUnit] = {
 
 @dataclass(frozen=True)
 class MapAxis:
-    """A direction of sampling."""
+    """Sampling axis of a map."""
 
     name: str  # "x", "a2", "s"
     label: str  # for the axis of a picture, without unit
@@ -40,7 +40,7 @@ class MapAxis:
 
 @dataclass(frozen=True, kw_only=True)
 class MapField:
-    """A quantity that can be looked at."""
+    """Quantity of a map."""
 
     key: str
     name: str
@@ -84,7 +84,7 @@ class ArmLines:
 
 @dataclass(frozen=True)
 class MapScene:
-    """The cell in three dimensions, and how the map lies in it."""
+    """3-D view of the cell, and the position of the map in it."""
 
     scene: CellScene
     T_base_frame: Array  # (4, 4) the map's axes in base_link
@@ -93,7 +93,7 @@ class MapScene:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredView:
-    """P readings beside the model."""
+    """P measured readings with the model's values."""
 
     file: str
     axes: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What the report shows: plain arrays in SI, every part optional but the summary, so that any outcome has a page."""
+"""Data of the optimize report: plain arrays in SI, every part optional except the summary, for any outcome."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ STATUS_NAMES = (
 
 @dataclass(frozen=True)
 class GainOverBaseline:
-    """By how much the mean along the path is better than with a yardstick."""
+    """Gain of the mean along the path over a baseline."""
 
     baseline: str  # e.g. "Jiao 2022"
     share: float  # 1 − mean/mean of it, of deflection or compliance; negative: worse; NaN where that is not feasible
@@ -55,7 +55,7 @@ class ShiftSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class BoundCertificate:
-    """How far from the best the plan can be; values of the objective."""
+    """Bound of the distance from the optimum; values of the objective."""
 
     objective: float
     bound: float  # no sequence over the grid has less
@@ -67,7 +67,7 @@ class BoundCertificate:
 
 @dataclass(frozen=True, kw_only=True)
 class TradeOffPoint:
-    """One whole plan of the trade-off front."""
+    """One complete plan of the trade-off front."""
 
     name: str
     changed: str  # against the options in force
@@ -81,7 +81,7 @@ class TradeOffPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class ResultSummary:
-    """What did I gain, and is it safe? NaN for what was not computed."""
+    """Summary of gain and safety; NaN for what was not computed."""
 
     outcome: Literal["done", "infeasible", "verification_failed"]
     verification: Literal["passed", "failed", "not run"]
@@ -92,7 +92,7 @@ class ResultSummary:
     mean_default: float  # mean over the length cut; of a stiffness: the stiffness of the mean compliance
     mean_chosen: float
     worst_parts: str = ""  # the deflection at the worst point along and across the tool axis, with intervals, in words
-    gains: tuple[GainOverBaseline, ...] = ()  # of the mean, over each yardstick
+    gains: tuple[GainOverBaseline, ...] = ()  # of the mean, over each baseline
     shift: ShiftSummary | None = None
     certificate: BoundCertificate | None = None
     feed_held: float = float("nan")  # share 0…1 of the cutting time at the programmed feed
@@ -203,7 +203,7 @@ class WorstPointRow:
 
 @dataclass(frozen=True, kw_only=True)
 class InfeasiblePointRow:
-    """A point without any answer, why, and by how much."""
+    """Infeasible point with the reason and the missing distance."""
 
     point: int
     operation: str
@@ -216,7 +216,7 @@ class InfeasiblePointRow:
 
 @dataclass(frozen=True)
 class MotionBreak:
-    """Two successive places that no motion joins."""
+    """Two successive places without a motion between them."""
 
     before: str  # "point 3", "home"
     after: str
@@ -226,6 +226,8 @@ class MotionBreak:
 
 @dataclass(frozen=True, kw_only=True)
 class OperationRow:
+    """One operation of the toolpath."""
+
     label: str
     kind: str  # "point" or "trajectory"
     points: int
@@ -241,7 +243,7 @@ class OperationRow:
 
 @dataclass(frozen=True)
 class CheckRow:
-    """One line of the verification. ``passed`` is None where it could not be run."""
+    """One line of the verification; ``passed`` is None where it could not be run."""
 
     name: str
     passed: bool | None
@@ -252,7 +254,7 @@ class CheckRow:
 
 @dataclass(frozen=True)
 class InformationRow:
-    """A measured value without a condition: no check."""
+    """Measured value without a condition."""
 
     name: str
     found: str
@@ -261,7 +263,7 @@ class InformationRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ProgramRow:
-    """One robot program that was written, and what came back when it was read. NaN for what a format does not say."""
+    """One written robot program with its read-back result; NaN for what a format does not state."""
 
     post: str
     files: tuple[str, ...]  # relative to the page, the one that is run first
@@ -290,6 +292,8 @@ class ProgramRow:
 
 @dataclass(frozen=True)
 class ExcludedPairRow:
+    """Pair of bodies that is not checked, with the reason."""
+
     first: str
     second: str
     reason: str
@@ -297,7 +301,7 @@ class ExcludedPairRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportData:
-    """Everything on the page."""
+    """All data of the optimize report."""
 
     title: str
     cell: str

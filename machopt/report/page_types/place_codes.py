@@ -1,4 +1,4 @@
-"""Codes of what stands at a place of a map: pages and pictures index their words and patterns by these numbers."""
+"""Codes of the states of a map sample; pages and pictures index their words and patterns by them."""
 
 from __future__ import annotations
 
@@ -21,18 +21,21 @@ class PlaceCode(enum.IntEnum):
     SINGULAR_ELBOW = 4
     SINGULAR_SHOULDER = 5
     COLLIDING = 6
-    NOT_CHECKED = 7  # possible by itself, but not looked at for collisions
+    NOT_CHECKED = 7  # feasible, but not checked for collisions
     BOUNDS = 8
     NO_PATH = 9
 
     @property
     def reason(self) -> InfeasibilityReason | None:
-        """What it stands for; None: no reason, but a place that nobody looked at."""
+        """Reason code that it stands for; None for a place that was not evaluated."""
         return InfeasibilityReason.__members__.get(self.name)
 
 
 def convert_to_place_codes(reasons: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The codes of an array of :class:`InfeasibilityReason`, in its shape.
+    """Return the codes of an array of :class:`InfeasibilityReason`, in its shape.
+
+    Args:
+        reasons: Reason of each sample.
 
     Raises:
         ValueError: a reason that no place of a map has.

@@ -1,4 +1,4 @@
-"""What the page of ``machopt plan-poses`` shows."""
+"""Data of the page of ``machopt plan-poses``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from machopt.report.scene.scene_types import CellScene, ScenePostures
 
 @dataclass(frozen=True, kw_only=True)
 class HeuristicRow:
-    """A paper's way of choosing beside ours."""
+    """Published rule of choosing poses, for comparison."""
 
     name: str
     words: str
@@ -58,7 +58,7 @@ class ExplanationPair:
 
 @dataclass(frozen=True, kw_only=True)
 class JointDemand:
-    """What the job asks of one joint, and what the load tests do."""
+    """Load of one joint in the job and in the load tests."""
 
     joint: int
     job: tuple[float, float] | None  # N·m, weight and process; None: not known

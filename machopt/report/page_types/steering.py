@@ -1,4 +1,4 @@
-"""What the page of ``machopt view`` shows beside a plan: what the user decided, and how the plan before compares."""
+"""Data of the steering panel of ``machopt view``: the user's decisions, and the comparison with the previous plan."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True, kw_only=True)
 class PlanComparison:
-    """One figure of the plan and of the one before."""
+    """One figure of the plan and of the previous plan."""
 
     name: str
     unit: str
@@ -21,7 +21,7 @@ class PlanComparison:
 
 @dataclass(frozen=True)
 class SteeringAxis:
-    """An external joint that may be put somewhere for an operation."""
+    """External joint that can be set for an operation."""
 
     name: str
     unit: str  # mm or deg
@@ -31,11 +31,11 @@ class SteeringAxis:
 
 @dataclass(frozen=True, kw_only=True)
 class SteeringData:
-    """The wishes behind a plan, as a plan file has them, and what there is to choose from."""
+    """Steering rules of a plan, as a plan file has them, and the available choices."""
 
     operations: tuple[tuple[str, tuple[tuple[int, int], ...]], ...]  # label, and the points it cuts, first to last
     points: int
-    branches: int  # 0: of no lasting numbers, so none can be asked for
+    branches: int  # 0: branch numbers are not stable, so none can be chosen
     axes: tuple[SteeringAxis, ...]
     wishes: dict[str, Any]  # fixed, steer, external: keys of a plan file
     compared: tuple[PlanComparison, ...]
@@ -47,7 +47,11 @@ class SteeringData:
 
 
 def build_steering_spec(s: SteeringData) -> dict[str, Any]:
-    """The same for ``assets/steer.js``."""
+    """Return the steering data as JSON for ``assets/steer.js``.
+
+    Args:
+        s: The steering data.
+    """
     return {
         "operations": [{"label": label, "points": [list(p) for p in points]} for label, points in s.operations],
         "points": s.points,

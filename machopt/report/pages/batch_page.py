@@ -1,4 +1,4 @@
-"""``summary.html`` of a batch: what was gained, what needs attention, every job with a link to its report."""
+"""``summary.html`` of a batch: gains, jobs that need attention, and every job with a link to its report."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _BAR = 110  # px of the widest bar of gain
 
 @dataclass(frozen=True, kw_only=True)
 class BatchPageData:
-    """What the page shows, in the units of summary.csv (mm, N/mm, s, per cent); the jobs in their order of rank."""
+    """Data of the page in the units of summary.csv (mm, N/mm, s, per cent); jobs in ranked order."""
 
     version: str
     complete: bool  # False: stopped by the user
@@ -43,7 +43,11 @@ class BatchPageData:
 
 
 def build_batch_html(data: BatchPageData) -> str:
-    """The page as text; the same data give the same bytes. Wall times come from ``timings.js`` beside it."""
+    """Return the page; the same data give the same bytes. Wall times come from ``timings.js`` in the same folder.
+
+    Args:
+        data: The data of the page.
+    """
     sections = [
         ("verdict", "Verdict", _build_verdict(data)),
         ("attention", "Needs attention", _build_attention(data)),

@@ -1,4 +1,4 @@
-"""The page of ``machopt identify``: which joints the data see, how well, and what to distrust."""
+"""Page of ``machopt identify``: identified joints, their uncertainty, and warnings."""
 
 from __future__ import annotations
 
@@ -37,7 +37,11 @@ def write_identification_page(path: Path, data: IdentificationPageData) -> None:
 
 
 def build_identification_html(data: IdentificationPageData) -> str:
-    """The page as text; the same data give the same bytes."""
+    """Return the page; the same data give the same bytes.
+
+    Args:
+        data: The data of the page.
+    """
     charts = build_identification_charts(data)
     have = {c["id"] for c in charts}
     sections = [
@@ -62,7 +66,12 @@ def build_identification_html(data: IdentificationPageData) -> str:
 
 
 def format_stiffness(k: float, digits: int = 3) -> str:
-    """N·m/rad with so many digits: 3.80e6."""
+    """Return a joint stiffness as text: 3.80e6.
+
+    Args:
+        k: Joint stiffness, N·m/rad.
+        digits: Significant digits.
+    """
     if not math.isfinite(k):
         return "∞" if k > 0 else "–"
     if k < 1e4:

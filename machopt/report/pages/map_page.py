@@ -1,4 +1,4 @@
-"""``report.html`` of a map: one self-contained page with a picture that answers under the pointer."""
+"""``report.html`` of a map: one self-contained page with an interactive picture."""
 
 from __future__ import annotations
 
@@ -23,12 +23,21 @@ if TYPE_CHECKING:
 
 
 def write_map_page(path: Path, data: MapPageData) -> None:
-    """Write the page; the same data give the same bytes."""
+    """Write the page; the same data give the same bytes.
+
+    Args:
+        path: The file to write.
+        data: The data of the page.
+    """
     path.write_text(build_map_html(data), encoding="utf-8", newline="\n")
 
 
 def build_map_html(data: MapPageData) -> str:
-    """The page as text."""
+    """Return the page.
+
+    Args:
+        data: The data of the page.
+    """
     specs = build_map_specs(data)
     charts = join_markup(render_part("chart", c["id"]) for c in specs["charts"])
     if specs["view"] is not None and specs["field"] is None:
@@ -110,7 +119,12 @@ def _list_key_figures(data: MapPageData) -> list[tuple[str, str, str, str]]:
 
 
 def format_sample_location(data: MapPageData, row: int) -> str:
-    """Coordinates of a sample in words."""
+    """Return the coordinates of a sample as text.
+
+    Args:
+        data: The data of the page.
+        row: Number of the sample, from 0.
+    """
     index = np.unravel_index(row, data.shape)
     return (
         ", ".join(

@@ -1,4 +1,4 @@
-"""The page of ``machopt place``: a map of the index over x and y, the best places, and what is near them."""
+"""Page of ``machopt place``: a map of the index over x and y, the best placements, and their neighbourhood."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MAX_LABELS = 9  # coordinates along an axis
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceMark:
-    """A place on the map; mm, and the index in its unit (of the plan, else of the outlook)."""
+    """Placement on the map; mm, and the index in its unit (of the plan, else of the estimate)."""
 
     x: float
     y: float
@@ -44,19 +44,28 @@ class PlaceMark:
 
 @dataclass(frozen=True)
 class PlacementPageData:
-    """What the page shows."""
+    """Data of the page."""
 
     result: PlaceDocument
     marks: tuple[PlaceMark, ...]
 
 
 def write_placement_page(path: Path, data: PlacementPageData) -> None:
-    """Write the page; the same data give the same bytes."""
+    """Write the page; the same data give the same bytes.
+
+    Args:
+        path: The file to write.
+        data: The data of the page.
+    """
     path.write_text(build_placement_html(data), encoding="utf-8", newline="\n")
 
 
 def build_placement_html(data: PlacementPageData) -> str:
-    """The page as text."""
+    """Return the page.
+
+    Args:
+        data: The data of the page.
+    """
     r = data.result
     sections = [
         ("verdict", "Verdict", _build_verdict(data)),

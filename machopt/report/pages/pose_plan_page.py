@@ -1,4 +1,4 @@
-"""The page of ``machopt plan-poses``: how well the stiffness will be known, and what to measure for it."""
+"""Page of ``machopt plan-poses``: expected uncertainty of the stiffness, and the poses to measure."""
 
 from __future__ import annotations
 
@@ -32,7 +32,11 @@ def write_pose_plan_page(path: Path, data: PosePlanPageData) -> None:
 
 
 def build_pose_plan_html(data: PosePlanPageData) -> str:
-    """The page as text; the same data give the same bytes."""
+    """Return the page; the same data give the same bytes.
+
+    Args:
+        data: The data of the page.
+    """
     charts = (
         [
             build_uncertainty_chart(data),
@@ -86,6 +90,11 @@ def _build_verdict(data: PosePlanPageData) -> Body:
 
 
 def format_verdict_sentence(data: PosePlanPageData) -> str:
+    """Return the sentence at the top of the page.
+
+    Args:
+        data: The data of the page.
+    """
     if data.explanation_pairs:
         return _describe_distinguished_pairs(data)
     known = np.asarray(data.sigma[data.relative], float)

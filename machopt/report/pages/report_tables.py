@@ -1,4 +1,4 @@
-"""Tables of the pages: what stands in which column."""
+"""Tables of the report pages: columns and rows."""
 
 from __future__ import annotations
 
@@ -39,7 +39,12 @@ class TableColumn:
 
 
 def build_table(columns: Sequence[TableColumn], rows: Iterable[Sequence[object]]) -> Markup:
-    """A scrolling table; at most MOST_ROWS rows."""
+    """Return a scrolling table of at most MOST_ROWS rows.
+
+    Args:
+        columns: Headings and formats of the columns.
+        rows: Cells of each row.
+    """
     rows = list(rows)
     nothing = {"n": "–", "": ""}  # no column of dashes, none of empty words
     used = [n for n, c in enumerate(columns) if not rows or any(row[n] != nothing.get(c.kind) for row in rows)]
@@ -48,14 +53,26 @@ def build_table(columns: Sequence[TableColumn], rows: Iterable[Sequence[object]]
 
 
 def build_folded_block(title: str, count: int, body: Markup | str, *, opened: bool = False) -> Markup:
-    """A part that opens on a click."""
+    """Return a block that unfolds on a click.
+
+    Args:
+        title: The heading.
+        count: Number shown next to the title.
+        body: Content of the section, markup or text.
+        opened: Whether the block is unfolded at first.
+    """
     return piece("folded", title, count, body, opened)
 
 
 def build_worst_point_table(data: ReportData) -> Markup:
+    """Return the table of the worst points.
+
+    Args:
+        data: Data of the report.
+    """
     unit = QUANTITY_UNITS[data.summary.quantity]
     what = QUANTITY_LABELS[data.summary.quantity].axis
-    own = data.summary.quantity == "deflection"  # then the deflection stands in the first column already
+    own = data.summary.quantity == "deflection"  # the first column is the deflection already
     columns = [
         TableColumn("Point", "n"),
         TableColumn("Operation"),
@@ -98,6 +115,11 @@ def _link_point(data: ReportData, point: float) -> Markup | float:
 
 
 def build_infeasible_point_table(data: ReportData) -> Markup:
+    """Return the table of the infeasible points.
+
+    Args:
+        data: Data of the report.
+    """
     columns = [
         TableColumn("Point", "n"),
         TableColumn("State"),
@@ -127,11 +149,21 @@ def build_infeasible_point_table(data: ReportData) -> Markup:
 
 
 def build_break_table(data: ReportData) -> Markup:
+    """Return the table of the breaks of the motion.
+
+    Args:
+        data: Data of the report.
+    """
     columns = [TableColumn("From"), TableColumn("To"), TableColumn("Why"), TableColumn("What would help")]
     return build_table(columns, [(b.before, b.after, b.reason, b.help) for b in data.breaks])
 
 
 def build_operation_table(data: ReportData) -> Markup:
+    """Return the table of the operations.
+
+    Args:
+        data: Data of the report.
+    """
     unit = QUANTITY_UNITS[data.summary.quantity]
     worst = "Least" if QUANTITY_LABELS[data.summary.quantity].large_is_good else "Worst"
     columns = [
@@ -170,6 +202,11 @@ def build_operation_table(data: ReportData) -> Markup:
 
 
 def build_feed_dip_table(data: ReportData) -> Markup:
+    """Return the table of the feed dips.
+
+    Args:
+        data: Data of the report.
+    """
     columns = [
         TableColumn("Point", "n"),
         TableColumn("Path (mm)", "n"),
@@ -199,6 +236,11 @@ def build_feed_dip_table(data: ReportData) -> Markup:
 
 
 def build_check_table(data: ReportData) -> Markup:
+    """Return the table of the checks.
+
+    Args:
+        data: Data of the report.
+    """
     words = {
         True: piece("toned", "pass", "passed"),
         False: piece("toned", "fail", "failed"),
@@ -215,12 +257,21 @@ def build_check_table(data: ReportData) -> Markup:
 
 
 def build_information_table(data: ReportData) -> Markup:
-    """Measured values without a condition: no checks, so without a result."""
+    """Return the table of measured values without a condition.
+
+    Args:
+        data: Data of the report.
+    """
     columns = [TableColumn("Information"), TableColumn("Found"), TableColumn("Where")]
     return build_table(columns, [(i.name, i.found, i.where) for i in data.information])
 
 
 def build_cam_word_table(data: ReportData) -> Markup:
+    """Return the table of CAM words without effect.
+
+    Args:
+        data: Data of the report.
+    """
     words = {True: "known, no effect on the motion", False: "not understood"}
     columns = [
         TableColumn("Word", "mono"),
@@ -233,28 +284,58 @@ def build_cam_word_table(data: ReportData) -> Markup:
 
 
 def build_event_table(data: ReportData) -> Markup:
+    """Return the table of the events.
+
+    Args:
+        data: Data of the report.
+    """
     columns = [TableColumn("Before point", "n"), TableColumn("Kind"), TableColumn("Source words", "mono")]
     return build_table(columns, [(e.index, e.kind, e.text) for e in data.events])
 
 
 def build_excluded_pair_table(data: ReportData) -> Markup:
+    """Return the table of the body pairs that are not checked.
+
+    Args:
+        data: Data of the report.
+    """
     columns = [TableColumn("Body"), TableColumn("Body"), TableColumn("Why it is not checked")]
     return build_table(columns, [(p.first, p.second, p.reason) for p in (*data.excluded_pairs, *data.adjacent_pairs)])
 
 
 def build_timing_table(data: ReportData) -> Markup:
+    """Return the table of the computing time of each stage.
+
+    Args:
+        data: Data of the report.
+    """
     total = sum(t for _, t in data.timings)
     rows = [(stage, f"{t:.3f}") for stage, t in data.timings]
     return build_table([TableColumn("Stage"), TableColumn("Time (s)", "n")], [*rows, ("all", f"{total:.3f}")])
 
 
 def build_pair_table(first: str, second: str, rows: Sequence[tuple[str, str]], kind: str = "mono") -> Markup:
-    """Two plain columns: options, hashes."""
+    """Return a table of two columns, as for options and hashes.
+
+    Args:
+        first: Heading of the first column.
+        second: Heading of the second column.
+        rows: Cells of each row.
+        kind: CSS class of the second column.
+    """
     return build_table([TableColumn(first), TableColumn(second, kind)], rows)
 
 
 def build_folded_table(
     count: int, title: str, build: Callable[[ReportData], Markup], data: ReportData, *, opened: bool = False
 ) -> Markup | str:
-    """A folded table, or nothing where there is nothing to list."""
+    """Return a folded table, or nothing where it has no rows.
+
+    Args:
+        count: Number of rows.
+        title: The heading.
+        build: Builder of the table.
+        data: Data of the report.
+        opened: Whether the block is unfolded at first.
+    """
     return build_folded_block(title, count, build(data), opened=opened) if count else ""

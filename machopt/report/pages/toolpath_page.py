@@ -1,4 +1,4 @@
-"""``inspect --html``: what a CAM file holds, on one self-contained page with pictures."""
+"""Page of ``inspect --html``: the content of a CAM file with pictures."""
 
 from __future__ import annotations
 
@@ -54,7 +54,12 @@ def write_toolpath_page(
 
 
 def build_toolpath_html(toolpath: Toolpath, summary: InspectedToolpathDocument) -> str:
-    """The page as text; the same toolpath gives the same bytes."""
+    """Return the page; the same toolpath gives the same bytes.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        summary: Content of the toolpath inspection.
+    """
     unknown = [w for w in summary.ignored if not w.understood]
     sections = [
         ("read", "As read", _build_verdict(summary, unknown)),

@@ -1,1 +1,1 @@
-"""The 3-D picture of a page: joints, bodies, path."""
+"""3-D scene of a page: joints, bodies, path."""

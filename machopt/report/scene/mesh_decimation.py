@@ -1,7 +1,6 @@
-"""Fewer triangles for the eye: vertices that share a cell of a cubic grid become one (Rossignac & Borrel 1993).
+"""Mesh decimation by vertex clustering: vertices in a cell of a cubic grid become one (Rossignac & Borrel 1993).
 
-Quick, and never fails: open, doubled and badly joined meshes come out as they went in, only coarser. No corner moves
-farther than the diagonal of a cell.
+It is fast and accepts open, doubled and badly joined meshes. No corner moves farther than the diagonal of a cell.
 """
 
 from __future__ import annotations

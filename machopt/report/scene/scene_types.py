@@ -1,4 +1,4 @@
-"""What stands in the 3-D picture of a page: a tree of joints, the bodies they carry, and postures to show."""
+"""Types of the 3-D scene of a page: a tree of joints, the bodies they carry, and postures to show."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BodyKind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
 
 @dataclass(frozen=True, kw_only=True)
 class SceneJoint:
-    """A joint of the tree, as a line in root axes where every joint stands at zero."""
+    """Joint of the tree, as a line in root axes with every joint at zero."""
 
     name: str
     parent: int  # the joint that carries it; −1: the root
@@ -33,7 +33,7 @@ class SceneBody:
 
     name: str
     kind: BodyKind
-    joint: int  # −1: stands still
+    joint: int  # −1: fixed
     vertices: Array  # (V, 3) m, root axes, every joint at zero
     faces: Faces  # (F, 3)
     tools: tuple[int, ...] = ()  # of the scene's, with which it is there; none: with every one
@@ -46,7 +46,7 @@ class CellScene:
     T_world_root: Array  # (4, 4)
     joints: tuple[SceneJoint, ...]  # the arm's six, then external ones in the order of the cell
     bodies: tuple[SceneBody, ...]
-    T_root_tool: Array  # (4, 4) TCP where every joint stands at zero
+    T_root_tool: Array  # (4, 4) TCP with every joint at zero
     T_root_part: Array  # (4, 4) the same of the frame of the toolpath
     tool_joint: int  # the joint that carries the tool
     part_joint: int = -1  # … the workpiece
@@ -81,7 +81,7 @@ class StationPostures:
     nearest: tuple[str, ...]  # (N,) the two bodies
     singularity: Array  # (N,) rad
     tool: NDArray[np.int64] | None = None  # (N,) which of the scene's tools is on; None: it has one
-    terms: tuple[str, ...] = ()  # of the stiffness beside the joints' springs: not in what other rotations show
+    terms: tuple[str, ...] = ()  # further stiffness terms, not included for other rotations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class MotionScene:
     """The motion as it is played; M samples, J joints."""
 
     time: Array  # (M,) s
-    q: Array  # (M, J) rad or m, where the arm truly stands
+    q: Array  # (M, J) rad or m, true joint angles
     point: Array  # (M,) fractional toolpath point, NaN outside the toolpath
     s: Array  # (M,) m of path length, NaN outside
     phi: Array  # (M,) rad, NaN where there is none
@@ -105,7 +105,7 @@ class OptimizeScene:
     path: ToolpathScene
     stations: StationPostures | None = None  # of the map; None: there is none
     motion: MotionScene | None = None
-    corrected: bool = False  # joints shown are true angles, and the robot is told others
+    corrected: bool = False  # shown joints are true angles; the robot gets encoder angles
 
 
 @dataclass(frozen=True)

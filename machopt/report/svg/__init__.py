@@ -1,1 +1,1 @@
-"""Still SVG pictures."""
+"""Static SVG pictures."""

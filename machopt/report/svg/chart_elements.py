@@ -1,4 +1,4 @@
-"""Pieces of still SVG pictures: texts, strokes, ticks, an embedded PNG, colours."""
+"""Elements of static SVG charts: texts, paths, ticks, an embedded PNG, colours."""
 
 from __future__ import annotations
 
@@ -46,27 +46,59 @@ _STYLE = (
 def build_text(
     x: float, y: float, words: str, *, anchor: str = "start", kind: str = "", upright: bool = True
 ) -> SvgShape:
-    """A line of text; not upright: turned to read from below, about its anchor."""
+    """Return a line of text.
+
+    Args:
+        x: Horizontal position, pixels.
+        y: Vertical position, pixels.
+        words: The text.
+        anchor: SVG text anchor.
+        kind: CSS class.
+        upright: False turns the text by 90° about its anchor.
+    """
     place: Style = {"x": x, "y": y} if upright else {"transform": f"translate({x:.1f} {y:.1f}) rotate(-90)"}
     return build_shape("text", words, class_=kind, **place, text_anchor=anchor)
 
 
 def build_path(d: str, kind: str = "", **more: Any) -> SvgShape:
-    """A path; further attributes with _ for -."""
+    """Return a path.
+
+    Args:
+        d: SVG path data.
+        kind: CSS class.
+        more: Further attributes, with _ for -.
+    """
     return build_shape("path", class_=kind, d=d, **more)
 
 
 def build_frame(box: Box) -> SvgShape:
+    """Return the frame of a chart.
+
+    Args:
+        box: Left, top, width and height in pixels.
+    """
     x, y, w, h = box
     return build_shape("rect", class_="a", x=x, y=y, width=w, height=h)
 
 
 def format_number(value: float) -> str:
+    """Return a number with up to six digits and a true minus sign.
+
+    Args:
+        value: The value.
+    """
     return f"{value + 0.0:.6g}".replace("-", "−")
 
 
 def build_bottom_ticks(box: Box, low: float, high: float, label: str) -> list[SvgShape]:
-    """Ticks and label of a horizontal axis under a box."""
+    """Return ticks and label of the horizontal axis below a box.
+
+    Args:
+        box: Left, top, width and height in pixels.
+        low: Value at the left edge.
+        high: Value at the right edge.
+        label: Label of the axis.
+    """
     x, y, w, h = box
     out = []
     for v in choose_round_levels(low, high, 8).tolist():
@@ -79,7 +111,15 @@ def build_bottom_ticks(box: Box, low: float, high: float, label: str) -> list[Sv
 
 
 def build_left_ticks(box: Box, low: float, high: float, label: str, *, grid: bool = False) -> list[SvgShape]:
-    """Ticks and label of a vertical axis left of a box, with lines across it if ``grid``."""
+    """Return ticks and label of the vertical axis left of a box.
+
+    Args:
+        box: Left, top, width and height in pixels.
+        low: Value at the lower edge.
+        high: Value at the upper edge.
+        label: Label of the axis.
+        grid: Draw grid lines.
+    """
     x, y, w, h = box
     out = []
     for v in choose_round_levels(low, high, 6).tolist():
@@ -90,7 +130,15 @@ def build_left_ticks(box: Box, low: float, high: float, label: str, *, grid: boo
 
 
 def build_colour_bar(box: Box, low: float, high: float, label: str, *, inverted: bool) -> list[SvgShape]:
-    """A vertical scale with round values on its right."""
+    """Return a vertical colour scale with round values on its right.
+
+    Args:
+        box: Left, top, width and height in pixels.
+        low: Value at the lower edge.
+        high: Value at the upper edge.
+        label: Label of the scale.
+        inverted: Low values are bright.
+    """
     x, y, w, h = box
     n, out = 64, []
     shades = map_to_colours(np.arange(n) / (n - 1))[:: -1 if inverted else 1]
@@ -104,7 +152,11 @@ def build_colour_bar(box: Box, low: float, high: float, label: str, *, inverted:
 
 
 def map_to_colours(t: Array) -> Pixels:
-    """(..., 3) colour of shares 0 (dark, poor) to 1 (bright, good)."""
+    """Return (..., 3) colours.
+
+    Args:
+        t: (...) shares from 0 (dark, poor) to 1 (bright, good).
+    """
     place = np.clip(t, 0.0, 1.0) * (len(VIRIDIS) - 1)
     i = np.minimum(place.astype(int), len(VIRIDIS) - 2)
     f = (place - i)[..., None]
@@ -112,7 +164,13 @@ def map_to_colours(t: Array) -> Pixels:
 
 
 def compute_hatching(code: int, x: NDArray[np.intp], y: NDArray[np.intp]) -> Pixels:
-    """(..., 3) pixels that stand for a :class:`PlaceCode`; patterns differ so that they survive a grey print."""
+    """Return (..., 3) pixels of a :class:`PlaceCode`; the patterns can be told apart in a grey print.
+
+    Args:
+        code: The code.
+        x: (...) horizontal pixel positions.
+        y: (...) vertical pixel positions.
+    """
     patterns = {
         PlaceCode.UNREACHABLE: x < 0,
         PlaceCode.LIMIT: (x + y) % 12 < 3,
@@ -129,7 +187,12 @@ def compute_hatching(code: int, x: NDArray[np.intp], y: NDArray[np.intp]) -> Pix
 
 
 def build_image(box: Box, pixels: Pixels) -> SvgShape:
-    """Pixels (height, width, 3) as an embedded PNG."""
+    """Return pixels as an embedded PNG.
+
+    Args:
+        box: Left, top, width and height in pixels.
+        pixels: (height, width, 3) colours.
+    """
     x, y, w, h = box
     data = base64.b64encode(_encode_png(pixels)).decode("ascii")
     href = f"data:image/png;base64,{data}"
@@ -137,6 +200,14 @@ def build_image(box: Box, pixels: Pixels) -> SvgShape:
 
 
 def render_document(width: float, height: float, title: str, parts: list[SvgShape]) -> Markup:
+    """Return a complete SVG document.
+
+    Args:
+        width: Width, pixels.
+        height: Height, pixels.
+        title: Title for screen readers.
+        parts: The shapes.
+    """
     style, ground = build_shape("style", _STYLE), build_shape("rect", width="100%", height="100%", fill="#fff")
     size: Style = {"viewBox": f"0 0 {width:.0f} {height:.0f}", "width": f"{width:.0f}", "height": f"{height:.0f}"}
     inside = [style, ground, build_text(14, 18, title, kind="h"), *parts]

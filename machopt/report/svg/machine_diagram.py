@@ -1,4 +1,4 @@
-"""Still pictures of where a mismatch lives: a strip of the machine, and bars for the data."""
+"""Diagrams of the location of the model error: a strip of the machine, and bars of shares."""
 
 from __future__ import annotations
 
@@ -54,7 +54,11 @@ def build_machine_picture(d: DiagnosisResult) -> str:
 
 
 def build_machine_strip(d: DiagnosisResult) -> Markup:
-    """Base to tool as a chain, what surrounds it beside; bars are shares, numbered marks are findings."""
+    """Return the chain from base to tool, with the data sources next to it; bars are shares, numbers are findings.
+
+    Args:
+        d: The diagnosis.
+    """
     shares = _list_largest_shares(d)
     slots = _list_slots(d)
     wide = slots[1].x - slots[0].x
@@ -111,7 +115,11 @@ def build_machine_strip(d: DiagnosisResult) -> Markup:
 
 
 def build_machine_column(d: DiagnosisResult) -> Markup:
-    """The same for a page too narrow to read the strip: base above, tool below, then what surrounds it, a line each."""
+    """Return the same diagram for narrow pages: base at the top, tool at the bottom, then the data sources.
+
+    Args:
+        d: The diagnosis.
+    """
     shares, slots = _list_largest_shares(d), _list_slots(d)
     chain = [s for s in slots if s.location in _list_chain()]
     y = {s.location: _HEAD + _LINE * n + (_APART if n >= len(chain) else 0.0) for n, s in enumerate(slots)}
@@ -157,7 +165,11 @@ def build_machine_column(d: DiagnosisResult) -> Markup:
 
 
 def build_share_bars(shares: Sequence[MismatchShare]) -> Markup | str:
-    """One bar a share, widest first, its place and note in words; nothing without shares."""
+    """Return one bar for each share, widest first, with place and note; empty without shares.
+
+    Args:
+        shares: Shares of the model error by place.
+    """
     rows = sorted((s for s in shares if math.isfinite(s.share)), key=lambda s: -s.share)[:MAX_BARS]
     if not rows:
         return ""
@@ -215,7 +227,7 @@ def _list_marks(d: DiagnosisResult, location: str) -> list[tuple[int, bool]]:
 
 
 def _build_column_symbol(location: str, y: float) -> list[SvgShape]:
-    """What stands for a part on the narrow picture, in the column of the arm."""
+    """Return the shape of a part in the narrow diagram, in the column of the arm."""
     x = _SPINE
     if location == "base":
         return [build_shape("path", d=f"M{x - 11:.1f} {y - 8:.1f}h22l-5 16h-12z", fill=METAL)]
@@ -236,7 +248,7 @@ def _list_chain() -> tuple[str, ...]:
 
 
 def _list_slots(d: DiagnosisResult) -> list[_DiagramSlot]:
-    """The chain, then what stands around it: always sensors, environment and controller; others where they matter."""
+    """Return the chain, then sensors, environment and controller, and further data sources with a share."""
     named = [s.axis for s in d.mismatch if s.kind == "machine"] + [
         name[1] for f in d.findings for name in (f.one_of or ((f.effect, f.location),))
     ]

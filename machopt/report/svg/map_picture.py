@@ -1,4 +1,4 @@
-"""``map.svg``: the map as a still picture for documents."""
+"""``map.svg``: the map as a static picture for documents."""
 
 from __future__ import annotations
 
@@ -39,14 +39,23 @@ _LEFT, _TOP, _BOTTOM, _BAR = 62.0, 44.0, 74.0, 96.0
 
 
 def write_map_svg(path: Path, data: MapPageData) -> None:
-    """Write the picture; the same data give the same bytes."""
+    """Write the picture; the same data give the same bytes.
+
+    Args:
+        path: The file to write.
+        data: The data of the page.
+    """
     path.write_text(build_map_svg(data) + "\n", encoding="utf-8", newline="\n")
 
 
 def build_map_svg(data: MapPageData) -> Markup:
-    """Colours and isolines of the quantity postures are chosen by, one panel a layer; curves over a single axis.
+    """Return colours and isolines of the quantity that chooses the postures, one panel for each layer; curves over
+    one axis.
 
-    A volume shows the slice normal to its last axis through its best place.
+    A volume shows the slice normal to its last axis through its best sample.
+
+    Args:
+        data: The data of the page.
     """
     return _build_curves(data) if len(data.axes) == 1 else _build_panels(data)
 
@@ -85,9 +94,13 @@ def _build_panels(data: MapPageData) -> Markup:
 
 
 def build_comparison_svg(data: MapPageData, axis: str) -> Markup:
-    """The model's stiffness along x, y or z and the measured one spread over the same slice, in the same colours.
+    """Return the model's stiffness along an axis and the measured one over the same slice, in the same colours.
 
-    Circles are the measured places; dots mark what lies outside their hull.
+    Circles are the measured positions; dots mark what lies outside their convex hull.
+
+    Args:
+        data: The data of the page.
+        axis: X, y or z.
     """
     layer = data.layers[0]
     keys = {f"k_{axis}": "Model", f"measured_{axis}": "Measured, interpolated"}

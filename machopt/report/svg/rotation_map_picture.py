@@ -1,4 +1,4 @@
-"""The rotation map as a still picture: the index over path length and rotation, what forbids a place, the lines."""
+"""Static picture of the rotation map: index over path length and rotation, infeasible regions, chosen rotation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures as lists of shapes; the template ``svg.html`` writes them."""
+"""SVG pictures as lists of shapes; the template ``svg.html`` renders them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,11 @@ def build_shape(
 
 
 def render_svg(*shapes: SvgShape) -> Markup:
-    """The shapes as markup."""
+    """Return the shapes as markup.
+
+    Args:
+        shapes: The shapes.
+    """
     return render_macro("svg.html", "shapes", shapes)
 
 

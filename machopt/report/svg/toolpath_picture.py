@@ -38,7 +38,7 @@ _GRID = 1 << 15  # cells of a picture's side, more than there are
 
 @dataclass(frozen=True)
 class ViewDirection:
-    """A direction to look from: ``right`` and ``up`` of the picture in the workpiece."""
+    """Direction of a view: ``right`` and ``up`` of the picture in the workpiece frame."""
 
     name: str
     title: str
@@ -80,7 +80,12 @@ class _ViewScale:
 
 
 def build_view_svg(toolpath: Toolpath, view: ViewDirection) -> Markup:
-    """One view; the same toolpath gives the same bytes."""
+    """Return one view; the same toolpath gives the same bytes.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        view: The direction of the view.
+    """
     flat = toolpath.position * 1e3 @ np.array([view.right, view.up]).T
     low, high = flat.min(axis=0), flat.max(axis=0)
     span = np.maximum(high - low, 1e-3)

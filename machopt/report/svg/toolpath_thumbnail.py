@@ -1,4 +1,4 @@
-"""A toolpath as a small still picture: its cuts coloured by what is predicted there."""
+"""Thumbnail of a toolpath: cuts coloured by the predicted value."""
 
 from __future__ import annotations
 
@@ -19,9 +19,7 @@ WIDTH, HEIGHT = 132.0, 84.0
 _EDGE = 5.0
 _SEGMENTS = 240
 _SHADES = 10
-_VIEW_MATRIX = np.array(
-    [[0.78, 0.62, 0.0], [-0.34, 0.43, 0.84]]
-)  # to the right and up of somebody who stands at a corner
+_VIEW_MATRIX = np.array([[0.78, 0.62, 0.0], [-0.34, 0.43, 0.84]])  # right and up of a viewer at a corner
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,11 @@ class PathPicture:
 
 
 def build_thumbnail(path: PathPicture) -> Markup:
-    """The picture; bright is good, dark is poor, red is where there is no answer."""
+    """Return the thumbnail; bright is good, dark is poor, red has no solution.
+
+    Args:
+        path: Points and values of the picture.
+    """
     keep = np.unique(np.linspace(0, len(path.position) - 1, _SEGMENTS + 1).round().astype(int))
     at = path.position[keep] @ _VIEW_MATRIX.T
     cut = np.array([path.cutting[a + 1 : b + 1].any() for a, b in pairwise(keep.tolist())], bool)

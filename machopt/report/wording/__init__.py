@@ -1,1 +1,1 @@
-"""Words of the pages: units, effects, verdicts."""
+"""Wording of the pages: units, effects, verdicts."""

@@ -1,4 +1,4 @@
-"""Effects, places and numbers of a diagnosis in words of the trade."""
+"""Names of effects and places, and formats of numbers, on the diagnosis page."""
 
 from __future__ import annotations
 
@@ -35,7 +35,11 @@ VERDICTS = {  # badge, tone of the page
 
 
 def describe_verdict(d: DiagnosisResult) -> tuple[str, str]:
-    """Badge and tone of the page."""
+    """Return badge and CSS tone of the page.
+
+    Args:
+        d: The diagnosis.
+    """
     badge, tone = VERDICTS[d.verdict]
     if d.verdict == "partly_explained" and has_record_findings_only(d) and not is_mismatch_closed(d):
         return "RECORD PUT RIGHT, MISMATCH NOT EXPLAINED", "bad"
@@ -45,17 +49,29 @@ def describe_verdict(d: DiagnosisResult) -> tuple[str, str]:
 
 
 def has_machine_finding(d: DiagnosisResult) -> bool:
-    """Whether something was found beside faults of the record, so that there is an after to be drawn."""
+    """Return whether an effect of the machine was found, so that there is a result after correction.
+
+    Args:
+        d: The diagnosis.
+    """
     return any(not f.record for f in d.findings)
 
 
 def describe_error_before(d: DiagnosisResult) -> str:
-    """What the errors before are errors of."""
+    """Return what the errors before are errors of.
+
+    Args:
+        d: The diagnosis.
+    """
     return "record put right, model refitted" if has_record_findings_only(d) else "model as it was, refitted"
 
 
 def describe_alternatives(one_of: Sequence[tuple[str, str]]) -> str:
-    """What the set of explanations means, the named one first in it."""
+    """Return what the set of possible explanations means.
+
+    Args:
+        one_of: (effect, place) of each explanation, the reported one first.
+    """
     others = [format_effect_at_place(*name) for name in one_of[1:]]
     if not others:
         return "These data single it out: nothing else in the catalogue predicts unseen readings as well."
@@ -63,13 +79,23 @@ def describe_alternatives(one_of: Sequence[tuple[str, str]]) -> str:
 
 
 def format_error(value: float, unit: str) -> str:
-    """An error with its unit, three digits, small lengths in µm."""
+    """Return an error with its unit, three digits, small lengths in µm.
+
+    Args:
+        value: The error, in ``unit``.
+        unit: Unit of the value.
+    """
     number, unit = format_error_parts(value, unit)
     return f"{number} {unit}".rstrip()
 
 
 def format_error_parts(value: float, unit: str) -> tuple[str, str]:
-    """The number and the unit of :func:`format_error`."""
+    """Return the number and the unit of :func:`format_error`.
+
+    Args:
+        value: The error, in ``unit``.
+        unit: Unit of the value.
+    """
     if not math.isfinite(value):
         return "–", ""
     if unit == "mm" and abs(value) < SMALL_LENGTH_MM:
@@ -78,7 +104,12 @@ def format_error_parts(value: float, unit: str) -> tuple[str, str]:
 
 
 def format_significant(value: float, count: int = 3) -> str:
-    """A number with so many significant digits: 0.0612, 61.2, 1 410, 1.41e6."""
+    """Return a number with so many significant digits: 0.0612, 61.2, 1 410, 1.41e6.
+
+    Args:
+        value: The value.
+        count: Significant digits.
+    """
     if not math.isfinite(value):
         return "∞" if value > 0 else "−∞" if value < 0 else "–"
     if value == round(value) and abs(value) < 1e5:
@@ -90,7 +121,13 @@ def format_significant(value: float, count: int = 3) -> str:
 
 
 def format_interval_parts(value: float, low: float, high: float) -> tuple[str, str, str]:
-    """Value and interval with the decimals that the interval deserves: one or two digits of its half width."""
+    """Return value and interval ends with one or two digits of the half width.
+
+    Args:
+        value: The value.
+        low: The lower end.
+        high: The upper end.
+    """
     half = 0.5 * (high - low)
     tiny = 0.0 < abs(value) < 1e-4 or 0.0 < half < 1e-6
     if not (math.isfinite(half) and half > 0.0 and math.isfinite(value)) or abs(value) >= 1e5 or tiny:
@@ -102,7 +139,11 @@ def format_interval_parts(value: float, low: float, high: float) -> tuple[str, s
 
 
 def format_estimate(e: EstimatedValue) -> str:
-    """ "0.90 arcmin (0.81 … 0.99)"; the interval is the 90 % one."""
+    """Return an estimate as "0.90 arcmin (0.81 … 0.99)"; the interval is the 90 % one.
+
+    Args:
+        e: The estimate.
+    """
     factor, unit = choose_compliance_unit(e.unit)
     value, low, high = format_interval_parts(factor * e.value, factor * e.ci90[0], factor * e.ci90[1])
     out = f"{value} {unit}".strip()
@@ -110,7 +151,11 @@ def format_estimate(e: EstimatedValue) -> str:
 
 
 def describe_axis(axis: str) -> str:
-    """An axis of the data: ``q3`` is "angle of joint 3"."""
+    """Return the name of an axis of the data: ``q3`` is "angle of joint 3".
+
+    Args:
+        axis: Name of the axis, such as ``q3``.
+    """
     stem, number = axis.rstrip("0123456789"), axis[len(axis.rstrip("0123456789")) :]
     joint = {"q": "angle", "qd": "velocity", "speed": "speed", "tau": "torque"}.get(stem.strip())
     if joint and number:
@@ -121,20 +166,34 @@ def describe_axis(axis: str) -> str:
 
 
 def get_axis_unit(axis: str) -> tuple[float, str]:
-    """Factor from SI and unit of an axis of the data."""
+    """Return the factor from SI and the unit of an axis of the data.
+
+    Args:
+        axis: Name of the axis, such as ``q3``.
+    """
     unit, factor = AXIS_UNITS.get(axis.rstrip("0123456789").strip(), ("", 1.0))
     return factor, unit
 
 
 def format_axis_value(axis: str, value: float, unit: str) -> str:
-    """A value on an axis of the data, already in its unit."""
+    """Return a value on an axis of the data.
+
+    Args:
+        axis: Name of the axis, such as ``q3``.
+        value: Value in ``unit``.
+        unit: Unit of the value.
+    """
     if axis == "branch":
         return {1.0: "loading", -1.0: "unloading", 0.0: "not stated"}.get(value, f"{value:g}")
     return f"{format_significant(value)} {unit}".strip().replace("-", "−")
 
 
 def describe_share(s: MismatchShare) -> str:
-    """What a share of the mismatch shows: a stretch of an axis in the unit shown, other notes as they are."""
+    """Return the note of a share: a range of an axis in displayed units, other notes unchanged.
+
+    Args:
+        s: Share of the model error.
+    """
     if s.stretch is None:
         return s.note
     factor, unit = get_axis_unit(s.axis)
@@ -144,7 +203,11 @@ def describe_share(s: MismatchShare) -> str:
 
 
 def choose_compliance_unit(unit: str) -> tuple[float, str]:
-    """Factor and unit that keep the numbers of a compliance readable."""
+    """Return factor and unit that make a compliance readable.
+
+    Args:
+        unit: SI unit of the compliance.
+    """
     return {
         "rad/(N·m)": (1e6, "µrad/(N·m)"),
         "m/N": (1e6, "µm/N"),
@@ -156,22 +219,38 @@ def choose_compliance_unit(unit: str) -> tuple[float, str]:
 
 
 def format_percent(share: float) -> str:
-    """A share as whole percent."""
+    """Return a share as whole percent.
+
+    Args:
+        share: The share, 1 is 100 %.
+    """
     return " ".join(format_percent_parts(share)).rstrip()
 
 
 def format_percent_parts(share: float) -> tuple[str, str]:
-    """The number and the sign of :func:`format_percent`."""
+    """Return the number and the sign of :func:`format_percent`.
+
+    Args:
+        share: The share, 1 is 100 %.
+    """
     return (f"{100 * share:.0f}".replace("-", "−"), "%") if math.isfinite(share) else ("–", "")
 
 
 def format_plural(word: str) -> str:
-    """poses, stretches."""
+    """Return the plural of a word: poses, stretches.
+
+    Args:
+        word: The singular.
+    """
     return f"{word}es" if word.endswith("ch") else f"{word}s"
 
 
 def format_p_value(p: float) -> str:
-    """A p value for reading."""
+    """Return a p value for reading.
+
+    Args:
+        p: The p value.
+    """
     if not math.isfinite(p):
         return "–"
     return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"

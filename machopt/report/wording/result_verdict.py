@@ -1,4 +1,4 @@
-"""The answer in one sentence: what did I gain, and is it safe?"""
+"""Verdict of a result in one sentence: gain and safety."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from machopt.report.page_types.optimize_report import GainOverBaseline, ReportDa
 
 @dataclass(frozen=True)
 class ResultVerdict:
-    """Badge, its colour class, the sentence, and what to be careful about."""
+    """Badge, its colour class, the sentence, and the cautions."""
 
     badge: str
     tone: str  # "" good, "warn", "bad"
@@ -23,7 +23,7 @@ class ResultVerdict:
 
 @dataclass(frozen=True)
 class KeyFigure:
-    """One number of the head line."""
+    """One key figure of the headline."""
 
     name: str
     value: str
@@ -32,7 +32,11 @@ class KeyFigure:
 
 
 def build_verdict(data: ReportData) -> ResultVerdict:
-    """Badge, sentence and cautions of a result."""
+    """Return badge, sentence and cautions of a result.
+
+    Args:
+        data: Data of the report.
+    """
     s = data.summary
     if s.outcome == "infeasible":
         kinds = sorted({p.status for p in data.infeasible})
@@ -102,7 +106,11 @@ def _describe_first_infeasible(data: ReportData) -> str:
 
 
 def build_key_figures(data: ReportData) -> list[KeyFigure]:
-    """The numbers below the sentence; those that do not exist are left out."""
+    """Return the key figures below the sentence; those that do not exist are left out.
+
+    Args:
+        data: Data of the report.
+    """
     s = data.summary
     unit, words = QUANTITY_UNITS[s.quantity], QUANTITY_LABELS[s.quantity]
     least = "least" if words.large_is_good else "worst"
@@ -152,23 +160,43 @@ def build_key_figures(data: ReportData) -> list[KeyFigure]:
 
 
 def compute_relative_gain(before: float, after: float) -> float:
-    """(after − before)/before, NaN where either is missing."""
+    """Return (after − before)/before, NaN where either is missing.
+
+    Args:
+        before: The value before.
+        after: The value after.
+    """
     return (after - before) / before if before else float("nan")
 
 
 def format_change(before: float, after: float) -> str:
-    """The relative gain as text, "–" where there is none."""
+    """Return the relative gain as text, "–" where there is none.
+
+    Args:
+        before: The value before.
+        after: The value after.
+    """
     gain = compute_relative_gain(before, after)
     return format_percent(gain) if math.isfinite(gain) else "–"
 
 
 def format_count(number: int, noun: str) -> str:
-    """``1 dip``, ``2 dips``."""
+    """Return a number with its noun: ``1 dip``, ``2 dips``.
+
+    Args:
+        number: The number.
+        noun: The noun in the singular.
+    """
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def format_percent(share: float, *, signed: bool = True) -> str:
-    """A share as percent, with a true minus sign."""
+    """Return a share as percent, with a true minus sign.
+
+    Args:
+        share: The share, 1 is 100 %.
+        signed: Write a plus sign for positive values.
+    """
     if signed and abs(share) < 0.005:
         return "±0 %"
     return f"{share * 100:{'+' if signed else ''}.0f} %".replace("-", "−")
@@ -193,7 +221,11 @@ def _describe_gain(s: ResultSummary) -> str:
 
 
 def format_gain(gain: GainOverBaseline) -> str:
-    """``18 % ± 6 %``: a share and its standard uncertainty, with a decimal where that is needed to tell them apart."""
+    """Return a gain with its standard uncertainty: ``18 % ± 6 %``; one decimal where they need it.
+
+    Args:
+        gain: The gain over the baseline.
+    """
     number = f"{100 * gain.share:.{_count_decimals(gain)}f} %".replace("-", "−")
     return number + (f" ± {100 * gain.std:.{_count_decimals(gain)}f} %" if math.isfinite(gain.std) else "")
 
@@ -214,7 +246,7 @@ def _format_small_length(length: float) -> str:
 
 
 def _describe_mean_gain(s: ResultSummary) -> str:
-    """Mean along the path against each yardstick, and what is shifted against it."""
+    """Return the mean along the path against each baseline, and the compensation shift."""
     known = [g for g in s.gains if math.isfinite(g.share)]
     what = "mean deflection" if s.quantity == "deflection" else "mean compliance"
     parts = []

@@ -1,1 +1,1 @@
-"""An output folder held against everything it follows from: what the robot loads and what is told are read back."""
+"""Verification of an output folder against its inputs: programs, tables and documents are read back."""

@@ -1,9 +1,9 @@
-"""What the files of an output folder may be at all: their kind and size before they are opened, and their roles.
+"""File kinds, sizes and roles that are allowed in an output folder.
 
-A named pipe, a device or a socket makes a reader wait for ever, and a file of gigabytes fills the memory. So nothing in
-the folder is opened before every file in it is known to be a plain file of a size that machopt may have written.
-A role follows from the name that optimize gives a file, or from the post that the manifest names; the manifest cannot
-give one to any other file.
+A named pipe, a device or a socket blocks a reader for ever. A file of gigabytes fills the memory. So nothing is
+opened before every file is known to be a plain file of a size that machopt may have written.
+
+A role follows from the file name that optimize uses, or from the post that the manifest names.
 """
 
 from __future__ import annotations
@@ -35,7 +35,15 @@ OPTIMIZE_ROLES = {name: ROLES[name] for name in _RESULT_FILES} | BATCH_ROLES
 
 
 def find_unreadable_files(folder: Path, manifest: FolderManifest | None) -> list[tuple[str, str]]:
-    """Return the files that must not be opened, each with the reason; none where all of the folder can be read."""
+    """Return the files that must not be opened, each with the reason.
+
+    Args:
+        folder: The output folder.
+        manifest: The manifest of the folder; None where it cannot be read.
+
+    Returns:
+        (file name, reason) pairs; empty where the whole folder can be read.
+    """
     sizes = {} if manifest is None else {f.name: f.size for f in manifest.files}
     out = []
     for path in sorted(folder.rglob("*")):
@@ -56,9 +64,14 @@ def find_unreadable_files(folder: Path, manifest: FolderManifest | None) -> list
 
 
 def find_wrong_roles(folder: Path, manifest: FolderManifest) -> list[str]:
-    """Return the files of the manifest whose role does not follow from their name or post, each with the reason."""
+    """Return the files of the manifest whose role does not follow from their name or post, each with the reason.
+
+    Args:
+        folder: The output folder.
+        manifest: The manifest of the folder.
+    """
     programs = {name: p for p in manifest.programs for name in p.files}
-    templates = {p.post for p in manifest.programs}  # a user's template lies beside its program
+    templates = {p.post for p in manifest.programs}  # a user's template is in the folder of its program
     out = [
         f"the program {name} of {p.post} has a name that no post gives"
         for name, p in programs.items()

@@ -1,7 +1,7 @@
-"""What a verification covers and what it does not: the one place that words it, for verdict, result, report, manifest.
+"""Coverage of a verification: what was checked, what was not, and what cannot be recomputed.
 
-A reader of the verdict must not have to notice that a row is missing: whatever is switched off, widened or left out of
-the cell stands in the sentence itself.
+Verdict, result, report and manifest take their wording from here. Whatever is switched off, widened or left out of
+the cell is named in the verdict itself.
 """
 
 from __future__ import annotations
@@ -52,12 +52,14 @@ folder, ``front`` is every plan of the trade-off but the first, which is the mot
 
 
 def list_unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None = None) -> tuple[str, ...]:
-    """What is switched off, wider than the defaults or not there to be checked, in the words of the verdict.
+    """Return what is switched off, wider than the defaults or not present, in the words of the verdict.
 
-    It follows from cell, options and toolpath alone, so that whoever verifies finds the same words as whoever planned.
+    It follows from cell, options and toolpath alone, so planner and verifier return the same words.
 
     Args:
-        toolpath: what is planned; None: nothing is told of it.
+        cell: The robot cell.
+        options: The planning options in force.
+        toolpath: The planned toolpath; None leaves it out.
     """
     out = []
     if not options.collision:
@@ -100,7 +102,11 @@ def list_unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None =
 
 
 def list_checked(options: PlanOptions) -> tuple[CheckCoverage, ...]:
-    """What was checked, and how finely."""
+    """Return what was checked, and how finely.
+
+    Args:
+        options: The planning options in force.
+    """
     out = [
         CheckCoverage("points.csv, trajectory.csv", "every column recomputed, to what its printed decimals explain"),
         CheckCoverage("moves", "every sample against the CAM file, whatever it calls itself"),
@@ -135,15 +141,19 @@ def format_completeness(not_cut: int, not_reached: int) -> str:
 
 
 def list_checks_not_run(checks: Iterable[VerificationCheck]) -> tuple[str, ...]:
-    """Checks that had to be left out, in the same words; what the options switch off is worded by
-    :func:`list_unchecked`."""
+    """Return the names of checks that could not be made; what the options switch off comes from
+    :func:`list_unchecked`.
+
+    Args:
+        checks: All checks of the verification.
+    """
     return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None and c.check_name != CheckName.CONTACTS)
 
 
 def list_production_blockers(
     cell: Cell, unchecked: Sequence[str], programs: Sequence[RobotProgramEntry]
 ) -> tuple[str, ...]:
-    """What somebody has to settle before the part is made, the gravest first; it begins verdict and report.
+    """Return what has to be settled before production, the most serious first; verdict and report begin with it.
 
     It follows from the cell, the verdict's scope and the programs as read back, so ``verify`` finds the same words.
 

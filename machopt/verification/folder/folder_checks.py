@@ -1,7 +1,7 @@
-"""Everything in an output folder of optimize held against its inputs.
+"""All checks of an output folder of optimize against its inputs.
 
-``machopt verify`` and the last step of ``machopt optimize`` both go through :func:`check_contents` and
-:func:`verify_folder`, so they cannot disagree.
+``machopt verify`` and the last step of ``machopt optimize`` both use :func:`check_contents` and
+:func:`verify_folder`, so their results are the same.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from machopt.verification.tables.table_cache import cache_tables
 
 MISSING_VALUE = float("nan")
 MAX_PARALLEL_SAMPLES = (
-    200_000  # samples of a motion up to which programs are checked beside the tables: longer, memory counts more
+    200_000  # samples of a motion up to which programs and tables are checked in parallel; above, memory limits it
 )
 
 
@@ -76,12 +76,16 @@ def verify_folder(
         else:
             contents = found = contents or check_contents(cell, toolpath, folder, options=options, manifest=manifest)
         checks += check_parquet_copies(folder)
-        told = check_result_document(folder, cell, toolpath, options, inputs, manifest, contents)
-    return replace(found, checks=(*checks, *found.checks, *told))
+        stated = check_result_document(folder, cell, toolpath, options, inputs, manifest, contents)
+    return replace(found, checks=(*checks, *found.checks, *stated))
 
 
 def check_parquet_copies(folder: Path) -> list[VerificationCheck]:
-    """Parquet tables beside the CSV ones, which say the same."""
+    """Check that each Parquet table equals the CSV table of the same name.
+
+    Args:
+        folder: The output folder.
+    """
     there = [folder / name for name in PARQUET_COPIES if (folder / name).exists()]
     try:
         odd = [(copy, find_parquet_difference(copy.with_suffix(".csv"), copy)) for copy in there]
@@ -93,28 +97,32 @@ def check_parquet_copies(folder: Path) -> list[VerificationCheck]:
 def check_contents(
     cell: Cell, toolpath: Toolpath, folder: Path, *, options: PlanOptions, manifest: FolderManifest | None
 ) -> Verification:
-    """What the tables and programs of a folder say, recomputed from cell and toolpath; hashes play no part.
+    """Recompute the tables and programs of a folder from cell and toolpath; hashes are not used.
 
     Args:
-        manifest: names the programs and their tolerance; in optimize it is not written yet and lists no files.
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        folder: The output folder.
+        options: The planning options in force.
+        manifest: Names the programs and their tolerance; during optimize it is not written yet and lists no files.
     """
     try:
         motion: ExportedMotion | None = read_motion(folder / "trajectory.csv", cell)
     except InputError:
         motion = None  # those who need it try again and say what is wrong
     try:
-        stints = split_into_tool_segments(cell, toolpath)
+        segments = split_into_tool_segments(cell, toolpath)
 
         listed = None if manifest is None else manifest.touching_pairs
         touching = None if listed is None else tuple((p.a, p.b) for p in listed)
 
         def of_tables() -> Verification:
-            return verify_tool_segments(stints, folder, options=options, motion=motion, touching=touching)
+            return verify_tool_segments(segments, folder, options=options, motion=motion, touching=touching)
 
         def of_programs(found: Verification | None = None) -> list[VerificationRow]:
-            return _check_programs(stints, folder, options, manifest, motion, found)
+            return _check_programs(segments, folder, options, manifest, motion, found)
 
-        if len(stints) == 1 and motion is not None and len(motion.time) <= MAX_PARALLEL_SAMPLES:
+        if len(segments) == 1 and motion is not None and len(motion.time) <= MAX_PARALLEL_SAMPLES:
             found, programs = run_two_in_threads(of_tables, of_programs)
         else:
             found = of_tables()
@@ -130,7 +138,7 @@ def check_contents(
 
 
 def _check_programs(
-    stints: tuple[ToolSegment, ...],
+    segments: tuple[ToolSegment, ...],
     folder: Path,
     options: PlanOptions,
     manifest: FolderManifest | None,
@@ -142,7 +150,7 @@ def _check_programs(
     Args:
         found: what the tables came to, which a job that changes tools is cut by; not asked of others.
     """
-    cell = stints[0].cell
+    cell = segments[0].cell
     listed = () if manifest is None else manifest.programs
     paths = () if manifest is None else manifest.inputs_of("toolpath")
     name = (
@@ -154,13 +162,13 @@ def _check_programs(
     try:
         tolerance = build_tolerance(None if manifest is None else manifest.program_tolerance_mm, options)
         compared = list(find_stray_programs(folder, [one for _, one in every]))
-        for stint, tables in _split_tables(stints, folder, motion, found):
+        for segment, tables in _split_tables(segments, folder, motion, found):
             compared += check_programs(
-                stint.cell,
-                stint.toolpath,
+                segment.cell,
+                segment.toolpath,
                 folder,
-                [one for number, one in every if number == stint.number],
-                options=stint.restrict_options(options),
+                [one for number, one in every if number == segment.number],
+                options=segment.restrict_options(options),
                 tolerance=tolerance,
                 motion=motion,
                 tables=tables,
@@ -168,7 +176,7 @@ def _check_programs(
             )
     except InputError as problem:
         return [build_failed_check(CheckName.PROGRAMS, str(problem), because=problem)]
-    odd = [one.files[0] for number, one in every if number not in {s.number for s in stints}]
+    odd = [one.files[0] for number, one in every if number not in {s.number for s in segments}]
     checks = [build_failed_program_check(file, "of this job", "no tool of the job is its") for file in odd]
     rows: list[VerificationRow] = [*checks]
     for one in compared:
@@ -177,23 +185,31 @@ def _check_programs(
 
 
 def _split_tables(
-    stints: tuple[ToolSegment, ...], folder: Path, motion: ExportedMotion | None, found: Verification | None
+    segments: tuple[ToolSegment, ...], folder: Path, motion: ExportedMotion | None, found: Verification | None
 ) -> list[tuple[ToolSegment, ExportedTables | None]]:
-    """Each tool with its part of the tables; none where these do not hold the changes, which has been told."""
-    if len(stints) == 1:
-        return [(stints[0], None)]
-    whole = None if motion is None else read_tables(stints[0].cell, folder, motion)
+    """Return each tool with its part of the tables; none where the changes are wrong, which is reported already."""
+    if len(segments) == 1:
+        return [(segments[0], None)]
+    whole = None if motion is None else read_tables(segments[0].cell, folder, motion)
     if whole is None or found is None or isinstance(whole, Verification):
         return []
     if any(c.check_name == CheckName.CHANGES for c in found.failed):
         return []
-    return list(zip(stints, split_tables(whole, stints), strict=True))
+    return list(zip(segments, split_tables(whole, segments), strict=True))
 
 
 def check_manifest(
     folder: Path, inputs: tuple[ManifestFile, ...]
 ) -> tuple[FolderManifest | None, list[VerificationCheck]]:
-    """The manifest itself, the folder's files against it, and the inputs it names against those given."""
+    """Check the manifest, the folder's files against it, and its recorded inputs against those given.
+
+    Args:
+        folder: The output folder.
+        inputs: The given input files with their hashes.
+
+    Returns:
+        The manifest, None where it cannot be read, and the checks.
+    """
     try:
         manifest, sealed = read_manifest(folder)
     except InputError as problem:
@@ -219,7 +235,12 @@ def _check_files(folder: Path, manifest: FolderManifest) -> VerificationCheck:
 
 
 def list_input_differences(recorded: tuple[ManifestFile, ...], given: tuple[ManifestFile, ...]) -> list[str]:
-    """Inputs of the cell and the toolpath that are not those recorded, by name and hash."""
+    """Return the inputs whose name or hash differs from the recorded one.
+
+    Args:
+        recorded: Inputs that the manifest records.
+        given: Inputs that the user gave.
+    """
     out = []
     roles = {f.role for f in given} | {f.role for f in recorded if f.role not in ("plan", "post", "effects")}
     for role in sorted(roles):

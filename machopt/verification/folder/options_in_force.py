@@ -1,4 +1,4 @@
-"""With which options a folder is verified: the user's where given, else its manifest's, else the cell's own."""
+"""Options for the verification of a folder: the user's, else those of the manifest, else those of the cell."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MISSING_VALUE = float("nan")
 
 @dataclass(frozen=True, kw_only=True)
 class VerifyRequest:
-    """What the user asked for; what was not given is taken from the folder's manifest."""
+    """Request of ``machopt verify``; missing values come from the folder's manifest."""
 
     cell: Path
     toolpath: Path
@@ -39,18 +39,25 @@ class VerifyRequest:
 
 @dataclass(frozen=True)
 class OptionsInForce:
-    """What a folder is held against."""
+    """Options and toolpath that a folder is compared with."""
 
     options: PlanOptions
     toolpath: Toolpath
     notes: tuple[str, ...] = ()  # options that the user gave and the folder was not made with
-    checks: tuple[VerificationCheck, ...] = ()  # what the manifest records and nobody can use
+    checks: tuple[VerificationCheck, ...] = ()  # wrong records of the manifest
 
 
 def resolve_options_in_force(
     request: VerifyRequest, cell: Cell, robot: ProgramRobot | None, manifest: FolderManifest | None
 ) -> OptionsInForce:
-    """Options and toolpath; what a manifest records wrongly is a failed check, and the defaults stand in for it.
+    """Return the options and the toolpath. A wrong entry of the manifest is a failed check, and the default is used
+    instead.
+
+    Args:
+        request: The request of ``machopt verify``.
+        cell: The robot cell.
+        robot: Robot for joint targets; None where the cell has none.
+        manifest: The manifest of the folder; None where it cannot be read.
 
     Raises:
         InputError: the toolpath or an option that the user gave is wrong.
@@ -92,7 +99,13 @@ def resolve_options_in_force(
 
 
 def build_failed_check(name: str, why: str, *, because: InputError | None = None) -> VerificationCheck:
-    """A check that failed without a number; ``because`` of a file that could not be read."""
+    """Return a check that failed without a number.
+
+    Args:
+        name: Name of the check.
+        why: Reason of the failure.
+        because: Error of the file that could not be read.
+    """
     return VerificationCheck(
         name=name,
         passed=False,
@@ -105,7 +118,11 @@ def build_failed_check(name: str, why: str, *, because: InputError | None = None
 
 
 def get_error_file(problem: InputError | None) -> str:
-    """Name of the file that a problem is about; empty where it is about none."""
+    """Return the name of the file that an error names; empty where it names none.
+
+    Args:
+        problem: The error.
+    """
     return "" if problem is None or problem.file is None else Path(problem.file).name
 
 

@@ -1,4 +1,4 @@
-"""Whether another version of machopt wrote a folder: what then fails in it may be the form and not the plan."""
+"""Detection of a folder that another version of machopt wrote, whose form may differ."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ VERSION_REMEDY = "optimize again, or verify with the machopt that wrote it"
 
 
 def describe_version_mismatch(folder: Path, manifest: FolderManifest | None) -> tuple[str, ...]:
-    """A sentence for a folder whose verification failed, none where this machopt writes such folders.
+    """Return a sentence for a folder whose verification failed; empty where this version writes such folders.
 
     Args:
-        manifest: of the folder; None where it has none that can be read.
+        folder: The output folder.
+        manifest: Manifest of the folder; None where it has none that can be read.
     """
-    told = None if manifest is None else manifest.versions.get("machopt")
-    if told is not None and told != __version__:
-        return (f"the folder was written by machopt {told}, this is {__version__}: {VERSION_REMEDY}",)
+    stated = None if manifest is None else manifest.versions.get("machopt")
+    if stated is not None and stated != __version__:
+        return (f"the folder was written by machopt {stated}, this is {__version__}: {VERSION_REMEDY}",)
     try:
         OptimizeDocument.model_validate(read_json(folder / "result.json"))
     except InputError:

@@ -1,4 +1,4 @@
-"""One exported trajectory held against cell and toolpath, check by check."""
+"""Verification of one exported trajectory against cell and toolpath."""
 
 from __future__ import annotations
 
@@ -143,7 +143,15 @@ def verify_single_tool(
     options: PlanOptions,
     touching: Sequence[tuple[str, str]] | None = None,
 ) -> list[VerificationRow]:
-    """Everything but time, joint limits and both ends of the motion; arguments as for :func:`verify_motion`."""
+    """Return every check except time, joint limits and both ends of the motion; see :func:`verify_motion`.
+
+    Args:
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        tables: The exported tables of the folder.
+        options: The planning options in force.
+        touching: Pairs of body names that may touch.
+    """
     motion, points, shift = tables.motion, tables.points, tables.shift
     arm = UrdfKinematics(cell)
     index, position = (
@@ -164,7 +172,7 @@ def verify_single_tool(
     ]
     bodies = build_bodies(cell, arm)
     table = PointsTableCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
-    # pairs that a plan can be asked to keep apart by the clearance
+    # pairs to which the required clearance applies
     kept, unfounded = verification_list_checked_pairs(cell, arm, bodies, options.clearance, touching)
     wanted = kept if touching is not None else list_checked_pairs(cell, arm, bodies)
     of_points = [*table.check_all(motion, on), *_check_clearance(table, stood, bodies, kept, options)]
@@ -202,9 +210,9 @@ def _check_clearance(
 ) -> list[VerificationCheck]:
     """clearance_mm and nearest_pair; empty where collisions are not checked."""
     name, rows = "points.csv clearance_mm", np.flatnonzero(table.live)
-    told = table.points.numbers["clearance_mm"][rows]
+    stated = table.points.numbers["clearance_mm"][rows]
     if not options.collision:
-        extra = np.where(np.isnan(told), 0.0, np.inf)
+        extra = np.where(np.isnan(stated), 0.0, np.inf)
         at = table.describe_row(rows)
         told_off = [
             build_worst_value_check(
@@ -214,8 +222,8 @@ def _check_clearance(
         return told_off if len(rows) else []
     if not len(rows):
         return []
-    if np.isnan(told).any():
-        lacking = table.describe_row(rows[np.isnan(told)])(0)
+    if np.isnan(stated).any():
+        lacking = table.describe_row(rows[np.isnan(stated)])(0)
         return [
             VerificationCheck(
                 name=name,
@@ -244,7 +252,7 @@ def _check_clearance(
     for first in range(0, len(rows), BLOCK_ROWS):
         some = slice(first, first + BLOCK_ROWS)
         scene = PlacedBodies(table.arm, bodies, np.hstack([stood.q, stood.external])[rows[some]])
-        found = check_clearances(scene, wanted, told[some] / 1e3, tuple(named[n] for n in rows[some]), graze[some])
+        found = check_clearances(scene, wanted, stated[some] / 1e3, tuple(named[n] for n in rows[some]), graze[some])
         short[some], beyond[some], pair[some] = found.too_small, found.too_large, found.pair
     return [
         build_worst_value_check(

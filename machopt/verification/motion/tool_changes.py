@@ -1,8 +1,8 @@
-"""A job that changes tools: every change in its place, and each tool's stretch held against its part of the CAM file.
+"""Verification of a job with tool changes: each change at its place, and each tool's segment against its points.
 
-Which tool which operation wants is the CAM file's word and the cell's table's. Each tool has kinematics, springs and
-bodies of its own, so the rows between two changes are verified as a motion of their own, against the points of the
-file that they are to cut; time, joint limits and the ends are checked over the whole.
+The CAM file and the cell's tool table say which operation needs which tool. Each tool has its own kinematics,
+stiffness and bodies. So the rows between two changes are verified as a separate motion. Time, joint limits and both
+ends are checked over the whole motion.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from machopt.verification.tables.exported_tables import ExportedMotion, Exported
 
 
 def verify_tool_segments(
-    stints: Sequence[ToolSegment],
+    segments: Sequence[ToolSegment],
     out: Path,
     *,
     options: PlanOptions | None = None,
@@ -43,31 +43,31 @@ def verify_tool_segments(
     """Check the tables of a folder, whether the job changes tools or not; otherwise as :func:`verify_motion`.
 
     Args:
-        stints: the job, cut where the CAM file changes the tool.
+        segments: the job, cut where the CAM file changes the tool.
         out: the output folder.
         options: those of the run, for the whole job.
         motion: trajectory.csv where it has been read already.
         touching: names of the bodies that the folder's manifest says touch by construction; None: it lists none.
     """
     options = options or PlanOptions()
-    whole = stints[0]
-    if len(stints) == 1:
+    whole = segments[0]
+    if len(segments) == 1:
         return verify_motion(whole.cell, whole.toolpath, out, options=options, motion=motion, touching=touching)
-    cell = replace(whole.cell, tools={s.tool: s.cell.tool for s in stints}, tool_name=None)
+    cell = replace(whole.cell, tools={s.tool: s.cell.tool for s in segments}, tool_name=None)
     tables = read_tables(cell, Path(out), motion)
     if isinstance(tables, Verification):
         return tables
     motion = tables.motion
-    checks: list[VerificationRow] = list(check_limits(motion, cell, options, (stints[0].begin, stints[-1].end)))
-    wrong = _check_tool_changes(motion, stints) + _check_point_rows(tables.points, stints)
+    checks: list[VerificationRow] = list(check_limits(motion, cell, options, (segments[0].begin, segments[-1].end)))
+    wrong = _check_tool_changes(motion, segments) + _check_point_rows(tables.points, segments)
     checks.append(build_count_check(CheckName.CHANGES, wrong, "places"))
     if not wrong:
-        parts = split_tables(tables, stints)
+        parts = split_tables(tables, segments)
         found = [
             verify_single_tool(s.cell, s.toolpath, part, s.restrict_options(options), touching)
-            for s, part in zip(stints, parts, strict=True)
+            for s, part in zip(segments, parts, strict=True)
         ]
-        checks += _merge_checks(stints, found)
+        checks += _merge_checks(segments, found)
     return Verification.from_rows(checks, len(motion.time), float(motion.time[-1] - motion.time[0]))
 
 
@@ -76,46 +76,60 @@ def _find_segment_starts(motion: ExportedMotion) -> list[int]:
     return [0, *(n for n in range(1, len(motion.tool)) if motion.tool[n] != motion.tool[n - 1])]
 
 
-def _check_tool_changes(motion: ExportedMotion, stints: Sequence[ToolSegment]) -> list[str]:
-    """Tools in the order of the CAM file; each changed where the machine stands still at the pose for it."""
+def _check_tool_changes(motion: ExportedMotion, segments: Sequence[ToolSegment]) -> list[str]:
+    """Check that tools follow the order of the CAM file, each changed at rest at the tool-change pose."""
     starts = _find_segment_starts(motion)
-    found, wanted = [motion.tool[n] for n in starts], [s.tool for s in stints]
+    found, wanted = [motion.tool[n] for n in starts], [s.tool for s in segments]
     if found != wanted:
         return [f"the rows have the tools {', '.join(found)}; the toolpath wants {', '.join(wanted)}"]
     x = np.hstack([motion.q, motion.external])
     wrong = []
-    for n, stint in zip(starts[1:], stints[1:], strict=True):
-        off = float(np.degrees(np.abs(x[n - 1 : n + 1] - stint.begin).max()))  # a metre of a slide counts as a radian
+    for n, segment in zip(starts[1:], segments[1:], strict=True):
+        off = float(np.degrees(np.abs(x[n - 1 : n + 1] - segment.begin).max()))  # a metre of a slide counts as a radian
         if not off <= HOME_TOLERANCE_DEG:
-            wrong.append(f"{stint.tool} comes on {off:.3g} deg from where tools are changed ({motion.describe_row(n)})")
+            wrong.append(
+                f"{segment.tool} comes on {off:.3g} deg from where tools are changed ({motion.describe_row(n)})"
+            )
     ends = [*starts[1:], len(motion.time)]
-    wrong += [f"{s.tool} has one row only" for s, a, b in zip(stints, starts, ends, strict=True) if b - a < 2]
+    wrong += [f"{s.tool} has one row only" for s, a, b in zip(segments, starts, ends, strict=True) if b - a < 2]
     return wrong
 
 
-def _check_point_rows(points: ExportedPoints, stints: Sequence[ToolSegment]) -> list[str]:
-    rows, wanted = len(points.point), stints[-1].stop
+def _check_point_rows(points: ExportedPoints, segments: Sequence[ToolSegment]) -> list[str]:
+    rows, wanted = len(points.point), segments[-1].stop
     if rows != wanted or (points.point != np.arange(wanted)).any():
         return [f"points.csv has {rows} rows, not the points 0 to {wanted - 1} in order"]
     return []
 
 
-def split_tables(tables: ExportedTables, stints: Sequence[ToolSegment]) -> list[ExportedTables]:
-    """The tables of each stint, its points counted from its first and its time from its start."""
+def split_tables(tables: ExportedTables, segments: Sequence[ToolSegment]) -> list[ExportedTables]:
+    """Return the tables of each tool segment, with points and time counted from its start.
+
+    Args:
+        tables: The exported tables of the folder.
+        segments: The tool segments in order.
+    """
     motion, points, shift = tables.motion, tables.points, tables.shift
     starts = _find_segment_starts(motion)
     return [
         ExportedTables(
-            slice_motion(motion, a, b, stint.first),
-            _slice_points(points, stint),
-            None if shift is None else _slice_shift(shift, stint),
+            slice_motion(motion, a, b, segment.first),
+            _slice_points(points, segment),
+            None if shift is None else _slice_shift(shift, segment),
         )
-        for a, b, stint in zip(starts, [*starts[1:], len(motion.time)], stints, strict=True)
+        for a, b, segment in zip(starts, [*starts[1:], len(motion.time)], segments, strict=True)
     ]
 
 
 def slice_motion(motion: ExportedMotion, start: int, stop: int, first: int) -> ExportedMotion:
-    """Some rows of a motion as one of its own."""
+    """Return some rows of a motion as a separate motion.
+
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        start: First row.
+        stop: Row behind the last one.
+        first: Toolpath point that becomes point 0.
+    """
     rows = slice(start, stop)
     return ExportedMotion(
         time=motion.time[rows] - motion.time[start],
@@ -131,10 +145,10 @@ def slice_motion(motion: ExportedMotion, start: int, stop: int, first: int) -> E
     )
 
 
-def _slice_points(points: ExportedPoints, stint: ToolSegment) -> ExportedPoints:
-    rows = slice(stint.first, stint.stop)
+def _slice_points(points: ExportedPoints, segment: ToolSegment) -> ExportedPoints:
+    rows = slice(segment.first, segment.stop)
     return ExportedPoints(
-        point=points.point[rows] - stint.first,
+        point=points.point[rows] - segment.first,
         q=points.q[rows],
         external=points.external[rows],
         status=points.status[rows],
@@ -144,25 +158,25 @@ def _slice_points(points: ExportedPoints, stint: ToolSegment) -> ExportedPoints:
     )
 
 
-def _slice_shift(shift: ExportedShift, stint: ToolSegment) -> ExportedShift:
-    rows = (shift.index >= stint.first) & (shift.index <= stint.stop - 1)
-    return ExportedShift(shift.index[rows] - stint.first, shift.offset[rows], shift.force[rows])
+def _slice_shift(shift: ExportedShift, segment: ToolSegment) -> ExportedShift:
+    rows = (shift.index >= segment.first) & (shift.index <= segment.stop - 1)
+    return ExportedShift(shift.index[rows] - segment.first, shift.offset[rows], shift.force[rows])
 
 
-def _merge_checks(stints: Sequence[ToolSegment], found: Sequence[list[VerificationRow]]) -> list[VerificationRow]:
+def _merge_checks(segments: Sequence[ToolSegment], found: Sequence[list[VerificationRow]]) -> list[VerificationRow]:
     """One check of each name: of all tools the one that keeps it worst."""
     names = list(dict.fromkeys(c.name for checks in found for c in checks))
     out: list[VerificationRow] = []
     for name in names:
-        same = [(s, c) for s, checks in zip(stints, found, strict=True) for c in checks if c.name == name]
-        stint, check = max(same, key=lambda one: _rank_check(one[1]))
-        told = f"tool {stint.tool}, points counted from {stint.first}: {check.where}"
-        out.append(replace(check, where=told))
+        same = [(s, c) for s, checks in zip(segments, found, strict=True) for c in checks if c.name == name]
+        segment, check = max(same, key=lambda one: _rank_check(one[1]))
+        stated = f"tool {segment.tool}, points counted from {segment.first}: {check.where}"
+        out.append(replace(check, where=stated))
     return out
 
 
 def _rank_check(check: VerificationRow) -> tuple[int, float]:
-    """Failed before not run before kept; among these by what is measured."""
+    """Return the rank of a check, failed highest, then not run, passed; within these by value."""
     if isinstance(check, VerificationInformation):
         return 0, check.value if np.isfinite(check.value) else -np.inf
     order = {False: 2, None: 1, True: 0}[check.passed]

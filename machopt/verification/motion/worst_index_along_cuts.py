@@ -1,7 +1,6 @@
-"""The index along the cuts, between the points too: by the laws of :mod:`arm_compliance`, where trajectory.csv has the
-arm.
+"""Worst stiffness index along the cuts, also between the points, by the laws of :mod:`arm_compliance`.
 
-On a long move the softest place may lie between two points of the CAM file, which points.csv does not hold.
+On a long move the most compliant place may lie between two points of the CAM file. points.csv does not hold it.
 """
 
 from __future__ import annotations
@@ -24,19 +23,21 @@ from machopt.verification.motion.path_geometry.process_force import compute_side
 from machopt.verification.motion.stiffness import arm_compliance
 from machopt.verification.tables.exported_tables import ExportedMotion
 
-SAMPLE_SPACING_RAD = np.radians(
-    0.5
-)  # rad of joints together (m of slides likewise) between two samples that are looked at
+SAMPLE_SPACING_RAD = np.radians(0.5)  # rad of joints together (m of slides likewise) between two evaluated samples
 
 
 def find_worst_index(cell: Cell, toolpath: Toolpath, motion: ExportedMotion, index: str, options: PlanOptions) -> float:
-    """The worst index along the cuts of one tool, less is better: m (deflection) or m/N; NaN: nothing is cut or known.
+    """Return the worst index along the cuts of one tool, less is better: m (deflection) or m/N; NaN without cuts.
 
     Args:
-        index: deflection, stiffness or jiao2022.
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        motion: The exported motion (trajectory.csv), SI.
+        index: Deflection, stiffness or jiao2022.
+        options: The planning options in force.
 
     Raises:
-        UnknownTermError: a term that nothing here has a law for.
+        UnknownTermError: the stiffness file has a term without a law here.
     """
     rows = _select_samples(toolpath, motion)
     if cell.stiffness is None or not len(rows):

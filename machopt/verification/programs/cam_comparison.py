@@ -1,7 +1,7 @@
-"""A robot program held against the CAM file itself, without the motion in between.
+"""Comparison of a robot program with the CAM file itself, without the motion in between.
 
 Every cut of the CAM file is found in the program in order, on linear moves only, at the feed of the file and within
-0.02 mm of its line; and every event stands between the moves it belongs between.
+0.02 mm of its line. Every event lies between the moves it belongs to.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ INDEX_TOLERANCE = 5e-5  # of a toolpath index: rounding of trajectory.csv's poin
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedCuts:
-    """What the CAM file wants of the program."""
+    """Cuts and events that the CAM file requires of the program."""
 
     toolpath: Toolpath
     position: Array  # (N, 3) m, its points; shifted where the path is commanded against a deflection
@@ -47,20 +47,20 @@ class ExpectedCuts:
     line: MotionPolyline | None = None  # of a streamed program: its samples, with the path's corners between them
 
 
-def compare_with_cam(said: ProgramInCell, cuts: ExpectedCuts, at_index: Array) -> list[VerificationCheck]:
+def compare_with_cam(program: ProgramInCell, cuts: ExpectedCuts, at_index: Array) -> list[VerificationCheck]:
     """Compare a program with the CAM file.
 
     Args:
-        said: the program.
+        program: the program.
         cuts: what is wanted.
         at_index: (M,) toolpath index by the motion at each move's end, NaN where there is none.
     """
-    place = said.T_workpiece_tcp[:, :3, 3] + cuts.offset
-    shank = -said.T_workpiece_tcp[:, :3, 2] + cuts.tilt
-    limit = max(PATH_MM * 1e-3, cuts.corner) + said.place_step
+    place = program.T_workpiece_tcp[:, :3, 3] + cuts.offset
+    shank = -program.T_workpiece_tcp[:, :3, 2] + cuts.tilt
+    limit = max(PATH_MM * 1e-3, cuts.corner) + program.place_step
     if cuts.line is None:
         reached, gap, tilt = _find_cut_moves(
-            place, shank, cuts, limit, 0.0 if said.is_streamed else said.print_resolution
+            place, shank, cuts, limit, 0.0 if program.is_streamed else program.print_resolution
         )
     else:
         reached, gap, tilt = _find_streamed_cut_moves(cuts.line, cuts, at_index, limit)
@@ -72,15 +72,19 @@ def compare_with_cam(said: ProgramInCell, cuts: ExpectedCuts, at_index: Array) -
         if len(missing)
         else ("all reached in order")
     )
-    checks = [build_file_check(said.file, CheckName.CAM_POINTS, not len(missing), 1e3 * worst, 1e3 * limit, "mm", text)]
+    checks = [
+        build_file_check(program.file, CheckName.CAM_POINTS, not len(missing), 1e3 * worst, 1e3 * limit, "mm", text)
+    ]
     there = points[reached[points] >= 0]
     if len(there):
         tilted = int(there[np.argmax(tilt[there])])
-        allowed = max(cuts.corner / 1e-1, cuts.axis_corner if said.is_streamed else 0.0)  # others say the point itself
-        most = max(AXIS_DEG, float(np.degrees(allowed))) + float(np.degrees(said.joint_step))
+        allowed = max(
+            cuts.corner / 1e-1, cuts.axis_corner if program.is_streamed else 0.0
+        )  # others say the point itself
+        most = max(AXIS_DEG, float(np.degrees(allowed))) + float(np.degrees(program.joint_step))
         checks.append(
             build_file_check(
-                said.file,
+                program.file,
                 "CAM tool axis",
                 bool(np.degrees(tilt[tilted]) <= most),
                 float(np.degrees(tilt[tilted])),
@@ -89,8 +93,8 @@ def compare_with_cam(said: ProgramInCell, cuts: ExpectedCuts, at_index: Array) -
                 f"point {tilted}",
             )
         )
-        checks += _check_cut_moves(said, place, cuts, reached, limit)
-    checks += [*_check_events(said, cuts, reached, at_index), _check_operation_labels(said, cuts, reached)]
+        checks += _check_cut_moves(program, place, cuts, reached, limit)
+    checks += [*_check_events(program, cuts, reached, at_index), _check_operation_labels(program, cuts, reached)]
     return checks
 
 
@@ -163,7 +167,7 @@ def _find_streamed_cut_moves(
 
 
 def _check_cut_moves(
-    said: ProgramInCell, place: Array, cuts: ExpectedCuts, reached: NDArray[np.int64], limit: float
+    program: ProgramInCell, place: Array, cuts: ExpectedCuts, reached: NDArray[np.int64], limit: float
 ) -> list[VerificationCheck]:
     """The moves of each cut: linear, at the file's feed, on the file's line, none of them twice."""
     index, corner = cuts.corners
@@ -175,31 +179,31 @@ def _check_cut_moves(
     j, first = reached[k], _find_first_moves(place, cuts, reached, k, limit)
 
     def name(n: int) -> str:
-        return f"move {j[n] + 1}, line {int(said.line[j[n]])}, to point {k[n]}"
+        return f"move {j[n] + 1}, line {int(program.line[j[n]])}, to point {k[n]}"
 
     count = j - first + 1
     nth = np.repeat(np.arange(len(k)), count)  # of each move: which point's cut it belongs to
     move = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)
     step = np.abs(np.diff(np.hstack([path.position, path.axis]), axis=0)).max(axis=1)
     still = np.append(False, step < 1e-9)[k]  # nothing moves to what is reached already
-    T = said.T_workpiece_tcp
+    T = program.T_workpiece_tcp
     same = np.append(False, np.abs(np.diff(T, axis=0)).max(axis=(1, 2)) < 1e-9)
     bent = np.zeros(len(k), bool)
-    if not said.is_streamed:
-        bent[nth[said.kind[move] != LIN]] = True
+    if not program.is_streamed:
+        bent[nth[program.kind[move] != LIN]] = True
         bent &= ~still
     joint = [name(n) for n in np.flatnonzero(bent).tolist()]
     fast, worst_feed = [], 0.0
-    if not said.is_streamed:
+    if not program.is_streamed:
         want = path.feed[k]
-        off = np.abs(said.feed[move] - want[nth])
+        off = np.abs(program.feed[move] - want[nth])
         off[np.isnan(off)] = np.inf
         asked = (np.isfinite(want) & ~bent & ~still)[nth] & ~same[move]
         worst_feed = float(off[asked].max(initial=0.0))
-        wrong = asked & ~(off <= said.feed_step + FEED_TOLERANCE * want[nth])
+        wrong = asked & ~(off <= program.feed_step + FEED_TOLERANCE * want[nth])
         for n in np.unique(nth[wrong])[:MAX_NAMED].tolist():
             m = move[nth == n][int(np.argmax(off[nth == n]))]
-            fast.append(f"{name(n)}: {6e4 * said.feed[m]:g} instead of {6e4 * want[n]:g} mm/min")
+            fast.append(f"{name(n)}: {6e4 * program.feed[m]:g} instead of {6e4 * want[n]:g} mm/min")
     off_line, double, worst_line = [], [], 0.0
     repeats = np.append(0, np.cumsum(same))
     far = np.append(False, np.linalg.norm(np.diff(path.position, axis=0), axis=1) > 1e-6)
@@ -210,22 +214,22 @@ def _check_cut_moves(
         worst_line = max(worst_line, float(away.max()))
         if (away > limit).any():
             off_line.append(f"{name(n)}: {1e3 * away.max():.3f} mm beside the cut")
-        if not said.is_streamed and far[k[n]] and first[n] > 0:
+        if not program.is_streamed and far[k[n]] and first[n] > 0:
             twice = int(repeats[j[n] + 1] - repeats[first[n]])
             double += [name(n)] if twice > _count_repeats_before(path, int(k[n]) - 1) else []
     return [
-        _build_list_check(said, "cuts are linear", joint, "cuts"),
+        _build_list_check(program, "cuts are linear", joint, "cuts"),
         build_file_check(
-            said.file,
+            program.file,
             CheckName.CAM_FEED,
             not fast,
             6e4 * worst_feed,
-            6e4 * said.feed_step,
+            6e4 * program.feed_step,
             "mm/min",
             "; ".join(fast[:MAX_NAMED]) or "all as in the file",
         ),
         build_file_check(
-            said.file,
+            program.file,
             "on the CAM lines",
             not off_line,
             1e3 * worst_line,
@@ -233,7 +237,7 @@ def _check_cut_moves(
             "mm",
             "; ".join(off_line[:MAX_NAMED]) or "all",
         ),
-        _build_list_check(said, "no move twice", double, "moves"),
+        _build_list_check(program, "no move twice", double, "moves"),
     ]
 
 
@@ -247,9 +251,9 @@ def _find_first_moves(
     return np.where(before >= 0, np.minimum(before + 1, reached[k]), reached[k])
 
 
-def _build_list_check(said: ProgramInCell, what: str, wrong: list[str], unit: str) -> VerificationCheck:
+def _build_list_check(program: ProgramInCell, what: str, wrong: list[str], unit: str) -> VerificationCheck:
     return build_file_check(
-        said.file, what, not wrong, float(len(wrong)), 0.0, unit, "; ".join(wrong[:MAX_NAMED]) or "all"
+        program.file, what, not wrong, float(len(wrong)), 0.0, unit, "; ".join(wrong[:MAX_NAMED]) or "all"
     )
 
 
@@ -290,14 +294,14 @@ def _compute_polyline_distance(points: Array, corners: Array) -> Array:
 
 
 def _check_events(
-    said: ProgramInCell, cuts: ExpectedCuts, reached: NDArray[np.int64], at_index: Array
+    program: ProgramInCell, cuts: ExpectedCuts, reached: NDArray[np.int64], at_index: Array
 ) -> list[VerificationCheck]:
     """The file's events, all and in order, each between the moves it belongs between."""
     events = cuts.toolpath.events
-    if len(said.events) != len(events):
-        missing = _find_first_missing_event(said, cuts)
-        have, need = float(len(said.events)), float(len(events))
-        return [build_file_check(said.file, CheckName.EVENTS, False, have, need, "events", missing)]
+    if len(program.events) != len(events):
+        missing = _find_first_missing_event(program, cuts)
+        have, need = float(len(program.events)), float(len(events))
+        return [build_file_check(program.file, CheckName.EVENTS, False, have, need, "events", missing)]
     wrong: list[str] = []
     points = np.flatnonzero(cuts.wanted & (reached >= 0))
     finite = np.flatnonzero(np.isfinite(at_index))
@@ -306,7 +310,7 @@ def _check_events(
         known[: finite[0]], known[finite[-1] + 1 :] = at_index[finite[0]], np.inf
         known[0] = at_index[0] if np.isfinite(at_index[0]) else -np.inf  # home itself is ahead of all
     dwelt = {e.index: n for n, e in enumerate(events) if e.kind == "dwell"}
-    for n, (read, event) in enumerate(zip(said.events, events, strict=True)):
+    for n, (read, event) in enumerate(zip(program.events, events, strict=True)):
         text, back = _shorten_label(event.text), _shorten_label(read.text)
         if not text.startswith(back) or bool(text) != bool(back):
             wrong.append(f"{read.text[:30]!r} instead of {event.text[:30]!r}")
@@ -316,32 +320,32 @@ def _check_events(
         )  # points that nothing moves to tell no order
         nth = int(np.searchsorted(points, event.index))  # points before the event
         # of a streamed program the sample nearest to the point may lie behind it; its index, below, tells
-        early = nth > 0 and read.index <= reached[points[nth - 1]] - int(said.is_streamed)
+        early = nth > 0 and read.index <= reached[points[nth - 1]] - int(program.is_streamed)
         behind = int(np.searchsorted(points, beyond))
         late = behind < len(points) and read.index > reached[points[behind]]
         if len(finite) and 0 < read.index < len(known):
             slack = _compute_end_tolerance(
-                cuts, event.index, 0.0 if said.is_streamed else INSERTED_POINT_SPACING_M + said.place_step
+                cuts, event.index, 0.0 if program.is_streamed else INSERTED_POINT_SPACING_M + program.place_step
             )
             first = bool(known[read.index] <= event.index - 1 + slack)
             if n <= dwelt.get(event.index, -1):  # at the point itself, though the tool is then drawn out of it
-                first = first and not _is_move_end_at_point(said, cuts, event.index, read.index, known)
-            early |= first and not _is_at_point_before_move(said, cuts, event.index, read.index, known)
+                first = first and not _is_move_end_at_point(program, cuts, event.index, read.index, known)
+            early |= first and not _is_at_point_before_move(program, cuts, event.index, read.index, known)
             settled = finite[0] < read.index and event.index < len(cuts.position)  # the ways from and to home have none
             slack = (
                 slack
                 if beyond == event.index
-                else _compute_end_tolerance(cuts, beyond, 0.0 if said.is_streamed else INSERTED_POINT_SPACING_M)
+                else _compute_end_tolerance(cuts, beyond, 0.0 if program.is_streamed else INSERTED_POINT_SPACING_M)
             )
             at = known[read.index - 1]
             gone = bool(at > beyond - 1 + slack)
             # the index of a free way runs with time: where it sets out from rest, the tool may still be at the point
-            gone = gone and not (at < beyond - 0.5 and _is_move_end_at_point(said, cuts, beyond, read.index, known))
+            gone = gone and not (at < beyond - 0.5 and _is_move_end_at_point(program, cuts, beyond, read.index, known))
             late |= settled and gone
         if early or late:
             wrong.append(f"{event.text[:30]!r} stands too {'early' if early else 'late'}: before move {read.index + 1}")
     text = "; ".join(wrong[:MAX_NAMED]) or "all in place"
-    return [build_file_check(said.file, CheckName.EVENTS, not wrong, float(len(wrong)), 0.0, "events", text)]
+    return [build_file_check(program.file, CheckName.EVENTS, not wrong, float(len(wrong)), 0.0, "events", text)]
 
 
 def _compute_end_tolerance(cuts: ExpectedCuts, index: int, way: float) -> float:
@@ -352,7 +356,7 @@ def _compute_end_tolerance(cuts: ExpectedCuts, index: int, way: float) -> float:
     return max(INDEX_TOLERANCE, min(0.5, way / length if length > 0.0 else 0.5))
 
 
-def _is_at_point_before_move(said: ProgramInCell, cuts: ExpectedCuts, index: int, move: int, known: Array) -> bool:
+def _is_at_point_before_move(program: ProgramInCell, cuts: ExpectedCuts, index: int, move: int, known: Array) -> bool:
     """Whether the program is at point ``index`` − 1 before its move ``move``, and point ``index`` lies there too.
 
     A move to where the tool stands already ends nowhere else, so its place does not tell which point it is for.
@@ -360,41 +364,45 @@ def _is_at_point_before_move(said: ProgramInCell, cuts: ExpectedCuts, index: int
     first = index - _count_repeats_before(cuts.toolpath, index) if 0 < index < len(cuts.position) else index
     if first >= index:
         return False
-    away = float(np.linalg.norm(said.T_workpiece_tcp[move - 1, :3, 3] + cuts.offset[move - 1] - cuts.position[first]))
-    return away <= INSERTED_POINT_SPACING_M + said.place_step and bool(known[move - 1] > first - 0.5)
+    away = float(
+        np.linalg.norm(program.T_workpiece_tcp[move - 1, :3, 3] + cuts.offset[move - 1] - cuts.position[first])
+    )
+    return away <= INSERTED_POINT_SPACING_M + program.place_step and bool(known[move - 1] > first - 0.5)
 
 
-def _is_move_end_at_point(said: ProgramInCell, cuts: ExpectedCuts, index: int, move: int, known: Array) -> bool:
+def _is_move_end_at_point(program: ProgramInCell, cuts: ExpectedCuts, index: int, move: int, known: Array) -> bool:
     """Whether the move before ``move`` ends at point ``index`` − 1, and is not on its way to an earlier one."""
     if not 0 < index <= len(cuts.position) or not known[move - 1] > index - 1.5:
         return False
     away = float(
-        np.linalg.norm(said.T_workpiece_tcp[move - 1, :3, 3] + cuts.offset[move - 1] - cuts.position[index - 1])
+        np.linalg.norm(program.T_workpiece_tcp[move - 1, :3, 3] + cuts.offset[move - 1] - cuts.position[index - 1])
     )
-    return away <= INSERTED_POINT_SPACING_M + said.place_step
+    return away <= INSERTED_POINT_SPACING_M + program.place_step
 
 
-def _find_first_missing_event(said: ProgramInCell, cuts: ExpectedCuts) -> str:
-    for read, event in zip(said.events, cuts.toolpath.events, strict=False):
+def _find_first_missing_event(program: ProgramInCell, cuts: ExpectedCuts) -> str:
+    for read, event in zip(program.events, cuts.toolpath.events, strict=False):
         if not _shorten_label(event.text).startswith(_shorten_label(read.text)):
-            return f"{len(said.events)} for {len(cuts.toolpath.events)}; first other: {read.text[:40]!r}"
-    return f"{len(said.events)} for {len(cuts.toolpath.events)} of the CAM file"
+            return f"{len(program.events)} for {len(cuts.toolpath.events)}; first other: {read.text[:40]!r}"
+    return f"{len(program.events)} for {len(cuts.toolpath.events)} of the CAM file"
 
 
-def _check_operation_labels(said: ProgramInCell, cuts: ExpectedCuts, reached: NDArray[np.int64]) -> VerificationCheck:
+def _check_operation_labels(
+    program: ProgramInCell, cuts: ExpectedCuts, reached: NDArray[np.int64]
+) -> VerificationCheck:
     """The moves of a cut carry its operation's label, as far as a comment can hold it."""
     path = cuts.toolpath
     k = np.flatnonzero(cuts.wanted & (reached >= 0))
     labels = [_shorten_label(o.label) for o in path.operations]
-    kept = {word: _shorten_label(word) for word in set(said.operation)}
+    kept = {word: _shorten_label(word) for word in set(program.operation)}
     wrong = [
         f"point {n} is cut in {word[:30]!r}"
         for n, own, word in zip(
-            k.tolist(), path.operation[k].tolist(), map(said.operation.__getitem__, reached[k].tolist()), strict=True
+            k.tolist(), path.operation[k].tolist(), map(program.operation.__getitem__, reached[k].tolist()), strict=True
         )
         if word and not labels[own].startswith(kept[word])
     ]
-    return _build_list_check(said, "operations", wrong, "points")
+    return _build_list_check(program, "operations", wrong, "points")
 
 
 def _shorten_label(text: str) -> str:

@@ -1,9 +1,9 @@
-"""A robot program held against the exported motion: every target lies on it, every line leads along it.
+"""Comparison of a robot program with the exported motion: every target and every line lies on it.
 
-Targets are found on the motion in order: the n-th one at or after the place of the one before. One that is nowhere
-ahead is where the program goes elsewhere, goes back, or goes twice. Between two targets the controller leads the tool
-tip straight and turns it evenly about one axis (LIN), or all joints straight in joint space (PTP); the samples of the
-motion must lie on that. What the controller makes of the corners is its own matter and not part of this.
+Targets are found on the motion in order: each at or after the place of the one before. A target that is not ahead is
+where the program goes elsewhere, goes back, or repeats. Between two targets the controller moves the tool tip on a
+line and turns it about one axis (LIN), or interpolates all joints linearly (PTP). The samples of the motion must lie
+on that. The controller's rounding of corners is not part of this.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ BRANCH_TOLERANCE_FACTOR = (
 
 
 def compare_with_motion(
-    said: ProgramInCell,
+    program: ProgramInCell,
     motion: ExportedMotion,
     tcp: Array,
     allowed: TargetTolerances,
@@ -45,7 +45,7 @@ def compare_with_motion(
     """Compare a program with the motion.
 
     Args:
-        said: the program.
+        program: the program.
         motion: trajectory.csv.
         tcp: (S, 4, 4) its poses in the workpiece by nominal kinematics.
         allowed: tolerances.
@@ -54,22 +54,27 @@ def compare_with_motion(
     Returns:
         The checks; and (M,) the sample each move ends at, fractional, NaN where it ends nowhere on the motion.
     """
-    at, gap, tilt, turn, joints = match_targets(said, motion, tcp, allowed, path)
-    where = [f"move {k + 1}, line {line}" for k, line in enumerate(said.line.tolist())]
-    linear = said.kind == LIN
-    place = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + said.place_step  # corners lie between samples
+    at, gap, tilt, turn, joints = match_targets(program, motion, tcp, allowed, path)
+    where = [f"move {k + 1}, line {line}" for k, line in enumerate(program.line.tolist())]
+    linear = program.kind == LIN
+    place = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + program.place_step  # corners lie between samples
     checks = [
-        build_worst_move_check(said, "targets on the motion", "mm", 1e3 * gap, 1e3 * place, where),
+        build_worst_move_check(program, "targets on the motion", "mm", 1e3 * gap, 1e3 * place, where),
         build_worst_move_check(
-            said,
+            program,
             "tool axis at targets",
             "deg",
             np.degrees(tilt),
-            max(AXIS_DEG, np.degrees(allowed.axis_corner)) + np.degrees(said.joint_step),
+            max(AXIS_DEG, np.degrees(allowed.axis_corner)) + np.degrees(program.joint_step),
             where,
         ),
         build_worst_move_check(
-            said, CheckName.ORIENTATIONS, "deg", np.degrees(turn), np.degrees(allowed.turn + said.joint_step), where
+            program,
+            CheckName.ORIENTATIONS,
+            "deg",
+            np.degrees(turn),
+            np.degrees(allowed.turn + program.joint_step),
+            where,
         ),
     ]
     for rows, what, most in (
@@ -80,27 +85,32 @@ def compare_with_motion(
             k = np.flatnonzero(rows)
             checks.append(
                 build_worst_move_check(
-                    said, what, "deg", np.degrees(joints[k]), most + np.degrees(said.joint_step), [where[n] for n in k]
+                    program,
+                    what,
+                    "deg",
+                    np.degrees(joints[k]),
+                    most + np.degrees(program.joint_step),
+                    [where[n] for n in k],
                 )
             )
     if motion.external.shape[1]:
-        checks.append(check_external_axes(said, motion, tcp, at, allowed, where))
-    checks.append(_check_completeness(said, motion, at))
+        checks.append(check_external_axes(program, motion, tcp, at, allowed, where))
+    checks.append(_check_completeness(program, motion, at))
     checks += [
-        *check_moves_between_targets(said, motion, tcp, at, allowed, where),
-        _check_move_kinds(said, motion, tcp[:, :3, 3], at, linear, where, 1e-3 * PATH_MM + place),
+        *check_moves_between_targets(program, motion, tcp, at, allowed, where),
+        _check_move_kinds(program, motion, tcp[:, :3, 3], at, linear, where, 1e-3 * PATH_MM + place),
     ]
-    if said.is_streamed:
-        checks.append(_check_timing(said, motion, at, where))
+    if program.is_streamed:
+        checks.append(_check_timing(program, motion, at, where))
     return checks, at
 
 
-def _check_completeness(said: ProgramInCell, motion: ExportedMotion, at: Array) -> VerificationCheck:
+def _check_completeness(program: ProgramInCell, motion: ExportedMotion, at: Array) -> VerificationCheck:
     """The program begins where the motion does and leaves nothing of its end."""
     known = np.flatnonzero(np.isfinite(at))
     if not len(known):
         return build_file_check(
-            said.file, "whole motion", False, float(len(at)), 0.0, "targets off", "no target is on it"
+            program.file, "whole motion", False, float(len(at)), 0.0, "targets off", "no target is on it"
         )
     last = len(motion.time) - 1
     driven = np.hstack([motion.q, motion.external])
@@ -110,7 +120,7 @@ def _check_completeness(said: ProgramInCell, motion: ExportedMotion, at: Array) 
     left = [f"it ends at sample {at[known[-1]]:.0f} of {last}"] if at[known[-1]] < end - 1 else []
     left += [f"it begins at sample {at[known[0]]:.0f}"] if start > MAX_JOINT_DISTANCE_RAD else []
     return build_file_check(
-        said.file,
+        program.file,
         "whole motion",
         not left,
         float(len(left)),
@@ -121,7 +131,7 @@ def _check_completeness(said: ProgramInCell, motion: ExportedMotion, at: Array) 
 
 
 def _check_move_kinds(
-    said: ProgramInCell,
+    program: ProgramInCell,
     motion: ExportedMotion,
     p: Array,
     at: Array,
@@ -142,9 +152,9 @@ def _check_move_kinds(
     nth = np.repeat(np.arange(len(ends)), count)  # of each sample between two targets: whose way it is
     rows = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)
     k = ends[nth]
-    tip = said.T_workpiece_tcp[:, :3, 3]
+    tip = program.T_workpiece_tcp[:, :3, 3]
     apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
-    printed = said.print_resolution + PLACE_TOLERANCE_M
+    printed = program.print_resolution + PLACE_TOLERANCE_M
     tells = apart > np.where(linear[k] & linear[k - 1], place, printed)
     x = np.hstack([motion.q, motion.external])
     stands = np.r_[False, (np.diff(x, axis=0) == 0.0).all(axis=1)]
@@ -155,36 +165,36 @@ def _check_move_kinds(
         np.bincount(k[tells][which], minlength=n) > 0
         for which in (slice(None), moves == MoveKind.CUT, moves != MoveKind.RAPID)
     )
-    astray = seen & ~linear & led & (not said.is_streamed)
-    called = seen & linear & ((said.move == MoveKind.CUT) != cuts)
+    astray = seen & ~linear & led & (not program.is_streamed)
+    called = seen & linear & ((program.move == MoveKind.CUT) != cuts)
     wrong = [
         f"{where[m]} is a joint move where the tool is led along the path"
         if astray[m]
-        else f"{where[m]} is called {MoveKind(int(said.move[m])).word} where the motion says otherwise"
+        else f"{where[m]} is called {MoveKind(int(program.move[m])).word} where the motion says otherwise"
         for m in np.flatnonzero(astray | called).tolist()
     ]
     text = "; ".join(wrong[:3]) or "all agree"
-    return build_file_check(said.file, "kinds of moves", not wrong, float(len(wrong)), 0.0, "moves", text)
+    return build_file_check(program.file, "kinds of moves", not wrong, float(len(wrong)), 0.0, "moves", text)
 
 
-def _check_timing(said: ProgramInCell, motion: ExportedMotion, at: Array, where: list[str]) -> VerificationCheck:
+def _check_timing(program: ProgramInCell, motion: ExportedMotion, at: Array, where: list[str]) -> VerificationCheck:
     """Streamed targets: one a control sample, each at its own time."""
     n = len(motion.time)
-    if len(said) != n:
+    if len(program) != n:
         return build_file_check(
-            said.file,
+            program.file,
             "one target a sample",
             False,
-            float(len(said)),
+            float(len(program)),
             float(n),
             "targets",
-            f"{len(said)} targets for {n} samples",
+            f"{len(program)} targets for {n} samples",
         )
-    known = np.isfinite(said.time)
+    known = np.isfinite(program.time)
     off = (
-        np.where(known, np.abs(said.time - said.time[known][0] - motion.time + motion.time[known][0]), np.inf)
+        np.where(known, np.abs(program.time - program.time[known][0] - motion.time + motion.time[known][0]), np.inf)
         if (known.any())
         else np.full(n, np.inf)
     )
     off[0] = 0.0 if not known[0] else off[0]  # the first one may be a joint move without a time
-    return build_worst_move_check(said, "times of the samples", "s", off, 2e-6, where)
+    return build_worst_move_check(program, "times of the samples", "s", off, 2e-6, where)

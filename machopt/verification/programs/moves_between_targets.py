@@ -1,4 +1,4 @@
-"""The ways between a program's targets: what the controller draws there, held against the motion's samples."""
+"""Moves between a program's targets as the controller interpolates them, compared with the motion's samples."""
 
 from __future__ import annotations
 
@@ -28,11 +28,20 @@ BLOCK_ROWS = 50_000  # samples
 
 
 def check_moves_between_targets(
-    said: ProgramInCell, motion: ExportedMotion, tcp: Array, at: Array, allowed: TargetTolerances, where: list[str]
+    program: ProgramInCell, motion: ExportedMotion, tcp: Array, at: Array, allowed: TargetTolerances, where: list[str]
 ) -> list[VerificationCheck]:
-    """The motion's samples against what the controller draws between the targets."""
+    """Compare the motion's samples with the lines and joint moves that the controller interpolates between targets.
+
+    Args:
+        program: The program in the cell's frames and units.
+        motion: The exported motion (trajectory.csv), SI.
+        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
+        at: (M,) fractional samples at which the targets are reached.
+        allowed: Tolerances of the comparison.
+        where: (M,) place of each target in the program, for messages.
+    """
     known = np.flatnonzero(np.isfinite(at))
-    if len(known) < 2 or said.is_streamed:
+    if len(known) < 2 or program.is_streamed:
         return []
     rows = np.arange(len(tcp))
     nth = np.searchsorted(at[known], rows, side="left")
@@ -41,61 +50,66 @@ def check_moves_between_targets(
     move, before = known[nth], known[nth - 1]
     joined = before == move - 1  # where one is missing there is no line to compare with
     rows, move = rows[joined], move[joined]
-    linear = said.kind[move] == LIN
+    linear = program.kind[move] == LIN
     checks = []
     if linear.any():
         off = np.vstack(
             [
                 _compute_line_deviation(
                     tcp[rows[linear][k : k + BLOCK_ROWS]],
-                    said.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS] - 1],
-                    said.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS]],
+                    program.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS] - 1],
+                    program.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS]],
                 )
                 for k in range(0, int(linear.sum()), BLOCK_ROWS)
             ]
         )
-        _choose_adjacent_move(off, said, tcp, rows[linear], move[linear])
+        _choose_adjacent_move(off, program, tcp, rows[linear], move[linear])
         ways = [f"the move to {where[k]}" for k in move[linear]]
         for column, (what, unit, limit, scale) in enumerate(
             (
-                (CheckName.LINES, "mm", allowed.position + said.place_step, 1e3),
-                (CheckName.LINES_AXIS, "deg", allowed.axis + said.joint_step, 180.0 / np.pi),
-                (CheckName.LINES_TURN, "deg", allowed.turn + said.joint_step, 180.0 / np.pi),
+                (CheckName.LINES, "mm", allowed.position + program.place_step, 1e3),
+                (CheckName.LINES_AXIS, "deg", allowed.axis + program.joint_step, 180.0 / np.pi),
+                (CheckName.LINES_TURN, "deg", allowed.turn + program.joint_step, 180.0 / np.pi),
             )
         ):
-            checks.append(build_worst_move_check(said, what, unit, scale * off[:, column], scale * limit, ways))
+            checks.append(build_worst_move_check(program, what, unit, scale * off[:, column], scale * limit, ways))
         if motion.external.shape[1]:
-            checks.append(_check_external_axes(said, motion, rows[linear], move[linear], off[:, 3], at, allowed, ways))
+            checks.append(
+                _check_external_axes(program, motion, rows[linear], move[linear], off[:, 3], at, allowed, ways)
+            )
     if not linear.all():
         pick = np.flatnonzero(~linear)
-        driven, told = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
+        driven, stated = np.hstack([motion.q, motion.external]), np.hstack([program.q, program.external])
         q = np.full((len(at), driven.shape[1]), np.nan)
         q[known] = interpolate_rows(driven, at[known])
-        joint = np.isfinite(told).all(axis=1)
-        q[joint] = told[joint]
+        joint = np.isfinite(stated).all(axis=1)
+        q[joint] = stated[joint]
         bow = _compute_joint_line_deviation(driven[rows[pick]], q[move[pick] - 1], q[move[pick]])
         ways = [f"the move to {where[k]}" for k in move[pick]]
-        limit = RAPID_TOLERANCE_DEG + float(np.degrees(said.joint_step))
-        checks.append(build_worst_move_check(said, "joint moves along the motion", "deg", np.degrees(bow), limit, ways))
+        limit = RAPID_TOLERANCE_DEG + float(np.degrees(program.joint_step))
+        checks.append(
+            build_worst_move_check(program, "joint moves along the motion", "deg", np.degrees(bow), limit, ways)
+        )
     return checks
 
 
 def _choose_adjacent_move(
-    off: Array, said: ProgramInCell, tcp: Array, rows: NDArray[np.intp], move: NDArray[np.intp]
+    off: Array, program: ProgramInCell, tcp: Array, rows: NDArray[np.intp], move: NDArray[np.intp]
 ) -> None:
     """Samples at a target's place where only the orientation turns may be on the way before or after it: the better.
 
     Args:
         off: (K, 4) of samples ``rows`` (K,) against the ways to ``move`` (K,); changed in place.
     """
-    T = said.T_workpiece_tcp
+    T = program.T_workpiece_tcp
     for end, other in ((move, move + 1), (move - 1, move - 1)):
-        there = (other >= 1) & (other < len(said))
-        there[there] &= said.kind[other[there]] == LIN
-        there &= np.linalg.norm(tcp[rows, :3, 3] - T[end, :3, 3], axis=1) < SAME_PLACE_M + said.print_resolution
+        there = (other >= 1) & (other < len(program))
+        there[there] &= program.kind[other[there]] == LIN
+        there &= np.linalg.norm(tcp[rows, :3, 3] - T[end, :3, 3], axis=1) < SAME_PLACE_M + program.print_resolution
         k = np.flatnonzero(there)
         k = k[
-            np.linalg.norm(T[other[k], :3, 3] - T[other[k] - 1, :3, 3], axis=1) < SAME_PLACE_M + said.print_resolution
+            np.linalg.norm(T[other[k], :3, 3] - T[other[k] - 1, :3, 3], axis=1)
+            < SAME_PLACE_M + program.print_resolution
         ]
         if len(k):
             second = _compute_line_deviation(tcp[rows[k]], T[other[k] - 1], T[other[k]])
@@ -104,7 +118,7 @@ def _choose_adjacent_move(
 
 
 def _check_external_axes(
-    said: ProgramInCell,
+    program: ProgramInCell,
     motion: ExportedMotion,
     rows: NDArray[np.int64],
     move: NDArray[np.int64],
@@ -120,9 +134,9 @@ def _check_external_axes(
     known = np.isfinite(at)
     ends = np.full((len(at), motion.external.shape[1]), np.nan)
     ends[known] = interpolate_rows(motion.external, at[known])
-    ends = np.where(np.isfinite(said.external), said.external, ends)
+    ends = np.where(np.isfinite(program.external), program.external, ends)
     whole = ends[move] - ends[move - 1]
-    tip = said.T_workpiece_tcp[:, :3, 3]
+    tip = program.T_workpiece_tcp[:, :3, 3]
     way = np.linalg.norm(tip[move] - tip[move - 1], axis=1)
     loose = np.minimum(max(allowed.corner, allowed.position) / np.maximum(way, 1e-9), 1.0)[:, None] * np.abs(whole)
     off = np.maximum(np.abs(motion.external[rows] - ends[move - 1] - share[:, None] * whole) - loose, 0.0)
@@ -130,7 +144,7 @@ def _check_external_axes(
     axis = int(np.argmax(off[n]))
     away = f"{1e3 * off[n, axis]:.3g} mm" if motion.slides[axis] else f"{np.degrees(off[n, axis]):.3g} deg"
     words = f"of {1e3 * most:g} mm or {np.degrees(most):.3g} deg"
-    check = build_worst_move_check(said, "external axes along lines", words, off.max(axis=1) / most, 1.0, ways)
+    check = build_worst_move_check(program, "external axes along lines", words, off.max(axis=1) / most, 1.0, ways)
     return replace(check, where=f"{check.where}: e{axis + 1} by {away}")
 
 

@@ -1,7 +1,7 @@
-"""Places looked for one after the other: targets along a motion, points of a CAM file along a program's lines.
+"""Ordered matching: targets along a motion, points of a CAM file along a program's lines.
 
-Where the n-th lies decides where the next is looked for, so these loops cannot be written as array operations; they
-are compiled.
+The place of one item decides where the search for the next one begins. So these loops cannot be array operations;
+they are compiled.
 """
 
 from __future__ import annotations
@@ -30,21 +30,25 @@ def match_targets_in_order(
 ) -> tuple[Array, Array]:
     """Find each target on the polyline of the motion, at or after the place of the target before.
 
-    A target lies on the first stretch ahead that is near it, an unbroken row of segments, at the place of the least
-    distance in position and tool axis: where the tool turns about its tip (a corner of the tool axis) the position is
-    the same all along the turn. Where no stretch is within the first of the limits ``near``, the next one counts.
+    A target lies on the first stretch ahead that is near it, an unbroken row of segments, at the least distance in
+    position and tool axis. Where the tool turns about its tip, the position is the same along the whole turn. Where
+    no stretch is within the first of the limits ``near``, the next one counts.
 
     Args:
-        place: (V, 3) m, turn (V, 3, 3), joints (V, n) rad at the vertices.
-        wanted_place: (M, 3) m, wanted_turn (M, 3, 3), wanted_joints (M, n) rad of the targets.
+        place: (V, 3) positions at the vertices, m.
+        turn: (V, 3, 3) orientations at the vertices.
+        joints: (V, n) joint positions at the vertices, rad.
+        wanted_place: (M, 3) positions of the targets, m.
+        wanted_turn: (M, 3, 3) orientations of the targets.
+        wanted_joints: (M, n) joint positions of the targets, rad.
         by_joints: (M,) the target is found by its joints, else by its pose.
-        near: (L, 2) m and rad: limits of the distance, of poses and of joint targets, rising.
-        axis_lever: m/rad, by which an angle of the tool axis counts as a distance.
-        give_up: so many targets that lie nowhere end the search.
+        near: (L, 2) limits of the distance, of poses (m) and of joint targets (rad), rising.
+        axis_lever: M/rad, by which an angle of the tool axis counts as a distance.
+        give_up: Number of unmatched targets that ends the search.
 
     Returns:
-        (M,) place on the polyline, fractional, NaN where nothing ahead is near; (M,) m to the nearest vertex ahead of
-        targets that lie nowhere, NaN elsewhere.
+        (M,) place on the polyline, fractional, NaN where nothing ahead is near; (M,) distance to the nearest vertex
+        ahead of unmatched targets, m, NaN elsewhere.
     """
     vertices, count = len(place), len(wanted_place)
     at, missed = np.full(count, np.nan), np.full(count, np.nan)

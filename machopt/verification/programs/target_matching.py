@@ -1,4 +1,4 @@
-"""Where each target of a program lies on the motion, and how far beside it."""
+"""Position of each program target along the motion, and its deviation from it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EXTERNAL_TOLERANCE = 0.05  # mm or deg of an external axis at a target
 
 @dataclass(frozen=True, kw_only=True)
 class TargetTolerances:
-    """How far a program may be from the motion it was written from."""
+    """Tolerances between a program and the motion it was written from."""
 
     position: float  # m between the controller's lines and the motion
     axis: float  # rad between the tool axes
@@ -38,47 +38,50 @@ class TargetTolerances:
 
 
 def match_targets(
-    said: ProgramInCell,
+    program: ProgramInCell,
     motion: ExportedMotion,
     tcp: Array,
     allowed: TargetTolerances,
     path: CommandedPath | None = None,
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """(M,) sample, m, rad (axis), rad (orientation), rad (joints) of each target to the motion there.
+    """Return sample and deviations of each target: (M,) sample, m, rad (axis), rad (orientation), rad (joints).
 
     Args:
-        said: the program.
-        motion: trajectory.csv, ``tcp`` (S, 4, 4) its poses in the workpiece by nominal kinematics.
-        allowed: tolerances.
-        path: the commanded path, whose corners lie between the samples; None: the samples alone are known.
+        program: The program in the cell's frames and units.
+        motion: The exported motion (trajectory.csv), SI.
+        tcp: (S, 4, 4) poses of the TCP in the workpiece frame by nominal kinematics.
+        allowed: Tolerances of the comparison.
+        path: The commanded path, whose corners lie between the samples; None: only the samples are known.
     """
-    n = len(said)
+    n = len(program)
     tilt, turn, joints = (np.full(n, np.nan) for _ in range(3))
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(said.q).all(axis=1))
-    if said.is_streamed and n == len(tcp) and known.all():
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(program.q).all(axis=1))
+    if program.is_streamed and n == len(tcp) and known.all():
         R = tcp[:, :3, :3]
-        turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ said.T_workpiece_tcp[:, :3, :3]).magnitude())
+        turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ program.T_workpiece_tcp[:, :3, :3]).magnitude())
         return (
             np.arange(n, dtype=float),
-            np.linalg.norm(tcp[:, :3, 3] - said.T_workpiece_tcp[:, :3, 3], axis=1),
-            np.linalg.norm(R[:, :, 2] - said.T_workpiece_tcp[:, :3, 2], axis=1),
+            np.linalg.norm(tcp[:, :3, 3] - program.T_workpiece_tcp[:, :3, 3], axis=1),
+            np.linalg.norm(R[:, :, 2] - program.T_workpiece_tcp[:, :3, 2], axis=1),
             turn,
-            np.abs(motion.q - said.q).max(axis=1),
+            np.abs(motion.q - program.q).max(axis=1),
         )
-    driven, wanted = motion.q, said.q
-    if np.isfinite(said.external).all():  # rails and tables tell places apart as joints do; a metre counts as a radian
-        driven, wanted = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
+    driven, wanted = motion.q, program.q
+    if np.isfinite(
+        program.external
+    ).all():  # rails and tables tell places apart as joints do; a metre counts as a radian
+        driven, wanted = np.hstack([motion.q, motion.external]), np.hstack([program.q, program.external])
     line = build_motion_polyline(motion, tcp, driven, path)
     p, R = line.T[:, :3, 3], line.T[:, :3, :3]
-    right = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + said.place_step
+    right = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + program.place_step
     limits = [
-        (right, max(MAX_JOINT_DISTANCE_RAD, 3.0 * said.joint_step)),
+        (right, max(MAX_JOINT_DISTANCE_RAD, 3.0 * program.joint_step)),
         (
-            max(MAX_TARGET_DISTANCE_M, 3.0 * (allowed.corner + said.place_step)),
-            max(MAX_JOINT_DISTANCE_RAD, 3.0 * said.joint_step),
+            max(MAX_TARGET_DISTANCE_M, 3.0 * (allowed.corner + program.place_step)),
+            max(MAX_JOINT_DISTANCE_RAD, 3.0 * program.joint_step),
         ),
     ]
-    T = said.T_workpiece_tcp
+    T = program.T_workpiece_tcp
     on_line, gap = match_targets_in_order(
         np.ascontiguousarray(p),
         np.ascontiguousarray(R),
@@ -86,48 +89,62 @@ def match_targets(
         np.ascontiguousarray(T[:, :3, 3]),
         np.ascontiguousarray(T[:, :3, :3]),
         np.ascontiguousarray(wanted, float),
-        known & (said.kind != LIN),
+        known & (program.kind != LIN),
         np.array(limits),
         AXIS_LEVER_M,
         MAX_UNMATCHED,
     )
     on = np.isfinite(on_line)
     gap[on], tilt[on], turn[on] = _compute_target_distance(on_line[on], T[on], p, R, allowed.corner)
-    told = on & known
-    joints[told] = np.abs(interpolate_rows(line.joints, on_line[told])[:, : said.q.shape[1]] - said.q[told]).max(axis=1)
+    stated = on & known
+    joints[stated] = np.abs(
+        interpolate_rows(line.joints, on_line[stated])[:, : program.q.shape[1]] - program.q[stated]
+    ).max(axis=1)
     return line.convert_to_sample(on_line), gap, tilt, turn, joints
 
 
 def check_external_axes(
-    said: ProgramInCell, motion: ExportedMotion, tcp: Array, at: Array, allowed: TargetTolerances, where: Sequence[str]
+    program: ProgramInCell,
+    motion: ExportedMotion,
+    tcp: Array,
+    at: Array,
+    allowed: TargetTolerances,
+    where: Sequence[str],
 ) -> VerificationCheck:
-    """Every target says where rails and positioners stand, and they stand there at that place of the motion.
+    """Check that every target states the external axis positions of its place along the motion.
 
-    Where the motion rounds a corner of the program, the place along it is known to as much, and they leave a bend
-    of their own to the same way before and after it.
+    Where the motion rounds a corner, the place is uncertain by as much, and the axes may deviate accordingly.
+
+    Args:
+        program: The program in the cell's frames and units.
+        motion: The exported motion (trajectory.csv), SI.
+        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
+        at: (M,) fractional samples at which the targets are reached.
+        allowed: Tolerances of the comparison.
+        where: (M,) place of each target in the program, for messages.
     """
-    off = np.full(len(said), np.nan)
+    off = np.full(len(program), np.nan)
     on = np.flatnonzero(np.isfinite(at))
     a = np.clip(at[on].astype(np.int64), 0, len(tcp) - 1)
     b = np.minimum(a + 1, len(tcp) - 1)
-    away = np.abs(interpolate_rows(motion.external, at[on]) - said.external[on])
+    away = np.abs(interpolate_rows(motion.external, at[on]) - program.external[on])
     way = np.linalg.norm(tcp[b, :3, 3] - tcp[a, :3, 3], axis=1)
     share = np.minimum(max(allowed.corner, 1e-6) / np.maximum(way, 1e-6), 1.0)[:, None]
     loose = np.maximum(
         share * np.abs(motion.external[b] - motion.external[a]),
         _compute_rounding_tolerance(at[on], motion, tcp, allowed),
     )
-    away = np.maximum(away - loose * (said.kind[on] == LIN)[:, None], 0.0)
+    away = np.maximum(away - loose * (program.kind[on] == LIN)[:, None], 0.0)
     unit = np.where(motion.slides, 1e3, 180.0 / np.pi)
     off[on] = (away * unit).max(axis=1)
-    missing = np.flatnonzero(~np.isfinite(said.external).all(axis=1))
+    missing = np.flatnonzero(~np.isfinite(program.external).all(axis=1))
     if len(missing):
         text = f"{where[int(missing[0])]} does not say where the external axes stand"
         return build_file_check(
-            said.file, "external axes at targets", False, np.nan, EXTERNAL_TOLERANCE, "mm or deg", text
+            program.file, "external axes at targets", False, np.nan, EXTERNAL_TOLERANCE, "mm or deg", text
         )
     return build_worst_move_check(
-        said, "external axes at targets", "mm or deg", np.nan_to_num(off), EXTERNAL_TOLERANCE, where
+        program, "external axes at targets", "mm or deg", np.nan_to_num(off), EXTERNAL_TOLERANCE, where
     )
 
 
@@ -180,15 +197,31 @@ def _compute_rotation_angle(A: Array, B: Array) -> Array:
 
 
 def interpolate_rows(values: Array, at: Array) -> Array:
-    """(K, n) rows of (S, n) at fractional places (K,)."""
+    """Return (K, n) rows at fractional row numbers, by linear interpolation.
+
+    Args:
+        values: (S, n) rows.
+        at: (K,) fractional row numbers.
+    """
     a = np.clip(at.astype(np.int64), 0, len(values) - 1)
     b, f = np.minimum(a + 1, len(values) - 1), (at - a)[:, None]
     return np.asarray((1.0 - f) * values[a] + f * values[b])
 
 
 def build_worst_move_check(
-    said: ProgramInCell, what: str, unit: str, values: Array, limit: float, where: Sequence[str]
+    program: ProgramInCell, what: str, unit: str, values: Array, limit: float, where: Sequence[str]
 ) -> VerificationCheck:
-    """The greatest of ``values``; a NaN is worse than all."""
+    """Return a check of the greatest value; a NaN is worse than all.
+
+    Args:
+        program: The program in the cell's frames and units.
+        what: Name of the checked quantity.
+        unit: Unit of the value.
+        values: (M,) value of each move.
+        limit: The greatest allowed value.
+        where: (M,) place of each move in the program, for messages.
+    """
     n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
-    return build_file_check(said.file, what, bool(values[n] <= limit), float(values[n]), float(limit), unit, where[n])
+    return build_file_check(
+        program.file, what, bool(values[n] <= limit), float(values[n]), float(limit), unit, where[n]
+    )

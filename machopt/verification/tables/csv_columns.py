@@ -1,4 +1,4 @@
-"""The columns of a CSV file by name, however long it is: numbers in plain digits, words where a column holds words."""
+"""Columns of a CSV file by name: numbers in blocks of any length, words where a column holds words."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _NUMBER_REMOVAL = dict.fromkeys(map(ord, NUMBER_CHARACTERS))  # what they are tr
 
 @dataclass(frozen=True)
 class ColumnTable:
-    """A table's columns by name; those of numbers are read as such and hold words only where they are none."""
+    """Columns of a table by name; a column of numbers is read as such, and as words only where it has none."""
 
     file: Path
     text: dict[str, list[str]]
@@ -38,12 +38,20 @@ class ColumnTable:
         return (*self.text, *self.parts)
 
     def read_words(self, name: str) -> list[str]:
-        """A column of words."""
+        """Return a column of words.
+
+        Args:
+            name: Name of the column.
+        """
         self._get_column(name)
         return self.text[name]
 
     def read_numbers(self, name: str, *, empty: bool = False) -> Array:
-        """A column of numbers, NaN where a field is empty.
+        """Return the (rows,) numbers of a column, NaN where a field is empty.
+
+        Args:
+            name: Name of the column.
+            empty: Allow empty fields.
 
         Raises:
             InputError: the column is missing, or a field is no finite number, or empty where it must not be.
@@ -67,7 +75,10 @@ class ColumnTable:
 
 
 def read_columns(file: Path) -> dict[str, list[str]]:
-    """A short table's columns by name, as words.
+    """Return a short table's columns by name, as words.
+
+    Args:
+        file: Path of the CSV file.
 
     Raises:
         InputError: the file cannot be read, holds no rows, or a row has more or fewer fields than the header.
@@ -80,7 +91,11 @@ def read_columns(file: Path) -> dict[str, list[str]]:
 
 
 def read_table(file: Path) -> ColumnTable:
-    """A table of any length; within :func:`machopt.verification.tables.table_cache.cache_tables` it is read once.
+    """Return a table of any length; within :func:`machopt.verification.tables.table_cache.cache_tables` it is read
+    once.
+
+    Args:
+        file: Path of the CSV file.
 
     Raises:
         InputError: the file cannot be read, holds no rows, or a row has more or fewer fields than the header.

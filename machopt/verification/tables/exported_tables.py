@@ -1,7 +1,7 @@
-"""trajectory.csv, points.csv and compensation.csv as the verification reads them: by name, nothing assumed.
+"""Readers of trajectory.csv, points.csv and compensation.csv for the verification.
 
-Every column that machopt writes must be there once, every number be finite where the column may not be empty, and
-no column may stand there that nothing here looks at.
+Every column that machopt writes must be present once. Every number must be finite where the column may not be empty.
+Unknown columns are refused.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ MOVE_WORDS = tuple(move.word for move in MoveKind)
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedMotion:
-    """What trajectory.csv says, in SI; S rows."""
+    """Content of trajectory.csv in SI; S rows."""
 
     time: Array  # (S,) s
     point: Array  # (S,) NaN where empty
@@ -74,18 +74,22 @@ class ExportedMotion:
 
     @property
     def sample_time(self) -> float:
-        """s between two samples."""
+        """Sample period, s."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
     def describe_row(self, n: int | np.int64) -> str:
-        """Where row n is, for people."""
+        """Return sample, time and toolpath point of a row as text.
+
+        Args:
+            n: Number of the row, from 0.
+        """
         point = f", point {self.point[n]:.3f}" if np.isfinite(self.point[n]) else ""
         return f"sample {n}, {self.time[n]:.3f} s{point}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedPoints:
-    """What points.csv says, N rows; numbers as the file has them but for point, joints and shift."""
+    """Content of points.csv, N rows; units as in the file except for point, joints and shift."""
 
     point: NDArray[np.int64]  # (N,)
     q: Array  # (N, 6) rad by encoder, NaN where the point has none
@@ -97,13 +101,13 @@ class ExportedPoints:
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """(N,) the planner says that the point has a configuration."""
+        """(N,) whether the point has a configuration."""
         return np.array([s == "ok" for s in self.status])
 
 
 @dataclass(frozen=True)
 class ExportedShift:
-    """What compensation.csv says: how the path is shifted at its corners, and against which force."""
+    """Content of compensation.csv: shift of the path at its corners, and the force it compensates."""
 
     index: Array  # (P,) fractional toolpath index, not falling
     offset: Array  # (P, 3) m in workpiece
@@ -111,7 +115,11 @@ class ExportedShift:
 
 
 def read_motion(file: Path, cell: Cell) -> ExportedMotion:
-    """trajectory.csv.
+    """Read trajectory.csv.
+
+    Args:
+        file: Path of the file.
+        cell: The robot cell.
 
     Raises:
         InputError: the file, a column or a number is missing, or a column is unknown.
@@ -138,7 +146,11 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
 
 
 def read_points(file: Path, cell: Cell) -> ExportedPoints:
-    """points.csv.
+    """Read points.csv.
+
+    Args:
+        file: Path of the file.
+        cell: The robot cell.
 
     Raises:
         InputError: the file, a column or a number is missing, or a column is unknown.
@@ -171,7 +183,10 @@ def read_points(file: Path, cell: Cell) -> ExportedPoints:
 
 
 def read_compensation(file: Path) -> ExportedShift:
-    """compensation.csv.
+    """Read compensation.csv.
+
+    Args:
+        file: Path of the file.
 
     Raises:
         InputError: the file, a column or a number is missing, or the index falls.
@@ -204,7 +219,7 @@ def _check_names(table: ColumnTable, needed: Sequence[str], further: Sequence[st
 
 
 def _check_tools(table: ColumnTable, cell: Cell) -> None:
-    """Every row has the tool that the toolpath wants, or one of the table where it wants several."""
+    """Check that every row has the tool of the toolpath, or one of the table where it has several."""
     wanted = {*cell.tools} if cell.tool_name is None else {cell.tool_name}
     for row, word in enumerate(table.read_words("tool"), start=1):
         if word not in wanted:

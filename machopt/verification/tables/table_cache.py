@@ -1,7 +1,7 @@
-"""Each table of a folder is read once as long as its bytes are the same.
+"""Cache of the tables of a folder: each is read once as long as its bytes are the same.
 
-The tables are wanted by the verdict on themselves, by that on the programs and by that on result.json. A table is
-known by the hash of its bytes, so whatever is changed between two of them is read anew.
+The checks of tables, programs and result.json need the same tables. The key is the hash of the bytes, so a changed
+table is read again.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _CURRENT_CACHE: ContextVar[_TableCache | None] = ContextVar("tables", default=No
 
 @contextmanager
 def cache_tables() -> Iterator[None]:
-    """Within it tables are held; they are let go at the end of the outermost."""
+    """Cache tables within this context; they are released at the end of the outermost one."""
     if _CURRENT_CACHE.get() is not None:
         yield
         return
@@ -42,9 +42,11 @@ def cache_tables() -> Iterator[None]:
 
 
 def read_cached(file: Path, read: Callable[[Path], T]) -> T:
-    """What ``read`` makes of a file, or made of the same bytes before; nobody may change it.
+    """Return what ``read`` returns for a file, from the cache if its bytes were read before; do not modify it.
 
-    Errors are those of ``read``.
+    Args:
+        file: Path of the file.
+        read: Reader of the file; its errors are passed on.
     """
     shelf = _CURRENT_CACHE.get()
     if shelf is None:

@@ -1,4 +1,4 @@
-"""The base model of a diagnosis as tables: each coefficient with what was found, and as it came out alone."""
+"""Section of the diagnosis page with the base model: each coefficient in the final model and alone."""
 
 from __future__ import annotations
 
@@ -33,6 +33,11 @@ MAX_OPEN_ROWS = 12  # coefficients and rows: more are folded
 
 
 def build_model_html(d: DiagnosisResult) -> Body:
+    """Return the section as markup.
+
+    Args:
+        d: The diagnosis.
+    """
     joints = [c for c in d.coefficients if c.unknown.unit in COMPLIANCE_UNITS]
     others = [c for c in d.coefficients if c.unknown.unit not in COMPLIANCE_UNITS]
     body: Body = ""

@@ -1,4 +1,4 @@
-"""What a recording could have shown: the least size of each effect at each place, as a table."""
+"""Section of the diagnosis page with detection limits: the smallest detectable size of each effect."""
 
 from __future__ import annotations
 
@@ -22,7 +22,11 @@ LINK_LOCATIONS = tuple(format_link_location(j) for j in range(1, 7))
 
 
 def build_limits_html(d: DiagnosisResult) -> Body:
-    """Matrices of effects over joints and links, a table of the rest, and the reasons; nothing without limits."""
+    """Return matrices of effects over joints and links, a table of the rest, and the reasons; empty without limits.
+
+    Args:
+        d: The diagnosis.
+    """
     least = _find_smallest_limits(d.limits)
     reasons = {(u.effect, u.location): u.reason for u in d.untestable}
     if not least and not reasons:

@@ -1,4 +1,4 @@
-"""The page of ``machopt diagnose``: how much differs, where it lives, what is missing, how sure, what next."""
+"""Page of ``machopt diagnose``: size and location of the model error, missing effects, uncertainty, next steps."""
 
 from __future__ import annotations
 
@@ -61,7 +61,11 @@ def write_diagnosis_page(path: Path, data: DiagnosisPageData) -> None:
 
 
 def build_diagnosis_html(data: DiagnosisPageData) -> str:
-    """The page as text; the same data give the same bytes."""
+    """Return the page; the same data give the same bytes.
+
+    Args:
+        data: The data of the page.
+    """
     charts, view = _build_charts(data), build_residual_scene(data)
     have = {c["id"] for c in charts}
     sections = [

@@ -1,4 +1,4 @@
-"""One finding on the diagnosis page: what it is, its law and size, the picture, the rivals, what cannot be excluded."""
+"""Section of one finding on the diagnosis page: effect, law, size, chart, alternatives."""
 
 from __future__ import annotations
 
@@ -28,7 +28,11 @@ if TYPE_CHECKING:
 
 
 def format_finding_heading(f: Finding) -> str:
-    """ "Hysteresis of joint 3: 0.90 arcmin (0.81 … 0.99), on load reversal"."""
+    """Return the heading: "Hysteresis of joint 3: 0.90 arcmin (0.81 … 0.99), on load reversal".
+
+    Args:
+        f: The finding.
+    """
     words = format_effect_at_place(f.effect, f.location)
     size = next(iter(f.parameters.values()), None)
     out = words[:1].upper() + words[1:]
@@ -38,7 +42,14 @@ def format_finding_heading(f: Finding) -> str:
 
 
 def build_finding_html(n: int, f: Finding, unit: str, charts: set[str]) -> Markup:
-    """The block of one finding."""
+    """Return the section of one finding.
+
+    Args:
+        n: Number of the finding.
+        f: The finding.
+        unit: Unit of the errors.
+        charts: Ids of the charts that the page has.
+    """
     own = (f.effect, f.location)
     one_of = (own, *(name for name in f.one_of if name != own))
     placebos = [r for r in f.rivals if r.placebo]
@@ -63,7 +74,11 @@ def build_finding_html(n: int, f: Finding, unit: str, charts: set[str]) -> Marku
 
 
 def describe_correction_target(correction: Correction | None) -> str:
-    """Where what was found is written."""
+    """Return the file that a correction is written to.
+
+    Args:
+        correction: The correction; None where there is none.
+    """
     if correction is None:
         return "No correction is written for it: the planner's model has no such law."
     values = ", ".join(f"{k} {_format_value(v)}" for k, v in correction.parameters.items() if k != "message")

@@ -1,4 +1,4 @@
-"""Residuals of a diagnosis as vectors at the arm: before and after, at the poses they were read at."""
+"""Section of the diagnosis page with residual vectors on the arm, before and after, at the measured poses."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ _MAX_NEEDLES = 4000
 
 
 def build_residual_scene(data: DiagnosisPageData) -> Spec | None:
-    """The picture for ``assets/posture.js``; None where residuals are no displacements or the arm is not known."""
+    """Return the view for ``assets/posture.js``; None where residuals are no displacements or the arm is unknown.
+
+    Args:
+        data: The data of the page.
+    """
     d = data.diagnosis
     if data.scene is None or d.channel == "torque" or d.errors.residual.shape[1] < 3 or len(data.q) != len(d.used):
         return None
@@ -71,7 +75,7 @@ def build_residual_scene(data: DiagnosisPageData) -> Spec | None:
 
 
 def _list_residual_sizes(rms: list[float], worst: float, after: float, row: int, both: bool) -> list[tuple[str, str]]:
-    """What is said beside a pose; nothing of an after where the machine has no finding, as it would be the same."""
+    """Return the text of a pose; without a finding of the machine, before and after are the same and not repeated."""
     size = f"{FINE_LENGTH.format_value(worst, unit=True)}, row {row}"
     if not both:
         return [("Residual, rms", FINE_LENGTH.format_value(rms[0], unit=True)), ("Largest", size)]
@@ -84,7 +88,11 @@ def _list_residual_sizes(rms: list[float], worst: float, after: float, row: int,
 
 
 def build_residual_html(view: Spec | None) -> Markup | str:
-    """The section that holds the picture."""
+    """Return the section with the view; empty without a view.
+
+    Args:
+        view: The 3-D view.
+    """
     if view is None:
         return ""
     longest = 1.0 / view["postures"]["vectors"][0]["length"]

@@ -1,4 +1,4 @@
-"""The verdict on the diagnosis page: badge, sentence, warnings, and the numbers that carry it."""
+"""Verdict section of the diagnosis page: badge, sentence, warnings and key figures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,11 @@ if TYPE_CHECKING:
 
 
 def build_verdict_html(data: DiagnosisPageData) -> Markup:
-    """The section at the top."""
+    """Return the section.
+
+    Args:
+        data: The data of the page.
+    """
     d = data.diagnosis
     badge, tone = describe_verdict(d)
     left = "nothing was added" if not d.findings else f"with {len(d.findings)} found"
@@ -63,5 +67,9 @@ def build_verdict_html(data: DiagnosisPageData) -> Markup:
 
 
 def has_data_finding(d: DiagnosisResult) -> bool:
-    """Whether something was found of the record itself: then before and after are counted with that put right."""
+    """Return whether a fault of the recording was found; before and after then refer to the corrected recording.
+
+    Args:
+        d: The diagnosis.
+    """
     return any(f.record for f in d.findings)

@@ -43,10 +43,11 @@ def write_report(path: Path, data: ReportData) -> None:
 
 
 def build_report_html(data: ReportData, steering: SteeringData | None = None) -> str:
-    """The page as text; the same data give the same bytes.
+    """Return the page; the same data give the same bytes.
 
     Args:
-        steering: on the page of ``machopt view``, what is needed to steer the plan; None: nothing is.
+        data: Data of the report.
+        steering: Data of the steering panel of ``machopt view``; None without it.
     """
     specs = build_figure_specs(data)
     scripts = ["chart.js", "heatmap.js", *(SCENE_SCRIPTS if data.view is not None else ()), "start.js"]

@@ -1,4 +1,4 @@
-"""The block about robot programs: what was written, what came back, what happens between the points."""
+"""Section of the optimize report about robot programs: files, read-back result, and moves between the points."""
 
 from __future__ import annotations
 
@@ -25,7 +25,11 @@ _FEED = DisplayUnit(6e4, "mm/min", 3)
 
 
 def build_program_section(data: ReportData) -> Markup | str:
-    """The section, empty where no program was written."""
+    """Return the section; empty where no program was written.
+
+    Args:
+        data: The data of the page.
+    """
     if not data.programs:
         return ""
     columns = [

@@ -1,4 +1,4 @@
-"""The trade-off front on the report page: a table, and a picture of stiffness against time."""
+"""Section of the optimize report with the trade-off front: a table, and a chart of stiffness against time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ CHARACTER_WIDTH, LINE_HEIGHT = 6.5, 13.0  # px, of a tick's words: the most that
 
 
 def build_trade_off_section(data: ReportData) -> Markup | str:
-    """The section; empty where no front was asked for."""
+    """Return the section; empty where no front was requested.
+
+    Args:
+        data: The data of the page.
+    """
     if not data.front:
         return ""
     unit = "deflection (mm)" if data.summary.quantity == "deflection" else "compliance (mm/N)"

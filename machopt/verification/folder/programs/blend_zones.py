@@ -1,4 +1,4 @@
-"""Zones of a program that was read back: rounded only where, and only as far as, the tolerance lets it."""
+"""Check of a program's blend zones: corners are rounded only where, and only as far as, the tolerance permits."""
 
 from __future__ import annotations
 
@@ -34,16 +34,17 @@ def check_blend_zones(
     own: bool,
     printed: float = 0.0,
 ) -> list[VerificationCheck]:
-    """One check; none where the format has no zones.
+    """Return one check of the blend zones; none where the format has no zones.
 
     Args:
-        file, parsed: the program.
-        program: as the post took it.
-        law: of its ends.
-        controller: of the cell.
-        zones: the post prints some; else every end is a stop.
-        own: a user's post, which may round by other words than distances: those are not judged.
-        printed: m, between two targets that mean one place, by the program's decimals.
+        file: Name of the program file.
+        parsed: The program as it was read.
+        program: The program as the post takes it.
+        law: Law of the blend zones' ends.
+        controller: Controller of the cell.
+        zones: The post prints some zones; else every end is a stop.
+        own: A user's post, which may round by other words than distances; these are not checked.
+        printed: Rounding error of two targets that mean one place, by the program's decimals, m.
     """
     if parsed.dialect == "fanuc":
         bad = _check_continuous_zones(parsed, program, law)

@@ -1,4 +1,4 @@
-"""A program's frames, axes and places in the cell's terms."""
+"""Frames, axes and positions of a robot program, converted to the cell's frames and units."""
 
 from __future__ import annotations
 
@@ -20,10 +20,15 @@ FRAME_TOLERANCE_RAD = float(np.radians(2e-3))
 
 
 def compute_toolpath_index(motion: ExportedMotion, at: Array, toolpath: Toolpath) -> Array:
-    """(M,) toolpath index where each move ends; NaN where it is not known.
+    """Return the (M,) toolpath index where each move of the program ends; NaN where it is not known.
 
-    Between two samples it goes with the way along the path: a sample behind a point may be half way to the next one
-    where points lie close, and the one before it a thousandth of a long move ahead.
+    Between two samples the index is interpolated by path length. Interpolation by time would be wrong where points
+    lie close together.
+
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        at: (M,) fractional motion samples at which the moves end.
+        toolpath: The toolpath, points in the workpiece frame, SI.
     """
     rows = np.clip(np.nan_to_num(at), 0, len(motion.point) - 1)
     low = np.floor(rows).astype(int)
@@ -46,8 +51,17 @@ VISIBLE_COUPLING_FORMATS = ("krl", "rapid")  # of these, programs that show it
 def convert_external_joints(
     parsed: ParsedProgram, cell: Cell, arm: UrdfKinematics, controller: RobotController
 ) -> tuple[Array, int]:
-    """(M, E) rad or m as the cell lists its external joints, NaN where the program does not say; and how many values
-    belong to none of them."""
+    """Convert the program's external axis values to the cell's external joints.
+
+    Args:
+        parsed: The program as it was read.
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        controller: The robot controller.
+
+    Returns:
+        (M, E) rad or m, NaN where the program gives no value; and the number of values that belong to no joint.
+    """
     rides = [
         arm.model.getJointId(name) in arm.list_moving_joints(arm.workpiece_placement) for name in cell.external_joints
     ]
@@ -85,10 +99,17 @@ def _is_in_pulses(words: object, column: int) -> bool:
 def compute_workpiece_frame(
     parsed: ParsedProgram, cell: Cell, arm: UrdfKinematics, controller: RobotController, external: Array
 ) -> Array:
-    """(4, 4) the workpiece in the frame that the controller counts its base frames from.
+    """Return the (4, 4) workpiece pose in the frame that the controller's base frames refer to.
 
-    A controller that knows rail and positioner has it in the positioner's flange, or on a rail in its WORLD; any other
-    in its robot coordinate system, with external joints at (E,).
+    A controller that couples rail and positioner uses the positioner's flange, or its WORLD on a rail. Any other uses
+    its robot coordinate system.
+
+    Args:
+        parsed: The program as it was read.
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        controller: The robot controller.
+        external: (E,) positions of the external joints, rad or m.
     """
     own = parsed.dialect in URDF_JOINTS  # of the URDF, whatever the cell says of its controller
     if cell.external_joints and parsed.dialect in COUPLED_FRAME_FORMATS:
@@ -103,11 +124,14 @@ def compute_workpiece_frame(
 def find_wrong_frames(
     parsed: ParsedProgram, controller: RobotController, T_given_workpiece: Array, T_flange_tcp: Array, *, rides: bool
 ) -> list[str]:
-    """Tool and base, where the program gives their numbers.
+    """Return the wrong tool and base frames, where the program gives their values.
 
     Args:
-        T_given_workpiece: of :func:`compute_workpiece_frame`.
-        rides: a positioner carries the part.
+        parsed: The program as it was read.
+        controller: The robot controller.
+        T_given_workpiece: (4, 4) result of :func:`compute_workpiece_frame`.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange.
+        rides: A positioner carries the workpiece.
     """
     own = parsed.dialect in URDF_JOINTS
     mount = np.eye(4) if own or controller.T_flange_mount is None else controller.T_flange_mount
@@ -133,7 +157,12 @@ def find_wrong_frames(
 
 
 def convert_to_controller_axes(q: Array, controller: RobotController) -> Array:
-    """(M, 6) deg as the controller counts them: C (sign · q + offset), added up here axis by axis."""
+    """Return the (M, 6) axis angles as the controller counts them: C (sign · q + offset), deg.
+
+    Args:
+        q: (M, 6) joint positions of the URDF, rad.
+        controller: The robot controller.
+    """
     m = controller.joint_map
     degrees = np.degrees(q)
     if m is None:

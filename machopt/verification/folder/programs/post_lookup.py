@@ -1,4 +1,4 @@
-"""Posts by their label, and what follows from a post without any plan: its tolerance, what it takes for granted."""
+"""Posts by label, and what follows from a post without a plan: tolerance, assumptions, unsupported events."""
 
 from __future__ import annotations
 
@@ -28,9 +28,13 @@ DEFAULT_TOLERANCE_MM = 0.05
 
 
 def build_tolerance(mm: float | None, options: PlanOptions) -> ProgramTolerance:
-    """The tolerance between the controller's lines and the motion; None takes 0.05 mm.
+    """Return the tolerance between the controller's straight lines and the motion.
 
-    The angles leave room for what the motion itself smooths at the corners of the path.
+    The angular tolerances leave room for the smoothing of the motion at corners of the path.
+
+    Args:
+        mm: Position tolerance, mm; None takes 0.05 mm.
+        options: The planning options in force.
 
     Raises:
         InputError: it is below the rounding of corners, which no program of straight lines can follow.
@@ -52,7 +56,15 @@ def build_tolerance(mm: float | None, options: PlanOptions) -> ProgramTolerance:
 
 
 def find_post(label: str, folder: Path, cell: Cell, manifest: FolderManifest | None) -> str | Path | None:
-    """The post of that label: a shipped one's name, the cell's own, the folder's copy of a user's template, or None."""
+    """Return the post with a label: a shipped one, the cell's own, or the folder's copy of a template; None if there
+    is none.
+
+    Args:
+        label: Label of the post in the manifest.
+        folder: The output folder.
+        cell: The robot cell.
+        manifest: The manifest of the folder; None where it cannot be read.
+    """
     if label in list_post_names() or label in ALIASES:
         return label
     own = cell.controller.post
@@ -64,14 +76,26 @@ def find_post(label: str, folder: Path, cell: Cell, manifest: FolderManifest | N
 
 
 def list_post_assumptions(cell: Cell, toolpath: Toolpath, post: str | Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What a program of this post takes for granted, and which events it does not carry out; no plan is needed."""
+    """Return what a program of this post assumes, and the events that it does not carry out.
+
+    Args:
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        post: Name of a shipped post, or the path of a template file.
+    """
     controller = select_controller(cell, post)
     program = replace(build_short_program(cell, load_robot(cell), controller), events=toolpath.events)
     return list_assumptions(program, post, controller), list_unstarted_events(post, program, controller)
 
 
 def build_short_program(cell: Cell, robot: Robot, controller: RobotController) -> RobotProgram:
-    """Three moves at home."""
+    """Return a program of three moves at home.
+
+    Args:
+        cell: The robot cell.
+        robot: The kinematic model of the robot.
+        controller: The robot controller.
+    """
     q = np.tile(cell.home, (3, 1))
     standing = compute_controller_posture(robot, q, controller)
     return RobotProgram(
@@ -97,7 +121,11 @@ def build_short_program(cell: Cell, robot: Robot, controller: RobotController) -
 
 
 def list_external_axes(cell: Cell) -> tuple[ExternalProgramAxis, ...]:
-    """The external joints of a cell as posts take them."""
+    """Return the external joints of a cell as posts need them.
+
+    Args:
+        cell: The robot cell.
+    """
     if not cell.external_joints:
         return ()
     machine = load_machine(cell, load_robot(cell))
@@ -109,7 +137,11 @@ def list_external_axes(cell: Cell) -> tuple[ExternalProgramAxis, ...]:
 
 
 def get_workpiece_on_positioner(cell: Cell) -> Array | None:
-    """(4, 4) the workpiece in the positioner's link, else in world; None where no external joint moves anything."""
+    """Return the (4, 4) workpiece pose in the positioner's link, else in world; None without external joints.
+
+    Args:
+        cell: The robot cell.
+    """
     axes = list_external_axes(cell)
     if not axes:
         return None
@@ -119,12 +151,22 @@ def get_workpiece_on_positioner(cell: Cell) -> Array | None:
 
 
 def compute_workpiece_in_base(cell: Cell, external: Array) -> Array:
-    """(4, 4) the workpiece in base_link with external joints at (E,) rad or m."""
+    """Return the (4, 4) workpiece pose in base_link.
+
+    Args:
+        cell: The robot cell.
+        external: (E,) positions of the external joints, rad or m.
+    """
     return np.asarray(load_machine(cell, load_robot(cell)).compute_T_base_workpiece(external[None])[0])
 
 
 def select_controller(cell: Cell, post: str | Path) -> RobotController:
-    """The cell's controller; its own lines for events are in its own language and stay out of other programs."""
+    """Return the cell's controller, without its own event lines where the post writes another language.
+
+    Args:
+        cell: The robot cell.
+        post: Name of a shipped post, or the path of a template file.
+    """
     named = cell.controller.post
     own = None if named is None else load_post(named).keys.dialect
     return cell.controller if own == load_post(post).keys.dialect else replace(cell.controller, lines={})

@@ -1,4 +1,4 @@
-"""How coarsely a program prints joint targets, by the decimals that stand in it."""
+"""Resolution of printed joint targets, from the number of printed decimals."""
 
 from __future__ import annotations
 
@@ -32,7 +32,11 @@ def compute_target_step(parsed: ParsedProgram, reach: float) -> float:
 
 
 def compute_last_digit(values: Array) -> float:
-    """What one of the last digit is worth in the finite ones of some numbers; 0 where they have more than nine."""
+    """Return the value of one unit of the last printed digit; 0 where there are more than nine decimals.
+
+    Args:
+        values: Numbers as they were read; those that are not finite are ignored.
+    """
     known = values[np.isfinite(values)]
     for decimals in range(MIN_DECIMALS, MAX_DECIMALS + 1):
         if (np.abs(np.round(known, decimals) - known) <= ROUNDING_TOLERANCE * np.maximum(np.abs(known), 1.0)).all():

@@ -1,4 +1,4 @@
-"""One robot program of an output folder, and what came of comparing it."""
+"""Verification result of one robot program of an output folder."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ListedProgram:
 
 @dataclass(frozen=True)
 class ProgramComparison:
-    """What came of one program."""
+    """Verification result of one program."""
 
     program: ListedProgram
     moves: int
@@ -32,7 +32,12 @@ class ProgramComparison:
 
     @classmethod
     def build(cls, posted: ListedProgram, found: Verification | None) -> ProgramComparison:
-        """From the verification of a whole folder what is about one program."""
+        """Select what a verification of the whole folder found about one program.
+
+        Args:
+            posted: The program as the manifest lists it.
+            found: The verification; None where there is none.
+        """
         mine = tuple(c for c in found.checks if c.file == posted.files[0]) if found else ()
         stated = tuple(i for i in found.information if i.file == posted.files[0]) if found else ()
         moves = next((i.value for i in stated if i.check_name == CheckName.MOVES), 0.0)
@@ -40,7 +45,7 @@ class ProgramComparison:
 
     @property
     def differences(self) -> tuple[str, ...]:
-        """What is not as it should be, in words."""
+        """Differences in words."""
         return tuple(
             f"{c.check_name}: {c.where}" + (f" ({c.value:.4g} {c.unit})" if np.isfinite(c.value) else "")
             for c in self.checks
@@ -48,15 +53,23 @@ class ProgramComparison:
         )
 
     def get_value(self, promise: str) -> float:
-        """The value of the check of a promise; NaN where it was not made."""
+        """Return the value of a check; NaN where it was not made.
+
+        Args:
+            promise: Name of the check, a :class:`CheckName`.
+        """
         return next((c.value for c in self.checks if c.check_name == promise), float("nan"))
 
     def get_verdict(self, promise: str) -> bool | None:
-        """The same of its verdict; None where it was not made."""
+        """Return whether a check passed; None where it was not made.
+
+        Args:
+            promise: Name of the check, a :class:`CheckName`.
+        """
         return next((c.passed for c in self.checks if c.check_name == promise), None)
 
     def to_read_back(self) -> ReadBackSection | None:
-        """For result.json: mm, deg, mm/min; null where a post has no such thing, or nobody reads it."""
+        """Entry for result.json: mm, deg, mm/min; null where a post has no such value or no reader exists."""
         if not self.readable:
             return None
         return ReadBackSection(

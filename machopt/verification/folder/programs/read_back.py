@@ -1,11 +1,10 @@
-"""The robot programs of an output folder, read back and held against everything they follow from.
+"""Verification of the robot programs of an output folder, read back from their files.
 
-Each program is read by code that its writer does not share and compared with the motion and with the CAM file
-(:mod:`machopt.verification.programs.motion_comparison`, :mod:`machopt.verification.programs.cam_comparison`). What no
-comparison of targets sees (head, frames,
-loads, speeds, zones, events in the controller's words, END, files beside) must be, word by word, what the post writes
-for such targets (:mod:`machopt.programs.writing.text_comparison`). ``optimize`` and ``verify`` both call
-:func:`check_programs`.
+Each program is read by code that its writer does not share. It is compared with the motion and with the CAM file
+(:mod:`machopt.verification.programs.motion_comparison`, :mod:`machopt.verification.programs.cam_comparison`).
+Everything else (head, frames, loads, speeds, zones, events in the controller's words, END, further files) must equal,
+word by word, what the post writes for such targets (:mod:`machopt.programs.writing.text_comparison`). ``optimize``
+and ``verify`` both call :func:`check_programs`.
 """
 
 from __future__ import annotations
@@ -181,6 +180,11 @@ class _ComparisonContext:
         )
 
     def compare_program(self, posted: ListedProgram) -> ProgramComparison:
+        """Read one program back and compare it with motion, CAM file and post.
+
+        Args:
+            posted: The program as the manifest lists it.
+        """
         name = posted.files[0]
         missing = [f for f in posted.files if not (self.out / f).is_file()]
         if missing:
@@ -292,7 +296,7 @@ class _ComparisonContext:
             same = joint & (np.abs(driven - wanted).max(axis=1) < JOINT_TOLERANCE_RAD)
             T[same], joint = self.tcp[same], joint & ~same
         if joint.any():
-            # where external axes are missing is told elsewhere; home lets the rest be looked at
+            # missing external axes are reported elsewhere; home allows the other checks
             stood = np.where(np.isfinite(external), external, self.cell.external_home)
             T[joint] = self.arm.compute_tcp_in_workpiece(q[joint], stood[joint])
         pulses = controller.pulses_per_deg
@@ -331,7 +335,7 @@ class _ComparisonContext:
     def _check_frames_and_words(
         self, name: str, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, rows: Array
     ) -> list[VerificationCheck]:
-        """Frames, configuration and words that nobody understood."""
+        """Check frames, configuration and unknown words."""
         given = compute_workpiece_frame(parsed, self.cell, self.arm, controller, self.motion.external[0])
         coupled = parsed.dialect in COUPLED_FRAME_FORMATS and bool(
             self.arm.list_moving_joints(self.arm.workpiece_placement)
@@ -369,7 +373,7 @@ class _ComparisonContext:
                     where or "of all moves as their joints are",
                 )
             )
-        own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: nobody here knows its words
+        own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: its words are unknown here
         strange = [w.word for w in parsed.ignored if not w.understood and own.isdisjoint(re.findall(r"\w+", w.word))]
         strange += [w for w in parsed.warnings if "cut off" in w]
         both = np.flatnonzero(parsed.has_pose & np.isfinite(said.q).all(axis=1))

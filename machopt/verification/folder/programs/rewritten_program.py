@@ -1,4 +1,4 @@
-"""A program written a second time from what was read of it: every word beside the coordinates has to be the same."""
+"""Program written a second time from what was read of it: every word except the coordinates has to be the same."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from machopt.verification.folder.programs.post_lookup import (
 
 @dataclass(frozen=True, kw_only=True)
 class RewrittenProgram:
-    """What a post is given beside the moves."""
+    """Input of a post other than the moves."""
 
     cell: Cell
     toolpath: Toolpath
@@ -171,11 +171,18 @@ class RewrittenProgram:
 
 
 def build_failed_program_check(file: str, what: str, text: str) -> VerificationCheck:
+    """Return a failed check of a program, without a number.
+
+    Args:
+        file: Name of the program file.
+        what: Name of the checked quantity.
+        text: What is wrong.
+    """
     return build_file_check(file, what, False, float("nan"), 0.0, "", text)
 
 
 def _list_printed_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:
-    """Columns whose last digit may hang on rounding, as the program says them; their law is checked beside."""
+    """Return columns as the program has them whose last digit depends on rounding; their law is checked separately."""
     words = parsed.configuration
     if parsed.dialect == "fanuc":
         cnt = [int(w.get("cnt", 0)) for w in words]  # type: ignore[call-overload]

@@ -1,4 +1,4 @@
-"""Robot programs in an output folder that no post of it wrote."""
+"""Robot programs in an output folder that none of its posts wrote."""
 
 from __future__ import annotations
 
@@ -16,7 +16,12 @@ NON_PROGRAM_FILES = frozenset(
 
 
 def find_stray_programs(out: Path, posted: Sequence[ListedProgram]) -> tuple[ProgramComparison, ...]:
-    """One entry a file that looks like a robot program and belongs to none of the folder."""
+    """Return one entry for each file that looks like a robot program and belongs to no post of the folder.
+
+    Args:
+        out: The output folder.
+        posted: Programs that the manifest lists.
+    """
     mine = {name for one in posted for name in (*one.files, one.label)}  # a user's template lies under its label
     found = []
     for file in sorted(p for p in out.rglob("*") if p.is_file()):

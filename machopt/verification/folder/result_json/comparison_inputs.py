@@ -1,4 +1,4 @@
-"""What result.json tells, beside everything it may be held against, and the comparisons that are made."""
+"""Content of result.json with the data that it is compared with, and the basic comparisons."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ RELATIVE_TOLERANCE = 1e-9  # relative: sums and ratios of figures that stand in 
 
 @dataclass(frozen=True, kw_only=True)
 class ResultComparison:
-    """result.json, and everything it may be held against."""
+    """Content of result.json, and the data that it is compared with."""
 
     result: OptimizeDocument
     folder: Path
@@ -53,7 +53,7 @@ class ResultComparison:
 
     @cached_property
     def motion(self) -> ColumnTable:
-        """trajectory.csv; read when first asked for, since a table that cannot be read fails that part."""
+        """trajectory.csv, read on first use, because a table that cannot be read fails that part only."""
         return read_table(self.folder / "trajectory.csv")
 
     @cached_property
@@ -63,9 +63,9 @@ class ResultComparison:
 
     @cached_property
     def worst_along_cuts(self) -> tuple[float, ...]:
-        """The worst index along the cuts of each tool, between points too, by the verifier's laws, in SI.
+        """Worst index along the cuts of each tool, between points too, by the verifier's laws, SI.
 
-        NaN where it is not known: no motion, points left out of it, a law that is not written twice.
+        NaN where it is not known: no motion, points left out of it, or a law without second implementation.
         """
         stints = split_into_tool_segments(self.cell, self.toolpath)
         unknown = (math.nan,) * len(stints)
@@ -93,6 +93,14 @@ class CheckedPoints:
 
     @classmethod
     def from_file(cls, t: ResultComparison) -> CheckedPoints:
+        """Return points.csv of a comparison.
+
+        Args:
+            t: Result.json and everything that it is compared with.
+
+        Raises:
+            ValueError: the table has another number of rows than the toolpath.
+        """
         rows = len(t.points.read_words("status"))
         if rows != len(t.toolpath):
             raise ValueError(f"points.csv has {rows} rows, the toolpath {len(t.toolpath)} points")
@@ -104,12 +112,24 @@ class CheckedPoints:
         return np.array([status == "ok" for status in self.table.read_words("status")])
 
     def get_column(self, name: str) -> Array:
+        """Return the (N,) values of a column, NaN in empty fields.
+
+        Args:
+            name: Name of the column.
+
+        Raises:
+            ValueError: there is no such column.
+        """
         if name not in self.table:
             raise ValueError(f"points.csv lacks the column {name}")
         return self.table.read_numbers(name, empty=True)
 
     def compute_cost(self, t: ResultComparison) -> Array:
-        """(N,) the index at the points that are cut to, in SI, less is better; NaN elsewhere."""
+        """Return the (N,) cost at the points that are cut to, SI, less is better; NaN elsewhere.
+
+        Args:
+            t: Result.json and everything that it is compared with.
+        """
         counts = t.toolpath.cutting & self.is_ok
         index = t.result.index
         if index == "deflection":
@@ -123,7 +143,12 @@ class CheckedPoints:
         return np.where(counts, out, np.nan)
 
     def cost_rounding(self, t: ResultComparison) -> Array:
-        """(N,) the largest error of :meth:`cost`, in SI, that follows from half of the last digit in points.csv."""
+        """Return the (N,) largest rounding error of :meth:`compute_cost` in SI, from half of the last digit in
+        points.csv.
+
+        Args:
+            t: Result.json and everything that it is compared with.
+        """
         if t.result.index == "deflection":
             return np.full(len(t.toolpath), 0.5e-3 * LAST_DIGIT_MM)
         names = ("k_jiao_x_N_mm",) if t.result.index == "jiao2022" else ("k_axial_N_mm", "k_normal_N_mm")
@@ -132,10 +157,23 @@ class CheckedPoints:
 
 
 def is_output_file(t: ResultComparison, name: str) -> bool:
+    """Return whether a file of that name lies in the output folder.
+
+    Args:
+        t: Result.json and everything that it is compared with.
+        name: Name of the file, relative to the folder.
+    """
     return name in list_folder_files(t.folder) and (t.folder / name).is_file()
 
 
 def check_equal(name: str, found: object, expected: object) -> Iterable[str]:
+    """Yield a message if two values differ.
+
+    Args:
+        name: Key in result.json.
+        found: The value found.
+        expected: The recomputed value.
+    """
     found, expected = _convert_tuples(found), _convert_tuples(expected)
     if found != expected or isinstance(found, bool) != isinstance(expected, bool):
         yield f"{name} is {format_json_value(found)}, {format_json_value(expected)} follows"
@@ -147,6 +185,13 @@ def _convert_tuples(value: object) -> object:
 
 
 def check_same_items(name: str, found: Mapping[str, object], expected: Mapping[str, object]) -> Iterable[str]:
+    """Yield a message for each key whose values differ.
+
+    Args:
+        name: Key in result.json.
+        found: Mapping in result.json.
+        expected: The recomputed mapping.
+    """
     for key in sorted(found.keys() | expected.keys()):
         if key not in expected:
             yield f"{name}.{key} is {format_json_value(found[key])}, nothing of that name follows"
@@ -159,7 +204,15 @@ def check_same_items(name: str, found: Mapping[str, object], expected: Mapping[s
 def check_close(
     name: str, found: float | None, expected: float | None, relative: float, absolute: float
 ) -> Iterable[str]:
-    """Null stands for what is not finite."""
+    """Yield a message if two numbers differ by more than the tolerance. None stands for a number that is not finite.
+
+    Args:
+        name: Key in result.json.
+        found: Number in result.json.
+        expected: The recomputed number.
+        relative: Tolerance as a share of the expected number.
+        absolute: Tolerance in the unit of the number.
+    """
     if expected is None or not math.isfinite(expected):
         yield from check_equal(name, found, None)
     elif found is None or not abs(found - expected) <= relative * abs(expected) + absolute:
@@ -167,7 +220,11 @@ def check_close(
 
 
 def require_number(name: str, value: float | None) -> float:
-    """A number that must be there.
+    """Return a number that must not be null.
+
+    Args:
+        name: Key in result.json.
+        value: The number.
 
     Raises:
         ValueError: it is null.
@@ -178,7 +235,11 @@ def require_number(name: str, value: float | None) -> float:
 
 
 def format_json_value(value: object) -> str:
-    """A value as the file would write it: null, true, "done"."""
+    """Return a value as JSON text: null, true, "done".
+
+    Args:
+        value: The value.
+    """
     if isinstance(value, DocumentModel):
         value = value.to_json_types()
     if isinstance(value, float | np.floating):

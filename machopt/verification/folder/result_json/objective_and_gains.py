@@ -1,4 +1,4 @@
-"""What result.json tells of objective, gains, compensation and front, recomputed from the tables."""
+"""Objective, gains, compensation and trade-off front of result.json, recomputed from the tables."""
 
 from __future__ import annotations
 
@@ -35,12 +35,13 @@ MIN_GAIN_PERCENT = 0.01  # a smaller difference of the means is no gain
 
 
 def limit_worst_index(t: ResultComparison, most: float, along: float) -> float:
-    """The worst index that may be told, in SI.
+    """Return the worst index that may be reported, SI.
 
     Args:
-        most: of the points in points.csv.
-        along: of the samples between them, of the same stretch; NaN: not known. What is left then: compliance goes
-            with the square of the lever, which a move of L m changes by no more than L, and arms reach a metre.
+        t: Result.json and everything that it is compared with.
+        most: Worst index of the points in points.csv.
+        along: Worst index of the samples between them, of the same stretch. If it is NaN, a bound is used: compliance
+            grows with the square of the lever, which a move of L m changes by at most L, and arms reach 1 m.
     """
     if np.isfinite(along):
         return max(most, along) * POINT_TO_SAMPLE_FACTOR
@@ -49,6 +50,11 @@ def limit_worst_index(t: ResultComparison, most: float, along: float) -> float:
 
 
 def check_objective(t: ResultComparison) -> Iterable[str]:
+    """Yield what is wrong with objective and gains.
+
+    Args:
+        t: Result.json and everything that it is compared with.
+    """
     parts, w = t.result.objective, t.options.weights
     for name, o in (
         ("cam_default", parts.cam_default),
@@ -97,14 +103,14 @@ def check_objective(t: ResultComparison) -> Iterable[str]:
     own = parts.chosen
     cost = CheckedPoints.from_file(t).compute_cost(t)
     if own.worst is not None and np.isfinite(cost).any():
-        told, most = own.worst * require_number("index_scale", t.result.index_scale), float(np.nanmax(cost))
+        stated, most = own.worst * require_number("index_scale", t.result.index_scale), float(np.nanmax(cost))
         rounding = CheckedPoints.from_file(t).cost_rounding(t)[int(np.nanargmax(cost))]
         if (
             not most * (1 - PRINTED_TOLERANCE) - rounding
-            <= told
+            <= stated
             <= limit_worst_index(t, most, float(np.max(t.worst_along_cuts)))
         ):
-            yield f"objective.chosen.worst is {told:.9g} in the index's unit, points.csv has {most:.9g}"
+            yield f"objective.chosen.worst is {stated:.9g} in the index's unit, points.csv has {most:.9g}"
         if not 0.0 < require_number("chosen.mean", own.mean) <= own.worst:
             yield "objective.chosen.mean is not between nothing and the worst"
     yield from _check_mean_nearness(t, require_number("chosen.clearance", own.clearance))
@@ -167,11 +173,16 @@ def _check_gain(gain: MeanGainEntry, own: ObjectivePartsSection, other: Objectiv
 
 
 def check_compensation(t: ResultComparison) -> Iterable[str]:
-    told, file = t.result.compensation, t.folder / "compensation.csv"
+    """Yield what is wrong with the compensation section.
+
+    Args:
+        t: Result.json and everything that it is compared with.
+    """
+    stated, file = t.result.compensation, t.folder / "compensation.csv"
     if not t.options.compensate or t.contents is None:
-        yield from check_equal("compensation", told, None)
+        yield from check_equal("compensation", stated, None)
         return
-    if told is None:
+    if stated is None:
         yield "compensation is null, yet the path is compensated"
         return
     columns = read_columns(file)
@@ -179,22 +190,27 @@ def check_compensation(t: ResultComparison) -> Iterable[str]:
     shift = np.linalg.norm(np.array([columns[f"d{c}_mm"] for c in "xyz"], float), axis=0)
     at = np.clip(np.ceil(index - 1e-9).astype(int), 0, len(t.toolpath) - 1)
     yield from check_close(
-        "compensation.max_mm", told.max_mm, float(shift[t.toolpath.cutting[at]].max()), PRINTED_TOLERANCE, 1e-5
+        "compensation.max_mm", stated.max_mm, float(shift[t.toolpath.cutting[at]].max()), PRINTED_TOLERANCE, 1e-5
     )
     for small, large in (("mean_mm", "max_mm"), ("residual_mean_mm", "residual_max_mm")):
-        if not 0.0 <= getattr(told, small) <= getattr(told, large) * (1 + PRINTED_TOLERANCE):
+        if not 0.0 <= getattr(stated, small) <= getattr(stated, large) * (1 + PRINTED_TOLERANCE):
             yield f"compensation.{small} is not between nothing and {large}"
 
 
 def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
-    """front.csv, the table in result.json, and the motion that lies in the folder, which is the first of them."""
-    told, file = t.result.front, t.folder / "front.csv"
-    if told is None:
+    """Yield what differs between front.csv, the front in result.json, and the motion in the folder, which is its
+    first plan.
+
+    Args:
+        t: Result.json and everything that it is compared with.
+    """
+    stated, file = t.result.front, t.folder / "front.csv"
+    if stated is None:
         if file.exists():
             yield "names no front, yet there is a front.csv"
         return
     rows = read_columns(file)
-    free = [p for p in told if not p.dominated]
+    free = [p for p in stated if not p.dominated]
     for name, words in rows.items():
         if name in ("plan", "changed"):
             yield from check_equal(f"front.csv: {name}", words, [getattr(p, name) for p in free])
@@ -207,14 +223,14 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
             elif word:
                 yield from check_close(f"front.csv: {name} of {p.plan}", float(word), found, 1e-8, 0.0)
     keys = ("mean_index", "cycle_time_s", "joint_travel_deg", "clearance_mm")
-    known_of = [[(k, getattr(p, k)) for k in keys if getattr(p, k) is not None] for p in told]
+    known_of = [[(k, getattr(p, k)) for k in keys if getattr(p, k) is not None] for p in stated]
     less = [[(-1.0 if k == "clearance_mm" else 1.0) * v for k, v in row] for row in known_of]
-    for p, a in zip(told, less, strict=True):
+    for p, a in zip(stated, less, strict=True):
         pairs = [list(zip(a, b, strict=True)) for b in less]
         under = any(all(y <= x for x, y in c) and any(y < x - 1e-5 * abs(x) for x, y in c) for c in pairs)
         if under and not p.dominated:
             yield f"front: {p.plan} is not told as dominated, yet another plan is nowhere worse"
-    own, q = told[0], np.array([t.motion.read_numbers(f"q{j}_deg") for j in range(1, 7)])
+    own, q = stated[0], np.array([t.motion.read_numbers(f"q{j}_deg") for j in range(1, 7)])
     chosen, scale = t.result.objective.chosen, 1e3 * require_number("index_scale", t.result.index_scale)
     yield from check_close(
         "front: mean_index", own.mean_index, scale * require_number("chosen.mean", chosen.mean), RELATIVE_TOLERANCE, 0.0
@@ -239,7 +255,12 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
 
 
 def is_within_ranges(values: Array, ranges: Array) -> Bools:
-    """(n,) which of the values (n,) lie in any of the closed ranges (K, 2); the time follows n + K, not n · K."""
+    """Return (n,) whether each value lies in any of the closed ranges, in O(n + K) time after sorting.
+
+    Args:
+        values: (n,) values.
+        ranges: (K, 2) lower and upper ends.
+    """
     order = np.argsort(values, kind="stable")
     first = np.searchsorted(values[order], ranges[:, 0], side="left")
     stop = np.searchsorted(values[order], ranges[:, 1], side="right")

@@ -1,4 +1,4 @@
-"""What result.json tells of where the TCP is by measured poses, held against the cell's file and points.csv."""
+"""Position error section of result.json, compared with the cell's stiffness file and points.csv."""
 
 from __future__ import annotations
 
@@ -23,27 +23,30 @@ PRINTED_ANGLE_DEG = (
 
 
 def check_position_error(t: ResultComparison) -> Iterable[str]:
-    """Numbers as the cell's ``check_position_error`` has them; joints that go beyond its poses, by the points' own
-    angles."""
-    told, known = t.result.position_error, None if t.cell.stiffness is None else t.cell.stiffness.position
+    """Yield what is wrong with the position error, and with the joints that exceed its measured range.
+
+    Args:
+        t: Result.json and everything that it is compared with.
+    """
+    stated, known = t.result.position_error, None if t.cell.stiffness is None else t.cell.stiffness.position
     q = _list_cut_joints(t)
     if known is None or not len(q):
-        yield from check_equal("position_error", told, None)
+        yield from check_equal("position_error", stated, None)
         return
-    if told is None:
+    if stated is None:
         yield "position_error is null, yet the cell's stiffness holds one"
         return
     corrected = bool(t.cell.kinematics)
-    yield from check_equal("position_error.corrected", told.corrected, corrected)
+    yield from check_equal("position_error.corrected", stated.corrected, corrected)
     std, beyond = (known.std if corrected else known.plain), max(known.plain, known.std)
     for name, found, expected in (
-        ("std_mm", told.std_mm, std),
-        ("beyond_mm", told.beyond_mm, beyond),
-        ("noise_mm", told.noise_mm, known.noise),
+        ("std_mm", stated.std_mm, std),
+        ("beyond_mm", stated.beyond_mm, beyond),
+        ("noise_mm", stated.noise_mm, known.noise),
     ):
         yield from check_close(f"position_error.{name}", found, 1e3 * expected, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE)
-    yield from check_equal("position_error.poses", told.poses, known.poses)
-    yield from _check_outside_range(told.outside_joints, told.outside_percent or 0.0, q, known)
+    yield from check_equal("position_error.poses", stated.poses, known.poses)
+    yield from _check_outside_range(stated.outside_joints, stated.outside_percent or 0.0, q, known)
 
 
 def _list_cut_joints(t: ResultComparison) -> Array:

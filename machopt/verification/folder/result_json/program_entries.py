@@ -1,4 +1,4 @@
-"""``check_program_entries`` of result.json held against manifest, files and what reading them back gives."""
+"""Program entries of result.json, compared with the manifest, the files, and the programs read back."""
 
 from __future__ import annotations
 
@@ -23,10 +23,15 @@ DIFFERENCE_TOLERANCE = 1e-4  # mm, deg, mm/min: what rounding moves a measured d
 
 
 def check_program_entries(t: ResultComparison) -> Iterable[str]:
-    told = t.result.programs
+    """Yield what is wrong with the program entries.
+
+    Args:
+        t: Result.json and everything that it is compared with.
+    """
+    stated = t.result.programs
     there = {f.name for f in t.manifest.files if f.role == "program"} if t.manifest else None
-    named = [name for p in told for name in p.files]
-    for p in told:
+    named = [name for p in stated for name in p.files]
+    for p in stated:
         if p.files:
             lines = sum((t.folder / name).read_bytes().count(b"\n") for name in p.files if is_output_file(t, name))
             yield from check_equal(f"{p.post}: lines", p.lines, lines)
@@ -41,13 +46,13 @@ def check_program_entries(t: ResultComparison) -> Iterable[str]:
             yield f"{name} is named and not there"
     if t.manifest is not None and there is not None:
         listed_programs = [[p.post, list(p.files)] for p in t.manifest.programs]
-        yield from check_equal("programs", [[p.post, list(p.files)] for p in told if p.files], listed_programs)
+        yield from check_equal("programs", [[p.post, list(p.files)] for p in stated if p.files], listed_programs)
         for name in sorted(there - set(named)):
             yield f"{name} is a program and not named"
-        said = [f"{p.files[0]}: {x}" for p in told if p.files for x in (*p.not_in_program, *p.assumed)]
+        said = [f"{p.files[0]}: {x}" for p in stated if p.files for x in (*p.not_in_program, *p.assumed)]
         yield from check_equal("warnings (of the manifest)", list(t.manifest.warnings), said)
         tolerance = t.manifest.program_tolerance_mm
-        for p in told:
+        for p in stated:
             yield from check_close(f"{p.post}: tolerance_mm", p.tolerance_mm, tolerance, RELATIVE_TOLERANCE, 0.0)
     if t.result.exit_code != 0 and named:
         yield f"exit code {t.result.exit_code}, yet there is a robot program: {named[0]}"
@@ -55,49 +60,49 @@ def check_program_entries(t: ResultComparison) -> Iterable[str]:
 
 def _check_feed_model(p: RobotProgramEntry) -> Iterable[str]:
     """What a model says of a feed follows from the planner's moves; that it can be so is checked."""
-    told = p.feed_model
-    if told is None:
+    stated = p.feed_model
+    if stated is None:
         return
-    low, mean, held = told.lowest_percent, told.mean_percent, told.held_length_percent
+    low, mean, held = stated.lowest_percent, stated.mean_percent, stated.held_length_percent
     if not (
         0.0 <= low <= mean * (1 + RELATIVE_TOLERANCE)
         and mean <= 100.0 * (1 + RELATIVE_TOLERANCE)
         and 0.0 <= held <= 100.0 * (1 + RELATIVE_TOLERANCE)
     ):
-        yield f"{p.post}: feed_model cannot be: {format_json_value(told)}"
-    if not (told.cutting_time_s >= 0.0 and told.rounding_max_mm >= 0.0 and told.exact_stops >= 0):
-        yield f"{p.post}: feed_model is below zero: {format_json_value(told)}"
-    if told.rounding_max_mm > p.tolerance_mm * (1 + RELATIVE_TOLERANCE):
-        yield f"{p.post}: rounds by {told.rounding_max_mm:.4g} mm, more than its tolerance"
+        yield f"{p.post}: feed_model cannot be: {format_json_value(stated)}"
+    if not (stated.cutting_time_s >= 0.0 and stated.rounding_max_mm >= 0.0 and stated.exact_stops >= 0):
+        yield f"{p.post}: feed_model is below zero: {format_json_value(stated)}"
+    if stated.rounding_max_mm > p.tolerance_mm * (1 + RELATIVE_TOLERANCE):
+        yield f"{p.post}: rounds by {stated.rounding_max_mm:.4g} mm, more than its tolerance"
 
 
 def _get_segment(t: ResultComparison, p: RobotProgramEntry) -> ToolSegment:
     """What of the job a program drives, by the manifest."""
-    stints = split_into_tool_segments(t.cell, t.toolpath)
+    segments = split_into_tool_segments(t.cell, t.toolpath)
     listed = t.manifest.programs if t.manifest is not None else ()
     number = next((one.stint for one in listed if one.files == p.files), 0)
-    return stints[max(number, 1) - 1]
+    return segments[max(number, 1) - 1]
 
 
 def _check_program_statements(t: ResultComparison, p: RobotProgramEntry) -> Iterable[str]:
-    """What is told of one program: its checks, and what it takes for granted or leaves to a comment."""
+    """Check the entry of one program: its checks, assumptions and events left to a comment."""
     post = find_post(p.post, t.folder, t.cell, t.manifest)
     if post is not None:
-        stint = _get_segment(t, p)
-        yield from check_equal(f"{p.post}: tool", p.tool, stint.tool if stint.number else None)
-        assumed, left = list_post_assumptions(stint.cell, stint.toolpath, post)
+        segment = _get_segment(t, p)
+        yield from check_equal(f"{p.post}: tool", p.tool, segment.tool if segment.number else None)
+        assumed, left = list_post_assumptions(segment.cell, segment.toolpath, post)
         yield from check_equal(f"{p.post}: assumed", p.assumed, list(assumed))
         yield from check_equal(f"{p.post}: not_in_program", p.not_in_program, list(left))
     found = ProgramComparison.build(ListedProgram(p.post, post, tuple(p.files)), t.contents).to_read_back()
-    told = p.checked
-    if (found is None) != (told is None):
-        yield f"{p.post}: checked is {format_json_value(told)}, {format_json_value(found)} follows"
-    if found is None or told is None:
+    stated = p.checked
+    if (found is None) != (stated is None):
+        yield f"{p.post}: checked is {format_json_value(stated)}, {format_json_value(found)} follows"
+    if found is None or stated is None:
         return
     for key, value in found:
         if isinstance(value, float) and not key.startswith("moves"):
             yield from check_close(
-                f"{p.post}: checked.{key}", getattr(told, key), value, CHECK_VALUE_TOLERANCE, DIFFERENCE_TOLERANCE
+                f"{p.post}: checked.{key}", getattr(stated, key), value, CHECK_VALUE_TOLERANCE, DIFFERENCE_TOLERANCE
             )
         else:
-            yield from check_equal(f"{p.post}: checked.{key}", getattr(told, key), value)
+            yield from check_equal(f"{p.post}: checked.{key}", getattr(stated, key), value)

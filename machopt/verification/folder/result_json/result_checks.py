@@ -1,7 +1,8 @@
-"""result.json held against what it was drawn from: tables, inputs, options, the manifest and the verification itself.
+"""Checks of result.json against the tables, inputs, options, manifest and verification it was made from.
 
-What follows from the planner alone is listed in ``scope.NOT_RECOMPUTED``; sums and ratios made of it are checked. So
-are the sentences under ``reason`` of points.csv (that a point has one, and its status, are checked).
+Values that follow from the planner alone are listed in ``coverage.NOT_RECOMPUTED``; sums and ratios of them are
+checked. The sentences under ``reason`` of points.csv are not compared; that a point has a reason, and its status,
+are.
 """
 
 from __future__ import annotations
@@ -83,7 +84,17 @@ def check_result_document(
     manifest: FolderManifest | None,
     contents: Verification | None,
 ) -> list[VerificationCheck]:
-    """One check for each part of result.json; a part that is missing or malformed fails its check."""
+    """Return one check for each part of result.json; a part that is missing or malformed fails its check.
+
+    Args:
+        folder: The output folder.
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        options: The planning options in force.
+        inputs: The given input files with their hashes.
+        manifest: The manifest of the folder; None where it cannot be read.
+        contents: Verification of the tables; None where there is none.
+    """
     file = folder / RESULT_FILE
     try:
         value = read_json(file)
@@ -91,9 +102,9 @@ def check_result_document(
         return [_build_check("", [str(problem)])]
     try:
         result = OptimizeDocument.model_validate(value)
-    except ValidationError as problem:  # what somebody else wrote into the file may be of any shape
+    except ValidationError as problem:  # an edited file may have any form
         return [_build_check(part, said) for part, said in list_schema_errors(problem).items()]
-    told = ResultComparison(
+    stated = ResultComparison(
         result=result,
         folder=folder,
         cell=cell,
@@ -103,7 +114,7 @@ def check_result_document(
         manifest=manifest,
         contents=contents,
     )
-    return [_run_part_check(name, part, told) for name, part in _PARTS.items()]
+    return [_run_part_check(name, part, stated) for name, part in _PARTS.items()]
 
 
 def _run_part_check(
@@ -119,7 +130,7 @@ def _run_part_check(
 
 
 def _format_error(problem: Exception) -> str:
-    """What somebody who knows no Python makes something of."""
+    """Return the message in words that do not refer to Python."""
     if isinstance(problem, KeyError):
         return f"the key {format_json_value(problem.args[0])} is missing"
     if isinstance(problem, ValueError) and problem.args:
@@ -159,9 +170,9 @@ def _check_verdict(t: ResultComparison) -> Iterable[str]:
         yield from check_equal(
             "not_recomputed (of the manifest)", list(t.manifest.not_recomputed), list(NOT_RECOMPUTED)
         )
-        told = [f"{c.what}: {c.how}" for c in t.manifest.checked]
+        stated = [f"{c.what}: {c.how}" for c in t.manifest.checked]
         yield from check_equal(
-            "checked (of the manifest)", told, [f"{c.what}: {c.how}" for c in list_checked(t.options)]
+            "checked (of the manifest)", stated, [f"{c.what}: {c.how}" for c in list_checked(t.options)]
         )
         yield from check_equal("version", t.result.version, t.manifest.versions.get("machopt"))
 
@@ -235,20 +246,20 @@ def _check_toolpath(t: ResultComparison) -> Iterable[str]:
 
 def _check_tools(t: ResultComparison) -> Iterable[str]:
     """Which tool each stretch of the job has, by the CAM file."""
-    stints, told = split_into_tool_segments(t.cell, t.toolpath), t.result.tools
-    if len(stints) == 1:
-        yield from check_equal("tools", told, None)
+    segments, stated = split_into_tool_segments(t.cell, t.toolpath), t.result.tools
+    if len(segments) == 1:
+        yield from check_equal("tools", stated, None)
         return
     keys = ("tool", "first_point", "last_point", "operations")
     expected = [
         dict(zip(keys, (s.tool, s.first, s.stop - 1, list(list_used_operations(s.toolpath))), strict=True))
-        for s in stints
+        for s in segments
     ]
-    found = [{**{k: getattr(p, k) for k in keys}, "operations": list(p.operations)} for p in told or ()]
+    found = [{**{k: getattr(p, k) for k in keys}, "operations": list(p.operations)} for p in stated or ()]
     yield from check_equal("tools", found, expected)
     points, scale = CheckedPoints.from_file(t), require_number("index_scale", t.result.index_scale)
     cost = points.compute_cost(t)
-    for s, p, along in zip(stints, told or (), t.worst_along_cuts, strict=False):
+    for s, p, along in zip(segments, stated or (), t.worst_along_cuts, strict=False):
         own = cost[s.first : s.stop]
         if p.worst_index is not None and np.isfinite(own).any() and scale > 0:
             most = float(np.nanmax(own))
@@ -372,7 +383,7 @@ def _is_reversal(toolpath: Toolpath, at: float) -> bool:
 
 
 def _is_dwelling(t: ResultComparison, point: Array) -> Bools:
-    """(S,) rows that stand where the one before stood, at a point where the file dwells: no feed is asked for there."""
+    """Return (S,) rows at the position of the row before, at a dwell of the file: no feed applies there."""
     at = [min(e.index, len(t.toolpath)) - 1 for e in t.toolpath.events if e.kind == "dwell"]
     if not at:
         return np.zeros(len(point), bool)

@@ -1,4 +1,4 @@
-"""Which part of result.json is not of the form that machopt writes, and what is wrong with it."""
+"""Schema errors of result.json, grouped by its parts."""
 
 from __future__ import annotations
 
@@ -41,7 +41,11 @@ _PART_BY_KEY = {
 
 
 def list_schema_errors(problem: ValidationError) -> dict[str, list[str]]:
-    """What is wrong by part, each thing once; the other parts cannot be compared without these."""
+    """Return the schema errors by part, each error once.
+
+    Args:
+        problem: The validation error of pydantic.
+    """
     wrong: dict[str, list[ErrorDetails]] = {}
     for error in problem.errors():
         part = _PART_BY_KEY.get(str(error["loc"][0]) if error["loc"] else "", "verdict")

@@ -1,4 +1,4 @@
-"""``check_worst_point`` of result.json held against points.csv."""
+"""Worst point of result.json, compared with points.csv."""
 
 from __future__ import annotations
 
@@ -28,6 +28,11 @@ Z_90_PERCENT = 1.6448536269514722  # standard deviations of a 90 % interval
 
 
 def check_worst_point(t: ResultComparison) -> Iterable[str]:
+    """Yield what is wrong with the worst point.
+
+    Args:
+        t: Result.json and everything that it is compared with.
+    """
     points = CheckedPoints.from_file(t)
     worst = t.result.worst_point
     cost = points.compute_cost(t)

@@ -1,4 +1,4 @@
-"""A path shifted against the predicted deflection: what was shifted, against which force, and whether that is right.
+"""Compensation: the shift of the path, the force it is computed for, and whether it cancels the deflection.
 
 The deflection is computed again by :mod:`machopt.verification.motion.stiffness.arm_compliance`.
 """
@@ -31,7 +31,7 @@ TABLE_TOLERANCE_MM = 1e-5  # the same number in both files
 
 @dataclass(frozen=True, kw_only=True)
 class ShiftComparison:
-    """One comparison: a value per place; none where it could not be made, with the reason."""
+    """One comparison with a value for each place; no values and a reason where it could not be made."""
 
     name: str
     unit: str
@@ -43,7 +43,12 @@ class ShiftComparison:
 
 
 def compute_commanded_corners(toolpath: Toolpath, shift: ExportedShift) -> tuple[Array, Array]:
-    """Index (P,) and position (P, 3) m of the commanded polyline's corners in the workpiece frame."""
+    """Return index (P,) and position (P, 3) m of the commanded polyline's corners in the workpiece frame.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        shift: The exported compensation shift (compensation.csv).
+    """
     every = np.arange(len(toolpath), dtype=float)
     line = np.column_stack([np.interp(shift.index, every, toolpath.position[:, c]) for c in range(3)])
     return shift.index, line + shift.offset
@@ -58,7 +63,17 @@ def compare_compensation_shift(
     arm: UrdfKinematics,
     options: PlanOptions,
 ) -> list[ShiftComparison]:
-    """Both files agree, the force is the stated one, the shift is minus the deflection it causes, and has no jumps."""
+    """Compare the shift with minus the recomputed deflection, the force with the stated one, and both tables.
+
+    Args:
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        motion: The exported motion (trajectory.csv), SI.
+        points: The exported points (points.csv), SI.
+        shift: The exported compensation shift (compensation.csv).
+        arm: Kinematics of the URDF with the cell's tool.
+        options: The planning options in force.
+    """
     number = np.round(shift.index).astype(int)
     whole = np.abs(shift.index - number) < 1e-6
     row_of = dict(zip(number[whole].tolist(), np.flatnonzero(whole).tolist(), strict=True))
@@ -120,13 +135,13 @@ def _compare_tables(
     name = "points.csv and compensation.csv"
     lacking = sorted(set(range(len(toolpath))) - set(row_of))
     if lacking or points.shift is None:
-        told = (f"compensation.csv lacks point {lacking[:1]}",)
+        stated = (f"compensation.csv lacks point {lacking[:1]}",)
         return ShiftComparison(
             name=name,
             unit="mm",
             limit=TABLE_TOLERANCE_MM,
             values=np.array([np.inf]),
-            where=told,
+            where=stated,
             file="compensation.csv",
         )
     known = [n for n, k in enumerate(points.point.tolist()) if k in row_of]
@@ -150,7 +165,7 @@ def _find_cutting_joints(
     driven, stood = (np.hstack([of.q, of.external]) for of in (motion, points))
     cuts = np.flatnonzero((motion.move != MoveKind.RAPID) & np.isfinite(motion.point))
     s = np.maximum.accumulate(motion.point[cuts]) if len(cuts) else np.empty(0)
-    told = {k: q for k, q, status in zip(points.point.tolist(), stood, points.status, strict=True) if status == "ok"}
+    stated = {k: q for k, q, status in zip(points.point.tolist(), stood, points.status, strict=True) if status == "ok"}
     out: dict[int, Array] = {}
     for row in rows.tolist():
         x = float(shift.index[row])
@@ -159,8 +174,8 @@ def _find_cutting_joints(
         if s[a] <= x <= s[b] and cuts[b] - cuts[a] <= 1:
             f = (x - s[a]) / (s[b] - s[a]) if s[b] > s[a] else 1.0
             out[row] = driven[cuts[a]] + f * (driven[cuts[b]] - driven[cuts[a]])
-        elif round(x) in told and abs(x - round(x)) < 1e-6 and np.isfinite(told[round(x)]).all():
-            out[row] = told[round(x)]
+        elif round(x) in stated and abs(x - round(x)) < 1e-6 and np.isfinite(stated[round(x)]).all():
+            out[row] = stated[round(x)]
     return out
 
 

@@ -1,7 +1,7 @@
-"""Where the file dwells or stops, the arm is at rest at that very point, and stands there as long as the file says.
+"""Check that the arm is at rest where the file dwells or stops, at that very point and as long as the file says.
 
-Between samples no rest can be seen, so it is told by the steps beside one: from rest an axis with jerk limit J moves no
-farther than J h³ / 6 within a sample h.
+A rest between samples is detected by the steps next to it: from rest, an axis with jerk limit J moves at most J h³ /
+6 within a sample period h.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def check_dwells_and_stops(
     motion: ExportedMotion,
     toolpath: Toolpath,
     points: ExportedPoints,
-    ride: SampleLocations,
+    locations: SampleLocations,
     place: tuple[Array, Array],
     cell: Cell,
 ) -> list[VerificationCheck]:
@@ -36,7 +36,7 @@ def check_dwells_and_stops(
         motion: trajectory.csv.
         toolpath: with its events.
         points: points.csv; at points that it gives up nothing stands.
-        ride: the motion against the toolpath.
+        locations: the motion against the toolpath.
         place: (P,), (P, 3) m: fractional index and place of the commanded polyline's corners.
         cell: its limits of jerk.
     """
@@ -66,7 +66,7 @@ def check_dwells_and_stops(
                     known, k + 0.5
                 )
             ]
-            near = near[np.linalg.norm(ride.tcp[near, :3, 3] - at, axis=1) <= ride.path_limit]
+            near = near[np.linalg.norm(locations.tcp[near, :3, 3] - at, axis=1) <= locations.path_limit]
             there, stood, name = (
                 bool(len(near)),
                 _find_longest_rest(np.sort(near), still) * motion.sample_time,
@@ -80,18 +80,18 @@ def check_dwells_and_stops(
 
 
 def _list_dwells(toolpath: Toolpath) -> dict[int, float]:
-    """s that the file dwells at each point at which it dwells or stops, 0 where none is told; −1: before the first."""
+    """Return the dwell time at each point with a dwell or stop, s, 0 without a stated time; −1: before the first."""
     out: dict[int, float] = {}
     for event in toolpath.events:
         if event.kind in ("dwell", "stop"):
             at = min(event.index, len(toolpath)) - 1
-            told = event.kind == "dwell" and event.value > 0
-            out[at] = out.get(at, 0.0) + (event.value if told else 0.0)
+            stated = event.kind == "dwell" and event.value > 0
+            out[at] = out.get(at, 0.0) + (event.value if stated else 0.0)
     return out
 
 
 def _count_equal_points_before(toolpath: Toolpath, k: int) -> int:
-    """How many points right before point k lie at its place: the motion may pass them all while it stands."""
+    """Return how many points before point k lie at its place: the motion may pass them all while at rest."""
     count = 0
     while (
         count < k

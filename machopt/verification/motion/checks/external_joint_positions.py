@@ -1,6 +1,7 @@
-"""Whether external joints stand where the user wants them: at the points of points.csv and in between.
+"""Check that external joints are where the user wants them: at the points of points.csv and in between.
 
-Between two points of one wish the samples of trajectory.csv are looked at, where the tool is not in rapid motion.
+Between two points of one steering rule, the samples of trajectory.csv are checked where the tool is not in rapid
+motion.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ POSITION_TOLERANCE = {
 
 @dataclass(frozen=True)
 class _PositionErrors:
-    """How far joints stand from what was asked, and where."""
+    """Deviations of joints from the requested positions, with their places."""
 
     off: list[float]
     where: list[str]
@@ -45,10 +46,15 @@ def check_external_joint_positions(
     options: PlanOptions,
     motion: ExportedMotion,
 ) -> list[VerificationCheck]:
-    """One check for each unit of the places asked for; none where none were.
+    """Return one check for each unit of the requested positions; none without requests.
 
     Args:
-        rows: of the points, those that are driven.
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: The exported points (points.csv), SI.
+        rows: Rows of the points that are driven.
+        options: The planning options in force.
+        motion: The exported motion (trajectory.csv), SI.
     """
     wishes = [w for w in resolve_steering(options, toolpath).steer if w.joint]
     pinned = {find_external_joint(w.joint, cell.external_joints) for w in wishes if w.at is not None}
@@ -92,14 +98,14 @@ def _collect_errors(
     here = rows[select_steered_rows(wish, points.point[rows])]
     between = select_steered_rows(wish, motion.point)
     between = between[motion.move[between] != MoveKind.RAPID]
-    for off, told in (
+    for off, stated in (
         (_compute_deviation(wish, points.external[here, k]), [f"point {points.point[n]}" for n in here]),
         (_compute_deviation(wish, motion.external[between, k]), [motion.describe_row(n) for n in between]),
     ):
         if len(off):
             n = int(np.argmax(np.where(np.isnan(off), np.inf, off)))
             seen.off.append(float(off[n]))
-            seen.where.append(told[n])
+            seen.where.append(stated[n])
 
 
 def _compute_deviation(wish: SteeringRule, value: Array) -> Array:

@@ -1,5 +1,4 @@
-"""How fast the tool moves relative to the workpiece: never above the CAM file's feed on its feed moves, whatever the
-row is called; and the feed column, which is the speed the samples really have."""
+"""Feed checks: tool speed relative to the workpiece against the CAM feed, and against the feed column."""
 
 from __future__ import annotations
 
@@ -18,32 +17,39 @@ FEED_COLUMN_TOLERANCE = 0.005  # three decimals, and nine of the joints' degrees
 
 
 def check_feed(
-    motion: ExportedMotion, toolpath: Toolpath, ride: SampleLocations, options: PlanOptions
+    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, options: PlanOptions
 ) -> list[VerificationCheck]:
-    """Speed and the column that tells it."""
-    speed = np.r_[0.0, np.linalg.norm(np.diff(ride.tcp[:, :3, 3], axis=0), axis=1) / motion.sample_time]
+    """Check the tool speed against the CAM file's feed, and the feed column against the speed.
+
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        locations: Position of each motion sample relative to the toolpath.
+        options: The planning options in force.
+    """
+    speed = np.r_[0.0, np.linalg.norm(np.diff(locations.tcp[:, :3, 3], axis=0), axis=1) / motion.sample_time]
     column = build_worst_value_check(
         "feed column", "mm/min", 6e4 * np.abs(speed - motion.feed), FEED_COLUMN_TOLERANCE, motion.describe_row
     )
-    return [_check_speed(motion, toolpath, ride, speed, options), column]
+    return [_check_speed(motion, toolpath, locations, speed, options), column]
 
 
 def _check_speed(
-    motion: ExportedMotion, toolpath: Toolpath, ride: SampleLocations, speed: Array, options: PlanOptions
+    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, speed: Array, options: PlanOptions
 ) -> VerificationCheck:
     """Speed over the feed of the fastest move that a sample's way covers; a move without a feed has the approach feed.
 
     Where the tool is drawn straight out of a point of the file it is no faster than that either; let in, no faster than
     the file drives there or next.
     """
-    rows = np.flatnonzero(ride.on_feed_move | ride.on_retract_move)
+    rows = np.flatnonzero(locations.on_feed_move | locations.on_retract_move)
     rows = rows[rows > 0]
-    rows = rows[(ride.on_feed_move | ride.on_retract_move)[rows - 1] | ride.on_feed_move[rows]]
+    rows = rows[(locations.on_feed_move | locations.on_retract_move)[rows - 1] | locations.on_feed_move[rows]]
     last = len(toolpath) - 1
     feed = np.where(toolpath.feed > 0, toolpath.feed, options.approach_feed)
     s = np.clip(np.nan_to_num(motion.point), 0.0, last)
     first = np.clip(np.floor(s[rows - 1] + INDEX_TOLERANCE).astype(int) + 1, 0, last)
-    final = np.maximum(ride.next_point[rows], first)
+    final = np.maximum(locations.next_point[rows], first)
     most = feed[first]
     for ahead in range(1, int((final - first).max(initial=0)) + 1):
         most = np.maximum(most, np.where(first + ahead <= final, feed[np.minimum(first + ahead, last)], 0.0))
@@ -52,10 +58,10 @@ def _check_speed(
     after = np.where(np.isfinite(after), np.arange(len(after)), -1)
     after = last - np.maximum.accumulate(after)[::-1]  # the next point with a feed
     after = there[np.minimum(after, last)][np.clip(np.round(s[rows]).astype(int), 0, last)]
-    x, shank = ride.tcp[:, :3, 3], -ride.tcp[:, :3, 2]
+    x, shank = locations.tcp[:, :3, 3], -locations.tcp[:, :3, 2]
     sinks = np.einsum("ij,ij->i", x[rows] - x[rows - 1], shank[rows]) < 0
     lift = np.where(sinks, np.minimum(options.approach_feed, after), options.approach_feed)
-    most = np.where(ride.on_feed_move[rows], most, lift)
+    most = np.where(locations.on_feed_move[rows], most, lift)
     return build_worst_value_check(
         CheckName.FEED,
         "of the programmed feed",

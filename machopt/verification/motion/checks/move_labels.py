@@ -1,10 +1,10 @@
-"""The words of trajectory.csv, and its rotation: what the CAM file says at each row's index, not what the row says.
+"""Check of the columns move, operation and gamma_deg of trajectory.csv against the CAM file at each row's index.
 
-``move`` is the file's word for the move that the sample lies on; ``approach`` or ``retract`` where the tool is drawn
-straight along its axis at a point; ``rapid`` from and to home and where points are given up. Where points lie closer
-than samples, a sample next to a cut counts as ``cut`` although it lies past its end, because no other sample shows
-that cut. ``operation`` is that of the point the move leads to; empty on the way home. ``gamma_deg`` is empty in rapid
-moves, lifts, and where points coincide; elsewhere as docs/conventions.md has it
+``move`` is the file's word for the move that the sample lies on. It is ``approach`` or ``retract`` where the tool
+moves straight along its axis at a point; ``rapid`` from and to home and where points are given up. Where points lie
+closer than samples, a sample next to a cut counts as ``cut`` although it lies past its end, because no other sample
+shows that cut. ``operation`` is that of the point the move leads to; empty on the way home. ``gamma_deg`` is empty in
+rapid moves, retracts, and where points coincide. Elsewhere docs/conventions.md defines it
 (:mod:`machopt.verification.motion.path_geometry.reference_direction`).
 """
 
@@ -28,26 +28,34 @@ ROTATION_TOLERANCE_DEG = (
 
 
 def check_move_labels(
-    motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, ride: SampleLocations, allow_gaps: bool
+    motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, locations: SampleLocations, allow_gaps: bool
 ) -> list[VerificationCheck]:
-    """Moves, operations and rotation of trajectory.csv."""
+    """Check the columns move, operation and gamma_deg of trajectory.csv.
+
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: The exported points (points.csv), SI.
+        locations: Position of each motion sample relative to the toolpath.
+        allow_gaps: Points that points.csv gives up need not be visited.
+    """
     return [
-        build_count_check("moves of the samples", _check_moves(motion, toolpath, points, ride, allow_gaps)),
+        build_count_check("moves of the samples", _check_moves(motion, toolpath, points, locations, allow_gaps)),
         build_count_check("operations of the samples", _check_operations(motion, toolpath)),
-        *_check_rotation(motion, toolpath, ride),
+        *_check_rotation(motion, toolpath, locations),
     ]
 
 
 def _check_moves(
-    motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, ride: SampleLocations, allow_gaps: bool
+    motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, locations: SampleLocations, allow_gaps: bool
 ) -> list[str]:
     known = np.isfinite(motion.point)
-    wanted = np.where(known, toolpath.move[ride.next_point], MoveKind.RAPID)
-    wanted = np.where(known & (ride.next_point == 0), MoveKind.RAPID, wanted)
+    wanted = np.where(known, toolpath.move[locations.next_point], MoveKind.RAPID)
+    wanted = np.where(known & (locations.next_point == 0), MoveKind.RAPID, wanted)
     wrong = (motion.move != wanted) & (
-        motion.move != toolpath.move[_find_next_point(motion, toolpath, ride.next_point)]
+        motion.move != toolpath.move[_find_next_point(motion, toolpath, locations.next_point)]
     )
-    drawn = np.isin(motion.move, (MoveKind.APPROACH, MoveKind.RETRACT)) & ride.is_on_retract(motion.point)
+    drawn = np.isin(motion.move, (MoveKind.APPROACH, MoveKind.RETRACT)) & locations.is_on_retract(motion.point)
     wrong &= ~drawn
     wrong &= ~_is_next_to_cut(motion, toolpath, wanted)
     if allow_gaps:
@@ -125,19 +133,21 @@ def _check_operations(motion: ExportedMotion, toolpath: Toolpath) -> list[str]:
     ]
 
 
-def _check_rotation(motion: ExportedMotion, toolpath: Toolpath, ride: SampleLocations) -> list[VerificationCheck]:
-    told = np.isfinite(motion.gamma)
+def _check_rotation(motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations) -> list[VerificationCheck]:
+    stated = np.isfinite(motion.gamma)
     step = np.linalg.norm(np.diff(toolpath.position, axis=0, prepend=toolpath.position[:1]), axis=1)
     step += np.linalg.norm(np.diff(toolpath.axis, axis=0, prepend=toolpath.axis[:1]), axis=1)
     moving = (
-        np.isfinite(motion.point) & (step[ride.next_point] > 0) & (toolpath.move[ride.next_point] != MoveKind.RAPID)
+        np.isfinite(motion.point)
+        & (step[locations.next_point] > 0)
+        & (toolpath.move[locations.next_point] != MoveKind.RAPID)
     )
-    lift = np.isin(motion.move, (MoveKind.APPROACH, MoveKind.RETRACT)) & ride.is_on_retract(motion.point)
-    due = moving & (motion.move != MoveKind.RAPID) & ~ride.on_retract_move & ride.on_feed_move & ~lift
+    lift = np.isin(motion.move, (MoveKind.APPROACH, MoveKind.RETRACT)) & locations.is_on_retract(motion.point)
+    due = moving & (motion.move != MoveKind.RAPID) & ~locations.on_retract_move & locations.on_feed_move & ~lift
     blank = (motion.move == MoveKind.RAPID) | ~np.isfinite(motion.point)
-    wrong = [f"{motion.describe_row(n)} has none" for n in np.flatnonzero(due & ~told)]
-    wrong += [f"{motion.describe_row(n)} has one in a rapid move" for n in np.flatnonzero(blank & told)]
-    rows = np.flatnonzero(told & ride.on_feed_move)
+    wrong = [f"{motion.describe_row(n)} has none" for n in np.flatnonzero(due & ~stated)]
+    wrong += [f"{motion.describe_row(n)} has one in a rapid move" for n in np.flatnonzero(blank & stated)]
+    rows = np.flatnonzero(stated & locations.on_feed_move)
     out = [build_count_check("rotation of the samples told", wrong)]
     if not len(rows):
         return out
@@ -145,7 +155,7 @@ def _check_rotation(motion: ExportedMotion, toolpath: Toolpath, ride: SampleLoca
     off = np.full(len(rows), np.inf)
     for start in range(0, len(rows), BLOCK_ROWS):
         some = rows[start : start + BLOCK_ROWS]
-        off[start : start + BLOCK_ROWS] = _compute_rotation_error(motion, toolpath, known, ride.tcp[some], some)
+        off[start : start + BLOCK_ROWS] = _compute_rotation_error(motion, toolpath, known, locations.tcp[some], some)
     out.append(
         build_worst_value_check(
             "rotation of the samples",

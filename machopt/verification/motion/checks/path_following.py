@@ -1,4 +1,4 @@
-"""Does the motion go where the CAM file says: path, axis, index, every point and every move, in order and in one go."""
+"""Path checks: position, tool axis and index of the motion, and every point and move of the CAM file in order."""
 
 from __future__ import annotations
 
@@ -21,9 +21,17 @@ INDEX_TOLERANCE = 3e-6  # of an index with six decimals, of second differences
 
 
 def check_path(
-    motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, ride: SampleLocations, allow_gaps: bool
+    motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, locations: SampleLocations, allow_gaps: bool
 ) -> list[VerificationCheck]:
-    """All of it; with ``allow_gaps`` points that points.csv gives up need not be visited."""
+    """Check that the motion follows the toolpath through every point and move, in order and without gaps.
+
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: The exported points (points.csv), SI.
+        locations: Position of each motion sample relative to the toolpath.
+        allow_gaps: Points that points.csv gives up need not be visited.
+    """
     wanted = toolpath.cutting.copy()
     given_up = np.zeros(len(toolpath), bool)
     inside = (points.point >= 0) & (points.point < len(toolpath))
@@ -31,31 +39,33 @@ def check_path(
     if allow_gaps:
         wanted &= ~given_up
     return [
-        *_check_path_distance(motion, toolpath, ride),
-        _check_index(motion, ride),
+        *_check_path_distance(motion, toolpath, locations),
+        _check_index(motion, locations),
         _check_points_visited(motion, wanted, toolpath),
         _check_moves_complete("cut throughout", motion, toolpath, motion.move == MoveKind.CUT, wanted),
         _check_moves_complete(
             "feed moves driven",
             motion,
             toolpath,
-            ride.on_feed_move | ride.on_retract_move,
+            locations.on_feed_move | locations.on_retract_move,
             (toolpath.move != MoveKind.RAPID) & ~(given_up & allow_gaps),
         ),
-        _check_rapid_points(motion, toolpath, ride, given_up & allow_gaps),
+        _check_rapid_points(motion, toolpath, locations, given_up & allow_gaps),
         _check_order(motion),
-        _check_skipped_points(motion, ride, points),
+        _check_skipped_points(motion, locations, points),
     ]
 
 
-def _check_path_distance(motion: ExportedMotion, toolpath: Toolpath, ride: SampleLocations) -> list[VerificationCheck]:
+def _check_path_distance(
+    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations
+) -> list[VerificationCheck]:
     """Distance from the polyline near the sample's index, and angle from the axis there, of all but rapid moves.
 
     A row counts where it says that it is no rapid move, or where the file makes none there.
     """
-    rows = np.flatnonzero((motion.move != MoveKind.RAPID) | ride.on_feed_move)
-    away, angle = 1e3 * ride.off_path[rows], np.degrees(ride.off_axis[rows])
-    away = np.where(ride.on_retract_move[rows] & (motion.move[rows] != MoveKind.CUT), 0.0, away)
+    rows = np.flatnonzero((motion.move != MoveKind.RAPID) | locations.on_feed_move)
+    away, angle = 1e3 * locations.off_path[rows], np.degrees(locations.off_axis[rows])
+    away = np.where(locations.on_retract_move[rows] & (motion.move[rows] != MoveKind.CUT), 0.0, away)
 
     def where(n: int) -> str:
         return f"{motion.describe_row(rows[n])}, {get_move_word(motion, rows[n])}"
@@ -63,45 +73,55 @@ def _check_path_distance(motion: ExportedMotion, toolpath: Toolpath, ride: Sampl
     if not (motion.move == MoveKind.CUT).any():
         return [
             VerificationCheck(
-                name="path", passed=False, value=np.nan, limit=1e3 * ride.path_limit, unit="mm", where="no row cuts"
+                name="path",
+                passed=False,
+                value=np.nan,
+                limit=1e3 * locations.path_limit,
+                unit="mm",
+                where="no row cuts",
             ),
             VerificationCheck(
                 name="tool axis",
                 passed=False,
                 value=np.nan,
-                limit=float(np.degrees(ride.axis_limit)),
+                limit=float(np.degrees(locations.axis_limit)),
                 unit="deg",
                 where="no row cuts",
             ),
         ]
     return [
-        build_worst_value_check("path", "mm", away, 1e3 * ride.path_limit, where),
-        build_worst_value_check("tool axis", "deg", angle, float(np.degrees(ride.axis_limit)), where),
+        build_worst_value_check("path", "mm", away, 1e3 * locations.path_limit, where),
+        build_worst_value_check("tool axis", "deg", angle, float(np.degrees(locations.axis_limit)), where),
     ]
 
 
 def get_move_word(motion: ExportedMotion, n: int | np.int64) -> str:
-    """What the row calls its move."""
+    """Return the move label of a row.
+
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        n: Number of the row, from 0.
+    """
     return MoveKind(int(motion.move[n])).word
 
 
-def _check_index(motion: ExportedMotion, ride: SampleLocations) -> VerificationCheck:
+def _check_index(motion: ExportedMotion, locations: SampleLocations) -> VerificationCheck:
     """The index names the place where the tool is; corners are rounded by as much as the path may be left."""
-    rows = np.flatnonzero(ride.on_feed_move | ((motion.move == MoveKind.CUT) & np.isfinite(motion.point)))
+    rows = np.flatnonzero(locations.on_feed_move | ((motion.move == MoveKind.CUT) & np.isfinite(motion.point)))
     if not len(rows):
         return VerificationCheck(
             name="index of the samples",
             passed=False,
             value=np.nan,
-            limit=1e3 * ride.path_limit,
+            limit=1e3 * locations.path_limit,
             unit="mm",
             where="no sample is on the toolpath",
         )
     return build_worst_value_check(
         "index of the samples",
         "mm",
-        1e3 * ride.off_index[rows],
-        1e3 * ride.path_limit,
+        1e3 * locations.off_index[rows],
+        1e3 * locations.path_limit,
         lambda n: motion.describe_row(rows[n]),
     )
 
@@ -179,7 +199,7 @@ def _check_moves_complete(
 
 
 def _check_rapid_points(
-    motion: ExportedMotion, toolpath: Toolpath, ride: SampleLocations, given_up: Bools
+    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, given_up: Bools
 ) -> VerificationCheck:
     """The points that rapid moves lead to are where the file has them; one given up may be passed by."""
     rows = np.flatnonzero(
@@ -188,7 +208,7 @@ def _check_rapid_points(
     nearest = np.full(len(toolpath), np.inf)
     k = np.round(motion.point[rows]).astype(int)
     inside = (k >= 0) & (k < len(toolpath))
-    np.minimum.at(nearest, k[inside], ride.off_index[rows[inside]])
+    np.minimum.at(nearest, k[inside], locations.off_index[rows[inside]])
     asked = np.flatnonzero((toolpath.move == MoveKind.RAPID) & ~given_up)
     if not len(asked):
         return VerificationCheck(
@@ -253,12 +273,14 @@ def _check_order(motion: ExportedMotion) -> VerificationCheck:
     )
 
 
-def _check_skipped_points(motion: ExportedMotion, ride: SampleLocations, points: ExportedPoints) -> VerificationCheck:
+def _check_skipped_points(
+    motion: ExportedMotion, locations: SampleLocations, points: ExportedPoints
+) -> VerificationCheck:
     """No point that points.csv gives up is passed by the tool on the toolpath.
 
     A point called ``gap`` is where the tool comes down again: the cut to it is given up, the one from it is driven.
     """
-    s, on = motion.point, ride.on_feed_move
+    s, on = motion.point, locations.on_feed_move
     both = np.flatnonzero(on[1:] & on[:-1])
     wrong = []
     for k, status in zip(points.point[~points.ok], np.array(points.status)[~points.ok], strict=True):

@@ -64,15 +64,20 @@ POINT_INDEX_TOLERANCE = 1e-6  # of the index, printed to nine decimals
 
 
 def rotate_vectors(T: Array, v: Array) -> Array:
-    """(N, 3) vectors (N, 3) with the axes of frames (N, 4, 4)."""
+    """Return (N, 3) vectors rotated by the axes of frames.
+
+    Args:
+        T: (N, 4, 4) frames.
+        v: (N, 3) vectors in the frames' axes.
+    """
     return np.asarray(np.einsum("nij,nj->ni", T[:, :3, :3], v))
 
 
 class PointsTableCheck:
-    """The rows of points.csv beside the CAM file's points and the arm at their joints.
+    """Rows of points.csv with the CAM file's points and the arm at the rows' joint positions.
 
     Args:
-        stance: the arm at the rows' true angles, in base_link; NaN joints stand at zero.
+        stance: The arm at the rows' true angles, in base_link; NaN joints are set to zero.
     """
 
     def __init__(
@@ -100,17 +105,30 @@ class PointsTableCheck:
             self.tcp[some] = np.linalg.inv(self.T_base_workpiece[some]) @ stance.tcp
 
     def compute_configurations(self, rows: NDArray[np.intp]) -> Iterator[tuple[slice, ArmConfiguration]]:
-        """The arm at the given rows, so many at a time as fit the memory, and which of them these are."""
+        """Yield the arm at the given rows in blocks that fit the memory, each with the slice of its rows.
+
+        Args:
+            rows: Row numbers, from 0.
+        """
         for first in range(0, len(rows), BLOCK_ROWS):
             some = slice(first, first + BLOCK_ROWS)
             yield some, self.arm.compute_configuration(self.q[rows[some]], self.external[rows[some]])
 
     def describe_row(self, rows: NDArray[np.intp]) -> Callable[[int], str]:
-        """Names the n-th of the rows."""
+        """Return a function that names the n-th of the rows.
+
+        Args:
+            rows: Row numbers, from 0.
+        """
         return lambda n: f"point {self.points.point[rows[n]]}"
 
     def check_all(self, motion: ExportedMotion, ride: SampleLocations) -> list[VerificationCheck]:
-        """Every check but clearance and compensation."""
+        """Return every check except clearance and compensation.
+
+        Args:
+            motion: The exported motion (trajectory.csv), SI.
+            ride: Position of each motion sample relative to the toolpath.
+        """
         checks = [self._check_completeness(), *self._check_cam_columns(), self._check_status(motion)]
         if self.live.any():
             checks += [
@@ -131,10 +149,17 @@ class PointsTableCheck:
         share: float = 0.0,
         ambiguity: Array | float = 0.0,
     ) -> VerificationCheck:
-        """One column of numbers on some rows, ``wanted`` (rows,) in the file's unit; a missing number is the worst.
+        """Check one column of numbers on some rows; a missing number is the worst.
 
-        ``share``: of the value, allowed beside the limit; what is said is then in parts of both. ``ambiguity``:
-        (rows,) by how much the quantity itself is undefined, in the file's unit.
+        Args:
+            name: Name of the column.
+            wanted: (rows,) recomputed values in the file's unit.
+            rows: Row numbers, from 0.
+            unit: Unit of the column.
+            limit: Greatest allowed difference in the file's unit.
+            share: Further allowed difference as a share of the value; the check then reports the difference as a
+                share of both.
+            ambiguity: (rows,) range within which the quantity is undefined, in the file's unit.
         """
         told = self.points.numbers.get(name)
         if told is None:

@@ -1,7 +1,7 @@
-"""Whether the rows of points.csv keep what the user asked of the choice: rotations, joint margins, clearance.
+"""Check that points.csv keeps the user's choices: rotations, joint margins, clearance.
 
-A plan that breaks one of these is a sound motion, yet not the one that was asked for; a manifest whose options were
-edited shows here, too.
+A plan that breaks one of these is a valid motion, but not the requested one. A manifest whose options were edited
+shows here, too.
 """
 
 from __future__ import annotations
@@ -31,12 +31,15 @@ def check_requested_choices(
     options: PlanOptions,
     motion: ExportedMotion,
 ) -> list[VerificationCheck]:
-    """How far the rows fall outside what was asked, one check for each wish.
+    """Return by how much the rows violate the user's choices, one check for each rule.
 
     Args:
-        rows: those that are driven (status ``ok``).
-        motion: where external joints stand between the points, too.
-        options: as for the plan; its rotations bind where the method chooses them.
+        cell: The robot cell.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        points: The exported points (points.csv), SI.
+        rows: Rows of the points that are driven (status ``ok``).
+        options: The planning options; their rotations apply where the method chooses them.
+        motion: The exported motion, for external joints between the points.
     """
     if not len(rows):
         return []

@@ -1,4 +1,4 @@
-"""Time, joint limits by differences of the samples, and where the motion begins and ends."""
+"""Checks of the time column, joint limits by differences of samples, and the first and last position."""
 
 from __future__ import annotations
 
@@ -19,10 +19,13 @@ HOME_TOLERANCE_DEG = 1e-6  # joints are printed with nine decimals
 def check_limits(
     motion: ExportedMotion, cell: Cell, options: PlanOptions, ends: tuple[Array, Array]
 ) -> list[VerificationCheck]:
-    """At rest before the first and after the last sample; joint columns are encoder angles, and so are the limits.
+    """Check joint limits, and rest before the first and after the last sample; columns and limits are encoder angles.
 
     Args:
-        ends: (6 + E,) rad or m each, where the motion has to begin and to end.
+        motion: The exported motion (trajectory.csv), SI.
+        cell: The robot cell.
+        options: The planning options in force.
+        ends: (6 + E,) first and last position of the motion, rad or m.
     """
     return [*_check_time(motion, options), _check_home(motion, ends), *_check_joint_limits(motion, cell)]
 
@@ -40,8 +43,8 @@ def _check_time(motion: ExportedMotion, options: PlanOptions) -> list[Verificati
         where=motion.describe_row(n + 1),
     )
     wrong = np.array([abs(motion.sample_time - options.sample), abs(motion.time[0])])
-    told = (f"{1e3 * motion.sample_time:g} ms from row to row, {1e3 * options.sample:g} asked for", "the first row")
-    return [even, build_worst_value_check("control cycle and start", "s", wrong, TIME_TOLERANCE_S, told)]
+    stated = (f"{1e3 * motion.sample_time:g} ms from row to row, {1e3 * options.sample:g} asked for", "the first row")
+    return [even, build_worst_value_check("control cycle and start", "s", wrong, TIME_TOLERANCE_S, stated)]
 
 
 def _check_home(motion: ExportedMotion, wanted: tuple[Array, Array]) -> VerificationCheck:
@@ -96,5 +99,9 @@ def _check_joint_limits(motion: ExportedMotion, cell: Cell) -> list[Verification
 
 
 def format_axis_name(j: int) -> str:
-    """An axis as reports call it, counted from 0: those of the arm, then the external ones."""
+    """Return the name of an axis as reports print it.
+
+    Args:
+        j: Number of the axis from 0: arm axes first, then external joints.
+    """
     return f"axis {j + 1}" if j < ARM_AXES else f"external axis e{j + 1 - ARM_AXES}"

@@ -1,4 +1,4 @@
-"""Everything that can touch, as coal geometry: collision shapes of the URDF, tool, cutter, workpiece, obstacles."""
+"""Collision bodies as coal geometry: URDF shapes, tool, cutter, workpiece and obstacles, and the pairs to check."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ TOUCHING, COARSE = 0.90, 0.40  # share of them in touch: any pair; links two apa
 
 @dataclass(frozen=True, kw_only=True)
 class CoalBody:
+    """Collision body as coal geometry, with its carrier."""
+
     name: str
     kind: str  # link, tool, cutter, grazing (the cutter drawn in), workpiece, obstacle
     link: (
@@ -42,12 +44,18 @@ class CoalBody:
 
     @cached_property
     def parts(self) -> ConvexParts | None:
-        """For :func:`bound_distances`; None for a shape that is not known there."""
+        """Convex parts for :func:`bound_distances`; None for an unknown shape."""
         return build_convex_parts(self.shape)
 
 
 def bound_sphere_box_distance(a: CoalBody, b: CoalBody, T: Array) -> Array:
-    """(K,) m, a bound below the distance: spheres around one against a box around the other."""
+    """Return (K,) lower bounds of the distance, m, from spheres around one body and a box around the other.
+
+    Args:
+        a: The first body.
+        b: The second body.
+        T: (K, 4, 4) poses of b's carrier in a's carrier.
+    """
     turned = a.radius < b.radius
     if turned:
         a, b = b, a
@@ -94,13 +102,20 @@ def _bound_sphere_box_distance(
 def list_checked_pairs(
     cell: Cell, arm: UrdfKinematics, bodies: list[CoalBody], clearance: float = 0.0
 ) -> list[tuple[CoalBody, CoalBody]]:
-    """What must not touch: (still or lower, moving or higher).
+    """Return the pairs that must not touch: (fixed or lower body, moving or higher body).
 
-    Everything on the robot from link 2 on against workpiece and obstacles; links and tool against links at least two
-    apart; the cutter against obstacles and links 0 … 5, drawn in against the workpiece. Where external joints move base
-    or workpiece, further what moves against each other by them: :func:`_list_external_pairs`. Pairs of links that touch
-    in most random poses are built touching and left out, like link 1 and what the robot stands on, and so are those
-    that are nearer than ``clearance`` m in them: no plan could keep it. What the cell lets touch is left out too.
+    Robot bodies from link 2 on are paired with workpiece and obstacles. Links and tool are paired with links at least
+    two apart. The cutter is paired with obstacles and links 0 … 5, and, shortened, with the workpiece. External
+    joints add the pairs of :func:`_list_external_pairs`.
+
+    Excluded are pairs that touch in most random poses, like link 1 and the robot's pedestal. Excluded are also pairs
+    that are always nearer than ``clearance``, and those that the cell allows to touch.
+
+    Args:
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+        clearance: Required clearance, m.
     """
     out, robot = list_candidate_pairs(cell, arm, bodies)
     for a, b in robot:
@@ -115,7 +130,13 @@ def list_checked_pairs(
 def list_candidate_pairs(
     cell: Cell, arm: UrdfKinematics, bodies: list[CoalBody]
 ) -> tuple[list[tuple[CoalBody, CoalBody]], list[tuple[CoalBody, CoalBody]]]:
-    """Pairs that are always checked, and those of robot and tool that may touch by construction."""
+    """Return pairs that are always checked, and pairs of robot and tool that may touch by construction.
+
+    Args:
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+    """
     may = list_allowed_contacts(cell)
     out: list[tuple[CoalBody, CoalBody]] = []
     robot = _list_external_pairs(arm, bodies, may) if cell.external_joints else []
@@ -139,12 +160,25 @@ def list_candidate_pairs(
 
 
 def is_two_apart(a: CoalBody, b: CoalBody) -> bool:
-    """One link lies between two bodies of the arm; meshes of such links often overlap."""
+    """Return whether exactly one link lies between two bodies of the arm; meshes of such links often overlap.
+
+    Args:
+        a: The first body.
+        b: The second body.
+    """
     return a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and b.kind != "cutter"
 
 
 def sample_random_placements(cell: Cell, arm: UrdfKinematics, a: CoalBody, b: CoalBody, count: int) -> Array:
-    """(count, 4, 4) of b's carrier seen from a's, in random poses of the machine; the planner's poses are others."""
+    """Return (count, 4, 4) poses of b's carrier in a's carrier at random joint positions, other than the planner's.
+
+    Args:
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        a: The first body.
+        b: The second body.
+        count: Number of poses.
+    """
     rng = np.random.default_rng(20)
     lower, upper = cell.limits.lower, cell.limits.upper
     x = lower + (upper - lower) * rng.random((count, len(lower)))
@@ -196,13 +230,25 @@ def _is_on_workpiece(arm: UrdfKinematics, body: CoalBody) -> bool:
 
 
 def list_allowed_contacts(cell: Cell) -> set[tuple[str, str]]:
-    """Names of bodies that the cell lets touch, in both orders."""
+    """Return the names of body pairs that the cell allows to touch, in both orders.
+
+    Args:
+        cell: The robot cell.
+    """
     one_way = {(a, b) for pair in cell.may_touch for a in pair.first for b in pair.second}
     return one_way | {(b, a) for a, b in one_way}
 
 
 def build_bodies(cell: Cell, arm: UrdfKinematics) -> list[CoalBody]:
-    """Every body of the cell, as pinocchio and coal load it."""
+    """Return every collision body of the cell, as pinocchio and coal load it.
+
+    Args:
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+
+    Raises:
+        OutputFolderError: a body of the URDF cannot be loaded.
+    """
     import pinocchio as pin
 
     text = cell.urdf_text
@@ -267,12 +313,20 @@ def _shorten_message(problem: ValueError) -> str:
 
 
 def compute_reach(b: CoalBody) -> float:
-    """m, farthest point from the carrier's origin."""
+    """Return the greatest distance of a body's points from the origin of its carrier, m.
+
+    Args:
+        b: The body.
+    """
     return float(np.linalg.norm(b.place[:3, 3]) + np.linalg.norm(b.box_centre) + np.linalg.norm(b.half_size))
 
 
 def invert_transforms(T: Array) -> Array:
-    """Of rigid transforms (..., 4, 4)."""
+    """Return the inverses of rigid transforms.
+
+    Args:
+        T: (..., 4, 4) rigid transforms.
+    """
     out = T.copy()
     out[..., :3, :3] = np.swapaxes(T[..., :3, :3], -1, -2)
     out[..., :3, 3] = -(out[..., :3, :3] @ T[..., :3, 3:])[..., 0]
@@ -280,7 +334,14 @@ def invert_transforms(T: Array) -> Array:
 
 
 def is_near(a: CoalBody, b: CoalBody, T: Array, margin: float = 0.0) -> bool:
-    """b is within ``margin`` m of a, T (4, 4) being b's carrier seen from a's."""
+    """Return whether two bodies are within a margin of each other.
+
+    Args:
+        a: The first body.
+        b: The second body.
+        T: (4, 4) pose of b's carrier in a's carrier.
+        margin: Distance, m.
+    """
     import coal
 
     request = coal.CollisionRequest()
@@ -291,7 +352,13 @@ def is_near(a: CoalBody, b: CoalBody, T: Array, margin: float = 0.0) -> bool:
 
 
 def compute_distance(a: CoalBody, b: CoalBody, T: Array) -> float:
-    """m between a and b, at most 0 in contact."""
+    """Return the distance of two bodies, m; at most 0 in contact.
+
+    Args:
+        a: The first body.
+        b: The second body.
+        T: (4, 4) pose of b's carrier in a's carrier.
+    """
     import coal
 
     return float(
@@ -309,8 +376,18 @@ def compute_distance(a: CoalBody, b: CoalBody, T: Array) -> float:
 def bound_distances(
     a: CoalBody, b: CoalBody, T: Array, rows: NDArray[np.intp], way: Array | None = None, claim: Array | None = None
 ) -> tuple[Array, Array]:
-    """(K,) m below and above the distance in some rows, T (K, 4, 4) being b's carrier seen from a's: see
-    :func:`machopt.verification.motion.collision.distance_bounds.bound_distances`."""
+    """Return (K,) lower and upper bounds of the distance in some rows, m.
+
+    See :func:`machopt.verification.motion.collision.distance_bounds.bound_distances`.
+
+    Args:
+        a: The first body.
+        b: The second body.
+        T: (K, 4, 4) poses of b's carrier in a's carrier.
+        rows: (R,) rows to bound.
+        way: (K,) cumulative motion of b relative to a, m; None: no row bounds the distance of another.
+        claim: (K,) stated distances, m; it is enough to show that the distance is not below them.
+    """
     if a.parts is None or b.parts is None:
         return np.zeros(len(T)), np.full(len(T), np.inf)
     return verification_bound_distances(a.parts, b.parts, invert_transforms(a.place) @ T @ b.place, rows, way, claim)

@@ -1,16 +1,15 @@
-"""clearance_mm and nearest_pair of points.csv: is the stated distance the least of all pairs that count?
+"""Check of clearance_mm and nearest_pair of points.csv: the stated distance is the least of all checked pairs.
 
 The column is the least distance over the pairs of
-:func:`machopt.verification.motion.collision.bodies.list_checked_pairs`, at most 500 mm, 0 in contact,
-but for those that one external joint lies between and that are as near wherever it stands (:func:`list_varying_pairs`).
-The cutter counts against the workpiece only where a rapid move ends that no move at a feed follows: elsewhere it is
-there to touch it. The named pair's distance is enclosed; of any other it need only be known that it is not nearer than
-the claim, so a bound once found holds on while the bodies have not moved by what it exceeds the claim. Bounds are those
-of :mod:`machopt.verification.motion.collision.distance_bounds`; where they do not prove a claim, coal measures and
-decides.
+:func:`machopt.verification.motion.collision.bodies.list_checked_pairs`, at most 500 mm, 0 in contact. Pairs whose
+distance is constant are left out (:func:`list_varying_pairs`). The cutter counts against the workpiece only where a
+rapid move ends that no feed move follows. The named pair's distance is enclosed by bounds. Any other pair only has to
+be not nearer than the claim; a bound stays valid until the bodies have moved by its excess over the claim. Bounds are
+those of :mod:`machopt.verification.motion.collision.distance_bounds`. Where they do not prove a claim, coal measures
+the distance.
 
-The planner draws round bodies as circumscribed polyhedra (48 sides, 1,280 faces), up to 0.22 % of a cylinder's and 0.7
-% of a sphere's radius larger: by so much a true distance may exceed the claim.
+The planner models round bodies as circumscribed polyhedra (48 sides, 1,280 faces). Their radius is up to 0.22 %
+(cylinder) or 0.7 % (sphere) larger. A true distance may exceed the claim by as much.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ CYLINDER, SPHERE = 0.0022, 0.0071  # of the radius, by which a circumscribed pol
 
 @dataclass(frozen=True)
 class ClearanceErrors:
-    """By how much each claim is wrong, and by which pair; N rows."""
+    """Error of each stated clearance, and the pair that causes it; N rows."""
 
     too_small: Array  # (N,) m, some pair is nearer than claimed; 0 where none is
     too_large: Array  # (N,) m, the named pair is farther than claimed; NaN: there is no such pair
@@ -48,9 +47,13 @@ class ClearanceErrors:
 
 
 def list_varying_pairs(arm: UrdfKinematics, wanted: list[tuple[CoalBody, CoalBody]]) -> list[tuple[CoalBody, CoalBody]]:
-    """The pairs without those whose distance nothing changes, as of a carriage over its own bed.
+    """Return the pairs whose distance changes; a carriage on its own bed has a constant distance.
 
-    The planner answers the same question at the same places of the joint.
+    The planner makes the same selection at the same positions of the joint.
+
+    Args:
+        arm: Kinematics of the URDF with the cell's tool.
+        wanted: The candidate pairs.
     """
     limits = arm.cell.limits
     x = np.linspace(limits.lower, limits.upper, EXTERNAL_JOINT_SAMPLES)
@@ -72,7 +75,13 @@ def list_varying_pairs(arm: UrdfKinematics, wanted: list[tuple[CoalBody, CoalBod
 
 
 def is_distance_constant(a: CoalBody, b: CoalBody, T: Array) -> bool:
-    """Two bodies are as near at each T (S, 4, 4), within CAP and without touching."""
+    """Return whether two bodies have the same distance in all poses, below the maximum and without contact.
+
+    Args:
+        a: The first body.
+        b: The second body.
+        T: (S, 4, 4) poses of b's carrier in a's carrier.
+    """
     d = np.array([compute_distance(a, b, each) for each in T])
     return bool(d.min() > 0.0 and d.max() < MAX_DISTANCE_M and np.ptp(d) < CONSTANT_DISTANCE_M)
 
@@ -139,7 +148,11 @@ def _check_named_pairs(
 
 
 def find_cutting_points(toolpath: Toolpath) -> NDArray[np.bool_]:
-    """(N,) False where a rapid move ends and the next one begins."""
+    """Return (N,) False where a rapid move ends and the next one begins, else True.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+    """
     rapid = np.asarray(toolpath.move == MoveKind.RAPID)
     starts = rapid.copy()
     starts[0] = True

@@ -1,9 +1,9 @@
-"""Contacts along a motion, at the samples and between them, by coal.
+"""Search for contacts along a motion, at the samples and between them, by coal.
 
-A pair is free between two rows when what is known of its distances at both exceeds together the second body's relative
-motion D in between: every point of the way is nearer to one of them than that row's distance. Cheap bounds tell so of
-most stretches. In the others neither row may touch, with a copy grown by D/2 (coal's security margin) at either. Where
-that is not so, the stretch is halved, first at samples, then between two samples, linear in the joints.
+Let D be the second body's relative motion between two rows. A pair is free between the rows if the lower bounds of
+its distance at both rows exceed D together. Cheap bounds prove this for most stretches. In the others neither row may
+touch, with a body grown by D/2 (coal's security margin). Where that is not so, the stretch is halved, first at
+samples, then between two samples, linear in the joints.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from machopt.verification.motion.collision.bodies import (
 )
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
-MAX_JOINT_STEP_RAD = np.radians(0.5)  # joint motion between rows that are looked at first
+MAX_JOINT_STEP_RAD = np.radians(0.5)  # joint motion between the rows that are checked first
 BLOCK_ROWS = 20_000  # rows whose frames are held at a time
 MIN_MOTION_M = 1e-4  # m, motion below which a stretch is not halved any more
 
@@ -43,14 +43,14 @@ class ContactInterval:
 def find_contacts(
     arm: UrdfKinematics, wanted: list[tuple[CoalBody, CoalBody]], q: Array, external: Array, free: Bools
 ) -> list[ContactInterval]:
-    """Every pair of bodies that touches along the motion.
+    """Return every pair of bodies that touches along the motion.
 
     Args:
-        wanted: the pairs to look at, of :func:`machopt.verification.motion.collision.bodies.list_checked_pairs`.
-        q: (S, 6) rad.
-        external: (S, E) rad or m.
-        free: (S,) the move to the sample is none that the CAM file makes at a feed: the cutter must not touch the
-            workpiece.
+        arm: Kinematics of the URDF with the cell's tool.
+        wanted: Pairs to check, from :func:`machopt.verification.motion.collision.bodies.list_checked_pairs`.
+        q: (S, 6) joint positions, rad.
+        external: (S, E) positions of the external joints, rad or m.
+        free: (S,) the move to the sample is no feed move of the CAM file, so the cutter must not touch the workpiece.
     """
     joints = np.hstack([q, external])
     parts = np.maximum(np.ceil(np.abs(np.diff(joints, axis=0)).max(axis=1) / MAX_JOINT_STEP_RAD), 1).astype(int)
@@ -113,14 +113,26 @@ class PlacedBodies:
         self._gone: dict[tuple[int, int], Array] = {}
 
     def compute_relative_motion(self, a: CoalBody, b: CoalBody) -> Array:
-        """(M, 4, 4) b's carrier seen from a's."""
+        """Return (M, 4, 4) poses of b's carrier in a's carrier.
+
+        Args:
+            a: The first body.
+            b: The second body.
+        """
         key = (a.carrier, b.carrier)
         if key not in self._relative:
             self._relative[key] = _compute_relative_poses(self.world, a.carrier, b.carrier, np.arange(len(self.world)))
         return self._relative[key]
 
     def find_contact_rows(self, a: CoalBody, b: CoalBody, stops: NDArray[np.int64], asked: Bools) -> list[int]:
-        """Rows (one a stretch) in which a and b touch, or before the next of which they do."""
+        """Return the rows, one for each stretch, in which a and b touch or between which and the next row they do.
+
+        Args:
+            a: The first body.
+            b: The second body.
+            stops: Rows at which the stretches begin and end.
+            asked: Stretches to search.
+        """
         clear = bound_sphere_box_distance(a, b, self._get_relative_poses(a, b, stops))
         most = 2.0 * self.lever * np.diff(self._turned[stops])  # twice what the way can be
         if not (asked & (clear[1:] + clear[:-1] <= most)).any():
@@ -147,18 +159,27 @@ class PlacedBodies:
         return np.asarray(_compute_relative_poses(self.world, a.carrier, b.carrier, rows))
 
     def compute_travelled_distance(self, a: CoalBody, b: CoalBody) -> Array:
-        """(M,) m, the sum of :meth:`way` up to each row; the same for all bodies on a's carrier."""
+        """Return (M,) the sum of :meth:`compute_step_motion` up to each row, m.
+
+        Args:
+            a: The first body.
+            b: The second body.
+        """
         key = (a.carrier, id(b))
         if key not in self._gone:
             self._gone[key] = np.append(0.0, np.cumsum(self.compute_step_motion(b, self.compute_relative_motion(a, b))))
         return self._gone[key]
 
     def compute_step_motion(self, b: CoalBody, T: Array) -> Array:
-        """(M − 1,) m: |x(t) − x(start)| + |x(end) − x(t)| for all points x of b, at most.
+        """Return (M − 1,) an upper bound of |x(t) − x(start)| + |x(end) − x(t)| over all points x of b, m.
 
         The chord, of the centre and by rotation, and what the path bends off it: a point's second derivative is at
         most (Σ|Δq|)² times the longest lever L (|Δ|/L of a slide: its product with a turn is 2 |Δ| |Δq|, with a slide
         nothing), the bend therefore an eighth of that, there and back a quarter.
+
+        Args:
+            b: The body.
+            T: (M, 4, 4) poses of b's carrier.
         """
         chord = _compute_chords(T, b.place[:3, :3] @ b.box_centre + b.place[:3, 3], float(np.linalg.norm(b.half_size)))
         bend: Array = chord + self.turn**2 * self.lever / 4.0
@@ -215,7 +236,12 @@ class _PairContactSearch:
         self._seen: dict[int, bool] = {}
 
     def search_stretch(self, first: int, last: int) -> int:
-        """Row of a contact, −1 if there is none."""
+        """Return the row of a contact within a stretch; −1 if there is none.
+
+        Args:
+            first: First row of the stretch.
+            last: Last row of the stretch.
+        """
         for row in (first, last):
             if row not in self._seen:
                 self._seen[row] = self._is_near(self.T[row], 0.0)

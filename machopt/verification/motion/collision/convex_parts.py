@@ -1,9 +1,8 @@
-"""A body as convex parts under a tree of boxes: what :mod:`machopt.verification.motion.collision.distance_bounds`
-measures.
+"""Convex parts of a body in a tree of boxes, for :mod:`machopt.verification.motion.collision.distance_bounds`.
 
-A part is the hull of some points, grown by a disc across z and by a ball: a closed convex shell of a mesh or else each
-of its triangles, a box, a cylinder (its axis and a disc), a capsule (its axis and a ball), a sphere. Sorted along a
-space-filling curve (Morton 1966), two neighbours share a box, and two boxes the next one.
+A part is the hull of some points, grown by a disc across z and by a ball: a closed convex shell of a mesh or else
+each of its triangles, a box, a cylinder (its axis and a disc), a capsule (its axis and a ball), a sphere. Parts are
+sorted along a space-filling curve (Morton 1966). Two neighbours share a box, and two boxes the next larger one.
 """
 
 from __future__ import annotations
@@ -35,7 +34,11 @@ class ConvexParts:
 
 
 def build_convex_parts(shape: Any) -> ConvexParts | None:
-    """Of a coal geometry; None for one that is not known here."""
+    """Return the convex parts of a coal geometry; None for an unknown type.
+
+    Args:
+        shape: The coal geometry.
+    """
     kind = type(shape).__name__
     if kind == "Box":
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
@@ -47,8 +50,8 @@ def build_convex_parts(shape: Any) -> ConvexParts | None:
         return _build_box_tree(ends, [2], *((shape.radius, 0.0) if kind == "Cylinder" else (0.0, shape.radius)))
     if kind.startswith("BVH"):
         count = int(shape.num_tris)  # one after another: as a list of objects they would take more than the mesh
-        told = (t[k] for t in map(shape.tri_indices, range(count)) for k in (0, 1, 2))
-        corner = np.fromiter(told, np.int64, 3 * count).reshape(-1, 3)
+        stated = (t[k] for t in map(shape.tri_indices, range(count)) for k in (0, 1, 2))
+        corner = np.fromiter(stated, np.int64, 3 * count).reshape(-1, 3)
         return _build_box_tree(
             *split_convex_shells(np.asarray(shape.vertices(), float).reshape(-1, 3), corner), 0.0, 0.0
         )
@@ -70,7 +73,7 @@ def split_convex_shells(vertices: Array, corner: Ints) -> tuple[Array, list[int]
 
     if not len(corner):
         return np.empty((0, 3)), []
-    places, same = np.unique(vertices, axis=0, return_inverse=True)  # corners of a file may be told face by face
+    places, same = np.unique(vertices, axis=0, return_inverse=True)  # a file may repeat its corners for each face
     faces = same.reshape(-1)[corner]
     ends = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(places), len(places)))

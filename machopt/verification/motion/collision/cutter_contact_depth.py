@@ -1,4 +1,4 @@
-"""The cutter where it does not cut: contacts told with depth and place, and the level of the cuts without a mesh."""
+"""Contacts of the cutter outside of cuts: depth and place, and the cut level where there is no workpiece mesh."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from machopt.verification.motion.path_geometry.axis_interpolation import interpo
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
 from machopt.verification.tables.exported_tables import ExportedMotion
 
-MAX_CONTACT_SAMPLES, MAX_DEPTH_SAMPLES = 400, 48  # samples asked whether they touch, and how deep
+MAX_CONTACT_SAMPLES, MAX_DEPTH_SAMPLES = 400, 48  # samples checked for contact, and for its depth
 MAX_DEPTH_M = 1.0  # m
 DEPTH_TOLERANCE_M = 1e-4  # m, of a depth
 LEVEL_TOLERANCE_M = 2e-4  # m under the level of a cut; twice what the drawn-in cutter may graze
@@ -26,7 +26,14 @@ MIN_AXIS_COSINE = np.cos(np.radians(30.0))  # a tool more oblique than this to a
 def check_contacts(
     found: list[ContactInterval], motion: ExportedMotion, arm: UrdfKinematics, bodies: list[CoalBody]
 ) -> VerificationCheck:
-    """The contacts of the whole motion, the cutter's with the workpiece with their greatest depth."""
+    """Return the check of contacts along the motion; contacts of cutter and workpiece have their greatest depth.
+
+    Args:
+        found: The contacts.
+        motion: The exported motion (trajectory.csv), SI.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+    """
     texts = []
     for contact in found[:5]:
         text = f"{contact.pair} first at {motion.describe_row(contact.sample)}"
@@ -49,10 +56,16 @@ def check_contacts(
 def find_deepest_contact(
     motion: ExportedMotion, arm: UrdfKinematics, bodies: list[CoalBody], rows: NDArray[np.int64]
 ) -> tuple[float, int]:
-    """m by which the cutter must be drawn back along its axis to be free of the workpiece, the most of some rows.
+    """Return the greatest retraction along the tool axis, m, that frees the cutter from the workpiece.
+
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+        rows: Rows of the motion to search.
 
     Returns:
-        depth and row; NaN and −1 where it touches in none of them.
+        Depth and row; NaN and −1 where the cutter touches in none of them.
     """
     cutters, parts = ([b for b in bodies if b.kind == kind] for kind in ("grazing", "workpiece"))
     rows = _select_rows(np.unique(rows), MAX_CONTACT_SAMPLES)
@@ -97,45 +110,63 @@ def _compute_depth(cutter: CoalBody, part: CoalBody, places: Array, z_flange: Ar
 
 
 def measure_depth_outside_cuts(
-    motion: ExportedMotion, toolpath: Toolpath, ride: SampleLocations, arm: UrdfKinematics, bodies: list[CoalBody]
+    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, arm: UrdfKinematics, bodies: list[CoalBody]
 ) -> list[VerificationInformation]:
-    """How deep the CAM file itself drives the cutter into the workpiece in a move that is no cut.
+    """Return how deep the CAM file itself moves the cutter into the workpiece in a move that is no cut.
 
-    The motion follows the file there, so nothing that was planned is wrong: it is information and no check.
+    The motion follows the CAM file there, so this is information and no check.
+
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        locations: Position of each motion sample relative to the toolpath.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
     """
     name = "cutter in the workpiece outside cuts"
     if arm.cell.tool.cutter is None or not arm.cell.workpiece.geometry:
         return []  # nothing to look at, which the verdict says of the cell
-    rows = np.flatnonzero((ride.on_feed_move & ~toolpath.cutting[ride.next_point]) | ride.on_retract_move)
+    rows = np.flatnonzero(
+        (locations.on_feed_move & ~toolpath.cutting[locations.next_point]) | locations.on_retract_move
+    )
     depth, at = find_deepest_contact(motion, arm, bodies, rows) if len(rows) else (float("nan"), -1)
     if not np.isfinite(depth):
         return [VerificationInformation(name=name, value=0.0, unit="mm", where="nowhere")]
-    why = "the CAM file moves at a feed there" if ride.on_feed_move[at] else "the CAM file begins or ends a move there"
+    why = (
+        "the CAM file moves at a feed there"
+        if locations.on_feed_move[at]
+        else "the CAM file begins or ends a move there"
+    )
     return [VerificationInformation(name=name, value=1e3 * depth, unit="mm", where=f"{motion.describe_row(at)}: {why}")]
 
 
 def check_cut_level(
     motion: ExportedMotion,
     toolpath: Toolpath,
-    ride: SampleLocations,
+    locations: SampleLocations,
     cell: Cell,
     commanded: tuple[Array, Array] | None = None,
 ) -> list[VerificationCheck]:
-    """Without a workpiece mesh: a free tip must not be under what is cut right above it, and is told where it is under
-    the level of the nearest cut.
+    """Check without a workpiece mesh that a free tool tip is not below the cuts above it; report the nearest level.
 
-    A path shifted against the deflection is cut at the level where it is ``commanded``, (P,) index and (P, 3) m: a free
-    move begins where the shifted cut ends.
+    A compensated path is cut at the commanded level: a free move begins where the shifted cut ends. Moves from and to
+    home are checked too, unless the tip is below a cut at home; then this is reported.
 
-    Moves from and to home are held as well, unless the tip rests under a cut there, which is told.
+    A cut is above the tip if it lies within the cutter's radius of it, seen along the cut's axis. Without a cutter
+    only the tip counts.
 
-    Right above is a place of a cut less than the cutter's radius aside of the tip (of the tip alone without a cutter),
-    seen along the cut's axis. The tip may be below one cut where another one near by goes as deep.
+    Args:
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        locations: Position of each motion sample relative to the toolpath.
+        cell: The robot cell.
+        commanded: Index (P,) and position (P, 3) m of the commanded path in the workpiece frame; None without
+            compensation.
     """
     name = "level of the cuts"
     if cell.workpiece.geometry:
         return []
-    rows, known = np.flatnonzero(ride.is_free), np.isfinite(motion.point)
+    rows, known = np.flatnonzero(locations.is_free), np.isfinite(motion.point)
     cuts = 1 + np.flatnonzero(toolpath.cutting[1:])
     if not len(rows) or not len(cuts):
         return [
@@ -153,7 +184,7 @@ def check_cut_level(
     place, axis = _sample_cuts(toolpath, line, cuts, max(radius, 1e-3))
     under, beside = np.zeros(len(rows)), np.zeros(len(rows))
     for i, n in enumerate(rows):
-        x, shank = ride.tcp[n, :3, 3], -ride.tcp[n, :3, 2]
+        x, shank = locations.tcp[n, :3, 3], -locations.tcp[n, :3, 2]
         up = x - place
         height = np.einsum("ij,ij->i", up, axis)
         aside = np.linalg.norm(up - height[:, None] * axis, axis=1)

@@ -1,10 +1,10 @@
-"""How far two bodies are apart, from below and from above (compiled): neither bound relies on the other being close.
+"""Lower and upper bounds of the distance of two bodies (compiled); both are valid whatever their gap.
 
-From above: the distance of two points that were found, one of each body. From below: along a direction u no point of
-the second lies nearer than the least of u·b less the greatest of u·a. For two convex parts both meet at the shortest
-way between them, which Gilbert, Johnson and Keerthi (1988) walk to: u is the shortest way known, the points farthest
-along it make the next one. Boxes around parts are left out where they lie apart along their own axes or along the
-shortest way of all, by as much as the distance found: faces that look at each other are settled by that at once.
+Upper bound: the distance of two points, one of each body. Lower bound: along a direction u, the least u·b minus the
+greatest u·a. For two convex parts both meet at the shortest vector between them, which the algorithm of Gilbert,
+Johnson and Keerthi (1988) finds: u is the shortest known vector, and the extreme points along u give the next one.
+Boxes around parts are skipped where they are separated, along their own axes or along the shortest vector, by at
+least the distance found.
 """
 
 from __future__ import annotations
@@ -31,16 +31,20 @@ def bound_distances(
     way: Array | None = None,
     claim: Array | None = None,
 ) -> tuple[Array, Array]:
-    """(K,) m below and (K,) m above the distance, b moved by T (K, 4, 4) in a's own frame; 0 and 0 in contact.
+    """Return (K,) lower and (K,) upper bounds of the distance, m; 0 and 0 in contact.
 
-    Parts are solid: one inside another is in contact with it. Quickest where neighbouring rows are neighbouring poses.
+    Parts are solid: one inside another is in contact with it. It is fastest where neighbouring rows are neighbouring
+    poses.
 
     Args:
-        rows: (L,) those that are asked, all by default; the others are told to be 0 … ∞ apart.
-        way: (K,) m, no point of b moves against a by more than the difference of two entries; without it no row tells
-            anything of another.
-        claim: (K,) m, it is enough to know that the distance is not below it. So the bound at a row before is taken
-            where that proves it, and bounds far beyond it are not made close.
+        a: Parts of the first body.
+        b: Parts of the second body.
+        T: (K, 4, 4) poses of b in a's frame.
+        rows: (L,) rows to bound, all by default; the others get the bounds 0 … ∞.
+        way: (K,) cumulative motion, m: no point of b moves against a by more than the difference of two entries.
+            Without it no row bounds another.
+        claim: (K,) stated distances, m: it is enough to show that the distance is not below them. Then the bound of
+            an earlier row is reused where it suffices, and bounds far above the claim are not refined.
     """
     every = np.arange(len(T)) if rows is None else np.asarray(rows, np.int64)
     if way is None:

@@ -1,4 +1,4 @@
-"""The cutter in the finished part: the motion as it is exported, held against gouge_tolerance_mm.
+"""Gouge check: penetration of the cutter into the finished part, compared with gouge_tolerance_mm.
 
 Points are spread over the cutter's surface on a spiral. One is inside a mesh when the lines through it along three
 axes all cross the surface an odd number of times on one side; it is no deeper than the nearest of these crossings,
@@ -23,7 +23,7 @@ from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematic
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
 from machopt.verification.tables.exported_tables import ExportedMotion
 
-SAMPLE_SPACING_M, SAMPLE_SPACING_RAD = 5e-4, np.radians(0.25)  # m and rad between the samples that are looked at
+SAMPLE_SPACING_M, SAMPLE_SPACING_RAD = 5e-4, np.radians(0.25)  # m and rad between the checked samples
 POINT_SPACING_M = 4e-4, 2e-3  # m between points of the cutter, a sixth of its radius in between
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))  # rad from one point of the spiral to the next
 MAX_MEASURED_POINTS = 3_000  # points whose distance coal measures once a gouge is known
@@ -36,49 +36,61 @@ GRID_ROTATION = np.linalg.qr(np.array([[0.81, -0.37, 0.29], [0.43, 0.77, -0.41],
 def check_gouges(
     motion: ExportedMotion,
     toolpath: Toolpath,
-    ride: SampleLocations,
+    locations: SampleLocations,
     arm: UrdfKinematics,
     bodies: list[CoalBody],
     options: PlanOptions,
     shifted: bool,
 ) -> list[VerificationCheck]:
-    """Nowhere on a move at a feed is the cutter deeper in the workpiece than the tolerance, and what paths may be off.
+    """Check that the cutter is never deeper in the workpiece than the tolerance plus path deviations on feed moves.
 
     Args:
-        shifted: the commanded path is shifted against the deflection; the cutter is then where the CAM file has it.
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        locations: Position of each motion sample relative to the toolpath.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+        options: The planning options in force.
+        shifted: The path is compensated; the cutter is then where the CAM file has it.
     """
     cutter, parts = arm.cell.tool.cutter, [b for b in bodies if b.kind == "workpiece"]
     if options.gouge is None or cutter is None or not parts:
         return []
-    limit = options.gouge + ride.path_limit
-    rows = _select_rows(ride.tcp, np.flatnonzero(ride.on_feed_move))
-    T = ride.tcp[rows]
+    limit = options.gouge + locations.path_limit
+    rows = _select_rows(locations.tcp, np.flatnonzero(locations.on_feed_move))
+    T = locations.tcp[rows]
     if shifted:
         at = np.clip(motion.point[rows], 0.0, len(toolpath) - 1.0)
         own = np.arange(len(toolpath), dtype=float)
         T = T.copy()
         T[:, :3, 3] = np.column_stack([np.interp(at, own, toolpath.position[:, c]) for c in range(3)])
     points = build_cutter_points(cutter)
-    best, row, told = 0.0, -1, "nowhere deeper than the tolerance"
+    best, row, stated = 0.0, -1, "nowhere deeper than the tolerance"
     for part in parts:
         depth, at_row, x = find_deepest_point(part, points, T, limit)
         if depth > best:
             best, row = depth, int(rows[at_row])
             place = 1e3 * (part.place[:3, :3] @ x + part.place[:3, 3])
-            told = f"in {part.name} at ({place[0]:.2f}, {place[1]:.2f}, {place[2]:.2f}) mm, {motion.describe_row(row)}"
+            stated = (
+                f"in {part.name} at ({place[0]:.2f}, {place[1]:.2f}, {place[2]:.2f}) mm, {motion.describe_row(row)}"
+            )
     return [
         VerificationCheck(
-            name="gouges", passed=best <= limit, value=1e3 * best, limit=1e3 * limit, unit="mm", where=told
+            name="gouges", passed=best <= limit, value=1e3 * best, limit=1e3 * limit, unit="mm", where=stated
         )
     ]
 
 
 def build_cutter_points(cutter: CutterGeometry) -> Array:
-    """(K, 3) m in the TCP's frame, on a spiral from the tip up the side."""
+    """Return (K, 3) points on the cutter's surface in the TCP frame, m, on a spiral from the tip upwards.
+
+    Args:
+        cutter: Shape of the cutter.
+    """
     r, c = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0)
     flat, arc, side = r - c, c * np.pi / 2.0, cutter.length - c
     step = float(np.clip(r / 6.0, *POINT_SPACING_M))
-    edges = np.array([flat, flat + arc, flat + arc + side])  # where the profile bends: rings there are looked at too
+    edges = np.array([flat, flat + arc, flat + arc + side])  # where the profile bends: rings there are checked too
     fine = np.union1d(np.linspace(0.0, 1.0, 4001) * edges[-1], edges)  # along the profile
     turn = np.clip((fine - flat) / max(c, 1e-12), 0.0, np.pi / 2.0)
     radius = np.minimum(fine, flat) + c * np.sin(turn)
@@ -92,10 +104,16 @@ def build_cutter_points(cutter: CutterGeometry) -> Array:
 
 
 def find_deepest_point(part: CoalBody, points: Array, T: Array, limit: float) -> tuple[float, int, Array]:
-    """m by which the points, carried by T (M, 4, 4), are in the part at most; 0 where that is not above the limit.
+    """Return the greatest penetration of points into the part, m; 0 where it does not exceed the limit.
+
+    Args:
+        part: The finished part.
+        points: (K, 3) points on the cutter, m.
+        T: (M, 4, 4) poses of the points' frame in the part's frame.
+        limit: Greatest allowed penetration, m.
 
     Returns:
-        depth, row and place (3,) m in the part's own frame.
+        Depth, row (−1 if not above the limit) and place (3,) m in the part's frame.
     """
     seen = np.ascontiguousarray(invert_transforms(part.place) @ T)
     kind = type(part.shape).__name__
@@ -279,7 +297,7 @@ def _measure_distance(shape: object, x: Array) -> float:
 
 
 def _select_rows(tcp: Array, rows: Ints) -> Ints:
-    """Rows that APART or TURNED part from the one kept before, and the first and last."""
+    """Return rows at least one sample spacing from the row before, and the first and last."""
     if not len(rows):
         return rows
     x, z = tcp[rows, :3, 3], tcp[rows, :3, 2]

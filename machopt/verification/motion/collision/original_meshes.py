@@ -1,7 +1,7 @@
-"""Meshes that were converted for the planner, read from the files they were converted from.
+"""Original files of meshes that were converted for the planner.
 
-``NAME.dae.stl`` is a copy that ``machopt init`` made of the COLLADA file ``NAME.dae``. The planner reads the copy. Here
-the original is read, by coal's own importer, so that a mistake of the conversion does not hide from both sides.
+``NAME.dae.stl`` is a copy that ``machopt init`` made of the COLLADA file ``NAME.dae``. The planner reads the copy.
+Here coal's own importer reads the original, so an error of the conversion is detected.
 """
 
 from __future__ import annotations

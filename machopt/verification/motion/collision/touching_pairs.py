@@ -1,8 +1,8 @@
-"""Which pairs of bodies touch by construction: decided once, by the planner, listed in the manifest, confirmed here.
+"""Pairs of bodies that touch by construction: selected by the planner, listed in the manifest, confirmed here.
 
 Two samplings of random poses would disagree about a pair whose share of poses in contact lies near the limit. So the
-verifier takes the planner's list, and confirms each entry with its own geometry and its own poses at a lower limit: an
-entry that is not confirmed is checked like any other pair, and named.
+verifier takes the planner's list. It confirms each entry with its own geometry and poses at a lower limit. An entry
+that is not confirmed is checked like any other pair, and named.
 """
 
 from __future__ import annotations
@@ -40,13 +40,15 @@ def list_checked_pairs(
     clearance: float,
     touching: Sequence[tuple[str, str]] | None,
 ) -> tuple[list[tuple[CoalBody, CoalBody]], list[str]]:
-    """The pairs that must not touch, and the names of listed pairs that do not touch by construction.
+    """Return the pairs that must not touch, and the names of listed pairs that do not touch by construction.
 
     Args:
-        cell, arm, bodies: as for :func:`machopt.verification.motion.collision.bodies.list_checked_pairs`.
-        clearance: m, that the plan keeps.
-        touching: names of bodies as the manifest lists them; None: it lists none (a folder of an earlier version), and
-            the decision is made here.
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+        clearance: Required clearance, m.
+        touching: Names of bodies as the manifest lists them. None: the manifest lists none (a folder of an earlier
+            version), and the pairs are selected here.
     """
     if touching is None:
         return verification_list_checked_pairs(cell, arm, bodies, clearance), []

@@ -1,9 +1,8 @@
-"""Bodies and masses counted by reading the URDF a second time, against what pinocchio and coal loaded and what is
-checked.
+"""Inventory of bodies and masses from a second reading of the URDF, compared with what was loaded and is checked.
 
-A parser that meets an element it cannot read may drop it without a word; a link then passes through everything, or
-weighs nothing. Here the file is plain XML: each ``<collision>`` must be there again with its kind and size, each
-link's mass must be felt, and every body must stand in some pair that is checked for contacts.
+A parser may ignore an element that it cannot read. A link would then have no collision shape or no mass. Here the
+file is plain XML: each ``<collision>`` must be loaded with its kind and size, each link's mass must count, and every
+body must be in at least one checked pair.
 """
 
 from __future__ import annotations
@@ -31,7 +30,14 @@ MASS_TOLERANCE = 1e-6  # of the total mass
 def check_inventory(
     cell: Cell, arm: UrdfKinematics, bodies: list[CoalBody], checked: list[tuple[CoalBody, CoalBody]]
 ) -> list[VerificationCheck]:
-    """Nothing of the URDF has vanished on its way to the contact check."""
+    """Check that every body and mass of the URDF takes part in the contact check.
+
+    Args:
+        cell: The robot cell.
+        arm: Kinematics of the URDF with the cell's tool.
+        bodies: All collision bodies of the cell.
+        checked: Pairs that are checked for contacts.
+    """
     try:
         root = ElementTree.fromstring(cell.urdf_text)
     except (OSError, ElementTree.ParseError) as error:

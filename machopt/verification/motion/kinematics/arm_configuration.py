@@ -14,7 +14,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True, kw_only=True)
 class ArmConfiguration:
-    """The arm at N configurations: lines of its six axes and what they carry, in base_link, wherever that stands."""
+    """Arm at N configurations: lines of its six axes, frames and what they carry, in base_link."""
 
     q: Array  # (N, 6) rad, true angles
     external: Array  # (N, E) rad or m
@@ -27,8 +27,9 @@ class ArmConfiguration:
 
     @cached_property
     def J(self) -> Array:
-        """(N, 6, 6) geometric Jacobian at the TCP: column i is (z_i × (p − o_i), z_i), and m times that of each joint
-        that stands at m q_i + o."""
+        """(N, 6, 6) geometric Jacobian at the TCP: column i is (z_i × (p − o_i), z_i), plus m times that of each
+        joint that mimics it as m q_i + o.
+        """
         return build_twist_columns(self.axis, self.origin, self.tcp) + self.linked_joints
 
     def moved_to_flange(self) -> Array:
@@ -39,11 +40,21 @@ class ArmConfiguration:
         return out
 
     def select_rows(self, keep: NDArray[Any]) -> ArmConfiguration:
-        """Some of the configurations."""
+        """Return some of the configurations.
+
+        Args:
+            keep: Row numbers, or a mask (N,).
+        """
         return ArmConfiguration(**{f.name: getattr(self, f.name)[keep] for f in fields(ArmConfiguration)})
 
 
 def build_twist_columns(axis: Array, origin: Array, tcp: Array) -> Array:
-    """(N, 6, K) of K lines (N, K, 3) that turn."""
+    """Return the (N, 6, K) geometric Jacobian of rotations about K lines.
+
+    Args:
+        axis: (N, K, 3) unit directions of the lines.
+        origin: (N, K, 3) a point on each line, m.
+        tcp: (N, 4, 4) poses of the TCP.
+    """
     lever = tcp[:, None, :3, 3] - origin
     return np.swapaxes(np.concatenate([np.cross(axis, lever), axis], axis=-1), 1, 2)

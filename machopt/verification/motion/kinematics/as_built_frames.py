@@ -1,7 +1,7 @@
-"""The URDF's tree with joints where the cell's kinematics.yaml says that they are built.
+"""Joint frames of the URDF with the calibrated geometry of the cell's kinematics.yaml.
 
-Written a second time on purpose: nothing here is the planner's. Where a frame sits in what carries it is changed in
-pinocchio's own model; the planner moves lines instead.
+This is a second implementation, independent of the planner. It changes joint placements in pinocchio's model; the
+planner moves lines instead.
 """
 
 from __future__ import annotations
@@ -19,7 +19,11 @@ GEOMETRY_EFFECT = "geometry"
 
 
 def has_as_built_geometry(cell: Cell) -> bool:
-    """Whether the cell says that the arm is not as drawn."""
+    """Return whether the cell has corrections of the arm's geometry.
+
+    Args:
+        cell: The robot cell.
+    """
     return cell.kinematics is not None and any(c.effect == GEOMETRY_EFFECT for c in cell.kinematics.corrections)
 
 
@@ -27,10 +31,11 @@ def apply_as_built_geometry(model: Any, cell: Cell, base: int, flange: int, rest
     """Move joint frames and flange of a model, in place.
 
     Args:
-        model: pinocchio's, of the cell's URDF.
-        cell: its kinematics' geometry counts.
-        base, flange: frames of base_link and of the flange link.
-        rest: configuration where all joints are at zero.
+        model: Pinocchio's model of the cell's URDF.
+        cell: The robot cell, whose kinematics file has the geometry.
+        base: Number of the frame of base_link.
+        flange: Number of the frame of the flange link.
+        rest: Configuration with all joints at zero.
     """
     import pinocchio as pin
 

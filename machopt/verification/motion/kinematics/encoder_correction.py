@@ -1,6 +1,6 @@
-"""Where the joints really stand when the encoders say q: the cell's kinematic corrections, entry by entry.
+"""True joint angles from encoder angles, by the cell's kinematic corrections.
 
-Written a second time on purpose: nothing here is the planner's.
+This is a second implementation, independent of the planner.
 """
 
 from __future__ import annotations
@@ -57,7 +57,11 @@ def compute_true_angles(kinematics: KinematicCorrections | None, q: Array) -> Ar
 
 
 def list_unchecked_corrections(kinematics: KinematicCorrections | None) -> list[VerificationCheck]:
-    """Corrections that no second law is written for: the user's own law, as it is, says where the arm stands."""
+    """Return a skipped check for each user-defined correction, which has no second implementation.
+
+    Args:
+        kinematics: The cell's kinematic corrections; None where it has none.
+    """
     return [
         build_skipped_check(
             f"kinematics.yaml {entry.effect} at {entry.location}",
@@ -69,7 +73,12 @@ def list_unchecked_corrections(kinematics: KinematicCorrections | None) -> list[
 
 
 def check_correction_range(kinematics: KinematicCorrections | None, q: Array) -> list[VerificationCheck]:
-    """Corrections that a motion (S, 6) rad by encoder goes beyond the measured range of: told, nothing broken."""
+    """Report corrections whose measured range the motion exceeds; this fails nothing.
+
+    Args:
+        kinematics: The cell's kinematic corrections; None where it has none.
+        q: (S, 6) joint positions by encoder, rad.
+    """
     out = []
     for entry in kinematics.corrections if kinematics is not None else ():
         if RANGE_KEY not in entry.parameters:
@@ -93,6 +102,6 @@ def _compute_applied_share(limits: tuple[float, float] | None, angle: Array) -> 
     if limits is None:
         return np.ones(len(angle))
     away = np.maximum(limits[0] - np.degrees(angle), np.degrees(angle) - limits[1])
-    from scipy.special import betainc  # here: kernels beside it are compiled where scipy is not installed
+    from scipy.special import betainc  # late: kernels of this module are compiled where scipy is not installed
 
     return np.asarray(1.0 - betainc(4.0, 4.0, np.clip(away / FADE_OUT_DEG, 0.0, 1.0)))

@@ -37,7 +37,7 @@ WristKind = Literal["spherical", "three_parallel", "general"]
 
 @dataclass(frozen=True)
 class ArmPosture:
-    """How N configurations stand."""
+    """Branch and singularity distances of N configurations."""
 
     kind: WristKind
     branch: NDArray[np.int64] | None  # (N,); None: numbered by a solver
@@ -46,7 +46,11 @@ class ArmPosture:
 
 
 def compute_posture(stance: ArmConfiguration) -> ArmPosture:
-    """Branch and singularity of N ≥ 1 configurations."""
+    """Return branch and singularity distance of N ≥ 1 configurations.
+
+    Args:
+        stance: The arm at N configurations, base_link axes.
+    """
     z, o = stance.axis, stance.origin
     parallel = bool(np.linalg.norm(np.cross(z[0, 1], z[0, 2])) < PARALLEL_TOLERANCE_RAD)
     w, off = _find_meeting_point(z[:, 3:], o[:, 3:])
@@ -69,7 +73,13 @@ def compute_posture(stance: ArmConfiguration) -> ArmPosture:
 
 
 def compute_limit_margin(q: Array, lower: Array, upper: Array) -> Array:
-    """(N,) rad by encoder to the nearest joint limit, negative beyond it."""
+    """Return the (N,) distance to the nearest joint limit, rad by encoder, negative beyond it.
+
+    Args:
+        q: (N, 6) joint positions by encoder, rad.
+        lower: (6,) lower limits, rad.
+        upper: (6,) upper limits, rad.
+    """
     return np.asarray(np.minimum(q - lower, upper - q).min(axis=1))
 
 

@@ -1,11 +1,11 @@
-"""Kinematics of the whole URDF: the joints' places and axes by pinocchio, all configurations in one compiled loop.
+"""Kinematics of the whole URDF: joint placements and axes by pinocchio, all configurations in one compiled loop.
 
-Joints that follow another (``<mimic>``) stand where they follow to. With A_i the place of joint i in its parent p,
-E_i(q) its turn about or shift along its own axis:
+Joints that mimic another (``<mimic>``) follow it. With A_i the placement of joint i in its parent p, E_i(q) its
+rotation about or translation along its axis:
 
-    T_i = T_p A_i E_i(q_i),    E = I + sin q [w]× + (1 − cos q) [w]×²  or  I with q v in the last column.
+  T_i = T_p A_i E_i(q_i),    E = I + sin q [w]× + (1 − cos q) [w]×²  or  I with q v in the last column.
 
-The tests hold this against pinocchio's own forward kinematics, row by row.
+The tests compare this with pinocchio's own forward kinematics, row by row.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class UrdfKinematics:
         self.joints = [int(self.model.getJointId(name)) for name in cell.arm_joints]
         self._external = [int(self.model.getJointId(name)) for name in cell.external_joints]
         driven = {name: n for n, name in enumerate((*cell.arm_joints, *cell.external_joints))}
-        # joint of the URDF that follows, column of what it follows (−1: stands still), multiplier, offset
+        # joint of the URDF that follows, column of what it follows (−1: fixed), multiplier, offset
         self._follow = [
             (int(self.model.getJointId(m.joint)), driven.get(m.source, -1), m.multiplier, m.offset)
             for m in cell.mimics
@@ -70,10 +70,13 @@ class UrdfKinematics:
         return int(self.model.getFrameId(name))
 
     def link_of(self, frame: int) -> int:
-        """Arm link (0 … 6) that a link of the URDF, as pinocchio numbers frames, rides on.
+        """Return the arm link (0 … 6) that carries a link of the URDF.
 
-        In a cell with external joints −1 for what is not below base_link: the hall, rails and their carriages, a
-        positioner.
+        In a cell with external joints it is −1 for everything not below base_link: the hall, rails and their
+        carriages, a positioner.
+
+        Args:
+            frame: Number of the URDF link's frame in pinocchio's model.
         """
         joint = int(self.model.frames[frame].parentJoint)
         while joint > 0:
@@ -92,16 +95,19 @@ class UrdfKinematics:
 
     @property
     def is_workpiece_on_base(self) -> bool:
-        """The workpiece's link hangs on base_link: what turns it is that one's neighbour."""
+        """Whether the workpiece's link is fixed to base_link; its neighbours are then those of base_link."""
         frame = 0 if self._part is None else self._part
         while frame not in (0, self._base):
             frame = int(self.model.frames[frame].parentFrame)
         return frame != 0
 
     def list_moving_joints(self, carrier: int) -> frozenset[int]:
-        """Joints of the URDF that move an entry of :meth:`placements` in the hall; of −1 none.
+        """Return the URDF joints that move an entry of :meth:`compute_placements` in the world; none for −1.
 
         Joints that nothing drives move nothing.
+
+        Args:
+            carrier: Number of the entry.
         """
         driven = {*self.joints, *self._external, *(j for j, source, *_ in self._follow if source >= 0)}
         out, parent = set(), self._chain[0]
@@ -116,7 +122,11 @@ class UrdfKinematics:
         return frozenset(self._external)
 
     def find_placement(self, link: str) -> tuple[int, Array]:
-        """Entry of :meth:`placements` that carries a link of the URDF or ``world`` (−1), and (4, 4) the link there."""
+        """Return the entry of :meth:`compute_placements` that carries a link, and the (4, 4) link pose there.
+
+        Args:
+            link: Name of a URDF link, or ``world`` (entry −1).
+        """
         if link == "world":
             return -1, np.eye(4)
         frame = self.model.frames[self._find_frame(link)]
@@ -124,12 +134,12 @@ class UrdfKinematics:
 
     @property
     def base(self) -> int:
-        """Entry of :meth:`placements` that carries base_link."""
+        """Entry of :meth:`compute_placements` that carries base_link."""
         return int(self.model.frames[self._base].parentJoint)
 
     @property
     def workpiece_placement(self) -> int:
-        """Entry of :meth:`placements` of the workpiece frame."""
+        """Entry of :meth:`compute_placements` of the workpiece frame."""
         return int(self.model.njoints) + 1
 
     def compute_placements(self, q: Array, external: Array) -> Array:
@@ -162,7 +172,7 @@ class UrdfKinematics:
 
     @cached_property
     def total_rotation(self) -> Array:
-        """(6 + E,) rad (or m) that all joints together move per rad of one: more than 1 where others follow it."""
+        """(6 + E,) motion of all joints together per unit of one: more than 1 where others follow it."""
         out = np.ones(len(self.joints) + len(self._external))
         for _, source, multiplier, _ in self._follow:
             if source >= 0:
@@ -171,7 +181,7 @@ class UrdfKinematics:
 
     @cached_property
     def slides(self) -> NDArray[np.bool_]:
-        """(6 + E,) which of the driven joints shift."""
+        """(6 + E,) which of the driven joints are prismatic."""
         return np.array([bool(self._steps[j][1].any()) for j in (*self.joints, *self._external)])
 
     @cached_property
@@ -227,13 +237,17 @@ class UrdfKinematics:
 
     @cached_property
     def _to_world(self) -> Array:
-        """(4, 4) the URDF's root in world: base_link stands where the cell puts it with the external axes at zero."""
+        """Return the (4, 4) pose of the URDF's root in world: the cell places base_link with external axes at zero."""
         self._forward(self.model, self._data, self.rest)
         to_world: Array = self.cell.T_world_base @ np.linalg.inv(self._data.oMf[self._base].homogeneous)
         return to_world
 
     def T_base_workpiece(self, external: Array) -> Array:
-        """(N, 4, 4) the CAM frame in base_link with external joints at (N, E) rad or m; one for all rows if E = 0."""
+        """Return (N, 4, 4) poses of the CAM frame in base_link; one for all rows if E = 0.
+
+        Args:
+            external: (N, E) positions of the external joints, rad or m.
+        """
         if external.shape[1] == 0 and len(external) > 1:
             return np.broadcast_to(self.T_base_workpiece(external[:1]), (len(external), 4, 4))
         values = np.zeros((len(external), 6)), external
@@ -251,7 +265,12 @@ class UrdfKinematics:
         return np.empty((len(q), 0)) if external is None else external
 
     def compute_configuration(self, q: Array, external: Array | None = None) -> ArmConfiguration:
-        """Axes, frames and TCP at q (N, 6) rad in base_link, external joints at (N, E) rad or m."""
+        """Return axes, frames and TCP in base_link.
+
+        Args:
+            q: (N, 6) joint positions by encoder, rad.
+            external: (N, E) positions of the external joints, rad or m; None for the home position.
+        """
         external = self._check_external_positions(q, external)
         joints = self._joint_frames(q, external)
         back = np.linalg.inv(self._compute_fixed_link_pose(joints, self._base))
@@ -281,8 +300,15 @@ class UrdfKinematics:
         )
 
     def compute_external_joint_state(self, name: str, stance: ArmConfiguration) -> tuple[Array, Array, bool]:
-        """An external joint as it stands: (N, 4, 4) the link it moves and (N, 3) its axis, both in base_link, and
-        whether it slides."""
+        """Return link pose, axis and type of an external joint.
+
+        Args:
+            name: Name of the external joint.
+            stance: The arm at N configurations, base_link axes.
+
+        Returns:
+            (N, 4, 4) the link it moves and (N, 3) its axis, both in base_link, and whether the joint is prismatic.
+        """
         joint = self._external[self.cell.external_joints.index(name)]
         joints = self._joint_frames(stance.q, stance.external)
         link = np.linalg.inv(self._compute_fixed_link_pose(joints, self._base)) @ joints[:, joint]
@@ -290,7 +316,11 @@ class UrdfKinematics:
         return link, np.asarray(link[:, :3, :3] @ (shift + turn)), bool(shift.any())
 
     def build_nominal(self, stance: ArmConfiguration) -> ArmConfiguration:
-        """The arm of the drawing with its flange where this one's is: postures are told of that one."""
+        """Return the nominal arm with its flange at the same poses; branches and singularities refer to it.
+
+        Args:
+            stance: The arm at N configurations, base_link axes.
+        """
         if self._drawn or not has_as_built_geometry(self.cell):
             return stance
         drawn, q = UrdfKinematics(self.cell, drawn=True), stance.q
@@ -314,10 +344,13 @@ class UrdfKinematics:
         return out
 
     def compute_gravity_torque(self, q: Array, external: Array | None = None) -> Array:
-        """(N, 6) N·m that the weight of links and tool does to the joints at q (N, 6) rad, external joints at (N, E);
-        the tool a point mass.
+        """Return (N, 6) joint torques of the weight of links and tool, N·m; the tool is a point mass.
 
         Weight acts along −z of world with 9.80665 m/s². What is missing in the URDF weighs nothing.
+
+        Args:
+            q: (N, 6) joint positions by encoder, rad.
+            external: (N, E) positions of the external joints, rad or m; None for the home position.
         """
         import pinocchio as pin
 
@@ -340,10 +373,15 @@ class UrdfKinematics:
         return np.asarray(torque)
 
     def compute_tcp_in_workpiece(self, q: Array, external: Array) -> Array:
-        """(S, 4, 4) pose of the TCP in the CAM frame."""
+        """Return (S, 4, 4) poses of the TCP in the CAM frame.
+
+        Args:
+            q: (S, 6) joint positions by encoder, rad.
+            external: (S, E) positions of the external joints, rad or m.
+        """
         out = np.empty((len(q), 4, 4))
         still = slice(0, 1) if self._part is None else slice(None)  # one that no joint turns is the same in all rows
-        for start in range(0, len(q), BLOCK_ROWS):  # the frames of all joints are many times what is kept
+        for start in range(0, len(q), BLOCK_ROWS):  # the frames of all joints need many times the memory of the result
             some = slice(start, start + BLOCK_ROWS)
             T = self.compute_placements(q[some], external[some])
             out[some] = np.linalg.inv(T[still, -1]) @ T[:, -2] @ self.cell.tool.T_flange_tcp

@@ -1,8 +1,8 @@
-"""The motion as a polyline: its samples, and the corners of the commanded path that lie between two of them.
+"""Polyline of the motion: its samples, and the corners of the commanded path that lie between two of them.
 
-A control sample every 12 ms or more seldom falls on a corner of the path, and the straight chord between the samples
-before and after it cuts the corner off by up to half of the distance between them. The motion itself passes the
-corner; that it keeps to the path is a check of its own (:mod:`machopt.verification.motion.checks.path_following`).
+A control sample every 12 ms or more rarely lies on a corner of the path. The straight chord between the samples
+before and after it cuts the corner off by up to half of their distance. The motion itself passes the corner; a
+separate check proves that it keeps to the path (:mod:`machopt.verification.motion.checks.path_following`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ INDEX_TOLERANCE = 1e-6  # of an index, which is printed with six decimals
 
 @dataclass(frozen=True, kw_only=True)
 class CommandedPath:
-    """The corners that the motion passes, and what the controller's own kinematics makes of them."""
+    """Corners that the motion passes, and their poses by the controller's own kinematics."""
 
     toolpath: Toolpath
     index: Array  # (P,) fractional toolpath index of each corner, not falling
@@ -35,14 +35,18 @@ class CommandedPath:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionPolyline:
-    """V vertices in order of time."""
+    """Polyline of V vertices in order of time."""
 
     T: Array  # (V, 4, 4) of the TCP in the workpiece
     joints: Array  # (V, n) rad or m, joints and external axes
     sample: Array  # (V,) fractional index of the sample, rising
 
     def convert_to_sample(self, at: Array) -> Array:
-        """Fractional samples of fractional vertices (K,); NaN stays NaN."""
+        """Convert fractional vertices to fractional samples; NaN stays NaN.
+
+        Args:
+            at: (K,) fractional vertices.
+        """
         return np.asarray(np.interp(at, np.arange(len(self.sample)), self.sample))
 
 

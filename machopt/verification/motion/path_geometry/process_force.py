@@ -1,4 +1,4 @@
-"""The process force a shifted path is held against, computed again: by walking along the toolpath, piece by piece.
+"""Process force for the check of a compensated path, recomputed piece by piece along the toolpath.
 
 The law is the one that machopt states for its compensation. A mean over 2ℓ of the force along the run (outside the cuts
 that of the nearest one), times a share that fades over ℓ away from the cuts and at ends of a run that is only come from
@@ -25,7 +25,7 @@ MIN_PARALLEL_COSINE = 0.9998476951563913  # cos 1°
 
 @dataclass(frozen=True, kw_only=True)
 class RunPieces:
-    """The straight moves of a run that have a length, in order."""
+    """Straight moves of a run that have a length, in order."""
 
     start: Array  # (M,) m along the run
     end: Array  # (M,)
@@ -36,7 +36,14 @@ class RunPieces:
 
 
 def compute_process_force(toolpath: Toolpath, index: Array, force: ProcessForce, length: float) -> Array:
-    """(P, 3) N in workpiece at fractional points (P,), fading and turning over ``length`` (m)."""
+    """Return the (P, 3) process force in the workpiece frame, N.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        index: (P,) fractional toolpath points.
+        force: The force of the cut: along, across and axial components, N.
+        length: Path length over which the force fades and turns, m.
+    """
     out = np.zeros((len(index), 3))
     for first, last in list_runs(toolpath):
         rows = np.flatnonzero((index >= first - 1e-9) & (index <= last + 1e-9))
@@ -54,9 +61,13 @@ def compute_process_force(toolpath: Toolpath, index: Array, force: ProcessForce,
 
 
 def compute_sideways_directions(toolpath: Toolpath) -> Array:
-    """(N, 3) direction of the sideways force of the move that leaves each point, at a run's end of the one to it.
+    """Return the (N, 3) sideways force direction of the move that leaves each point; at a run's end of the move to
+    it.
 
-    Of unit length across the axis and along it; in between the blend of the two may be shorter.
+    Its length is 1 across the axis and along it; in the blend between both it may be shorter.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
     """
     out = np.zeros((len(toolpath), 3))
     for first, last in list_runs(toolpath):
@@ -76,13 +87,23 @@ def compute_sideways_directions(toolpath: Toolpath) -> Array:
 
 
 def list_runs(toolpath: Toolpath) -> list[tuple[int, int]]:
-    """First and last point of each stretch that begins where a rapid move ends."""
+    """Return first and last point of each stretch that begins where a rapid move ends.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+    """
     begins = np.union1d(0, np.flatnonzero(toolpath.move == MoveKind.RAPID)).tolist()
     return [(a, b - 1) for a, b in zip(begins, [*begins[1:], len(toolpath)], strict=True)]
 
 
 def list_run_pieces(toolpath: Toolpath, first: int, last: int) -> tuple[RunPieces, Array]:
-    """The run's moves, and the length along it at each of its points."""
+    """Return the moves of a run, and the length along it at each of its points, m.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        first: First point of the run.
+        last: Last point of the run.
+    """
     step = np.diff(toolpath.position[first : last + 1], axis=0)
     size = np.linalg.norm(step, axis=1)
     at = np.append(0.0, np.cumsum(size))
@@ -119,7 +140,11 @@ class _RunForce:
         self.lead = _compute_lead_directions(pieces)[cut]
 
     def compute_force(self, s: Array) -> Array:
-        """(n, 3) N at places (n,), outside the cuts that of the nearest."""
+        """Return the (n, 3) force at places of the run, N; outside the cuts that of the nearest cut.
+
+        Args:
+            s: (n,) places along the run, m.
+        """
         away = np.maximum(np.maximum(self.starts - s[:, None], s[:, None] - self.ends), 0.0)
         n = away.argmin(axis=1)
         f = (np.clip(s, self.starts[n], self.ends[n]) - self.starts[n]) / (self.ends[n] - self.starts[n])

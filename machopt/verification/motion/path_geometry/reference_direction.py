@@ -1,4 +1,4 @@
-"""Where gamma is zero, as docs/conventions.md has it, from the CAM file's points alone.
+"""Reference direction of the rotation angle gamma, as docs/conventions.md defines it, from the CAM file's points.
 
 gamma turns the TCP about its own z (which points out of the tool, so −z is the CAM axis), right-handed. gamma = 0 is,
 projected on the plane normal to the tool axis: the file's own reference direction where it gives one; workpiece x for
@@ -25,10 +25,10 @@ MIN_AXIS_ANGLE_RAD = np.radians(1.0)  # a move this near the tool axis has no di
 
 @dataclass(frozen=True, kw_only=True)
 class PathDirections:
-    """At M places of the path: where gamma is zero and where the tool travels, both normal to the axis there.
+    """Reference direction and direction of travel at M places of the path, both normal to the axis there.
 
-    ``other`` is the direction of travel where it may also be taken from farther on, ``second`` the reference by it:
-    along a plunge the axis may turn, so that the same move leaves the 1° on its way. NaN where there is only one.
+    ``other`` is the direction of travel of a later move, where that may be used too; ``second`` is the reference by
+    it. Along a plunge the axis may turn, so the same move exceeds the 1° on its way. NaN where there is only one.
     """
 
     axis: Array  # (M, 3) unit, tip to shank
@@ -39,7 +39,11 @@ class PathDirections:
     second: Array  # (M, 3)
 
     def compute_rotation_angle(self, tcp: Array) -> Array:
-        """(M, 2) rad, the rotation of TCP poses (M, 4, 4) from either reference; the TCP's own z is turned about."""
+        """Return the (M, 2) rotation about the TCP's own z from either reference, rad.
+
+        Args:
+            tcp: (M, 4, 4) poses of the TCP in the workpiece frame.
+        """
         x, z = tcp[:, :3, 0], tcp[:, :3, 2]
         out = np.full((len(x), 2), np.nan)
         for c, zero in enumerate((self.zero, self.second)):
@@ -48,7 +52,11 @@ class PathDirections:
 
 
 def compute_directions_at_points(toolpath: Toolpath) -> PathDirections:
-    """Directions at every point of the toolpath."""
+    """Return the directions at every point of the toolpath.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+    """
     n = len(toolpath)
     joined = is_joined_to_next(toolpath)
     step = _remove_noise(np.diff(toolpath.position, axis=0))
@@ -70,11 +78,13 @@ def compute_directions_at_points(toolpath: Toolpath) -> PathDirections:
 
 
 def interpolate_directions(toolpath: Toolpath, known: PathDirections, index: Array, *, leaving: bool) -> PathDirections:
-    """Directions at fractional indices (M,) inside moves that are not rapid.
+    """Return the directions at fractional indices inside moves that are not rapid.
 
     Args:
-        known: those at the points.
-        leaving: at a whole index take the move that leaves the point instead of the one that comes to it.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        known: Directions at the points.
+        index: (M,) fractional toolpath indices.
+        leaving: At a whole index, take the move that leaves the point instead of the one that leads to it.
     """
     last = len(toolpath) - 1
     if leaving:
@@ -106,7 +116,12 @@ INDEX_TOLERANCE = 1e-6  # of an index, which is printed with six decimals
 
 
 def is_joined_to_next(toolpath: Toolpath, *, padded: bool = False) -> NDArray[np.bool_]:
-    """(N − 1,) the move from each point to the next is not a rapid one; padded (N,) with False at the end."""
+    """Return (N − 1,) whether the move from each point to the next is not rapid.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        padded: Append False, so that the result has shape (N,).
+    """
     joined = np.asarray(toolpath.move[1:] != MoveKind.RAPID)
     return np.r_[joined, False] if padded else joined
 

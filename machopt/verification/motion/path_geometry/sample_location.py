@@ -1,9 +1,8 @@
-"""Where each sample of the motion is against the CAM file: on one of its moves, lifted off one of its points, or free.
+"""Position of each motion sample relative to the CAM file: on a feed move, lifted off a point, or free.
 
-Nothing here reads a label. A sample is *fed* where the tool is on a move that the CAM file makes at a feed, point and
-axis within the tolerances; *lifted* where it stands above a point of the file, straight along that point's tool axis
-(so the tool is drawn out of the workpiece and let in again where the file itself begins or ends in it); else it is
-free. A free tool has no business in the workpiece, whatever the row calls itself.
+No label is read here. A sample is *fed* where the tool is on a move that the CAM file makes at a feed, with point and
+axis within the tolerances. It is *lifted* where it lies straight above a point along that point's tool axis. Else it
+is free. A free tool must not be in the workpiece.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ from machopt.verification.motion.path_geometry.reference_direction import INDEX_
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath at a feed
-BLOCK_ROWS = 50_000  # samples compared at a time: what lies between is many times what is kept
+BLOCK_ROWS = 50_000  # samples compared at a time: intermediate arrays are many times larger than the result
 MAX_RETRACT_M = 0.5  # m, to which the tool is lifted along its axis
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampleLocations:
-    """S samples against the toolpath; what does not exist is inf or False."""
+    """Position of S samples relative to the toolpath; what does not exist is inf or False."""
 
     tcp: Array  # (S, 4, 4) in workpiece
     next_point: NDArray[np.int64]  # (S,) point that the move of the file at the sample's index leads to
@@ -40,9 +39,12 @@ class SampleLocations:
     axis_limit: float  # rad
 
     def is_on_retract(self, point: Array) -> Bools:
-        """(S,) rows of a lift: lifted off one point, or on that point just before or after, at the same index.
+        """Return (S,) rows of a retract or approach move: lifted off a point, or on it just before or after.
 
-        The first rows of a lift are still within the tolerance of the point itself.
+        The first rows of such a move are still within the tolerance of the point itself.
+
+        Args:
+            point: (S,) toolpath index of the rows.
         """
         out = self.on_retract_move.copy()
         with np.errstate(invalid="ignore"):
@@ -56,21 +58,23 @@ class SampleLocations:
 
     @property
     def is_free(self) -> Bools:
-        """(S,) on no move of the file at a feed, nor lifted off it."""
+        """(S,) on no feed move of the file, and not lifted off it."""
         return np.asarray(~(self.on_feed_move | self.on_retract_move))
 
 
 def locate_samples(
     motion: ExportedMotion, toolpath: Toolpath, corners: Array, position: Array, tcp: Array, options: PlanOptions
 ) -> SampleLocations:
-    """Hold each sample against the CAM file.
+    """Return the position of each motion sample relative to the CAM file.
 
     Args:
-        corners, position: (P,), (P, 3) m: fractional index and place of the commanded polyline's corners: the
-        toolpath's
-            points, or those of the shifted path.
-        tcp: (S, 4, 4) in workpiece.
-        options: tolerances the run was asked to keep, where wider than the defaults.
+        motion: The exported motion (trajectory.csv), SI.
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        corners: (P,) fractional index of the commanded polyline's corners: the toolpath's points, or those of the
+            shifted path.
+        position: (P, 3) position of these corners, m.
+        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
+        options: The planning options, whose tolerances count where they are wider than the defaults.
     """
     path_limit = max(PATH_MM / 1e3, options.path_tolerance)
     axis_limit = max(np.radians(AXIS_DEG), options.axis_tolerance)

@@ -41,11 +41,11 @@ GRID_FACE_TOLERANCE_M = 1e-6  # m; a point this near a face of the stiffness gri
 
 @dataclass(frozen=True, kw_only=True)
 class ComplianceState:
-    """What gives at N configurations, base_link axes."""
+    """Compliance at N configurations, base_link axes."""
 
     J: Array  # (N, 6, 6) at the TCP
     gear: Array  # (N, 6) N·m/rad
-    k: Array  # (N, 6) N·m/rad, with the balancer beside the gear of joint 2
+    k: Array  # (N, 6) N·m/rad, with the balancer in parallel to the gear of joint 2
     linear: Array  # (N, 6, 6) rad/(N·m) of terms in the joints
     curves: tuple[spring_terms.TorqueCurve, ...]
     weight: Array  # (N, 6) N·m
@@ -78,7 +78,11 @@ class ComplianceState:
         return np.asarray(self.J @ A @ np.swapaxes(self.J, 1, 2) + self.bodies)
 
     def compute_stiffness_along(self, e: Array) -> Array:
-        """(N,) N/m, stiffness along unit vectors (N, 3); infinite where one has no length."""
+        """Return the (N,) stiffness along unit vectors, N/m; infinite where a vector is zero.
+
+        Args:
+            e: (N, 3) unit direction vectors, base_link axes.
+        """
         whole, stated = (
             np.einsum("ni,nij,nj->n", e, C[:, :3, :3], e) for C in (self.small_load_compliance, self._stated_compliance)
         )
@@ -86,12 +90,20 @@ class ComplianceState:
             return np.asarray(1.0 / np.maximum(whole, MIN_COMPLIANCE_SHARE * stated))
 
     def compute_jiao_stiffness(self, e: Array) -> Array:
-        """(N,) N/m, k_x of jiao2022 along unit vectors (N, 3)."""
+        """Return the (N,) stiffness k_x of jiao2022 along unit vectors, N/m.
+
+        Args:
+            e: (N, 3) unit direction vectors, base_link axes.
+        """
         S = np.linalg.inv(np.linalg.inv(self.small_load_compliance)[:, :3, :3])
         return np.asarray(1.0 / np.sqrt(np.linalg.norm(np.einsum("nij,njk,nk->ni", S, S, e), axis=1)))
 
     def compute_displacement(self, force: Array) -> Array:
-        """(N, 3) m of the TCP under forces (N, 3) N."""
+        """Return the (N, 3) displacement of the TCP, m.
+
+        Args:
+            force: (N, 3) forces, N, base_link axes.
+        """
         tau = np.einsum("nci,nc->ni", self.J[:, :3], force)
         turn = np.einsum("nij,nj->ni", self.linear, tau)
         turn += np.linalg.solve(self._compute_loaded_stiffness(force), tau[..., None])[..., 0]
@@ -105,18 +117,31 @@ class ComplianceState:
         return np.asarray(moved if self.discrepancy is None else moved + self.discrepancy.compute_mean_shift(force))
 
     def compute_external_joint_std(self, e: Array, force: Array) -> Array:
-        """(N,) 1σ of what moves along e (N, 3) under forces (N, 3), by the external joints' stiffness."""
+        """Return the (N,) standard uncertainty along e from the external joints' stiffness, m.
+
+        Args:
+            e: (N, 3) unit direction vectors, base_link axes.
+            force: (N, 3) forces, N, base_link axes.
+        """
         if self.unsure is None:
             return np.zeros(len(e))
         on_e, on_force = (np.einsum("nkc,nc->nk", self.unsure, v) for v in (e, force))
         return np.asarray(np.linalg.norm(on_e * on_force, axis=1))
 
     def compute_axial_gradient(self, e: Array) -> Array:
-        """(N, 6) how eᵀ C e follows each gear's compliance."""
+        """Return the (N, 6) derivative of eᵀ C e with respect to each gear's compliance.
+
+        Args:
+            e: (N, 3) unit direction vectors, base_link axes.
+        """
         return np.asarray(np.einsum("nci,nc->ni", self.J[:, :3], e) ** 2 * (self.gear / self.k) ** 2)
 
     def compute_deflection_gradient(self, force: Array) -> Array:
-        """(N, 6) how |d| follows each gear's compliance."""
+        """Return the (N, 6) derivative of |d| with respect to each gear's compliance.
+
+        Args:
+            force: (N, 3) forces, N, base_link axes.
+        """
         d = self.compute_displacement(force)
         e = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), np.finfo(float).tiny)
         along, tau = (np.einsum("nci,nc->ni", self.J[:, :3], v) for v in (e, force))
@@ -136,10 +161,10 @@ class ComplianceState:
 
 
 class ComplianceModel:
-    """The stiffness of a cell, ready to be asked.
+    """Compliance model of a cell.
 
     Raises:
-        UnknownTermError: a term that nothing here has a law for.
+        UnknownTermError: The stiffness file has a term without a law here.
     """
 
     def __init__(self, cell: Cell, arm: UrdfKinematics, stiffness: ArmStiffness) -> None:
@@ -163,7 +188,12 @@ class ComplianceModel:
         )
 
     def evaluate(self, stance: ArmConfiguration, position: Array) -> ComplianceState:
-        """Args: position (N, 3) m of the programmed TCP in base_link."""
+        """Return the compliance at N configurations.
+
+        Args:
+            stance: The arm at N configurations, base_link axes.
+            position: (N, 3) programmed positions of the TCP in base_link, m.
+        """
         gear, holds = self.compute_joint_stiffness(position)
         k = gear.copy()
         k[:, 1] += spring_terms.compute_balancer_stiffness(self.stiffness.terms, stance.q[:, 1])
@@ -191,7 +221,11 @@ class ComplianceModel:
         )
 
     def compute_joint_stiffness(self, position: Array) -> tuple[Array, tuple[tuple[NDArray[np.int64], Array], ...]]:
-        """(N, 6) N·m/rad at positions (N, 3) in base_link, and what they are made of."""
+        """Return the (N, 6) joint stiffness, N·m/rad, and the grid cells it is averaged from.
+
+        Args:
+            position: (N, 3) positions of the TCP in base_link, m.
+        """
         grid = self.stiffness.grid
         k = np.tile(self.stiffness.joints, (len(position), 1))
         holds: list[tuple[NDArray[np.int64], Array]] = []
@@ -205,7 +239,12 @@ class ComplianceModel:
         return k, tuple(holds) or tuple((np.empty(0, np.int64), np.empty((0, 6))) for _ in position)
 
     def compute_std(self, softness: ComplianceState, gradient: Array) -> Array:
-        """(N,) 1σ of what follows the compliances with a gradient (N, 6); NaN where the file does not say."""
+        """Return the (N,) standard uncertainty √(gᵀ Σ g); NaN where the file gives none.
+
+        Args:
+            softness: The compliance at N configurations.
+            gradient: (N, 6) derivative with respect to each gear's compliance.
+        """
         grid, out = self.stiffness.grid, np.full(len(gradient), np.nan)
         if self._lack is not None:  # it says of the constant model's springs all that there is to say
             out[:] = 0.0
@@ -220,14 +259,24 @@ class ComplianceModel:
         return out
 
     def compute_axial_std(self, soft: ComplianceState, e: Array) -> Array:
-        """(N,) 1σ in N/m of the stiffness along unit vectors (N, 3)."""
+        """Return the (N,) standard uncertainty of the stiffness along unit vectors, N/m.
+
+        Args:
+            soft: The compliance at N configurations.
+            e: (N, 3) unit direction vectors, base_link axes.
+        """
         own = np.hypot(self.compute_std(soft, soft.compute_axial_gradient(e)), soft.compute_external_joint_std(e, e))
         if soft.discrepancy is not None:
             own = soft.discrepancy.compute_stated_std(e, e, own, small=True)
         return np.asarray(own * soft.compute_stiffness_along(e) ** 2)
 
     def compute_deflection_std(self, soft: ComplianceState, force: Array) -> Array:
-        """(N,) 1σ in m of the deflection under forces (N, 3) N."""
+        """Return the (N,) standard uncertainty of the deflection, m.
+
+        Args:
+            soft: The compliance at N configurations.
+            force: (N, 3) forces, N, base_link axes.
+        """
         d = soft.compute_displacement(force)
         e = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), np.finfo(float).tiny)
         own = np.hypot(
@@ -239,7 +288,7 @@ class ComplianceModel:
 
     @property
     def has_uncertainty(self) -> bool:
-        """The file says how sure its stiffness is."""
+        """Whether the file states the uncertainty of its stiffness."""
         grid = self.stiffness.grid
         return (
             self._lack is not None
@@ -249,7 +298,12 @@ class ComplianceModel:
 
 
 def find_grid_cells(grid: StiffnessGrid, position: Array) -> list[NDArray[np.int64]]:
-    """Cells whose closed box holds each position (N, 3), faces taken TOUCH wide."""
+    """Return the cells whose closed box holds each position; boxes are enlarged by TOUCH.
+
+    Args:
+        grid: Stiffness grid of the cell.
+        position: (N, 3) positions of the TCP in base_link, m.
+    """
     nx, ny, nz = grid.shape
     n = np.arange(nx * ny * nz)
     low = grid.origin + grid.cell * np.column_stack([n % nx, n // nx % ny, n // (nx * ny)])
@@ -262,5 +316,13 @@ def find_grid_cells(grid: StiffnessGrid, position: Array) -> list[NDArray[np.int
 
 
 def compute_force(travel: Array, axis: Array, along: float, across: float, axial: float) -> Array:
-    """(N, 3) N: along the direction of travel, along axis × travel, along the axis."""
+    """Return (N, 3) forces, N.
+
+    Args:
+        travel: (N, 3) unit directions of travel.
+        axis: (N, 3) unit tool axes.
+        along: Component along the direction of travel, N.
+        across: Component along axis × travel, N.
+        axial: Component along the axis, N.
+    """
     return np.asarray(along * travel + across * np.cross(axis, travel) + axial * axis)

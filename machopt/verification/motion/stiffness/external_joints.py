@@ -1,7 +1,8 @@
-"""What rails and positioners give, written a second time: stiffness.yaml's ``external_joints`` on pinocchio's frames.
+"""Compliance of rails and positioners from stiffness.yaml's ``external_joints``, on pinocchio's frames.
 
-A wrench on the tool at the TCP works back on the part. Per unit of an external joint the TCP moves by s *against the
-part*; the joint bears sᵀw and moves by sᵀw/k. A body's own compliance C stands in its link's frame at a point of it.
+A wrench at the TCP acts with opposite sign on the part. Per unit of an external joint the TCP moves by s relative to
+the part. The joint carries sᵀw and moves by sᵀw/k. A body's own compliance C is given in its link's frame at a point
+of it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,15 @@ from machopt.verification.motion.stiffness import spring_terms
 def compute_uncertain_twists(
     arm: UrdfKinematics, stance: ArmConfiguration, known: Sequence[ExternalJointSpring], programmed: Array
 ) -> Array:
-    """(N, K, 3) s·√σ of the joints whose stiffness has a σ, that of 1/k; s: the TCP's motion against the part."""
+    """Return (N, K, 3) s·√σ of the joints whose stiffness has a σ, that of 1/k; s: motion of the TCP against the
+    part.
+
+    Args:
+        arm: Kinematics of the URDF with the cell's tool.
+        stance: The arm at N configurations, base_link axes.
+        known: Springs of the external joints.
+        programmed: (N, 3) programmed TCP positions in base_link, m.
+    """
     every = [s for s in known if s.std > 0.0]
     out = np.zeros((len(stance.q), len(every), 3))
     for n, spring in enumerate(every):
@@ -33,11 +42,14 @@ def compute_uncertain_twists(
 def compute_external_compliance(
     arm: UrdfKinematics, stance: ArmConfiguration, known: Sequence[ExternalJointSpring], programmed: Array | None = None
 ) -> Array:
-    """(N, 6, 6) compliance at the TCP in base_link axes, of all external joints.
+    """Return the (N, 6, 6) compliance at the TCP of all external joints, base_link axes.
 
     Args:
-        programmed: (N, 3) m, the TCP's programmed place in base_link, which it comes to under load where the commanded
-            path is shifted against the deflection; None: it is where the joints put it.
+        arm: Kinematics of the URDF with the cell's tool.
+        stance: The arm at N configurations, base_link axes.
+        known: Springs of the external joints.
+        programmed: (N, 3) programmed TCP positions in base_link, m, which the TCP reaches under load on a compensated
+            path; None: it is where the joints put it.
     """
     out = np.zeros((len(stance.q), 6, 6))
     if not known:

@@ -49,7 +49,7 @@ UNIT_PARAMETERS = {
 
 @dataclass(frozen=True)
 class CoefficientEffect:
-    """What a coefficient of a term of the file does, per unit: a matrix in the joints, a curve, or one at a body."""
+    """Effect of a term's coefficient per unit: a matrix in the joints, a curve, or a compliance of a body."""
 
     term: StiffnessTerm | None = None
     curve: spring_terms.TorqueCurve | None = None
@@ -57,10 +57,10 @@ class CoefficientEffect:
 
 
 class StatedDiscrepancy:
-    """The discrepancy of a stiffness file.
+    """Model discrepancy of a stiffness file.
 
     Raises:
-        UnknownTermError: a part that nothing here has a law for.
+        UnknownTermError: The discrepancy has a part without a law here.
     """
 
     def __init__(
@@ -92,21 +92,32 @@ class StatedDiscrepancy:
         self.zero = zero.frames[0]
 
     def evaluate(self, stance: ArmConfiguration, k: Array, weight: Array) -> DiscrepancyState:
-        """Args: k (N, 6) N·m/rad of the gears; weight (N, 6) N·m."""
+        """Return the discrepancy at N configurations.
+
+        Args:
+            stance: The arm at N configurations, base_link axes.
+            k: (N, 6) stiffness of the gears, N·m/rad.
+            weight: (N, 6) joint torques of the weight, N·m.
+        """
         return DiscrepancyState(self, stance, k, weight)
 
 
 @dataclass(frozen=True)
 class DiscrepancyState:
-    """It at N configurations, base_link axes."""
+    """Model discrepancy at N configurations, base_link axes."""
 
     discrepancy: StatedDiscrepancy
     stance: ArmConfiguration
-    k: Array
-    weight: Array
+    k: Array  # (N, 6) N·m/rad of the gears
+    weight: Array  # (N, 6) N·m, joint torques of the weight
 
     def compute_columns(self, wrench: Array, *, small: bool) -> Array:
-        """(N, 6, K) twist of the TCP per unit of each part under wrenches (N, 6) at it."""
+        """Return the (N, 6, K) twist of the TCP per unit of each part.
+
+        Args:
+            wrench: (N, 6) wrenches at the TCP, N and N·m, base_link axes.
+            small: Linearise about zero load.
+        """
         tau = np.einsum("nci,nc->ni", self.stance.J, wrench)
         out = np.zeros((*wrench.shape, len(self.discrepancy.found.parts)))
         for n, name in enumerate(self.discrepancy.found.parts):
@@ -124,7 +135,11 @@ class DiscrepancyState:
         return out
 
     def compute_mean_shift(self, force: Array) -> Array:
-        """(N, 3) m that the mean adds under forces (N, 3)."""
+        """Return the (N, 3) displacement that the mean discrepancy adds, m.
+
+        Args:
+            force: (N, 3) forces, N, base_link axes.
+        """
         return np.asarray(self.compute_columns(_convert_to_wrench(force), small=False)[:, :3] @ self._mean)
 
     @cached_property
@@ -139,10 +154,13 @@ class DiscrepancyState:
         return d.shift if d.counted else np.zeros_like(d.shift)
 
     def compute_stated_std(self, along: Array, force: Array, beside: Array, *, small: bool) -> Array:
-        """(N,) 1 σ as told of the displacement along unit vectors (N, 3) under forces (N, 3).
+        """Return the (N,) reported standard uncertainty of the displacement along unit vectors.
 
         Args:
-            beside: (N,) 1 σ of what else is unsure.
+            along: (N, 3) unit vectors.
+            force: (N, 3) forces, N, base_link axes.
+            beside: (N,) standard uncertainty of all other sources.
+            small: Linearise about zero load.
         """
         from scipy.stats import ncx2, norm
 

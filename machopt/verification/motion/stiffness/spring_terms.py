@@ -1,4 +1,6 @@
-"""The terms of a stiffness file read a second time: what each makes of the joints or of the bodies.
+"""Terms of a stiffness file, implemented a second time: their effect on joints and bodies.
+
+Every law follows its description in docs/measure.md and in the stiffness file, on pinocchio's frames:
 
 Every law is written from its description in docs/measure.md and in the stiffness file, on pinocchio's frames:
 
@@ -28,12 +30,12 @@ MAX_HARDENING_SHARE = 0.9  # of a joint's compliance that a hardening cubic may 
 
 
 class UnknownTermError(ValueError):
-    """A term this file has no law for."""
+    """Term of a stiffness file without a law in this module."""
 
 
 @dataclass(frozen=True)
 class TorqueCurve:
-    """A joint whose twist is a curve over its torque."""
+    """Joint whose rotation is a curve over its torque."""
 
     joint: int  # 0-based
     form: str  # clipped | cubic | play | used | drag
@@ -46,7 +48,11 @@ class TorqueCurve:
         return self.form not in ("play", "used", "drag")
 
     def compute_rotation(self, torque: Array) -> Array:
-        """φ (N,) rad at torques (N,) N·m."""
+        """Return the (N,) rotation φ, rad.
+
+        Args:
+            torque: (N,) joint torques, N·m.
+        """
         t = torque[:, None]
         if self.form == "drag":
             return np.asarray((np.exp(-np.abs(t) / self.bound) - 1.0) * np.sign(t) @ self.size)
@@ -59,7 +65,11 @@ class TorqueCurve:
         return np.asarray((t - near if self.form == "play" else near) @ self.size)
 
     def compute_slope(self, torque: Array) -> Array:
-        """φ' (N,) rad/(N·m); of play beyond its thresholds, of drag where it has grown."""
+        """Return the (N,) slope φ', rad/(N·m); of play beyond its thresholds, of drag where it is fully grown.
+
+        Args:
+            torque: (N,) joint torques, N·m.
+        """
         t = np.abs(torque)[:, None]
         if self.form == "drag":
             return np.zeros(torque.shape)
@@ -72,14 +82,19 @@ class TorqueCurve:
 
     @property
     def minimum_slope(self) -> float:
-        """The least of φ', rad/(N·m); drag holds most at first."""
+        """Least value of φ', rad/(N·m); drag is stiffest at first."""
         if self.form == "drag":
             return -float((self.size / self.bound).sum())
         return float(self.compute_slope(np.append(0.999999 * self.bound, 1e12)).min())
 
 
 def compute_joint_compliance(terms: Sequence[StiffnessTerm], q: Array) -> Array:
-    """(N, 6, 6) rad/(N·m) of the linear joint terms at true angles q (N, 6)."""
+    """Return the (N, 6, 6) compliance of the linear joint terms, rad/(N·m).
+
+    Args:
+        terms: Terms of the stiffness file.
+        q: (N, 6) true joint angles, rad.
+    """
     out = np.zeros((len(q), 6, 6))
     for term in terms:
         if term.effect == "joint_coupling":
@@ -93,7 +108,12 @@ def compute_joint_compliance(terms: Sequence[StiffnessTerm], q: Array) -> Array:
 
 
 def compute_angle_dependent_compliance(term: StiffnessTerm, angle: Array) -> Array:
-    """(N,) rad/(N·m) that a spring by angle or a creep adds to its joint."""
+    """Return the (N,) compliance that an angle-dependent spring or a creep adds to its joint, rad/(N·m).
+
+    Args:
+        term: Term of the stiffness file.
+        angle: (N,) true angle of the joint, rad.
+    """
     p = term.parameters
     if term.effect == "joint_creep":
         return np.full(angle.shape, float(_get_row(p, "extra_rad_per_Nm").sum()))  # however late each part comes
@@ -105,9 +125,13 @@ def compute_angle_dependent_compliance(term: StiffnessTerm, angle: Array) -> Arr
 
 
 def compute_balancer_stiffness(terms: Sequence[StiffnessTerm], q2: Array) -> Array:
-    """(N,) N·m/rad that springs between two pivots add beside the gear of joint 2 at its angle q2 (N,).
+    """Return the (N,) stiffness that a balancer adds in parallel to the gear of joint 2, N·m/rad.
 
     U(q) = F₀ s + ½ k s² of the distance s of the pivots, s² = a² + L² + 2 a L cos(α + q); the stiffness is U''.
+
+    Args:
+        terms: Terms of the stiffness file.
+        q2: (N,) true angles of joint 2, rad.
     """
     out = np.zeros(q2.shape)
     for term in terms:
@@ -123,11 +147,14 @@ def compute_balancer_stiffness(terms: Sequence[StiffnessTerm], q2: Array) -> Arr
 
 
 def build_torque_curves(terms: Sequence[StiffnessTerm], k: Array, lower: Array, upper: Array) -> list[TorqueCurve]:
-    """The laws over a joint's torque.
+    """Return the curves of rotation over torque, one for each term that is one.
 
     Args:
-        k: (C, 6) N·m/rad of every grid cell and of the constant model; a cubic that hardens must leave a tenth of it.
-        lower, upper: (6,) rad, range of the joints.
+        terms: Terms of the stiffness file.
+        k: (C, 6) stiffness of every grid cell and of the constant model, N·m/rad; a hardening cubic must leave a
+            tenth of it.
+        lower: (6,) lower joint limits, rad.
+        upper: (6,) upper joint limits, rad.
     """
     out: list[TorqueCurve] = []
     hardening: list[TorqueCurve] = []
@@ -168,16 +195,18 @@ def build_torque_curves(terms: Sequence[StiffnessTerm], k: Array, lower: Array, 
 def build_body_springs(
     terms: Sequence[StiffnessTerm], origin: Array, flange: Array, T_flange_tcp: Array
 ) -> list[tuple[int, Array, Array]]:
-    """Springs of base, links and tool: the body (0 base_link … 6), the frame S (4, 4) in base_link at q = 0, and the
+    """Return the springs of base, links and tool: body (0 base_link … 6), frame S (4, 4) in base_link at q = 0,
     compliance (6, 6) in S.
 
     A beam is clamped at the joint's own origin and loaded at the next one's (link) or at the TCP (tool); S is at its
-    loaded end with x along it. Matrices stand in base_link's axes, those of the tool in its beam's axes: y = u × x
-    with u the coordinate axis that x is least along.
+    loaded end with x along it. Matrices are in base_link's axes, those of the tool in its beam's axes: y = u × x with
+    u the coordinate axis that x is least along.
 
     Args:
-        origin: (6, 3) m, of the joints' frames at q = 0, in base_link.
-        flange: (4, 4) at q = 0.
+        terms: Terms of the stiffness file.
+        origin: (6, 3) origins of the joint frames at q = 0 in base_link, m.
+        flange: (4, 4) pose of the flange at q = 0 in base_link.
+        T_flange_tcp: (4, 4) pose of the TCP in the flange.
     """
     out = []
     for term in terms:
@@ -219,9 +248,13 @@ KNOWN_EFFECTS = {
 
 
 def shift_compliance(C: Array, r: Array) -> Array:
-    """(..., 6, 6) compliance C of a point, seen from another one that is rigidly r (..., 3) m away, same axes.
+    """Return the (..., 6, 6) compliance seen at another point of the same rigid body, same axes.
 
     A wrench (f, m) there is (f, m + r × f) here; the twist goes back the same way.
+
+    Args:
+        C: (..., 6, 6) compliance, m/N, rad/N and rad/(N·m).
+        r: (..., 3) vector to the other point, m.
     """
     G = np.zeros((*r.shape[:-1], 6, 6))
     G[..., range(6), range(6)] = 1.0
@@ -319,7 +352,12 @@ def _build_tool_stack(p: Mapping[str, Any], S: Array, flange: Array) -> Array:
 
 
 def rotate_compliance(C: Array, R: Array) -> Array:
-    """(..., 6, 6) the compliance C in the axes that R (..., 3, 3) takes its own axes to."""
+    """Return the (..., 6, 6) compliance in rotated axes.
+
+    Args:
+        C: (..., 6, 6) compliance, m/N, rad/N and rad/(N·m).
+        R: (..., 3, 3) rotation of its own axes into the new ones.
+    """
     Z = np.zeros((*R.shape[:-2], 6, 6))
     Z[..., :3, :3] = Z[..., 3:, 3:] = R
     return np.asarray(Z @ C @ np.swapaxes(Z, -1, -2))
