@@ -19,6 +19,7 @@ from machopt.effects.compliance_matrices import body_compliance_laws, tapered_tu
 from machopt.effects.compliance_matrices.semidefinite_projection import find_nearest_semidefinite
 from machopt.effects.effect_wording import format_effect_at_place
 from machopt.effects.protocol import BodyLaw, CompliantBody, Effect, LawParameter, Quantity
+from machopt.errors import EffectDefinitionError
 from machopt.kinematics.robot import ArmState, Robot, load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
 from machopt.measurement.diagnosis.effect_columns import structural_compliance
@@ -326,7 +327,7 @@ def test_a_users_body_is_taken_and_a_bad_one_named() -> None:
         (replace(TOY, body_laws=(Flat(),)), r"law 'shears': matrices have the shape"),
         (replace(TOY, body_laws=(Broken(),)), r"does not run: ZeroDivisionError"),
     ):
-        with pytest.raises(user_effects.InputError, match=said):
+        with pytest.raises(EffectDefinitionError, match=said):
             user_effects._check_effects([bad], "mine.py")
 
 
