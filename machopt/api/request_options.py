@@ -35,7 +35,7 @@ def list_option_names(request: type[Any]) -> list[str]:
     return [f.name for f in fields(request) if f.name not in NON_OPTION_ARGUMENTS]
 
 
-def build_request(request: type[R], options: Mapping[str, object], **given: Any) -> R:
+def build_request(request: type[R], options: Mapping[str, object], **given: object) -> R:
     """A request with these options; what is not given keeps the request's own default.
 
     Args:

@@ -18,8 +18,15 @@ class CommandParser(argparse.ArgumentParser):
     Options are never abbreviated: an abbreviation may match another command's option, or a future one.
     """
 
-    def __init__(self, *args: Any, **settings: Any) -> None:
-        super().__init__(*args, **{**settings, "allow_abbrev": False})
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse as argparse does, without abbreviations; subcommands are parsed through this method too.
+
+        Args:
+            args: The arguments; None takes those of the process.
+            namespace: Object that receives the values.
+        """
+        self.allow_abbrev = False
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Print an error in one line and exit with code 2.

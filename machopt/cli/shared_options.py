@@ -107,7 +107,7 @@ _IDLE: dict[str, dict[str, Any]] = {
 """What every command takes → what is said of it by those that have no use for it."""
 
 
-def add_shared_option(parser: argparse._ActionsContainer, name: str, **changed: Any) -> None:
+def add_shared_option(parser: argparse._ActionsContainer, name: str, **changed: object) -> None:
     """Add a shared option to a parser.
 
     Args:
@@ -115,8 +115,8 @@ def add_shared_option(parser: argparse._ActionsContainer, name: str, **changed: 
         name: Name of the option.
         changed: Argparse keywords that this command overrides.
     """
-    told = {**SHARED[name], **changed}
-    parser.add_argument(*told.pop("flags", ()), name, **told)
+    keywords: dict[str, Any] = {**SHARED[name], **changed}
+    parser.add_argument(*keywords.pop("flags", ()), name, **keywords)
 
 
 def add_common_options(parser: argparse.ArgumentParser) -> None:

@@ -106,7 +106,7 @@ def _place_workpiece(
         return not bodies.check_configurations(x, np.ones(len(q), bool)).any
 
     if request.toolpath is not None:
-        path = read_for_plan(request.toolpath, **get_reading_options(cell), **request.reading)
+        path = read_for_plan(request.toolpath, {**get_reading_options(cell), **request.reading})
         position, axis, of = path.position, path.axis, request.toolpath.name
     else:
         position, axis = build_sample_path(span)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -48,7 +48,7 @@ def bind_units(sentence: str) -> str:
     return kept.replace("N/µm", "N/\N{WORD JOINER}µm").replace("mm/min", "mm/\N{WORD JOINER}min")
 
 
-def render_file(template: str, /, **values: Any) -> str:
+def render_file(template: str, /, **values: object) -> str:
     """Return a whole file of ``report/templates``, filled in.
 
     Args:
@@ -58,7 +58,7 @@ def render_file(template: str, /, **values: Any) -> str:
     return _build_environment().get_template(template).render(**values)
 
 
-def render_macro(template: str, macro: str, /, *given: Any, **values: Any) -> Markup:
+def render_macro(template: str, macro: str, /, *given: object, **values: object) -> Markup:
     """Return one macro of a file of ``report/templates``, filled in: text is escaped, markup is not.
 
     Args:
@@ -71,7 +71,7 @@ def render_macro(template: str, macro: str, /, *given: Any, **values: Any) -> Ma
     return piece
 
 
-def render_part(macro: str, /, *given: Any, **values: Any) -> Markup:
+def render_part(macro: str, /, *given: object, **values: object) -> Markup:
     """Return one macro of ``parts.html``, the common parts of all pages.
 
     Args:

@@ -7,6 +7,7 @@ Each dialect has one reviewed list of words that cannot move anything (:mod:`mac
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from machopt.toolpath.toolpath_reader import read_toolpath
 MOST_NAMED = 8  # words in one message
 
 
-def read_for_plan(path: Path, **reading: Any) -> Toolpath:
+def read_for_plan(path: Path, reading: Mapping[str, Any]) -> Toolpath:
     """Read a toolpath that a plan may be made from.
 
     Args:

@@ -122,7 +122,7 @@ def compute_effect_on_job(
         compare_toolpath_plans,
     )  # the planner takes a second to load
 
-    path = place_toolpath(read_for_plan(toolpath, **get_reading_options(cell)), cell)
+    path = place_toolpath(read_for_plan(toolpath, get_reading_options(cell)), cell)
     return compare_toolpath_plans(
         select_single_tool(cell, path), before, after, path, load_options(cell.plan, overrides=overrides)
     )

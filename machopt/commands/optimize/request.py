@@ -76,7 +76,7 @@ def load_optimize_inputs(request: OptimizeRequest) -> OptimizeInputs:
     """
     cell = load_cell(request.cell, allow_external=request.allow_external)
     return prepare_optimize_inputs(
-        cell, lambda: read_for_plan(request.toolpath, **get_reading_options(cell), **request.reading), request
+        cell, lambda: read_for_plan(request.toolpath, {**get_reading_options(cell), **request.reading}), request
     )
 
 

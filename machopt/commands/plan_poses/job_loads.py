@@ -42,7 +42,7 @@ def read_job_loads(request: PosesRequest, cell: Cell) -> ProcessLoads | None:
             file=request.toolpath,
             where="--toolpath",
         )
-    path = place_toolpath(read_for_plan(request.toolpath, **get_reading_options(cell)), cell)
+    path = place_toolpath(read_for_plan(request.toolpath, get_reading_options(cell)), cell)
     toolled = select_single_tool(cell, path)
     found = plan_path(replace(toolled, stiffness=build_prior_stiffness(request, cell)), path, options)
     rows = np.flatnonzero(found.path.counted & (found.chosen.assignment.reason == InfeasibilityReason.OK))

@@ -60,7 +60,7 @@ def build_text(
     return build_shape("text", words, class_=kind, **place, text_anchor=anchor)
 
 
-def build_path(d: str, kind: str = "", **more: Any) -> SvgShape:
+def build_path(d: str, kind: str = "", **more: str | float) -> SvgShape:
     """Return a path.
 
     Args:
@@ -68,7 +68,8 @@ def build_path(d: str, kind: str = "", **more: Any) -> SvgShape:
         kind: CSS class.
         more: Further attributes, with _ for -.
     """
-    return build_shape("path", class_=kind, d=d, **more)
+    attributes: dict[str, Any] = {"class_": kind, "d": d, **more}
+    return build_shape("path", **attributes)
 
 
 def build_frame(box: Box) -> SvgShape:

@@ -27,7 +27,7 @@ class SvgShape:
 
 
 def build_shape(
-    tag: str, /, words: str = "", *, title: str = "", inside: Sequence[SvgShape] = (), **given: Any
+    tag: str, /, words: str = "", *, title: str = "", inside: Sequence[SvgShape] = (), **given: object
 ) -> SvgShape:
     """A shape of attributes written as in ``stroke_width=2, class_="line"``; lengths to a tenth, empty ones left out.
 

@@ -56,7 +56,9 @@ def compile_terms(
     return tuple(out), geometric
 
 
-def build_fitted_term(effect: str, location: str, robot: Robot, T_flange_tcp: Array, **parameters: Any) -> LinearTerm:
+def build_fitted_term(
+    effect: str, location: str, robot: Robot, T_flange_tcp: Array, **parameters: object
+) -> LinearTerm:
     """Return one term by name; without the parameters of its coefficients it is a term to be fitted.
 
     Args:

@@ -64,6 +64,7 @@ def resolve_options_in_force(
     """
     recorded = {} if manifest is None else manifest.options
     given = {k: v for k, v in request.reading.items() if v not in (None, False)}
+    from_cell: dict[str, Any] = {"robot": robot, "cell_offsets": tuple(cell.offsets)}
     checks: list[VerificationCheck] = []
     below, reading = cell.plan, dict[str, Any]()
     if manifest is not None:
@@ -74,16 +75,14 @@ def resolve_options_in_force(
             checks.append(build_failed_check(CheckName.OPTIONS, f"the manifest's cannot be used: {problem.reason}"))
         try:
             reading = parse_reading_options(manifest.reading)
-            toolpath = read_for_plan(
-                request.toolpath, robot=robot, cell_offsets=tuple(cell.offsets), **{**reading, **given}
-            )
+            toolpath = read_for_plan(request.toolpath, {**from_cell, **reading, **given})
         except InputError as problem:
             checks.append(
                 build_failed_check(CheckName.READING, f"the toolpath cannot be read with the manifest's: {problem}")
             )
             reading = {}
     if not reading:
-        toolpath = read_for_plan(request.toolpath, robot=robot, cell_offsets=tuple(cell.offsets), **given)
+        toolpath = read_for_plan(request.toolpath, {**from_cell, **given})
     options = load_options(below, request.plan_file, list(request.overrides))
     notes = (
         _list_contradictions(convert_to_json_types(format_user_options(options)), below)

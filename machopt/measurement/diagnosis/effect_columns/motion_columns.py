@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypedDict, Unpack
 
 import numpy as np
 
@@ -19,12 +19,14 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     Channel,
     CoordinateFamily,
+    Correction,
     DiagnosisProblem,
     EffectHypothesis,
     Ints,
     LawCurve,
     Quantities,
     Shape,
+    ShapeRefinement,
     UntestableEffect,
 )
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_ratio_refinement
@@ -252,6 +254,18 @@ def cache_columns(columns: Callable[[Shape], Array]) -> Callable[[Shape], Array]
     return of
 
 
+class HypothesisFields(TypedDict, total=False):
+    """Further fields of :class:`EffectHypothesis` that laws of motions set."""
+
+    lower: tuple[float, ...]
+    correction: Callable[[Array, Shape], Correction | None]
+    note: str
+    family: str
+    curve: Callable[[Array, Shape], LawCurve] | None
+    sum_name: str
+    refinement: ShapeRefinement | None
+
+
 def build_joint_law_hypothesis(
     scene: MotionModel,
     joint: int,
@@ -261,7 +275,7 @@ def build_joint_law_hypothesis(
     signal: Callable[[Shape], Array],
     quantities: Quantities,
     shapes: tuple[Shape, ...] = ((),),
-    **more: Any,
+    **more: Unpack[HypothesisFields],
 ) -> EffectHypothesis:
     """Build a hypothesis at one joint from its signal.
 

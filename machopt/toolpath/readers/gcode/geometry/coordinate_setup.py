@@ -14,7 +14,6 @@ import dataclasses
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -49,13 +48,13 @@ class CoordinateSetup:
     missing_place_reason: str = ""  # why coordinates have no place in the workpiece at all: an offset that is not given
     left_tilted_plane: bool = False  # a tilted plane was left and no rotary word given since
 
-    def with_changes(self, **changes: Any) -> CoordinateSetup:
+    def with_changes(self, **changes: object) -> CoordinateSetup:
         """Return a copy with other field values.
 
         Args:
             **changes: Fields and their new values.
         """
-        return dataclasses.replace(self, **changes)
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
     def turn_rotary_axes(self, angles: dict[str, float]) -> CoordinateSetup:
         """Return the setup after rotary words; in a tilted plane they align the tool with the plane.
