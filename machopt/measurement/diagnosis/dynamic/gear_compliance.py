@@ -32,6 +32,7 @@ from machopt.measurement.diagnosis.dynamic.joint_torque_channel import compute_g
 from machopt.measurement.diagnosis.effect_columns.motion_columns import (
     ARCMIN,
     ExplainedPower,
+    HypothesisFields,
     MotionModel,
     build_binned_curve,
     build_joint_law_hypothesis,
@@ -103,10 +104,10 @@ def _build_gear_hypothesis(
             scene, driver, twist / ARCMIN, f"load torque at joint {joint + 1} in N·m", "twist in arcmin"
         )
 
-    more = {} if term is None else {"correction": term}
-    return build_joint_law_hypothesis(
-        scene, joint, effect, words, equation, signal, sizes, shapes, lower=lower, note=note, curve=line, **more
-    )
+    more: HypothesisFields = {"lower": lower, "note": note, "curve": line}
+    if term is not None:
+        more["correction"] = term
+    return build_joint_law_hypothesis(scene, joint, effect, words, equation, signal, sizes, shapes, **more)
 
 
 def _build_registry_hypothesis(

@@ -293,6 +293,7 @@ def build_joint_law_hypothesis(
     Returns:
         The hypothesis.
     """
+    fields: HypothesisFields = {"family": "joint", "refinement": build_ratio_refinement(shapes), **more}
     return EffectHypothesis(
         effect=effect,
         location=format_joint_location(joint + 1),
@@ -301,9 +302,7 @@ def build_joint_law_hypothesis(
         columns=lambda shape: scene.column(joint, signal(shape)),
         quantities=quantities,
         shapes=shapes,
-        family=more.pop("family", "joint"),
-        refinement=more.pop("refinement", build_ratio_refinement(shapes)),
-        **more,
+        **fields,
     )
 
 
