@@ -1,6 +1,6 @@
 """``python -m machopt``: the command ``machopt``."""
 
-from machopt.cli.process_exit import run_command_and_exit
+from machopt.cli.process_entry import run_command_and_exit
 
 if __name__ == "__main__":
     run_command_and_exit()

@@ -15,7 +15,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
 from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.effects.kinematic_corrections import extend_kinematics
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.errors import InputError
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.kinematics.inverse.solver import build_solver
@@ -119,7 +119,7 @@ def test_what_is_found_beside_what_is_known_adds_up() -> None:
     known = KinematicCorrections((KinematicCorrection("geometry", "joint:2", {"xyz_mm": [0.25, 0.0, 0.0]}),))
     found = KinematicCorrection("geometry", "joint:2", {"xyz_mm": [0.5, 0.0, 1.0], "turn_mrad": [0.0, 0.5, 0.0]})
     (both,) = extend_kinematics(known, [found]).corrections
-    assert link_geometry.read_frame_offset(both.parameters).shift.tolist() == [0.00075, 0.0, 0.001]
+    assert as_built_joint_frames.read_frame_offset(both.parameters).shift.tolist() == [0.00075, 0.0, 0.001]
     assert both.parameters["turn_mrad"] == [0.0, 0.5, 0.0]
 
 

@@ -15,9 +15,9 @@ from machopt.data_types.plan_options import FixedRotation, PlanOptions
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.data_types.toolpath import MoveKind
 from machopt.kinematics.inverse.solver import choose_angle_origin, list_whole_turns, shift_angles
-from machopt.numerics import worker_threads
+from machopt.numerics import parallel_map
+from machopt.numerics.parallel_map import count_threads, map_in_threads, run_two_in_threads
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
-from machopt.numerics.worker_threads import count_threads, map_in_threads, run_two_in_threads
 from machopt.planning.pipeline.planning_setup import PlanningSetup, prepare_planning
 from machopt.planning.sampling import configurations as module
 from machopt.planning.sampling.configurations import CandidateGrid, enumerate_candidates
@@ -49,9 +49,9 @@ def equal(a: CandidateGrid, b: CandidateGrid) -> None:
 def test_one_thread_and_three_give_the_same_bytes(setup: PlanningSetup, monkeypatch: pytest.MonkeyPatch) -> None:
     path = leaning(60)
     monkeypatch.setattr(module, "CHUNK", 24 * 7)
-    monkeypatch.setattr(worker_threads, "count_threads", lambda: 1)
+    monkeypatch.setattr(parallel_map, "count_threads", lambda: 1)
     alone = enumerate_candidates(path, setup.arm, OPTIONS)
-    monkeypatch.setattr(worker_threads, "count_threads", lambda: 3)
+    monkeypatch.setattr(parallel_map, "count_threads", lambda: 3)
     equal(alone, enumerate_candidates(path, setup.arm, OPTIONS))
     monkeypatch.setattr(module, "CHUNK", 4096)
     equal(alone, enumerate_candidates(path, setup.arm, OPTIONS))
@@ -98,7 +98,7 @@ def test_few_turns_reach_the_whole_range_of_a_joint(upper: float, shift: float) 
 
 
 def test_threads_are_the_cores_or_fewer_where_the_environment_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in worker_threads.THREAD_LIMIT_VARIABLES:
+    for name in parallel_map.THREAD_LIMIT_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     free = count_threads()
     assert free >= 1
@@ -112,7 +112,7 @@ def test_threads_are_the_cores_or_fewer_where_the_environment_says_so(monkeypatc
 
 def test_answers_stand_in_the_order_of_the_parts_and_errors_come_through(monkeypatch: pytest.MonkeyPatch) -> None:
     for n in (1, 3):
-        monkeypatch.setattr(worker_threads, "count_threads", lambda n=n: n)
+        monkeypatch.setattr(parallel_map, "count_threads", lambda n=n: n)
         assert map_in_threads(lambda x: x * x, range(20)) == [x * x for x in range(20)]
         assert map_in_threads(abs, []) == []
         with pytest.raises(ZeroDivisionError):
@@ -124,7 +124,7 @@ def test_two_tasks_give_both_answers_in_the_same_context(monkeypatch: pytest.Mon
     said.set("here")
     empty: dict[str, int] = {}
     for n in (1, 3):
-        monkeypatch.setattr(worker_threads, "count_threads", lambda n=n: n)
+        monkeypatch.setattr(parallel_map, "count_threads", lambda n=n: n)
         assert run_two_in_threads(lambda: 1, said.get) == (1, "here")
         with pytest.raises(ZeroDivisionError):
             run_two_in_threads(lambda: 1 // 0, lambda: empty["second"])

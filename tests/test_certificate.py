@@ -212,7 +212,7 @@ def test_what_is_made_beside_other_work_changes_no_plan_and_is_made_once(
     monkeypatch.setattr(nested_grids, "choose_sequence", choose_coarse)
     plans = []
     for cores in (1, 2):
-        monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda cores=cores: cores)
+        monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda cores=cores: cores)
         monkeypatch.setattr(nested_grids, "count_threads", lambda cores=cores: cores)
         plans.append(planned(tmp_path, rows, ObjectiveWeights(), 5.0))
     assert made == ["first True", "coarse True", "first False", "coarse False"]

@@ -142,7 +142,7 @@ def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_no
         return len(asked) < 3
 
     monkeypatch.setattr(module, "load_stored_kernel", take)
-    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: cores)
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: cores)
     with compiled_kernels.preload_kernels_in_thread():
         assert cores < 2 or third.wait(60.0)
     assert asked == [name for _, name, _ in KERNELS[:taken]]
@@ -157,7 +157,7 @@ def test_an_entry_that_names_nothing_is_no_matter_for_a_plan(
     """Nothing is printed, no plan is lost; the next test names the entry."""
     asked: list[str] = []
     monkeypatch.setattr(module, "load_stored_kernel", lambda kernel, _: asked.append(kernel.py_func.__name__) or True)
-    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: 2)
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
     monkeypatch.setattr(compiled_kernels, "KERNELS", (KERNELS[0], gone, *KERNELS[1:]))
     before = threading.active_count()
     with compiled_kernels.preload_kernels_in_thread():

@@ -16,7 +16,7 @@ from test_diagnose_absolute import readings as readings_of
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
-from machopt.measurement.diagnosis.effect_columns import link_geometry
+from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import convert_to_rotation_vector, skew_matrix
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
@@ -45,7 +45,7 @@ def laws() -> tuple[Array, tuple[EffectHypothesis, ...]]:
     T = r.state.T_base_tool
     turned = -skew_matrix(T[:, :3, 3] - T[:, :3, 3].mean(axis=0))
     base = np.concatenate([np.broadcast_to(np.eye(3), (len(q), 3, 3)), turned, T[:, :3, :3]], axis=2)
-    return base, tuple(link_geometry.build_geometry_hypotheses(r, base))
+    return base, tuple(as_built_joint_frames.build_geometry_hypotheses(r, base))
 
 
 def gains(y: Array) -> dict[str, tuple[float, Array]]:
@@ -69,7 +69,7 @@ def least(h: EffectHypothesis) -> float:
 def test_columns_are_what_the_built_arm_does(place: str) -> None:
     """Central differences over 0.05 mm and 0.05 mrad leave their cube, 1e-13 m, and rounding by 1e-4."""
     q = angles()[:5]
-    columns = link_geometry.compute_frame_columns(readings_of(arm()[2], np.zeros((len(q), 6)), q), place)
+    columns = as_built_joint_frames.compute_frame_columns(readings_of(arm()[2], np.zeros((len(q), 6)), q), place)
     h = 0.05
     for k in range(6):
         one, two = (
@@ -116,11 +116,11 @@ def test_only_what_the_base_leaves_is_offered() -> None:
         A = h.columns(()).reshape(len(Q), -1)
         whole, left = (np.linalg.svd(M, compute_uv=False) for M in (A, A - Q @ (Q.T @ A)))
         assert left[-1] > thresholds.RESTING.weak_geometry * thresholds.RESTING.shown_geometry * whole[0]
-    assert link_geometry.find_observable_directions(base[:, :, :6], base).shape[1] == 0
+    assert as_built_joint_frames.find_observable_directions(base[:, :, :6], base).shape[1] == 0
     r = readings_of(arm()[2], np.zeros((60, 6)), angles())
     fixed = replace(r, recording=measure(registration="fixed"))
     known = {
-        h.location: h for h in link_geometry.build_geometry_hypotheses(fixed, base[:, :, :0].repeat(2, axis=1))
+        h.location: h for h in as_built_joint_frames.build_geometry_hypotheses(fixed, base[:, :, :0].repeat(2, axis=1))
     }  # D = 6, P = 0
     assert set(known) == set(PLACES)
     # the tracker's frame, which moves everything alike too, comes before a robot that stands elsewhere on its plate

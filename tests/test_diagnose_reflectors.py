@@ -17,7 +17,7 @@ from machopt.errors import InputError
 from machopt.measurement.diagnosis import diagnosis_pipeline
 from machopt.measurement.diagnosis.data_quality import misplaced_reflectors
 from machopt.measurement.diagnosis.data_types import reflectors_and_tracker_frames
-from machopt.measurement.diagnosis.effect_columns import link_geometry
+from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.static import measured_pose_channel
 from machopt.measurement.diagnosis.static.nominal_pose_model import NominalPoseModel
@@ -123,7 +123,8 @@ def test_twelve_poses_of_three_reflectors_see_turned_axes_far_sharper_than_those
         base, unknowns = model.columns(state, p)
         readings = model.build_readings(state, frame, model.nominal)
         twists = [
-            link_geometry.compute_frame_columns(readings, f"joint:{j}") * link_geometry.list_manufacturing_tolerances()
+            as_built_joint_frames.compute_frame_columns(readings, f"joint:{j}")
+            * as_built_joint_frames.list_manufacturing_tolerances()
             for j in range(1, 7)
         ]
         A = np.concatenate([base, *twists], axis=2).reshape(3 * len(recording), -1)

@@ -10,13 +10,13 @@ from test_diagnose_absolute import arm
 from test_diagnose_inclinometer import ROCKS, recorded
 
 from machopt.data_types.measurements.recording import Recording
-from machopt.measurement.diagnosis.data_quality import inclinometer_columns
+from machopt.measurement.diagnosis.data_quality import exchanged_inclinometer_columns
 from machopt.measurement.diagnosis.static import inclinometer_equations
 
 
 def read(recording: Recording, tilt: np.ndarray, *accept: str) -> tuple[Recording, list[tuple[str, str]]]:
     cell, robot, masses = arm()
-    out, findings = inclinometer_columns.correct_inclinometer_columns(
+    out, findings = exchanged_inclinometer_columns.correct_inclinometer_columns(
         replace(recording, tilt=tilt), cell, robot, masses, accept
     )
     assert all(f.record for f in findings)
@@ -51,4 +51,4 @@ def test_what_no_weight_makes_is_left_for_the_search() -> None:
     assert read(recording, right)[1] == []  # noise alone
     assert read(recording, right + 2e-4 * np.sin(7.0 * recording.q[:, [4, 5]]))[1] == []
     cell, robot, _ = arm()
-    assert inclinometer_columns.correct_inclinometer_columns(recording, cell, robot, None) == (recording, [])
+    assert exchanged_inclinometer_columns.correct_inclinometer_columns(recording, cell, robot, None) == (recording, [])

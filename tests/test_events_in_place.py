@@ -20,8 +20,8 @@ from machopt.verification.programs.cam_comparison import (
     _find_cut_moves,
     compare_with_cam,
 )
+from machopt.verification.programs.controller_interpolation import _choose_adjacent_move, _compute_line_deviation
 from machopt.verification.programs.motion_comparison import _check_move_kinds
-from machopt.verification.programs.moves_between_targets import _choose_adjacent_move, _compute_line_deviation
 from machopt.verification.programs.target_matching import AXIS_LEVER_M, TargetTolerances, check_external_axes
 from machopt.verification.tables.exported_tables import ExportedMotion
 

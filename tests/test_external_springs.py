@@ -21,7 +21,7 @@ from machopt.data_types.stiffness import ArmStiffness, ExternalJointSpring, Stif
 from machopt.errors import InputError
 from machopt.kinematics.robot import load_masses, load_robot
 from machopt.numerics.rigid_transforms import invert_transform
-from machopt.planning.uncertainty.external_axis_springs import compute_base_wrench
+from machopt.planning.uncertainty.external_axis_settlement import compute_base_wrench
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics

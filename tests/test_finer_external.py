@@ -20,7 +20,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.planning.continuous_refinement.refinement import PlanRefinement
 from machopt.planning.continuous_refinement.starting_point import RefinementStart
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
-from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization import coarse_to_fine_search
 from machopt.planning.external_axis_optimization.best_plan import find_best_plan
 from machopt.planning.pipeline.plan import Plan

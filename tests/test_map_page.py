@@ -27,9 +27,16 @@ from machopt.report.charts.map_charts import (
     build_map_specs,
     pack_field_levels,
 )
-from machopt.report.page_types.map_page_data import ArmLines, MapAxis, MapField, MapLayer, MapPageData, MeasuredView
 from machopt.report.page_types.optimize_report import STATUS_NAMES
 from machopt.report.page_types.place_codes import PlaceCode, convert_to_place_codes
+from machopt.report.page_types.workspace_map_page import (
+    ArmLines,
+    MapAxis,
+    MapField,
+    MapLayer,
+    MapPageData,
+    MeasuredView,
+)
 from machopt.report.pages.map_page import build_map_html, format_sample_location
 from machopt.report.svg.chart_elements import VIRIDIS, build_image, compute_hatching, map_to_colours
 from machopt.report.svg.map_picture import build_comparison_svg, build_map_svg

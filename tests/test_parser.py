@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from machopt.cli import _build_parser, main
-from machopt.cli.argument_parser import list_commands, list_options
+from machopt.cli.argument_errors import list_commands, list_options
 from machopt.cli.shell_completion import build_completion_script
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"

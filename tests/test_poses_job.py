@@ -19,7 +19,7 @@ from machopt.errors import InputError
 from machopt.kinematics.robot import load_chain
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 from machopt.measurement.recording import load_recording
-from machopt.output.tables.poses_table import write_poses_csv
+from machopt.output.tables.measurement_poses_table import write_poses_csv
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 QUICK: dict[str, Any] = {

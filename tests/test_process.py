@@ -9,7 +9,7 @@ import pytest
 
 LAST = """
 import atexit, sys, threading, time
-from machopt.cli.process_exit import exit_process
+from machopt.cli.process_entry import exit_process
 atexit.register(print, "at exit")
 class Slow:
     def __del__(self):

@@ -34,7 +34,7 @@ from machopt.planning.continuous_refinement.quadratic_model import (
 from machopt.planning.continuous_refinement.refinement import PlanRefinement
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
-from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization import coarse_to_fine_search
 from machopt.planning.external_axis_optimization.best_plan import find_best_plan
 from machopt.planning.external_axis_optimization.coarse_to_fine_search import _Asked, _coarse_to_fine

@@ -16,11 +16,11 @@ from test_path import Rows, toolpath
 from test_refine_external import by_grids
 
 from machopt.data_types.plan_options import ExternalJointOptions, ExternalMode, SteeringRule
-from machopt.data_types.steering import is_inside_zone
+from machopt.data_types.steering_rules import is_inside_zone
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
-from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization.best_plan import find_best_plan
 from machopt.planning.pipeline.path_planner import is_assignment_allowed
 from machopt.planning.pipeline.plan import Plan

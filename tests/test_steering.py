@@ -23,7 +23,7 @@ from machopt.data_types.plan_options import (
     ProcessForce,
     SteeringRule,
 )
-from machopt.data_types.steering import (
+from machopt.data_types.steering_rules import (
     format_steering_rule,
     is_inside_zone,
     list_constrained_points,

@@ -9,7 +9,7 @@ from small_cell import small_cell
 
 from machopt.collision.collision_model import CollisionModel
 from machopt.kinematics.robot import load_chain
-from machopt.planning.motion.straight_rapids import EndContacts, build_rapid_key, find_free_rapids
+from machopt.planning.motion.straight_rapid_collisions import EndContacts, build_rapid_key, find_free_rapids
 
 STEP = 0.02  # rad
 

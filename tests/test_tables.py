@@ -12,7 +12,7 @@ import pytest
 from trajectory_back import read_trajectory_csv
 
 from machopt.data_types.documents.table_rows import PointsTableRow, TrajectoryTableRow
-from machopt.data_types.points_table import PointsTable
+from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.trajectory import Trajectory
 from machopt.errors import InputError
 from machopt.output import write_json

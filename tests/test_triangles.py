@@ -18,7 +18,7 @@ from machopt.collision.collision_model import CollisionModel
 from machopt.collision.fcl_distance import FclSurfaces
 from machopt.collision.mesh_distance import compute_distance, compute_distances_along_rows
 from machopt.kinematics.robot import load_chain
-from machopt.numerics import worker_threads
+from machopt.numerics import parallel_map
 from machopt.numerics.rigid_transforms import build_transform, invert_transform
 
 EXACT = 1e-11  # m, beside the rounding of fcl's own; TIE of the module is a tenth of that
@@ -89,7 +89,7 @@ def test_nearest_pair_is_the_least_of_all_and_does_not_depend_on_the_cores(
     cutting = np.arange(len(q)) % 3 > 0
     found = []
     for many in (1, 2):
-        monkeypatch.setattr(worker_threads, "count_threads", lambda many=many: many)
+        monkeypatch.setattr(parallel_map, "count_threads", lambda many=many: many)
         found.append(model.find_nearest_pair(q, cutting))
     np.testing.assert_array_equal(found[0].distance, found[1].distance)
     np.testing.assert_array_equal(found[0].pair, found[1].pair)

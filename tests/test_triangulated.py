@@ -10,8 +10,8 @@ import trimesh
 
 from machopt.collision.bodies import is_closed_surface, triangulate_shape
 from machopt.data_types.cell import CollisionShape
-from machopt.numerics import triangle_meshes
-from machopt.numerics.triangle_meshes import (
+from machopt.numerics import mesh_construction
+from machopt.numerics.mesh_construction import (
     TriangleMesh,
     build_box,
     build_cylinder,
@@ -92,7 +92,7 @@ def test_corners_whose_keys_meet_are_still_told_apart(monkeypatch: pytest.Monkey
     apart = TriangleMesh(solid.vertices[solid.faces].reshape(-1, 3), np.arange(3 * len(solid.faces)).reshape(-1, 3))
     whole = merge_equal_vertices(apart)
     assert len(whole.vertices) == len(solid.vertices)
-    monkeypatch.setattr(triangle_meshes, "MIXED", np.array([2, 0, 0]))  # corners of one x share it
+    monkeypatch.setattr(mesh_construction, "MIXED", np.array([2, 0, 0]))  # corners of one x share it
     assert all(np.array_equal(a, b) for a, b in zip(merge_equal_vertices(apart), whole, strict=True))
 
 

@@ -283,12 +283,12 @@ def test_the_verdict_is_the_same_on_one_core_and_where_the_motion_is_too_long_to
     cell, toolpath = load_cell(plain.cell), read_toolpath(plain.toolpath)
     manifest, _ = read_manifest(plain.out)
     options = load_options(dict(manifest.options))
-    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: 2)
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
     first = found()
     assert any(".src" in check for check in first)  # a program is among what is checked
-    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: 1)
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 1)
     assert found() == first
-    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: 2)
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
     monkeypatch.setattr("machopt.verification.folder.folder_checks.MAX_PARALLEL_SAMPLES", 1)
     assert found() == first
 

@@ -14,7 +14,7 @@ from machopt.commands.plan_poses.computation import PlanPosesComputation, comput
 from machopt.commands.plan_poses.run import write_pose_plan_files
 from machopt.data_types.documents.poses_document import PosesDocument
 from machopt.measurement.design.request import PosesRequest
-from machopt.output.tables.poses_table import list_poses_columns
+from machopt.output.tables.measurement_poses_table import list_poses_columns
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ class BatchRequest:
     cell: Path | None = None  # for toolpaths that have no cell of their own
     plan_file: Path | None = None
     overrides: tuple[str, ...] = ()  # key=value; a job's own options in a list win over these
-    reading: dict[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
+    reading: dict[str, Any] = field(default_factory=dict)  # keywords of toolpath.toolpath_reader.read_toolpath
     allow_external: bool = False
     workers: int | None = None  # of the local cluster; None: one a core
     scheduler: str | None = None  # address of a running Dask scheduler; None: a local cluster

@@ -10,19 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.cell.cell_conversion import (
-    build_file_error,
-    check_unique_names,
-    combine_tools,
-    copy_limits_read_only,
-    copy_read_only,
-    describe_tool_choice,
-    describe_unused_elements,
-    find_links_without_bodies,
-    find_missing_bodies,
-    format_xacro_argument,
-    get_solid_shape,
-)
 from machopt.cell.cell_folder import ANY_SIZE, CellFolder
 from machopt.cell.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys, ToolKeys
 from machopt.cell.collision_body_selection import find_missing_meshes, select_bodies
@@ -42,6 +29,19 @@ from machopt.cell.mesh import (
     read_surface,
 )
 from machopt.cell.mesh.body_size_check import Role
+from machopt.cell.parsed_value_conversion import (
+    build_file_error,
+    check_unique_names,
+    combine_tools,
+    copy_limits_read_only,
+    copy_read_only,
+    describe_tool_choice,
+    describe_unused_elements,
+    find_links_without_bodies,
+    find_missing_bodies,
+    format_xacro_argument,
+    get_solid_shape,
+)
 from machopt.cell.plausibility_checks import check_pose, check_stiffness, check_tool, compute_longest_side
 from machopt.cell.stiffness.external_joint_stiffness import match_springs_to_joints
 from machopt.cell.stiffness.stiffness_file import load_stiffness

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.cell.cell_conversion import build_joint_map, copy_read_only
 from machopt.cell.cell_schema import ControllerKeys, PoseKeys
 from machopt.cell.joints.joint_chain import JointChain
+from machopt.cell.parsed_value_conversion import build_joint_map, copy_read_only
 from machopt.data_types.robot_program import ExternalAxisMap, RobotController
 from machopt.errors import suggest_nearest_word
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument

@@ -32,7 +32,7 @@ from machopt.data_types.locations import parse_joint_location
 from machopt.effects import angle_range, parameter_conversion, registry
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import JointAngleLaw, LawParameter
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.errors import suggest_nearest_word
 from machopt.file_formats.strict_yaml import (
     KeyPath,
@@ -54,7 +54,7 @@ def list_required_parameters() -> Mapping[str, tuple[str, ...]]:
         word: tuple(p.key for p in (*law.shape, *law.coefficients))
         for word, (_, law) in registry.list_angle_effects_by_word().items()
     }
-    return angles | {link_geometry.EFFECT.name: (link_geometry.SHIFT, link_geometry.TURN)}
+    return angles | {as_built_joint_frames.EFFECT.name: (as_built_joint_frames.SHIFT, as_built_joint_frames.TURN)}
 
 
 def list_optional_parameters(effect: str) -> tuple[str, ...]:
@@ -144,7 +144,9 @@ def _check_place(document: YamlDocument, loc: KeyPath, effect: str, location: st
             f"stiffness.yaml; an effect of "
             "your own is known where its file is given)",
         )
-    places = registry.EFFECTS[effect].places if effect == link_geometry.EFFECT.name else _list_allowed_places(effect)
+    places = (
+        registry.EFFECTS[effect].places if effect == as_built_joint_frames.EFFECT.name else _list_allowed_places(effect)
+    )
     if location not in places:
         wanted = "joint:i-j, i < j, e.g. joint:4-5" if "-" in places[0] else f"{places[0]} … {places[-1]}"
         raise document.build_error((*loc, "location"), f"found {location!r}; expected {wanted}")
@@ -167,10 +169,14 @@ def _parse_frame_vectors(document: YamlDocument, loc: KeyPath, c: _CorrectionKey
     """Shift and turn of a frame: three numbers each, at least one of the two."""
     if not c.parameters:
         raise document.build_error(
-            loc, f"{c.effect} needs {link_geometry.SHIFT} or {link_geometry.TURN}, three numbers each"
+            loc, f"{c.effect} needs {as_built_joint_frames.SHIFT} or {as_built_joint_frames.TURN}, three numbers each"
         )
     for key, value in c.parameters.items():
-        most, unit = (link_geometry.MOST_MM, "mm") if key == link_geometry.SHIFT else (link_geometry.MOST_MRAD, "mrad")
+        most, unit = (
+            (as_built_joint_frames.MOST_MM, "mm")
+            if key == as_built_joint_frames.SHIFT
+            else (as_built_joint_frames.MOST_MRAD, "mrad")
+        )
         wanted = list_required_parameters()[c.effect]
         if key not in wanted:
             raise document.build_error((*loc, key), f"unknown key {key!r}; {suggest_nearest_word(key, list(wanted))}")
@@ -188,7 +194,7 @@ def _parse_frame_vectors(document: YamlDocument, loc: KeyPath, c: _CorrectionKey
 
 
 def _parse_parameters(document: YamlDocument, loc: KeyPath, c: _CorrectionKeys) -> Mapping[str, Any]:
-    if c.effect == link_geometry.EFFECT.name:
+    if c.effect == as_built_joint_frames.EFFECT.name:
         return _parse_frame_vectors(document, loc, c)
     law = registry.list_angle_effects_by_word()[c.effect][1]
     wanted, more = list_required_parameters()[c.effect], list_optional_parameters(c.effect)
@@ -253,7 +259,7 @@ def _compute_largest_slopes(kinematics: KinematicCorrections) -> list[float]:
     """(6,) most that Δ of each joint can change per rad of any joints."""
     slope = [0.0] * 6
     for c in kinematics.corrections:
-        if c.effect == link_geometry.EFFECT.name:
+        if c.effect == as_built_joint_frames.EFFECT.name:
             continue
         law: JointAngleLaw = registry.list_angle_effects_by_word()[c.effect][1]
         values, shape, _ = parameter_conversion.read_law_parameters(law, ParameterReader(c.parameters, c.effect))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from machopt.cell.cell_conversion import copy_read_only
 from machopt.cell.cell_schema import PoseKeys, ShapeKeys, WorkOffsetKeys
+from machopt.cell.parsed_value_conversion import copy_read_only
 from machopt.data_types.cell import Cell, CollisionShape, Workpiece
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import CellError, suggest_nearest_word

@@ -21,7 +21,7 @@ from machopt.cli import (
     toolpath_commands,
     view_command,
 )
-from machopt.cli.argument_parser import CommandParser, list_commands
+from machopt.cli.argument_errors import CommandParser, list_commands
 from machopt.cli.shared_options import add_common_options, warn_of_unused_options
 from machopt.errors import MachoptError
 from machopt.version import __version__

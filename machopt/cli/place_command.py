@@ -89,7 +89,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 def _run_place(args: argparse.Namespace) -> int:
     from machopt.batch.placement_workers import open_placement_workers
     from machopt.commands.place.run import PlaceRequest, run_place
-    from machopt.numerics.worker_threads import count_threads
+    from machopt.numerics.parallel_map import count_threads
     from machopt.placement.search_options import PlacementOptions
 
     warn_of_effect_code(args)

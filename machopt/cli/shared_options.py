@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from machopt.cli.argument_parser import list_options
+from machopt.cli.argument_errors import list_options
 from machopt.cli.progress_display import parse_natural_number, parse_positive_integer
 from machopt.file_formats.parquet_tables import KINDS
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from machopt.cli.argument_parser import list_commands, list_options
+from machopt.cli.argument_errors import list_commands, list_options
 
 Commands = Any  # argparse keeps its subparsers' type private
 

@@ -21,7 +21,7 @@ from machopt.errors import MeshError
 from machopt.kinematics.machine import Machine
 from machopt.kinematics.machine_lines import LinkCarriers
 from machopt.kinematics.robot import LinkShape
-from machopt.numerics import triangle_meshes
+from machopt.numerics import mesh_construction
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import invert_transform
 
@@ -271,10 +271,10 @@ def triangulate_shape(shape: CollisionShape) -> tuple[Array, NDArray[np.int64]]:
     if shape.kind == "mesh":
         return _load_mesh(shape)
     if shape.kind == "box":
-        return triangle_meshes.build_box(shape.size)
+        return mesh_construction.build_box(shape.size)
     if shape.kind == "cylinder":
         outer = shape.size[0] / np.cos(np.pi / CYLINDER_SIDES)
-        return triangle_meshes.build_cylinder(outer, shape.size[1], CYLINDER_SIDES)
+        return mesh_construction.build_cylinder(outer, shape.size[1], CYLINDER_SIDES)
     import trimesh  # late: few cells have spheres
 
     mesh = trimesh.creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS, radius=1.0)
@@ -287,14 +287,16 @@ def _load_mesh(shape: CollisionShape) -> tuple[Array, NDArray[np.int64]]:
     path = Path(shape.mesh) if shape.mesh is not None else Path("")
     if not path.is_file():
         raise MeshError(f"mesh of {shape.name!r} is not a file", file=path)
-    plain = triangle_meshes.parse_binary_stl(path.read_bytes()) if path.suffix.lower() == ".stl" else None
-    vertices, faces = triangle_meshes.merge_equal_vertices(_load_with_trimesh(shape, path) if plain is None else plain)
+    plain = mesh_construction.parse_binary_stl(path.read_bytes()) if path.suffix.lower() == ".stl" else None
+    vertices, faces = mesh_construction.merge_equal_vertices(
+        _load_with_trimesh(shape, path) if plain is None else plain
+    )
     if not len(faces) or not np.isfinite(vertices).all():
         raise MeshError(f"mesh of {shape.name!r} holds no finite triangles", file=path)
     return vertices * shape.size[0], faces
 
 
-def _load_with_trimesh(shape: CollisionShape, path: Path) -> triangle_meshes.TriangleMesh:
+def _load_with_trimesh(shape: CollisionShape, path: Path) -> mesh_construction.TriangleMesh:
     """Load a mesh of any format that trimesh reads."""
     import trimesh
 
@@ -304,7 +306,7 @@ def _load_with_trimesh(shape: CollisionShape, path: Path) -> triangle_meshes.Tri
         raise MeshError(
             f"mesh of {shape.name!r} cannot be read ({error}); STL, OBJ or PLY would work", file=path
         ) from error
-    return triangle_meshes.TriangleMesh(np.array(mesh.vertices, float), np.array(mesh.faces, np.int64))
+    return mesh_construction.TriangleMesh(np.array(mesh.vertices, float), np.array(mesh.faces, np.int64))
 
 
 def _add_bounding_volumes(body: CollisionBody) -> CollisionBody:

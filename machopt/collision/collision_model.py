@@ -46,7 +46,7 @@ from machopt.kinematics.machine import load_machine
 from machopt.kinematics.machine_lines import LinkCarriers, MachineLines
 from machopt.kinematics.robot import LinkShape, Robot
 from machopt.numerics.array_types import Array
-from machopt.numerics.worker_threads import map_in_threads
+from machopt.numerics.parallel_map import map_in_threads
 
 Bools = NDArray[np.bool_]
 

@@ -22,8 +22,8 @@ from machopt.collision.bodies import CollisionBody
 from machopt.kinematics.machine_lines import MachineLines
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
+from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform
-from machopt.numerics.worker_threads import map_in_threads
 
 BLOCK_ROWS = 256  # rows per block and thread; the work arrays fit the cache, and the threads need little memory
 MAX_REMEMBERED = 3000  # maximum number of stored distances of one pair

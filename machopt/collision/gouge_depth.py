@@ -22,8 +22,8 @@ from machopt.data_types.cell import CollisionShape, CutterGeometry
 from machopt.errors import MeshError
 from machopt.numerics.array_types import Array, Ints
 from machopt.numerics.compiled_functions import jit_compile
+from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform
-from machopt.numerics.worker_threads import map_in_threads
 
 BLOCK_ROWS = 256  # rows of one task, independent of the number of cores
 MAX_TREE_DEPTH = 128  # stack size of the tree traversal

@@ -16,8 +16,8 @@ from machopt.collision.distance_bounds import BodyPairs, MotionRows
 from machopt.collision.fcl_distance import FclSurfaces
 from machopt.collision.mesh_distance import compute_distances_along_rows
 from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform
-from machopt.numerics.worker_threads import map_in_threads
 
 MAX_DISTANCE_M = 0.5  # m, largest measured distance
 BLOCK_ROWS = 4096  # rows of one task, independent of the number of cores, so that the result is too

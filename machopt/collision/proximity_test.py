@@ -19,7 +19,7 @@ from machopt.collision.mesh_distance import MAX_STACK_SIZE
 from machopt.collision.triangle_distance import compute_triangle_distance
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.numerics.worker_threads import map_in_threads
+from machopt.numerics.parallel_map import map_in_threads
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -21,7 +21,7 @@ class FixedRotation:
 
 @dataclass(frozen=True, kw_only=True)
 class SteeringRule:
-    """User's decision about some places; :mod:`machopt.data_types.steering` resolves which these are."""
+    """User's decision about some places; :mod:`machopt.data_types.steering_rules` resolves which these are."""
 
     operation: str = ""  # its label; "": by points
     points: tuple[int, int] | None = None  # first and last toolpath point; None without an operation: all

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions, SteeringRule
-from machopt.data_types.steering import resolve_steering
+from machopt.data_types.steering_rules import resolve_steering
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 

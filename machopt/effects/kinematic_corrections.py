@@ -8,7 +8,7 @@ from typing import Any
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
 from machopt.effects import angle_range, parameter_conversion, registry
 from machopt.effects.protocol import Effect
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.numerics.array_types import Array
 
 
@@ -51,8 +51,8 @@ def extend_kinematics(known: KinematicCorrections | None, found: Iterable[Kinema
     for c in (*(known.corrections if known else ()), *found):
         key = c.effect, c.location, tuple(c.parameters.get(angle_range.RANGE_KEY, ()))
         existing = out.get(key)
-        if existing is not None and c.effect == link_geometry.EFFECT.name:
-            total = link_geometry.add_frame_offsets(existing.parameters, c.parameters)
+        if existing is not None and c.effect == as_built_joint_frames.EFFECT.name:
+            total = as_built_joint_frames.add_frame_offsets(existing.parameters, c.parameters)
             out[key] = KinematicCorrection(c.effect, c.location, total)
         elif existing is not None:
             total = parameter_conversion.add_law_parameters(laws[c.effect][1], existing.parameters, c.parameters)

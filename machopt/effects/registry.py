@@ -20,10 +20,10 @@ from machopt.effects.joint import (
 from machopt.effects.protocol import Effect, JointAngleLaw
 from machopt.effects.recording import record_faults, sensor_errors, time_delay
 from machopt.effects.structure import (
+    as_built_joint_frames,
     base_compliance,
     geometric_stiffness,
     link_compliance,
-    link_geometry,
     payload,
     thermal_drift,
     tool_compliance,
@@ -45,7 +45,7 @@ ALL_EFFECTS = (
     joint_angle_errors.ZERO,
     joint_angle_errors.WAVES,
     joint_coupling.KINEMATIC,
-    link_geometry.EFFECT,
+    as_built_joint_frames.EFFECT,
     friction.EFFECT,
     time_delay.COMMAND_DELAY_EFFECT,
     joint_vibration.VIBRATION,

@@ -99,7 +99,7 @@ class ListedJob:
     toolpath: Path
     name: str  # of the job or of the variant of options; empty where it has none
     options: dict[str, object]  # planning options under the user's keys
-    reading: dict[str, object]  # keywords of formats.toolpath.read_toolpath
+    reading: dict[str, object]  # keywords of toolpath.toolpath_reader.read_toolpath
     time_limit: float | None  # s
     memory_limit: int | None  # bytes
     file: Path

@@ -1,6 +1,6 @@
 """As-built geometry: actual frames of an arm from the measured geometry in the cell's kinematics.yaml.
 
-See :mod:`machopt.effects.structure.link_geometry` for the equation.
+See :mod:`machopt.effects.structure.as_built_joint_frames` for the equation.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
 from machopt.effects.protocol import JOINTS
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import build_transform, convert_vector_to_rotation
 
@@ -31,13 +31,15 @@ def compute_link_displacements(origins: Array, kinematics: KinematicCorrections 
         where no geometry is known.
     """
     known = {
-        c.location: c for c in (kinematics.corrections if kinematics else ()) if c.effect == link_geometry.EFFECT.name
+        c.location: c
+        for c in (kinematics.corrections if kinematics else ())
+        if c.effect == as_built_joint_frames.EFFECT.name
     }
     if not known:
         return None
     out = np.broadcast_to(np.eye(4), (8, 4, 4)).copy()
-    T = _compute_displacement(known, link_geometry.BASE, np.zeros(3))
-    for k, (place, at) in enumerate(zip((*JOINTS, link_geometry.TOOL), origins, strict=True), start=1):
+    T = _compute_displacement(known, as_built_joint_frames.BASE, np.zeros(3))
+    for k, (place, at) in enumerate(zip((*JOINTS, as_built_joint_frames.TOOL), origins, strict=True), start=1):
         out[k] = T = T @ _compute_displacement(known, place, at)
     return out
 
@@ -46,6 +48,6 @@ def _compute_displacement(known: Mapping[str, KinematicCorrection], place: str, 
     """Return (4, 4) G of one place: a rotation about ``at``, then a translation."""
     if place not in known:
         return np.eye(4)
-    p = link_geometry.read_frame_offset(known[place].parameters)
+    p = as_built_joint_frames.read_frame_offset(known[place].parameters)
     R = convert_vector_to_rotation(p.turn)
     return build_transform(R, at - R @ at + p.shift)

@@ -18,7 +18,7 @@ from machopt.effects import angle_range, parameter_conversion, registry
 from machopt.effects.effect_wording import format_effect_at_place
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import JointAngleLaw
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.numerics.array_types import Array
 
 CONVERGENCE_RAD = 1e-15  # rad, round-off of an angle
@@ -188,7 +188,7 @@ def build_encoder_correction(kinematics: KinematicCorrections | None) -> Encoder
     laws = registry.list_angle_effects_by_word()
     parts = []
     for c in kinematics.corrections:
-        if c.effect == link_geometry.EFFECT.name:  # no angle: this changes the arm's geometry
+        if c.effect == as_built_joint_frames.EFFECT.name:  # no angle: this changes the arm's geometry
             continue
         if c.effect not in laws:
             raise ValueError(f"{c.effect!r} is no kinematic correction")

@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_axis_rotation
-from machopt.path_building.path_builder import Vector
+from machopt.path_building.point_collector import Vector
 
 ORTHONORMAL = 1e-3  # axes printed with four decimals are that far from orthonormal
 SAME = 1e-6  # mm and sines: nearer than that, two systems are one

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.toolpath import MoveKind
-from machopt.path_building.path_builder import MAX_POINTS, PathBuilder, Vector
+from machopt.path_building.point_collector import MAX_POINTS, PathBuilder, Vector
 
 MAX_PECKS = 10_000
 MAX_DWELL_S = 60.0  # at the bottom of a hole: a few turns of the spindle are usual, some seconds the most

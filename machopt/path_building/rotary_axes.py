@@ -34,7 +34,7 @@ import numpy as np
 from machopt.errors import OptionError
 from machopt.numerics.array_types import Array
 from machopt.path_building.coordinate_systems import SystemTransform, compute_axis_turn
-from machopt.path_building.path_builder import Vector
+from machopt.path_building.point_collector import Vector
 
 _ORDERS = {  # name → axes in the order their matrices are multiplied, z last
     "table-ac": "CA",

@@ -15,7 +15,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError, interpolate_axes
-from machopt.path_building.path_builder import Vector
+from machopt.path_building.point_collector import Vector
 from machopt.path_building.rotary_axes import RotaryMachine
 
 AXIS_TOLERANCE_DEG = 0.01  # between tool axis on the rotary path and on the great circle between two points

@@ -6,7 +6,7 @@ import numpy as np
 
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
-from machopt.path_building.path_builder import PathBuilder
+from machopt.path_building.point_collector import PathBuilder
 
 
 def fill_unknown(p: Array, out: PathBuilder) -> Array:

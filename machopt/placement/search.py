@@ -17,7 +17,6 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
-from machopt.placement.executor import InProcessExecutor, PlacementExecutor
 from machopt.placement.journal import SearchJournal
 from machopt.placement.moved_cell import (
     MovedBodies,
@@ -43,6 +42,7 @@ from machopt.placement.search_result import (
 )
 from machopt.placement.segment_task import SegmentTask, build_single_segment, plan_at_placement
 from machopt.placement.support_check import SupportModel
+from machopt.placement.task_executor import InProcessExecutor, PlacementExecutor
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
 from machopt.planning.pipeline.plan import Plan
 

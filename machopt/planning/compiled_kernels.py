@@ -104,11 +104,11 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
         f"{_F3},{_F3},i8[:,::1],i8,i8,b1[::1],b1[::1],b1[::1],{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,f8",
     ),
     (
-        "planning.external_axis_optimization.value_grid_kernels",
+        "planning.external_axis_optimization.value_grid_search_kernels",
         "compute_reach_costs",
         f"{_LATTICE},i8,{_F2},f8",
     ),
-    ("planning.external_axis_optimization.value_grid_kernels", "trace_cheapest_sequence", f"{_LATTICE},i8"),
+    ("planning.external_axis_optimization.value_grid_search_kernels", "trace_cheapest_sequence", f"{_LATTICE},i8"),
     (
         "planning.external_axes.moving_axis_kernels",
         "find_cheapest_value_sequence",
@@ -190,7 +190,7 @@ def preload_kernels_in_thread(*also: str) -> Iterator[None]:
     from importlib import import_module
 
     from machopt.numerics.compiled_functions import load_stored_kernel
-    from machopt.numerics.worker_threads import count_threads
+    from machopt.numerics.parallel_map import count_threads
 
     if count_threads() < 2:  # the plan would wait for the thread, even for kernels it does not call
         yield

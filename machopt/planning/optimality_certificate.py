@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
-from machopt.planning.sequence_search.crossed_rotations import compute_worst_index, find_hidden_points
+from machopt.planning.sequence_search.worst_index_across_swings import compute_worst_index, find_hidden_points
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from machopt.data_types.robot_program import RobotController
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.file_formats.source_file import TOOL_AXES, ReadOptions, SourceFile
 from machopt.numerics.array_types import Array
-from machopt.path_building.path_builder import PathBuilder
+from machopt.path_building.point_collector import PathBuilder
 from machopt.programs.reading.joint_conversion import compute_urdf_joints
 from machopt.programs.reading.parsed_program import LINEAR, ParsedProgram
 from machopt.programs.reading.rotation_conventions import invert_pose

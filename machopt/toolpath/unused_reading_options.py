@@ -12,7 +12,7 @@ from pathlib import Path
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import FileFormatError, OptionError
 from machopt.file_formats.source_file import ReadOptions, normalise_word
-from machopt.path_building.path_builder import USED
+from machopt.path_building.point_collector import USED
 
 APT, G_CODE, SINUMERIK, HEIDENHAIN, NCI, ROBOT, TABLE = (
     "APT/CL data",

@@ -18,7 +18,7 @@ from machopt.commands.optimize.verified_files import write_verified_files
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.view_document import ViewAnswerDocument
 from machopt.data_types.plan_options import PlanOptions, SteeringRule
-from machopt.data_types.steering import list_steered_stretches, refuse_narrow_zones, resolve_steering
+from machopt.data_types.steering_rules import list_steered_stretches, refuse_narrow_zones, resolve_steering
 from machopt.errors import InputError
 from machopt.options.plan_option_reader import format_user_options, load_options
 from machopt.output.single_file import write_text_file

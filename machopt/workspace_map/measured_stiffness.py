@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.data_types.measurements.measured_stiffness import MeasuredStiffness
+from machopt.data_types.measurements.measured_tcp_stiffness import MeasuredStiffness
 from machopt.errors import OptionError
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from machopt.cell.mesh.file_integrity import read_whole_mesh
 from machopt.cell.mesh.mesh_errors import ErrorFactory
 from machopt.cell.mesh.second_library_check import compare_with_collada, compare_with_second_library
-from machopt.numerics import triangle_meshes
+from machopt.numerics import mesh_construction
 from machopt.numerics.array_types import Array
-from machopt.numerics.triangle_meshes import TriangleMesh
+from machopt.numerics.mesh_construction import TriangleMesh
 
 _LEAST_TRIANGLES = 4  # a tetrahedron; fewer enclose nothing
 _FLAT = 1e-7  # thickness over width below which single precision cannot distinguish a body from a sheet
@@ -61,9 +61,9 @@ def read_surface(path: Path, fail: ErrorFactory) -> MeshSurface:
             finite, fewer than four triangles, flat or without volume, or seen differently by the verifier.
     """
     data = read_whole_mesh(path, fail)
-    plain = triangle_meshes.parse_binary_stl(data) if path.suffix.lower() == ".stl" else None
+    plain = mesh_construction.parse_binary_stl(data) if path.suffix.lower() == ".stl" else None
     surface = _read_with_trimesh(path, data, fail) if plain is None else plain
-    used = surface.vertices[triangle_meshes.find_used_vertices(surface.faces, len(surface.vertices))]
+    used = surface.vertices[mesh_construction.find_used_vertices(surface.faces, len(surface.vertices))]
     if not len(used):
         raise fail(f"mesh {path.name} holds no triangles")
     if not np.isfinite(used).all():
@@ -77,7 +77,7 @@ def read_surface(path: Path, fail: ErrorFactory) -> MeshSurface:
     thickness = np.linalg.svd((used - used.mean(0)) / max(float(box.max()), 1e-300), compute_uv=False)
     if not box.max() > 0.0 or thickness[-1] <= _FLAT * thickness[0]:
         raise fail(f"mesh {path.name} is flat and encloses nothing; a body, or a box in its place, would work")
-    vertices, faces = triangle_meshes.merge_equal_vertices(surface)
+    vertices, faces = mesh_construction.merge_equal_vertices(surface)
     compare_with_second_library(path, vertices, faces, fail)
     compare_with_collada(path, fail)
     open_edges = _count_open_edges(faces)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from machopt.cell.mesh.mesh_errors import ErrorFactory
 from machopt.file_formats.file_reading import MESH, read_file
 from machopt.numerics.array_types import Array
-from machopt.numerics.triangle_meshes import find_used_vertices, parse_binary_stl
+from machopt.numerics.mesh_construction import find_used_vertices, parse_binary_stl
 
 _UNIT = re.compile(rb"<unit\b[^>]*?\bmeter\s*=\s*[\"']\s*([-+0-9.eE]+)\s*[\"']")
 _SAME = 1e-4  # of the longest side; text formats are printed with six digits and more

@@ -36,7 +36,7 @@ class InitRequest:
     workpiece_rpy_deg: tuple[float, ...] | None = None  # turned about the vertical where only that brings it in reach
     workpiece_mesh: Path | None = None
     toolpath: Path | None = None  # that must be reached
-    reading: Mapping[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
+    reading: Mapping[str, Any] = field(default_factory=dict)  # keywords of toolpath.toolpath_reader.read_toolpath
     stiffness: Path | None = None  # a stiffness.yaml; an estimate
     velocity_deg_s: tuple[float, ...] | None = None  # the URDF's
     post: str = ""

@@ -38,7 +38,7 @@ class OptimizeRequest:
     plan_file: Path | None = None
     overrides: tuple[str, ...] = ()
     direct: dict[str, object] | None = None  # options by their user key, e.g. {"method": "jiao2022"}
-    reading: dict[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
+    reading: dict[str, Any] = field(default_factory=dict)  # keywords of toolpath.toolpath_reader.read_toolpath
     allow_external: bool = False
     posts: tuple[str, ...] = ()  # names or template files; none: the cell's own
     front: bool = False  # further plans with other weights, for the trade-off

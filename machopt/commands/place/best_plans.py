@@ -11,10 +11,10 @@ from machopt.commands.optimize import request as one_plan
 from machopt.commands.optimize.run import run_optimize
 from machopt.commands.place.document import ConfirmedPlacement
 from machopt.commands.place.request import PlaceRequest
-from machopt.placement.executor import InProcessExecutor, PlacementExecutor
 from machopt.placement.moved_cell import move_cell
 from machopt.placement.search import PlacementSite
 from machopt.placement.search_result import PlacementSearchResult, PlannedPlacement
+from machopt.placement.task_executor import InProcessExecutor, PlacementExecutor
 
 
 @dataclass(frozen=True)

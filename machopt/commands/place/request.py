@@ -27,7 +27,7 @@ class PlaceRequest:
 
     cell: Path
     toolpaths: tuple[Path, ...]
-    readings: tuple[Mapping[str, Any], ...]  # one a toolpath: keywords of formats.toolpath.read_toolpath
+    readings: tuple[Mapping[str, Any], ...]  # one a toolpath: keywords of toolpath.toolpath_reader.read_toolpath
     out: Path
     search: PlacementOptions = field(default_factory=PlacementOptions)
     plan_file: Path | None = None

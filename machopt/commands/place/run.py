@@ -19,10 +19,10 @@ from machopt.effects.user_effects import activate_user_effects, load_effect_file
 from machopt.errors import InputError
 from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.output import write_output_folder, write_result
-from machopt.placement.executor import PlacementExecutor
 from machopt.placement.journal import SearchJournal, refuse_foreign_journal
 from machopt.placement.search import PlacementSite, find_best_placement
 from machopt.placement.search_result import PlacementSearchResult
+from machopt.placement.task_executor import PlacementExecutor
 from machopt.planning.job.request_checks import check_length_unit
 from machopt.report.pages.placement_page import write_placement_page
 

@@ -15,7 +15,7 @@ from machopt.effects.user_effects import activate_user_effects, load_effect_file
 from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.measurement.design.request import PosesRequest, list_unchecked_conditions
 from machopt.output import write_output_folder, write_result
-from machopt.output.tables.poses_table import write_poses_csv, write_recording_template
+from machopt.output.tables.measurement_poses_table import write_poses_csv, write_recording_template
 from machopt.report.pages.pose_plan_page import write_pose_plan_page
 
 __all__ = ["PlanPosesResult", "PosesRequest", "run_plan_poses"]

@@ -15,7 +15,7 @@ from machopt.errors import InputError, OptionError, RecordingError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import Robot, RobotMasses, load_masses, load_robot
 from machopt.measurement.diagnosis.data_quality import (
-    inclinometer_columns,
+    exchanged_inclinometer_columns,
     misplaced_reflectors,
     moved_tracker_or_target,
     outlier_rows,
@@ -176,7 +176,9 @@ def _correct_recording(
         found += sitting
     if recording.kind == "absolute":
         recording, put_down = moved_tracker_or_target.correct_session_changes(recording, robot, T, accept)
-        recording, assigned = inclinometer_columns.correct_inclinometer_columns(recording, cell, robot, masses, accept)
+        recording, assigned = exchanged_inclinometer_columns.correct_inclinometer_columns(
+            recording, cell, robot, masses, accept
+        )
         found += [*put_down, *assigned]
     recording, relabelled = wrong_weight_label.correct_wrong_weight_labels(recording, robot, T, accept)
     recording, louder = session_force_gain.correct_session_force_gains(recording, robot, T, accept)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.data_types.measurements.measured_stiffness import MeasuredStiffness
+from machopt.data_types.measurements.measured_tcp_stiffness import MeasuredStiffness
 from machopt.errors import OutputFolderError
 from machopt.measurement.recording.recording_table import AllowedColumns, read_table
 from machopt.numerics.array_types import Array

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.points_table import PointsTable
+from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.toolpath import MoveKind
 from machopt.data_types.trajectory import Trajectory
 from machopt.file_formats.csv_text_escaping import escape_formula_text

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
-from machopt.data_types.steering import list_constrained_points
+from machopt.data_types.steering_rules import list_constrained_points
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.compensation.shifted_path import LENGTHS, STEEPEST, compute_offset_slope, rescore_plan, shift_path
 from machopt.planning.cost.stiffness_index import compute_load_directions

@@ -24,7 +24,7 @@ from machopt.planning.continuous_refinement.starting_point import RefinementStar
 from machopt.planning.cost.objective import compute_objective, compute_total
 from machopt.planning.cost.stiffness_index import LoadDirections, compute_load_directions
 from machopt.planning.external_axes.operation_groups import OperationGroup
-from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.motion.trajectory_builder import has_motion
 from machopt.planning.pipeline.path_planner import is_assignment_allowed
 from machopt.planning.pipeline.path_planner import plan_path as planned

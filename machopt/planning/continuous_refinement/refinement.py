@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
-from machopt.data_types.steering import select_steered_rows
+from machopt.data_types.steering_rules import select_steered_rows
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.continuous_refinement.bordered_system import BorderedSystem
@@ -46,7 +46,7 @@ from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import compute_configuration_cost, compute_load_directions
 from machopt.planning.external_axes.operation_groups import OperationGroup
-from machopt.planning.external_axes.plan_comparison import PREFERRED, AxisPlanRanking
+from machopt.planning.external_axes.plan_ranking import PREFERRED, AxisPlanRanking
 from machopt.planning.external_axes.position_constraints import compute_allowed_side
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.sampling.joint_path import JointAssignment, interpolate_between_stations, solve_joint_path

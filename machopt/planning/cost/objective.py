@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
-from machopt.data_types.steering import select_steered_rows
+from machopt.data_types.steering_rules import select_steered_rows
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import wrap_angle

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import PlanOptions, ProcessForce, StiffnessIndex
 from machopt.errors import CellError
 from machopt.numerics.array_types import Array
+from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.numerics.worker_threads import map_in_threads
 from machopt.planning.cost.process_force_direction import compute_process_force, compute_sideways_directions
 from machopt.planning.sampling.configurations import CandidateGrid, PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath

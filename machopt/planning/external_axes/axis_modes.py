@@ -9,7 +9,7 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
-from machopt.data_types.steering import find_external_joint
+from machopt.data_types.steering_rules import find_external_joint
 from machopt.errors import CellError, suggest_nearest_word
 
 

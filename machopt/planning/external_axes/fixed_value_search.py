@@ -20,15 +20,15 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
-from machopt.data_types.steering import select_steered_rows
+from machopt.data_types.steering_rules import select_steered_rows
 from machopt.numerics.array_types import Array
-from machopt.numerics.worker_threads import map_in_threads
+from machopt.numerics.parallel_map import map_in_threads
 from machopt.planning.cache import compute_cached
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import CandidateScores, compute_load_directions, score_candidates
 from machopt.planning.external_axes.operation_groups import OperationGroup
-from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axes.sampled_sequence import choose_collision_free_sequence
 from machopt.planning.pipeline.planning_setup import PlanningSetup, fix_external_axes
 from machopt.planning.sampling.configurations import CandidateGrid, enumerate_candidates

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array, Bools
-from machopt.numerics.worker_threads import map_in_threads
+from machopt.numerics.parallel_map import map_in_threads
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates

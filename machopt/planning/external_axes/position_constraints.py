@@ -15,7 +15,7 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import SteeringRule
-from machopt.data_types.steering import (
+from machopt.data_types.steering_rules import (
     find_external_joint,
     format_external_value,
     format_steering_rule,

@@ -21,7 +21,7 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
-from machopt.data_types.steering import list_constrained_points, resolve_steering
+from machopt.data_types.steering_rules import list_constrained_points, resolve_steering
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.continuous_refinement.plan_improvement import PASSES, is_drivable, plan_on_other_grid, refine_plan
@@ -34,7 +34,7 @@ from machopt.planning.external_axes.moving_axes import (
     list_partly_fixed_groups,
 )
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
-from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axes.position_constraints import check_known_axes_and_places
 from machopt.planning.external_axis_optimization.external_axis_bound import BoundSearch
 from machopt.planning.external_axis_optimization.value_grid import VALUES

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.numerics.worker_threads import map_in_threads
 from machopt.planning.continuous_refinement.starting_point import RefinementStart
 from machopt.planning.cost.objective import ObjectiveTerms, compute_node_cost
 from machopt.planning.cost.process_force_direction import compute_sideways_directions

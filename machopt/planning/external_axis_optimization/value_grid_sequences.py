@@ -1,7 +1,7 @@
 """Sequences over values of external joints, rotations and branches, and the cheapest of them.
 
 :mod:`machopt.planning.external_axis_optimization.external_axis_bound` builds them;
-:mod:`~machopt.planning.external_axis_optimization.value_grid_kernels` searches them.
+:mod:`~machopt.planning.external_axis_optimization.value_grid_search_kernels` searches them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array, Bools
-from machopt.planning.external_axis_optimization.value_grid_kernels import compute_reach_costs, trace_cheapest_sequence
+from machopt.planning.external_axis_optimization.value_grid_search_kernels import (
+    compute_reach_costs,
+    trace_cheapest_sequence,
+)
 from machopt.planning.sequence_search.worst_value_constraint import GAP, WorstLimitedSequence, trade_worst_index
 
 SLACK = 1e-12  # of a limit, rounding tolerance between forward and backward sums
@@ -31,9 +34,7 @@ class ValueGridSequences:
     held: NDArray[np.int64]  # (S, G) number of the position of the joints that keep one value
     branches: int
     stable: bool
-    kind: (
-        Bools  # (S, 3) as in :func:`machopt.planning.external_axis_optimization.value_grid_kernels.compute_reach_costs`
-    )
+    kind: Bools  # (S, 3) as in ``value_grid_search_kernels.compute_reach_costs``
     priced: Array  # (S, 4) likewise
     slowness: Array  # (6 + E,) s/rad
     worst: float  # price of the worst index

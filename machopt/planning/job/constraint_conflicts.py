@@ -16,7 +16,7 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import ExternalJointOptions, FixedRotation, PlanOptions, SteeringRule
-from machopt.data_types.steering import format_steering_rule, list_steered_stretches
+from machopt.data_types.steering_rules import format_steering_rule, list_steered_stretches
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.external_axis_optimization.best_plan import find_best_plan
 from machopt.planning.pipeline.plan import Plan

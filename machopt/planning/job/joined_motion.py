@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.data_types.points_table import PointsTable
+from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.data_types.trajectory import Trajectory
 from machopt.planning.job.joined_plan import ToolSegmentPlan, shift_break_indices

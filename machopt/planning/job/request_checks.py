@@ -9,7 +9,7 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
-from machopt.data_types.steering import refuse_narrow_zones, resolve_steering
+from machopt.data_types.steering_rules import refuse_narrow_zones, resolve_steering
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import CellError
 from machopt.kinematics.machine import load_machine

@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.kinematics.inverse.solver import refine_by_newton
 from machopt.numerics.array_types import Array
-from machopt.planning.motion.straight_rapids import EndContacts, Way, find_free_rapids
+from machopt.planning.motion.straight_rapid_collisions import EndContacts, Way, find_free_rapids
 from machopt.planning.pipeline.gaps import Stretch
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.stations.planning_path import compute_tcp_poses

@@ -19,7 +19,7 @@ from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, plan_rapid,
 from machopt.planning.motion.retract_moves import RetractMoves
 from machopt.planning.motion.search_budget import EXTENSIONS, is_used_up
 from machopt.planning.motion.segments import MotionSegment, count_rest_samples, label_cut_samples, select_program_points
-from machopt.planning.motion.straight_rapids import Way, build_rapid_key
+from machopt.planning.motion.straight_rapid_collisions import Way, build_rapid_key
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak, build_undriven_break, describe_place
 from machopt.planning.retiming.path_curve import SPIN_TOLERANCE

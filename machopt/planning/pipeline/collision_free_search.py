@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
-from machopt.numerics.worker_threads import run_two_in_threads
+from machopt.numerics.parallel_map import run_two_in_threads
 from machopt.planning.collision_handling.exclusions import ExclusionTracker
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
 from machopt.planning.cost.stiffness_index import CandidateScores

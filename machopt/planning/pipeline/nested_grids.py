@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
-from machopt.numerics.worker_threads import count_threads
+from machopt.numerics.parallel_map import count_threads
 from machopt.planning.collision_handling.path_check import PathCollisions
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch, CollisionFreeSequence

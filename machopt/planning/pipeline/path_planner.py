@@ -18,11 +18,16 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
-from machopt.data_types.steering import is_inside_zone, list_constrained_points, resolve_steering, select_steered_rows
+from machopt.data_types.steering_rules import (
+    is_inside_zone,
+    list_constrained_points,
+    resolve_steering,
+    select_steered_rows,
+)
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.parallel_map import run_two_in_threads
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.numerics.worker_threads import run_two_in_threads
 from machopt.planning.baselines import plan_cam_default, plan_jiao2022
 from machopt.planning.collision_handling.gouge_check import find_gouges
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
@@ -48,8 +53,8 @@ from machopt.planning.pipeline.planning_setup import (
 from machopt.planning.pipeline.sequence_breaks import find_configuration_jumps, find_sequence_breaks
 from machopt.planning.sampling.configurations import CandidateGrid, enumerate_candidates
 from machopt.planning.sampling.joint_path import JointAssignment
-from machopt.planning.sequence_search.crossed_rotations import compute_worst_index, find_hidden_points
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
+from machopt.planning.sequence_search.worst_index_across_swings import compute_worst_index, find_hidden_points
 from machopt.planning.smoothing.rotation_smoothing import follow_grid_rotation
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path

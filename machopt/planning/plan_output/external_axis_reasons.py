@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.plan_options import ExternalJointOptions
-from machopt.data_types.steering import find_external_joint, format_steering_rule
+from machopt.data_types.steering_rules import find_external_joint, format_steering_rule
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.planning.external_axes.axis_modes import compute_axis_range, resolve_axis_options

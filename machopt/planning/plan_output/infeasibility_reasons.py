@@ -13,7 +13,7 @@ from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.external_axis_reasons import explain_external_axes, list_overruled_pins
 from machopt.planning.plan_output.reach_advice import compute_reach_shift
 from machopt.planning.plan_output.unit_check import compute_maximum_reach
-from machopt.planning.uncertainty.external_axis_springs import describe_settlement
+from machopt.planning.uncertainty.external_axis_settlement import describe_settlement
 from machopt.planning.uncertainty.position_error import predict_position_error
 
 NEARLY_PARALLEL = np.radians(8.0)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
-from machopt.data_types.points_table import PointsTable
+from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.slow_moves import SlowStretch, describe_slow_points
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.sequence_breaks import CHANGE, HOME, SequenceBreak

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
-from machopt.data_types.points_table import PointsTable
+from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machopt.data_types.cell import Cell
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
-from machopt.data_types.steering import format_steering_rule, is_inside_zone, select_steered_rows
+from machopt.data_types.steering_rules import format_steering_rule, is_inside_zone, select_steered_rows
 from machopt.errors import CellError
 from machopt.kinematics.inverse.solver import (
     InverseKinematicsSolver,
@@ -23,8 +23,8 @@ from machopt.kinematics.inverse.solver import (
 )
 from machopt.kinematics.machine import Machine
 from machopt.numerics.array_types import Array, Bools, compute_any_last
+from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
-from machopt.numerics.worker_threads import map_in_threads
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 

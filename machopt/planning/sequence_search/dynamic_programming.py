@@ -20,7 +20,6 @@ from machopt.numerics.array_types import Array, Bools, compute_any_last, make_ar
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.sampling.configurations import CandidateGrid
-from machopt.planning.sequence_search.crossed_rotations import compute_worst_index, find_hidden_points
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
 from machopt.planning.sequence_search.joint_turns import compute_shortest_turns, count_whole_turns, fit_turns
 from machopt.planning.sequence_search.search_kernels import find_cheapest_sequence
@@ -31,6 +30,7 @@ from machopt.planning.sequence_search.transition_windows import (
     match_tcp_directions,
     vertex_price,
 )
+from machopt.planning.sequence_search.worst_index_across_swings import compute_worst_index, find_hidden_points
 from machopt.planning.sequence_search.worst_value_constraint import (
     GAP,
     WorstLimitedSequence,

@@ -197,7 +197,7 @@ def find_cheapest_sequence(
             (:class:`machopt.planning.sequence_search.forbidden_transitions.ForbiddenTransitions`).
         hidden: (S,) on the edge into s, in one branch, the rotation crosses only rotations that one of the stations has
             in
-            ``crossed`` (:mod:`machopt.planning.sequence_search.crossed_rotations`).
+            ``crossed`` (:mod:`machopt.planning.sequence_search.worst_index_across_swings`).
         crossed: (S, R, B) rotations that may be crossed.
         shut: (B, B) branch changes that rapid moves must not make.
         loose: with one turn only: whole turns cost nothing and have no limits, so that the value is a lower bound of

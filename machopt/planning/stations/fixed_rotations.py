@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
-from machopt.data_types.steering import select_steered_rows
+from machopt.data_types.steering_rules import select_steered_rows
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.stations.planning_path import PlanningPath
 

@@ -10,7 +10,8 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
-from machopt.report.page_types.map_page_data import (
+from machopt.report.page_types.place_codes import PlaceCode, convert_to_place_codes
+from machopt.report.page_types.workspace_map_page import (
     ArmLines,
     MapAxis,
     MapField,
@@ -19,7 +20,6 @@ from machopt.report.page_types.map_page_data import (
     MapScene,
     MeasuredView,
 )
-from machopt.report.page_types.place_codes import PlaceCode, convert_to_place_codes
 from machopt.report.scene.scene_types import CellScene
 from machopt.version import __version__
 from machopt.workspace_map.document import DEG, MM, REASON_TEXTS, MapLayerResult

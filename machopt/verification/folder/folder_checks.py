@@ -17,7 +17,7 @@ from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.file_formats.parquet_tables import find_parquet_difference
-from machopt.numerics.worker_threads import run_two_in_threads
+from machopt.numerics.parallel_map import run_two_in_threads
 from machopt.output.manifest_file import MANIFEST, find_differences, read_manifest
 from machopt.verification import Verification, VerificationCheck
 from machopt.verification.checks import CheckName, VerificationRow, build_skipped_check

@@ -19,7 +19,7 @@ from machopt.verification.checks import CheckName, VerificationCheck, build_file
 from machopt.verification.motion.checks.points_columns import JOINT_TOLERANCE_DEG
 from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath
 from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, PATH_MM
-from machopt.verification.programs.moves_between_targets import check_moves_between_targets
+from machopt.verification.programs.controller_interpolation import check_moves_between_targets
 from machopt.verification.programs.target_matching import (
     MAX_JOINT_DISTANCE_RAD,
     TargetTolerances,

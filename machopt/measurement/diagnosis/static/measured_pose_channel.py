@@ -24,7 +24,7 @@ from machopt.data_types.kinematic_corrections import KinematicCorrection, Kinema
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects.kinematic_corrections import extend_kinematics
-from machopt.effects.structure import link_geometry as structure_link_geometry
+from machopt.effects.structure import as_built_joint_frames as structure_link_geometry
 from machopt.errors import RecordingError
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.kinematics.robot import Robot, RobotMasses, load_robot
@@ -37,7 +37,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     HypothesisCatalogue,
 )
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
-from machopt.measurement.diagnosis.effect_columns import existing_terms, link_geometry
+from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames, existing_terms
 from machopt.measurement.diagnosis.static import inclinometer_equations
 from machopt.measurement.diagnosis.static.measured_pose_hypotheses import build_measured_pose_catalogue
 from machopt.measurement.diagnosis.static.nominal_pose_model import CorrectedArm, NominalPoseModel
@@ -188,7 +188,7 @@ def _compute_stated_displacement(r: StaticReadings, found: tuple[KinematicCorrec
         out = out + sum(r.lift_joint_twist(j, delta[:, j : j + 1])[:, :, 0] for j in range(6))
     for c in frames:
         at = structure_link_geometry.read_frame_offset(c.parameters)
-        out = out + link_geometry.compute_frame_columns(r, c.location) @ np.concatenate([at.shift, at.turn])
+        out = out + as_built_joint_frames.compute_frame_columns(r, c.location) @ np.concatenate([at.shift, at.turn])
     return np.asarray(out)
 
 

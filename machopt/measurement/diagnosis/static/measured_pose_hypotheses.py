@@ -16,7 +16,7 @@ from machopt.effects import registry
 from machopt.effects.joint import angle_dependent_stiffness
 from machopt.effects.joint import joint_angle_errors as joint_joint_angle_errors
 from machopt.effects.protocol import is_time_dependent
-from machopt.effects.structure import link_geometry as structure_link_geometry
+from machopt.effects.structure import as_built_joint_frames as structure_link_geometry
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     DiagnosisProblem,
@@ -26,10 +26,10 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
 )
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.measurement.diagnosis.effect_columns import (
+    as_built_joint_frames,
     gravity_compensator,
     joint_angle_errors,
     joint_torque,
-    link_geometry,
     payload,
     sensor_errors,
     structural_compliance,
@@ -56,7 +56,7 @@ def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) 
     candidates: list[EffectHypothesis] = [
         *joint_angle_errors.build_joint_angle_hypotheses(r),
         *joint_torque.build_pose_couplings(r),
-        *link_geometry.build_geometry_hypotheses(r, problem.base),
+        *as_built_joint_frames.build_geometry_hypotheses(r, problem.base),
         *(
             [*payload.build_static_payload_hypotheses(r), *gravity_compensator.build_pose_hypotheses(r)]
             if unknown_link_masses.has_link_mass(r.masses)

@@ -25,7 +25,7 @@ from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types import reflectors_and_tracker_frames
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
-from machopt.measurement.diagnosis.effect_columns import link_geometry
+from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames
 from machopt.measurement.diagnosis.static import unknown_link_masses
 from machopt.measurement.diagnosis.static.measured_pose_hypotheses import compute_column_span, compute_remaining_share
 from machopt.numerics.array_types import Array
@@ -138,7 +138,7 @@ class NominalPoseModel:
         columns, unknowns = self.columns(state, p)
         readings = self.build_readings(state, frame, frame.compliance)
         rest = columns[:, :, [u.spring_joint is None for u in unknowns]]
-        frames = [link_geometry.compute_frame_columns(readings, where) for where in JOINTS]
+        frames = [as_built_joint_frames.compute_frame_columns(readings, where) for where in JOINTS]
         Q = compute_column_span(np.concatenate([rest, *frames], axis=2))
         least = thresholds.RESTING.seen_spring * compute_robust_spread(self.residual(frame, p, R)[:, :3])
         bend = state.J[:, : self.D] * (self.nominal * self.compute_torque(state))[:, None, :]

@@ -20,7 +20,7 @@ from machopt.data_types.locations import format_joint_location, format_link_loca
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
-from machopt.measurement.diagnosis.effect_columns import link_geometry
+from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames
 from machopt.measurement.diagnosis.model_selection.unmodelled_interfaces import build_uncatalogued_hypothesis
 from machopt.numerics.array_types import Array
 
@@ -106,8 +106,8 @@ def _build_neighbour_joint_waves(r: StaticReadings, j: int) -> Callable[[Shape],
 
 def _build_axis_wobble(r: StaticReadings, j: int) -> Callable[[Shape], Array]:
     twists = (
-        link_geometry.compute_frame_columns(r, format_joint_location(j + 1))
-        * link_geometry.list_manufacturing_tolerances()
+        as_built_joint_frames.compute_frame_columns(r, format_joint_location(j + 1))
+        * as_built_joint_frames.list_manufacturing_tolerances()
     )
 
     def columns(shape: Shape) -> Array:

@@ -11,13 +11,13 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
-from machopt.measurement.diagnosis.thresholds.channel_thresholds import MotionThresholds, StaticThresholds
 from machopt.measurement.diagnosis.thresholds.decision_thresholds import (
     DetectionThresholds,
     NoiseThresholds,
     ProofThresholds,
     RecordingThresholds,
 )
+from machopt.measurement.diagnosis.thresholds.static_and_motion_thresholds import MotionThresholds, StaticThresholds
 from machopt.measurement.estimation import thresholds as estimate
 from machopt.measurement.identification import thresholds as identify
 from machopt.measurement.threshold_origin import ThresholdOrigin

@@ -6,7 +6,7 @@ import enum
 import re
 
 from machopt.file_formats.source_file import MM_PER_INCH, ReadOptions, SourceFile
-from machopt.path_building.path_builder import PathBuilder
+from machopt.path_building.point_collector import PathBuilder
 from machopt.toolpath.readers.apt.statement_parser import split_fields
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleError
-from machopt.path_building.path_builder import Vector
+from machopt.path_building.point_collector import Vector
 from machopt.toolpath.readers.apt.statement_parser import parse_number
 
 NO_SPEED = frozenset(("INVERS", "INVERSE", "INVTIM", "DPM", "DEGPM"))  # inverse time, degrees a minute of a rotary axis

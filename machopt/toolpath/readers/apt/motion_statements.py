@@ -12,7 +12,7 @@ from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.numerics.array_types import Array
 from machopt.path_building.coordinate_systems import CoordinateSystem, SystemTransform
 from machopt.path_building.drilling_cycles import DrillingCycle, append_hole_moves
-from machopt.path_building.path_builder import PathBuilder, Vector
+from machopt.path_building.point_collector import PathBuilder, Vector
 from machopt.toolpath.readers.apt.cam_dialect import CamDialect, detect_dialect, find_unit_scale
 from machopt.toolpath.readers.apt.curve_statements import CurveState
 from machopt.toolpath.readers.apt.cycle_statements import HsmDrillingCycle

@@ -9,7 +9,7 @@ import numpy as np
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError, compute_arc_chords
-from machopt.path_building.path_builder import Vector, check_radius
+from machopt.path_building.point_collector import Vector, check_radius
 from machopt.toolpath.readers.gcode.control_state import AXES, ControlState
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourSegment
 from machopt.toolpath.readers.gcode.geometry.polar_coordinates import find_plane_axes

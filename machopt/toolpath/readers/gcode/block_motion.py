@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from machopt.data_types.toolpath import MoveKind
-from machopt.path_building.path_builder import Vector
+from machopt.path_building.point_collector import Vector
 from machopt.path_building.rotary_moves import compute_start_angle
 from machopt.toolpath.readers.gcode.drilling_moves import DrillingMoveReader
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourCorner, CornerKind

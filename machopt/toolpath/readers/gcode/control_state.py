@@ -17,7 +17,7 @@ from machopt.path_building import rotary_axes
 from machopt.path_building.arc_chords import ArcError
 from machopt.path_building.coordinate_systems import SystemTransform
 from machopt.path_building.drilling_cycles import DrillingCycle
-from machopt.path_building.path_builder import PathBuilder, Vector
+from machopt.path_building.point_collector import PathBuilder, Vector
 from machopt.path_building.rotary_moves import RotaryTurn
 from machopt.toolpath.readers.gcode.canned_cycles import CannedCycle
 from machopt.toolpath.readers.gcode.geometry.arc_centres import ArcCentres

@@ -7,7 +7,7 @@ import math
 
 from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.path_building.coordinate_systems import FrameError, SystemTransform
-from machopt.path_building.path_builder import Vector
+from machopt.path_building.point_collector import Vector
 from machopt.toolpath.readers.gcode.geometry.tilted_planes import (
     compute_cycle800_plane,
     compute_g68_2_plane,

@@ -13,7 +13,7 @@ from machopt.file_formats.source_file import MM_PER_INCH, ReadOptions, SourceFil
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError
 from machopt.path_building.drilling_cycles import DrillingCycleError
-from machopt.path_building.path_builder import Vector
+from machopt.path_building.point_collector import Vector
 from machopt.toolpath.readers import harmless_words
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourCorner, ContourSegment, CornerKind
 from machopt.toolpath.readers.gcode.geometry.hole_patterns import MOST_HOLES, generate_hole_circle, generate_hole_grid

@@ -24,7 +24,7 @@ from machopt.file_formats.csv_columns import (
 )
 from machopt.file_formats.source_file import TOOL_AXES, UNIT_NAMES, ReadOptions, SourceFile, normalise_offset_name
 from machopt.numerics.array_types import Array
-from machopt.path_building.path_builder import PathBuilder
+from machopt.path_building.point_collector import PathBuilder
 from machopt.spelling_suggestions import suggest_word
 from machopt.toolpath.readers.tables.hole_rows import expand_hole_moves
 from machopt.toolpath.readers.tables.orientation_columns import ORIENTATION_FORMATS, UNIT_QUATERNION, compute_rotations

@@ -7,7 +7,7 @@ import numpy as np
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.file_formats.csv_columns import iterate_data_lines, parse_number_cell, split_cells
 from machopt.file_formats.source_file import TOOL_AXES, ReadOptions, SourceFile
-from machopt.path_building.path_builder import PathBuilder
+from machopt.path_building.point_collector import PathBuilder
 from machopt.toolpath.readers.tables.hole_rows import find_possible_holes
 from machopt.toolpath.readers.tables.orientation_columns import compute_rotations
 from machopt.toolpath.readers.tables.row_kinds import KIND_HELP

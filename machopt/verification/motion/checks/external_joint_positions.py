@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions, SteeringRule
-from machopt.data_types.steering import (
+from machopt.data_types.steering_rules import (
     find_external_joint,
     list_steered_stretches,
     resolve_steering,

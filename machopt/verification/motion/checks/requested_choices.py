@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
-from machopt.data_types.steering import resolve_steering, select_steered_rows
+from machopt.data_types.steering_rules import resolve_steering, select_steered_rows
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import VerificationCheck, build_worst_value_check

@@ -15,7 +15,7 @@ import numpy as np
 
 from machopt.effects import registry
 from machopt.effects.effect_wording import format_effect_in_sentence
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import UNCATALOGUED, EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.attribution import time_stability
@@ -103,7 +103,7 @@ def withhold_unsupported_names(state: SearchState, rng: np.random.Generator) -> 
         without = state.fit_effects([o for o in chosen if o is not c]).heldout()
         taken = _compute_repeatable_power(state, without) - _compute_repeatable_power(state, whole)
         # a frame law is exact: the remainder has another cause and must be clearly larger
-        frame = c.whitened.hypothesis.effect == link_geometry.EFFECT.name
+        frame = c.whitened.hypothesis.effect == as_built_joint_frames.EFFECT.name
         most = thresholds.PROOF.outweighs_exact if frame else thresholds.PROOF.outweighs
         if left > most * taken:
             out[k] = _remove_name(c, SMALL_GAIN_REASON)

@@ -10,14 +10,18 @@ import numpy as np
 
 from machopt.effects.joint import joint_angle_errors
 from machopt.effects.recording import sensor_errors
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.numerics.array_types import Array, Ints
 
-TIME_CONSTANT_EFFECTS = (link_geometry.EFFECT.name, joint_angle_errors.ZERO.name, sensor_errors.DISPLACEMENT.name)
+TIME_CONSTANT_EFFECTS = (
+    as_built_joint_frames.EFFECT.name,
+    joint_angle_errors.ZERO.name,
+    sensor_errors.DISPLACEMENT.name,
+)
 
 
 def is_time_constant(h: EffectHypothesis) -> bool:

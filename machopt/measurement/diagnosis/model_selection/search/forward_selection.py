@@ -15,7 +15,7 @@ import numpy as np
 
 from machopt.data_types.locations import format_link_location, parse_location
 from machopt.effects import registry
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
@@ -361,7 +361,7 @@ def compute_body_error_share(tried: Sequence[WhitenedHypothesis]) -> float:
     Returns:
         Share of the gain.
     """
-    poses = any(t.hypothesis.effect == link_geometry.EFFECT.name for t in tried)
+    poses = any(t.hypothesis.effect == as_built_joint_frames.EFFECT.name for t in tried)
     return thresholds.DETECTION.beside_body if poses else 0.0
 
 

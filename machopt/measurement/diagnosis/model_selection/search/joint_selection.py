@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.screening.normal_equation_sums import (
@@ -83,7 +83,7 @@ def search_effects(
 
 def _has_frame_laws(laws: Sequence[WhitenedHypothesis]) -> bool:
     """Return whether frame laws are among the hypotheses, as in measured poses only."""
-    return any(t.hypothesis.effect == link_geometry.EFFECT.name for t in laws)
+    return any(t.hypothesis.effect == as_built_joint_frames.EFFECT.name for t in laws)
 
 
 def select_many_effects(

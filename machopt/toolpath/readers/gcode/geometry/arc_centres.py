@@ -15,7 +15,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import RADIUS_FAULT, RADIUS_WARN, ArcError, compute_centre_from_radius
-from machopt.path_building.path_builder import PathBuilder
+from machopt.path_building.point_collector import PathBuilder
 
 
 @dataclass

@@ -20,7 +20,7 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError
 from machopt.path_building.coordinate_systems import SystemTransform
-from machopt.path_building.path_builder import PathBuilder, Vector
+from machopt.path_building.point_collector import PathBuilder, Vector
 from machopt.path_building.rotary_axes import HELP, PLACED_HELP, RotaryMachine
 from machopt.toolpath.readers.gcode.geometry.tilted_planes import compute_spatial_plane
 

@@ -15,7 +15,7 @@ from machopt.path_building.coordinate_systems import (
     compute_axis_turn,
     compute_rotation_about,
 )
-from machopt.path_building.path_builder import Vector
+from machopt.path_building.point_collector import Vector
 
 _XYZ = "XYZ"
 

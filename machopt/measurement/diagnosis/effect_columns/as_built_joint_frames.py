@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.effects.protocol import JOINTS, Quantity
-from machopt.effects.structure import link_geometry
+from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Quantities, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
@@ -38,19 +38,21 @@ def compute_frame_columns(r: StaticReadings, place: str) -> Array:
         ValueError: The state has no body poses.
     """
     n = len(r)
-    link = {link_geometry.BASE: 0, link_geometry.TOOL: 6}.get(place, int(place[-1]) - 1 if place in JOINTS else 0)
+    link = {as_built_joint_frames.BASE: 0, as_built_joint_frames.TOOL: 6}.get(
+        place, int(place[-1]) - 1 if place in JOINTS else 0
+    )
     if r.state.R_bodies is None or r.state.p_bodies is None:
         raise ValueError("the state was made without its bodies")
     R, p = r.state.R_bodies[:, link], r.state.p_bodies[:, link]
     flange = r.robot.T_base_flange_zero[:3, 3]
-    origin = {link_geometry.BASE: np.zeros(3), link_geometry.TOOL: flange}.get(place)
+    origin = {as_built_joint_frames.BASE: np.zeros(3), as_built_joint_frames.TOOL: flange}.get(place)
     at = R @ (r.robot.point[int(place[-1]) - 1] if origin is None else origin) + p
     out = np.zeros((n, 6, 6))
     out[:, :3, :3] = out[:, 3:, 3:] = R
     lever = r.state.T_base_tool[:, :3, 3] - at
     out[:, :3, 3:] = np.swapaxes(np.cross(np.swapaxes(R, 1, 2), lever[:, None]), 1, 2)
     return r.project_to_measured(
-        out, BODY_BEHIND_FLANGE if place == link_geometry.TOOL else link + 1 if place in JOINTS else 0
+        out, BODY_BEHIND_FLANGE if place == as_built_joint_frames.TOOL else link + 1 if place in JOINTS else 0
     )
 
 
@@ -64,7 +66,7 @@ def build_geometry_hypotheses(r: StaticReadings, base: Array) -> list[EffectHypo
     Returns:
         The hypotheses.
     """
-    places = JOINTS if r.recording.registration == "fit" else link_geometry.EFFECT.places
+    places = JOINTS if r.recording.registration == "fit" else as_built_joint_frames.EFFECT.places
     out = []
     for place in places:
         columns = compute_frame_columns(r, place) * list_manufacturing_tolerances()
@@ -101,11 +103,13 @@ def _build_frame_hypothesis(place: str, columns: Array, V: Array, penalty: float
 
     def correction(x: Array, shape: Shape) -> KinematicCorrection:
         return KinematicCorrection(
-            link_geometry.EFFECT.name, place, link_geometry.write_frame_offset(_compute_frame_offset(V, x))
+            as_built_joint_frames.EFFECT.name,
+            place,
+            as_built_joint_frames.write_frame_offset(_compute_frame_offset(V, x)),
         )
 
     return EffectHypothesis(
-        effect=link_geometry.EFFECT.name,
+        effect=as_built_joint_frames.EFFECT.name,
         location=place,
         law="frame elsewhere",
         equation="x ← x + d + φ × (x − p) behind the joint's frame (Hayati & Mirmirani 1985)",
@@ -113,16 +117,16 @@ def _build_frame_hypothesis(place: str, columns: Array, V: Array, penalty: float
         quantities=_build_quantities(V),
         correction=correction,
         family="kinematic",
-        note=link_geometry.EFFECT.note,
+        note=as_built_joint_frames.EFFECT.note,
         penalty=penalty,
         prior_sigma=thresholds.RESTING.doubt_of_maker,
         is_exact=True,
     )
 
 
-def _compute_frame_offset(V: Array, x: Array) -> link_geometry.FrameOffset:
+def _compute_frame_offset(V: Array, x: Array) -> as_built_joint_frames.FrameOffset:
     twist = list_manufacturing_tolerances() * (V @ x)
-    return link_geometry.FrameOffset(twist[:3], twist[3:])
+    return as_built_joint_frames.FrameOffset(twist[:3], twist[3:])
 
 
 def _build_quantities(V: Array) -> Quantities:

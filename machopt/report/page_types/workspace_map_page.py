@@ -61,7 +61,7 @@ class MapLayer:
     name: str
     title: str
     value: dict[str, Array]  # key of a field → (M,), NaN where there is none
-    reason: NDArray[np.uint8]  # (M,) PlaceCode, which indexes ``MapData.reasons``; 0: a posture was found
+    reason: NDArray[np.uint8]  # (M,) PlaceCode, which indexes ``MapPageData.reasons``; 0: a posture was found
     q: Array  # (M, 6) rad
     gamma: Array  # (M,) rad
     shortfall: Array  # (M,) m
