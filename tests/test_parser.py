@@ -80,6 +80,15 @@ def test_every_command_takes_what_the_contract_calls_common() -> None:
     assert len(commands) == 12
 
 
+def test_options_without_effect_are_not_offered() -> None:
+    """They are accepted, since scripts pass them to every command; no help and no completion shows them."""
+    offered = {name: parser.format_help() for name, parser in list_commands(_build_parser()).items()}
+    assert {name for name, text in offered.items() if "--jobs" in text} == {"batch", "place"}
+    assert "--seed" not in offered["validate"]
+    assert "--seed" in offered["identify"]
+    assert "--set" not in offered["init"]
+
+
 def test_planning_options_of_a_command_that_plans_nothing_are_read_and_said(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["validate", str(CELLS / "kr500_milling"), "--seed", "3", "--jobs", "2", "--set"]
     assert main([*words, "clearance_mm=3"]) == 0

@@ -42,7 +42,6 @@ def parse_xacro_argument(text: str) -> tuple[str, str]:
     return name, value
 
 
-_ONE_PROCESS = "accepted for scripts; one process runs"
 SHARED: dict[str, dict[str, Any]] = {
     "cell": {"type": Path, "help": "cell folder or its cell.yaml"},
     "toolpath": {"type": Path, "help": "CAM export or point table"},
@@ -68,7 +67,7 @@ SHARED: dict[str, dict[str, Any]] = {
         "help": "value of an argument of a xacro file; may be repeated",
     },
     "--seed": {"type": parse_natural_number, "default": 0, "help": "same input and seed, same bytes"},
-    "--jobs": {"type": parse_positive_integer, "default": 1, "metavar": "N", "help": _ONE_PROCESS},
+    "--jobs": {"type": parse_positive_integer, "default": 1, "metavar": "N", "help": argparse.SUPPRESS},
     "--plan": {"type": Path, "metavar": "FILE", "help": "planning options as YAML"},
     "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "help": "override a planning option"},
     "--post": {"action": "append", "default": [], "metavar": "POST"},
@@ -100,11 +99,11 @@ SHARED: dict[str, dict[str, Any]] = {
 """Name → keywords of argparse; ``flags`` are further names."""
 
 _IDLE: dict[str, dict[str, Any]] = {
-    "--seed": {"dest": "idle_seed", "help": "accepted for scripts; nothing is drawn at random here"},
+    "--seed": {"dest": "idle_seed", "help": argparse.SUPPRESS},
     "--jobs": {"dest": "idle_jobs"},
-    "--set": {"dest": "idle_set", "help": "accepted for scripts; planning options have no effect here, which is said"},
+    "--set": {"dest": "idle_set", "help": argparse.SUPPRESS},
 }
-"""What every command takes → what is said of it by those that have no use for it."""
+"""Common options that a command without use for them accepts and does not offer: no help shows them."""
 
 
 def add_shared_option(parser: argparse._ActionsContainer, name: str, **changed: object) -> None:

@@ -86,7 +86,7 @@ def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning:
     add_shared_option(job, "--tables")
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
     add_shared_option(job, "--seed", default=None, help="of the random search around obstacles")
-    add_shared_option(job, "--jobs", help="accepted for scripts; one plan runs in one process")
+    add_shared_option(job, "--jobs")
     add_shared_option(job, "--effects")
     job.set_defaults(run=_run_optimize)
 
