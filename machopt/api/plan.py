@@ -183,12 +183,12 @@ class Plan:
         """Small, for notebooks: the verdict, and the least a plan is known by."""
         from machopt.report.template_rendering import render_macro
 
-        told = [("points", f"{len(self.toolpath)}"), ("cell", str(self.cell.path))]
+        facts = [("points", f"{len(self.toolpath)}"), ("cell", str(self.cell.path))]
         if self.cycle_time_s is not None:
-            told.append(("cycle time", f"{self.cycle_time_s:.1f} s"))
+            facts.append(("cycle time", f"{self.cycle_time_s:.1f} s"))
         if np.isfinite(self.deflection).any():
-            told.append(("worst deflection", f"{np.nanmax(self.deflection):.3f} mm"))
-        return str(render_macro("notebook.html", "plan", str(self.toolpath.path), self.verdict, told))
+            facts.append(("worst deflection", f"{np.nanmax(self.deflection):.3f} mm"))
+        return str(render_macro("notebook.html", "plan", str(self.toolpath.path), self.verdict, facts))
 
     def __repr__(self) -> str:
         return f"<Plan for {len(self.toolpath)} points of {self.toolpath.path}: {self.verdict}>"
@@ -220,7 +220,7 @@ def optimize(
         front: plan further trade-offs when the plan is saved (``--front``).
         map_collisions: ``full`` looks for the collisions of every configuration, for the map (``--map-collisions``).
         tables: ``parquet``: :meth:`Plan.save` writes every table as Parquet, too (``--tables``).
-        progress: told the stage at work.
+        progress: receives the name of each stage.
         options: planning options as in cell.yaml's ``plan:`` and ``--set``, e.g. ``method="jiao2022"``,
             ``rotation_step_deg=2.5``, ``force_N={"axial": 200}``; docs/reference.md lists them with their defaults.
 

@@ -112,10 +112,10 @@ class DaskExecutor:
         token = f"{self.batch}\n"
         (work / PROBE_FILE).write_text(token, encoding="utf-8")
         try:
-            told = self._client.run(_probe_worker, str(work / PROBE_FILE), on_error="return")
+            answers = self._client.run(_probe_worker, str(work / PROBE_FILE), on_error="return")
         finally:
             (work / PROBE_FILE).unlink()
-        for worker, answer in told.items():
+        for worker, answer in answers.items():
             if isinstance(answer, BaseException):
                 raise OptionError(
                     f"worker {worker} cannot run machopt ({type(answer).__name__}: {answer}); install the same version "
