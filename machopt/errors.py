@@ -14,6 +14,7 @@
     │   ├── CellError                       a cell that is read, and cannot do what is asked
     │   ├── RecordingError                  recording of measurements
     │   ├── PostError                       post or template of a robot program
+    │   ├── CuttingInputError               cutting coefficients, cutter or cut outside of what a force model accepts
     │   ├── EffectDefinitionError           file with effects of the user's own
     │   └── OutputFolderError               output folder or file
     └── VerificationError          exit 4   the exported trajectory does not hold what the plan promised
@@ -144,6 +145,14 @@ class RecordingError(FileFormatError):
 
 class PostError(FileFormatError):
     """A post or its template is wrong, or cannot write this motion."""
+
+
+class CuttingInputError(InputError):
+    """A cutting coefficient, a dimension of the cutter or of the cut is outside of what the force model accepts.
+
+    Attributes:
+        key: the quantity, as in process.yaml or the cell: ``ae_mm``, ``Krc``, ``helix_deg`` …
+    """
 
 
 class EffectDefinitionError(InputError):
