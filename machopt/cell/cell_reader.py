@@ -18,6 +18,13 @@ from machopt.cell.ignored_pairs import IgnoredPairReader
 from machopt.cell.joint_reader import read_joints
 from machopt.cell.joints.joint_chain import JointChain, check_carrier, describe_unused_motion, describe_urdf_limits
 from machopt.cell.kinematics_file import load_kinematics
+from machopt.cell.machining_properties import (
+    build_accuracy,
+    build_cutter,
+    parse_inertia,
+    parse_pose_covariance,
+    parse_workpiece_stiffness,
+)
 from machopt.cell.mesh import (
     ErrorFactory,
     MeshSurface,
@@ -43,12 +50,14 @@ from machopt.cell.parsed_value_conversion import (
     get_solid_shape,
 )
 from machopt.cell.plausibility_checks import check_pose, check_stiffness, check_tool, compute_longest_side
+from machopt.cell.process_file import load_process
 from machopt.cell.stiffness.external_joint_stiffness import match_springs_to_joints
 from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.cell.urdf import RobotDescription, UrdfModel, find_mesh, find_package, read_description
 from machopt.cell.work_offsets import WorkOffsets
-from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, IgnoredPair, Tool, Workpiece
+from machopt.data_types.cell import Cell, CollisionShape, IgnoredPair, Tool, Workpiece
 from machopt.data_types.kinematic_corrections import KinematicCorrections
+from machopt.data_types.process import CuttingProcess
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import CellError
 from machopt.file_formats.file_reading import check_file
@@ -63,6 +72,7 @@ def load_cell(
     allow_external: bool = False,
     any_chain: bool = False,
     stiffness: Path | None = None,
+    process: Path | None = None,
     bodies: bool = True,
 ) -> Cell:
     """Read a cell folder.
@@ -73,13 +83,21 @@ def load_cell(
         any_chain: accept any number of revolute and prismatic joints between base and flange, and no tool and no
             workpiece: for a recorded motion, which needs no more than the chain's dynamics.
         stiffness: a stiffness.yaml to take in place of the one that the cell names, wherever it lies.
+        process: a process.yaml to take in place of the one that the cell names, wherever it lies.
         bodies: False where only the kinematics is used: a missing collision mesh of the robot is a warning then.
 
     Raises:
         InputError: names file, line and key, what was found and what was expected.
     """
     document = read_yaml(find_cell_file(path))
-    return build_cell(document, allow_external=allow_external, any_chain=any_chain, stiffness=stiffness, bodies=bodies)
+    return build_cell(
+        document,
+        allow_external=allow_external,
+        any_chain=any_chain,
+        stiffness=stiffness,
+        process=process,
+        bodies=bodies,
+    )
 
 
 def find_cell_file(path: Path | str) -> Path:
@@ -110,6 +128,7 @@ def build_cell(
     allow_external: bool = False,
     any_chain: bool = False,
     stiffness: Path | None = None,
+    process: Path | None = None,
     bodies: bool = True,
 ) -> Cell:
     """Build a cell from parsed cell.yaml, otherwise as :func:`load_cell`.
@@ -119,6 +138,7 @@ def build_cell(
         allow_external: Whether files outside the cell folder are allowed.
         any_chain: Whether the arm may have other than six revolute joints.
         stiffness: Stiffness file that replaces that of the cell, None for none.
+        process: Process file that replaces that of the cell, None for none.
         bodies: Whether collision bodies are needed.
 
     Returns:
@@ -131,6 +151,7 @@ def build_cell(
         folder=CellFolder(document, Path(document.file).resolve().parent, allow_external),
         any_chain=any_chain,
         other_stiffness=stiffness,
+        other_process=process,
         bodies=bodies,
     ).cell()
 
@@ -149,6 +170,7 @@ class _CellReader:
     folder: CellFolder
     any_chain: bool = False
     other_stiffness: Path | None = None
+    other_process: Path | None = None
     bodies: bool = True  # of the robot, all
     warnings: list[str] = field(default_factory=list)
     read: dict[Path, MeshSurface] = field(default_factory=dict)
@@ -207,6 +229,10 @@ class _CellReader:
             plan={} if keys.plan is None else keys.plan.given(),
             controller=build_controller(self.document, keys.controller, chain, self.folder.resolve_file, self.pose),
             kinematics=kinematics,
+            process=self.process(),
+            accuracy=None if keys.accuracy is None else build_accuracy(keys.accuracy),
+            gravity_compensator=robot.gravity_compensator,
+            rated_payload=robot.rated_payload_kg,
             files=tuple(dict.fromkeys(self.folder.read)),
             warnings=tuple(self.warnings),
             notes=(
@@ -242,6 +268,15 @@ class _CellReader:
         if self.keys.kinematics is None:
             return None
         return load_kinematics(self.folder.resolve_file(("kinematics",), self.keys.kinematics))
+
+    def process(self) -> CuttingProcess | None:
+        if self.other_process is not None:
+            check_file(self.other_process, expected="a process.yaml", most=ANY_SIZE)
+            self.folder.read.append(self.other_process.resolve())
+            return load_process(self.other_process)
+        if self.keys.process is None:
+            return None
+        return load_process(self.folder.resolve_file(("process",), self.keys.process))
 
     def may_touch(
         self, urdf: UrdfModel, tools: dict[str, Tool], workpiece: Workpiece, obstacles: tuple[CollisionShape, ...]
@@ -340,15 +375,23 @@ class _CellReader:
             mass=keys.mass_kg,
             com=copy_read_only(np.array(keys.com_mm) / 1e3),
             geometry=self.shapes((*loc, "geometry"), keys.geometry),
-            cutter=None
-            if cutter is None
-            else CutterGeometry(cutter.diameter_mm / 1e3, cutter.length_mm / 1e3, cutter.corner_mm / 1e3),
+            cutter=None if cutter is None else build_cutter(cutter),
+            inertia=None if keys.inertia_kg_m2 is None else self.inertia((*loc, "inertia_kg_m2"), keys.inertia_kg_m2),
             number=keys.tool_number,
         )
+
+    def inertia(self, loc: KeyPath, rows: list[list[float]]) -> Array:
+        return parse_inertia(rows, partial(self.document.build_error, loc))
 
     def workpiece(self) -> Workpiece:
         keys = self.keys.workpiece
         return Workpiece(
+            stiffness=parse_workpiece_stiffness(
+                keys.stiffness_N_mm, partial(self.document.build_error, ("workpiece", "stiffness_N_mm"))
+            ),
+            pose_covariance=parse_pose_covariance(
+                keys.pose_covariance, partial(self.document.build_error, ("workpiece", "pose_covariance"))
+            ),
             link=keys.link,
             T_link_workpiece=self.pose(("workpiece", "pose"), keys.pose),
             geometry=self.shapes(("workpiece", "geometry"), keys.geometry),

@@ -91,6 +91,10 @@ class RobotKeys(StrictSchema):
     )
     arm_joints: list[str] | None = Field(default=None, min_length=6, max_length=6, description="names of joints 1 to 6")
     external_joints: list[str] = Field(default=[], description="names of rail, gantry and positioner joints")
+    gravity_compensator: Literal["fitted", "none", "unknown"] = Field(
+        default="unknown", description="whether the arm has a spring or cylinder at axis 2"
+    )
+    rated_payload_kg: float | None = Field(default=None, gt=0, description="of the data sheet")
     home_deg: list[float] = Field(min_length=6, description=f"degrees (mm if prismatic), {_PER_JOINT}")
     tool_change_deg: list[float] | None = Field(
         default=None,
@@ -99,19 +103,42 @@ class RobotKeys(StrictSchema):
     limits: LimitKeys = Field(description="of every moving joint")
 
 
+class ToolModeKeys(StrictSchema):
+    f_Hz: float = Field(gt=0, description="natural frequency")
+    zeta: float = Field(gt=0, lt=1, description="damping ratio")
+    k_N_um: float = Field(gt=0, description="modal stiffness, N/µm")
+    direction: NumberTriple | Literal["tool_x", "tool_y", "tool_z"] = Field(description="in TCP axes")
+
+
 class CutterKeys(StrictSchema):
     diameter_mm: float = Field(gt=0, description="mm")
     length_mm: float = Field(gt=0, description="mm from the TCP back along -z")
-    corner_mm: float = Field(
-        default=0.0,
-        ge=0,
-        description="radius of the tip's edge: 0 for an end mill, half the diameter for a ball; for gouges",
+    corner_mm: float = Field(default=0.0, ge=0, description="older name of corner_radius_mm")
+    corner_radius_mm: float | None = Field(
+        default=None, ge=0, description="0 for an end mill, half the diameter for a ball"
     )
+    teeth: int | None = Field(default=None, ge=1, le=64, description="number of teeth")
+    helix_deg: float | None = Field(default=None, gt=-80, lt=80, description="helix angle, + for a right-hand helix")
+    point_deg: float | None = Field(default=None, gt=0, lt=180, description="included point angle of a drill")
+    web_mm: float | None = Field(default=None, gt=0, description="web thickness of a drill")
+    runout_mm: float = Field(default=0.0, ge=0, description="radial run-out")
+    side_stiffness_N_mm: float | None = Field(default=None, gt=0, description="of tool and spindle at the tip")
+    modes: list[ToolModeKeys] = Field(default=[], description="modes of tool and spindle at the tip")
+
+    @property
+    def corner_radius(self) -> float:
+        """Corner radius in mm, by either name."""
+        return self.corner_mm if self.corner_radius_mm is None else self.corner_radius_mm
 
     @model_validator(mode="after")
     def _corner_fits(self) -> CutterKeys:
-        if self.corner_mm > self.diameter_mm / 2 + 1e-9:
-            raise ValueError(f"corner_mm {self.corner_mm:g} is more than half the diameter, {self.diameter_mm / 2:g}")
+        name = "corner_mm" if self.corner_radius_mm is None else "corner_radius_mm"
+        if self.corner_radius_mm is not None and "corner_mm" in self.model_fields_set:
+            raise ValueError("found corner_mm and corner_radius_mm; expected one of them")
+        if self.corner_radius > self.diameter_mm / 2 + 1e-9:
+            raise ValueError(f"{name} {self.corner_radius:g} is more than half the diameter, {self.diameter_mm / 2:g}")
+        if self.web_mm is not None and self.web_mm >= self.diameter_mm:
+            raise ValueError(f"web_mm {self.web_mm:g} is not below the diameter, {self.diameter_mm:g}")
         return self
 
 
@@ -125,6 +152,9 @@ class ToolKeys(StrictSchema):
     mass_kg: float = Field(default=0.0, ge=0, description="kg")
     com_mm: NumberTriple = Field(default=[0.0, 0.0, 0.0], description="centre of mass x, y, z in the flange frame")
     geometry: list[ShapeKeys] = Field(default=[], description="bodies of spindle and holder, in flange_link")
+    inertia_kg_m2: list[NumberTriple] | None = Field(
+        default=None, min_length=3, max_length=3, description="3 × 3 about the centre of mass, flange axes"
+    )
     cutter: CutterKeys | None = Field(default=None, description="the part that may touch the workpiece where it cuts")
     tool_number: int | None = Field(
         default=None, ge=0, description="of the tool stored in the controller, in a table of tools"
@@ -135,6 +165,12 @@ class WorkpieceKeys(StrictSchema):
     link: str = Field(default="world", min_length=1, description="world or a link of the URDF")
     pose: PoseKeys = Field(description="the CAM coordinates in that link")
     geometry: list[ShapeKeys] = Field(default=[], description="bodies of the workpiece, in CAM coordinates")
+    stiffness_N_mm: float | NumberTriple | None = Field(
+        default=None, description="of the part at the tool: one number, or three along the CAM axes"
+    )
+    pose_covariance: list[Annotated[list[float], Field(min_length=6, max_length=6)]] | None = Field(
+        default=None, min_length=6, max_length=6, description="x, y, z in mm and rx, ry, rz in mrad at the CAM origin"
+    )
 
 
 class WorkOffsetKeys(StrictSchema):
@@ -223,6 +259,20 @@ class ControllerKeys(StrictSchema):
     )
 
 
+class AccuracyKeys(StrictSchema):
+    HINTS: ClassVar[dict[str, str]] = {
+        "rp_mm": "a data sheet's ISO 9283 RP is about 3.6 sigma of a coordinate: repeatability_mm is RP / 3.6",
+    }
+    absolute_mm: float | None = Field(default=None, ge=0, description="1 sigma of a coordinate of the position")
+    absolute_deg: float | None = Field(default=None, ge=0, description="1 sigma of the orientation about an axis")
+    repeatability_mm: float | None = Field(default=None, ge=0, description="1 sigma of a coordinate")
+    lost_motion_arcmin: list[float] | None = Field(
+        default=None, min_length=6, max_length=6, description="full width of joints 1 to 6"
+    )
+    includes_lost_motion: bool = Field(default=True, description="true: the numbers above contain the lost motion")
+    source: str = Field(default="", description="where the numbers come from")
+
+
 class CellKeys(StrictSchema):
     HINTS: ClassVar[dict[str, str]] = {
         **dict.fromkeys(
@@ -252,6 +302,10 @@ class CellKeys(StrictSchema):
     obstacles: list[ObstacleKeys] = Field(default=[], description="fixtures, walls, floor, in their link")
     stiffness: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
     kinematics: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
+    process: str | None = Field(
+        default=None, min_length=1, description="process.yaml: cutting conditions and tolerances"
+    )
+    accuracy: AccuracyKeys | None = Field(default=None, description="accuracy of the arm, for tolerances")
     ignore_pairs: list[str | list[str]] = Field(
         default=[],
         description="bodies that may touch: [[link_1, link_3], [tool, link_5], …] by names of links, bodies, `tool`, "

@@ -57,7 +57,8 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         report: Path of the report.
     """
     path, objective = result.toolpath, result.objective
-    lines = [f"before production: {text}" for text in result.production_blockers]
+    lines = [] if result.process is None or not result.process.tolerances else [result.process.headline]
+    lines += [f"before production: {text}" for text in result.production_blockers]
     lines += [
         f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "
         f"{len(path.operations)} operations, {path.format}"

@@ -89,6 +89,11 @@ SHARED: dict[str, dict[str, Any]] = {
         "help": "effects of your own that stiffness.yaml or kinematics.yaml holds, as found by machopt diagnose "
         "--effects FILE.py, or that EFFECT@LOCATION names; runs the code in that file; may be repeated",
     },
+    "--process": {
+        "type": Path,
+        "metavar": "FILE",
+        "help": "process.yaml with cutting conditions, coefficients and tolerances, in place of the cell's own",
+    },
     "--accept": {
         "action": "append",
         "default": [],

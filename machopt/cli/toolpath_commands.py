@@ -88,6 +88,7 @@ def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning:
     add_shared_option(job, "--seed", default=None, help="of the random search around obstacles")
     add_shared_option(job, "--jobs")
     add_shared_option(job, "--effects")
+    add_shared_option(job, "--process")
     job.set_defaults(run=_run_optimize)
 
 
@@ -119,6 +120,7 @@ def _add_verify(commands: Commands, common: argparse.ArgumentParser, planning: a
     add_shared_option(check, "toolpath", help=None)
     check.add_argument("out", type=Path, help="output folder of optimize")
     add_shared_option(check, "--effects")
+    add_shared_option(check, "--process")
     check.set_defaults(run=_run_verify)
 
 
@@ -151,6 +153,7 @@ def _run_optimize(args: argparse.Namespace) -> int:
         tables=args.tables,
         map_all=args.map_collisions == "full",
         effects=tuple(args.effects),
+        process=args.process,
     )
     warn_of_effect_code(args)
     with ProgressDisplay(show=not (args.quiet or args.json)) as display, announce_compilation(display):

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from machopt.data_types.kinematic_corrections import KinematicCorrections
+from machopt.data_types.process import ArmAccuracy, CuttingProcess
 from machopt.data_types.robot_program import RobotController
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.numerics.array_types import Array
@@ -27,6 +28,16 @@ class CollisionShape:
     link: str = "world"  # of obstacles: what carries it, world or a link of the URDF (a rail's or a positioner's)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ToolMode:
+    """Mode of vibration of tool and spindle at the tip."""
+
+    frequency: float  # Hz
+    damping: float  # ratio
+    stiffness: float  # N/m, modal
+    direction: tuple[float, float, float]  # unit, in TCP axes
+
+
 @dataclass(frozen=True)
 class CutterGeometry:
     """Rotating cutter: a cylinder from the TCP back along −z of the TCP, rounded at its tip's edge.
@@ -37,6 +48,13 @@ class CutterGeometry:
     diameter: float  # m
     length: float  # m
     corner: float = 0.0  # m, radius of the corner: 0 is an end mill, half the diameter a ball
+    teeth: int | None = None
+    helix: float | None = None  # rad, + for a right-hand helix
+    point_angle: float | None = None  # rad, included
+    web: float | None = None  # m
+    runout: float = 0.0  # m
+    side_stiffness: float | None = None  # N/m, of tool and spindle at the tip; None: rigid
+    modes: tuple[ToolMode, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +66,7 @@ class Tool:
     com: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, in flange
     geometry: tuple[CollisionShape, ...] = ()
     cutter: CutterGeometry | None = None
+    inertia: Array | None = None  # (3, 3) kg·m² about the centre of mass, flange axes; None: not stated
     number: int | None = None  # of the tool stored in the controller; None: ``controller.tool_number``
 
 
@@ -58,6 +77,8 @@ class Workpiece:
     link: str  # "world" or a link of the URDF
     T_link_workpiece: Array  # (4, 4)
     geometry: tuple[CollisionShape, ...] = ()
+    stiffness: Array | None = None  # (3,) N/m along the CAM axes; None: the part counts as rigid
+    pose_covariance: Array | None = None  # (6, 6) m and rad, CAM axes at the CAM origin
 
 
 @dataclass(frozen=True)
@@ -129,6 +150,10 @@ class Cell:
     tool_change: Array | None = None  # (6 + E,) rad or m by encoder, where tools are changed; None: at home
     offsets: Mapping[str, Array] = field(default_factory=dict)  # work offsets by name: (4, 4) in workpiece
     fixtures: tuple[str, ...] = ()  # obstacles that hold the part of an offset: they stand in its frame
+    process: CuttingProcess | None = None  # cutting conditions and tolerances; None: not stated
+    accuracy: ArmAccuracy | None = None  # None: not stated
+    gravity_compensator: Literal["fitted", "none", "unknown"] = "unknown"
+    rated_payload: float | None = None  # kg
     arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn
 
     @property

@@ -5,7 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import pi, radians
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+
+from machopt.numerics.array_types import Array
 
 PlanMethod = Literal["global", "jiao2022", "default"]
 StiffnessIndex = Literal["auto", "deflection", "stiffness", "jiao2022"]
@@ -48,10 +52,24 @@ class ProcessForce:
     travel: float = 0.0  # N, along the direction of travel
     normal: float = 0.0  # N, along tool axis × travel
     axial: float = 0.0  # N, along the tool axis towards the shank (pushes the robot back)
+    is_per_point: bool = False  # the toolpath has a force of its own at some points
 
     @property
     def given(self) -> bool:
-        return any((self.travel, self.normal, self.axial))
+        """Whether a force is known at any point."""
+        return self.is_per_point or any((self.travel, self.normal, self.axial))
+
+    def resolve_components(self, own: Array | None) -> tuple[Any, Any, Any]:
+        """Return the force along travel, normal and axis, N; of each point where the toolpath has its own.
+
+        Args:
+            own: (n, 3) N, components of the points, NaN where this force holds; None: it holds at all.
+        """
+        if own is None:
+            return self.travel, self.normal, self.axial
+        given = np.array([self.travel, self.normal, self.axial])
+        resolved = np.where(np.isnan(own), given, own)
+        return resolved[..., :1], resolved[..., 1:2], resolved[..., 2:]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.process_columns import ProcessColumns
 from machopt.numerics.array_types import Array
 
 
@@ -40,6 +41,7 @@ class PointsTable:
     k_axial_std: Array | None = None  # (N,) N/m, the same of ``k_axial``
     dwell: Array | None = None  # (N,) s that the file waits at the point; None: it waits nowhere
     compensation: Array | None = None  # (N, 3) m in workpiece, added to the commanded path
+    process: ProcessColumns | None = None  # None: the cell has no process
 
     def __len__(self) -> int:
         return len(self.position)

@@ -47,6 +47,7 @@ class StiffnessTerm:
     effect: str  # a word of the vocabulary, e.g. "link_compliance"
     location: str  # e.g. "link:4"
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    covariance: tuple[tuple[float, ...], ...] | None = None  # of its numbers, in the file's units; None: not stated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,6 +173,8 @@ class ArmStiffness:
     discrepancy: ModelDiscrepancy | None = None  # None: not compared with readings
     external: tuple[ExternalJointSpring, ...] = ()  # of the external joints that are not rigid or weigh something
     position: PositionError | None = None  # None: not compared with measured poses
+    spread: float | None = None  # 1 sigma of the logarithm of every spring, where there is no covariance
+    source: str = ""  # where the numbers come from
 
 
 def describe_ignored_springs(external: tuple[ExternalJointSpring, ...]) -> tuple[str, ...]:

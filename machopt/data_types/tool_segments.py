@@ -85,6 +85,9 @@ def cut_toolpath(toolpath: Toolpath, first: int, stop: int) -> Toolpath:
         reference=toolpath.reference[rows].copy(),
         tolerance=toolpath.tolerance[rows].copy(),
         line=toolpath.line[rows].copy(),
+        hole_depth=None if toolpath.hole_depth is None else toolpath.hole_depth[rows].copy(),
+        process_operation=None if toolpath.process_operation is None else toolpath.process_operation[rows].copy(),
+        force=None if toolpath.force is None else toolpath.force[rows].copy(),
         events=tuple(replace(event, index=event.index - first) for event in events),
     )
 

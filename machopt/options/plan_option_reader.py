@@ -53,7 +53,12 @@ def _define_angle_option(key: str, name: str, *, always: bool = True) -> PlanOpt
 OPTIONS = (
     _define_unscaled_option("method"),
     _define_unscaled_option("index"),
-    PlanOptionField("force_N", "force", lambda keys: ProcessForce(**keys.model_dump(exclude_none=True)), asdict),
+    PlanOptionField(
+        "force_N",
+        "force",
+        lambda keys: ProcessForce(**keys.model_dump(exclude_none=True)),
+        lambda force: {"travel": force.travel, "normal": force.normal, "axial": force.axial},
+    ),
     PlanOptionField("weights", "weights", lambda keys: ObjectiveWeights(**keys.model_dump(exclude_none=True)), asdict),
     _define_angle_option("rotation_step_deg", "rotation_step"),
     PlanOptionField(
@@ -291,12 +296,6 @@ def _check_consistency(options: PlanOptions) -> None:
                 file="options",
                 where="fixed",
             )
-    if options.compensate and not options.force.given:
-        raise InputError(
-            "there is no force to compensate for; the process force as force_N, e.g. force_N={normal: 200}, would work",
-            file="options",
-            where="compensate",
-        )
     if options.weights.clearance > 0 and not options.collision:
         raise InputError(
             "the objective is to count clearance, and collisions are switched off; collision=true would work",

@@ -41,6 +41,9 @@ class _TermKeys(StrictSchema):
     effect: str = Field(min_length=1, description="e.g. link_compliance, joint_backlash; diagnose writes them")
     location: str = Field(min_length=1, description="e.g. joint:2, link:3, base, tool")
     parameters: dict[str, Any] = Field(default={}, description="numbers with their unit in the name")
+    covariance: list[list[float]] | None = Field(
+        default=None, description="of its numbers in the order of parameters, in their units"
+    )
 
 
 class _GridKeys(StrictSchema):
@@ -97,6 +100,10 @@ class _StiffnessFileKeys(StrictSchema):
     external_joints: dict[str, ExternalJointStiffnessKeys] = Field(
         default={}, description="of rails and positioners, by the joint's name; one that is left out is rigid"
     )
+    spread_percent: float | None = Field(
+        default=None, gt=0, description="1 sigma of every spring, where no covariance is known; with source"
+    )
+    source: str | None = Field(default=None, min_length=1, description="where the numbers come from")
     estimated: bool = Field(
         default=False, description="true: by a rule (machopt init writes such), from no measurement of this arm"
     )
@@ -119,7 +126,17 @@ def load_stiffness(path: Path | str) -> ArmStiffness:
     joints = _parse_positive(document, ("joints_Nm_per_rad",), data.joints_Nm_per_rad)
     covariance = None if data.covariance is None else _parse_covariance(document, data.covariance)
     grid = None if data.grid is None else _parse_grid(document, data.grid)
-    terms = tuple(StiffnessTerm(t.effect, t.location, t.parameters) for t in data.terms)
+    terms = tuple(
+        StiffnessTerm(
+            t.effect,
+            t.location,
+            t.parameters,
+            None if t.covariance is None else _parse_term_covariance(document, n, t.covariance),
+        )
+        for n, t in enumerate(data.terms)
+    )
+    if data.spread_percent is not None and data.source is None:
+        raise document.build_error(("spread_percent",), "needs a source: where the spread comes from, or `assumed`")
     doubt = None if data.discrepancy is None else _parse_discrepancy(document, data.discrepancy)
     external = parse_external_springs(document, data.external_joints)
     known = covariance is not None or doubt is not None or (grid is not None and grid.std is not None)
@@ -141,6 +158,8 @@ def load_stiffness(path: Path | str) -> ArmStiffness:
         discrepancy=doubt,
         external=external,
         position=position,
+        spread=None if data.spread_percent is None else float(np.log1p(data.spread_percent / 100.0)),
+        source=data.source or "",
     )
 
 
@@ -158,6 +177,10 @@ def write_stiffness(path: Path | str, stiffness: ArmStiffness) -> None:
         data["covariance"] = _convert_to_rows(stiffness.covariance)
     if stiffness.estimated:
         data["estimated"] = True
+    if stiffness.spread is not None:
+        data["spread_percent"] = float(f"{100.0 * np.expm1(stiffness.spread):.6g}")
+    if stiffness.source:
+        data["source"] = stiffness.source
     if stiffness.grid is not None:
         grid = stiffness.grid
         data["grid"] = {
@@ -171,6 +194,7 @@ def write_stiffness(path: Path | str, stiffness: ArmStiffness) -> None:
     if stiffness.terms:
         data["terms"] = [
             {"effect": t.effect, "location": t.location, "parameters": _convert_to_plain_yaml(t.parameters)}
+            | ({} if t.covariance is None else {"covariance": [list(row) for row in t.covariance]})
             for t in stiffness.terms
         ]
     if stiffness.external:
@@ -286,6 +310,18 @@ def _parse_covariance(document: YamlDocument, rows: list[list[float]]) -> Array:
     if least < -_NEGATIVE * scale:
         raise document.build_error(("covariance",), f"has the negative eigenvalue {least:g}; a covariance has none")
     return _copy_read_only(rows)
+
+
+def _parse_term_covariance(document: YamlDocument, term: int, rows: list[list[float]]) -> tuple[tuple[float, ...], ...]:
+    matrix = [[float(v) for v in row] for row in rows]
+    if not matrix or any(len(row) != len(matrix) for row in matrix):
+        raise document.build_error(("terms", term, "covariance"), "is not square; expected one row a number")
+    array = np.array(matrix)
+    if np.abs(array - array.T).max() > _ASYMMETRY * np.abs(array).max():
+        raise document.build_error(("terms", term, "covariance"), "is not symmetric")
+    if float(np.linalg.eigvalsh(array).min()) < -_NEGATIVE * np.abs(array).max():
+        raise document.build_error(("terms", term, "covariance"), "has a negative eigenvalue; a covariance has none")
+    return tuple(tuple(row) for row in matrix)
 
 
 def _parse_grid(document: YamlDocument, grid: _GridKeys) -> StiffnessGrid:

@@ -22,6 +22,8 @@ from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.job.pareto_front import check_front_options
 from machopt.planning.job.request_checks import add_reach_warning, check_length_unit, check_plannable
+from machopt.process.binding.job_binding import attach_forces, mark_forces
+from machopt.process.binding.operation_matching import attach_process
 from machopt.program_export.selected_posts import SelectedPost, is_post_file, select_posts
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.toolpath.unknown_words import read_for_plan, refuse_unknown_words
@@ -43,6 +45,7 @@ class OptimizeRequest:
     posts: tuple[str, ...] = ()  # names or template files; none: the cell's own
     front: bool = False  # further plans with other weights, for the trade-off
     program_tolerance_mm: float | None = None  # 0.05, or twice path_tolerance_mm where that is more
+    process: Path | None = None  # a process.yaml in place of the cell's own
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
     tables: str = "csv"  # parquet: every table as Parquet, too
     overwrite: bool = False  # replace an earlier output though files in it were edited or added
@@ -74,7 +77,7 @@ def load_optimize_inputs(request: OptimizeRequest) -> OptimizeInputs:
     Raises:
         InputError: bad cell, toolpath, option or post.
     """
-    cell = load_cell(request.cell, allow_external=request.allow_external)
+    cell = load_cell(request.cell, allow_external=request.allow_external, process=request.process)
     return prepare_optimize_inputs(
         cell, lambda: read_for_plan(request.toolpath, {**get_reading_options(cell), **request.reading}), request
     )
@@ -95,8 +98,10 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     posts, tolerance = select_posts(cell, request.posts), build_tolerance(request.program_tolerance_mm, options)
     toolpath = add_reach_warning(cell, place_toolpath(refuse_unknown_words(read(), request.toolpath), cell))
+    toolpath = attach_process(cell.process, toolpath)
     cell = select_job_tools(apply_absolute_accuracy(cell, options), toolpath)
-    segments = split_into_tool_segments(cell, toolpath)
+    segments = attach_forces(split_into_tool_segments(cell, toolpath))
+    options = mark_forces(options, segments)
     if request.front:
         check_front_options(options)
     check_plannable(toolpath, options)

@@ -324,6 +324,40 @@ class ToolSegmentEntry(DocumentModel):
     worst_index: Known
 
 
+class ToleranceEntry(DocumentModel):
+    """Outcome of one operation with a tolerance."""
+
+    operation: Text
+    kind: Text  # holes or surface
+    limits: dict[Text, Number]  # ±: position_mm, axis_deg, depth_mm, surface_mm
+    reference: Text
+    counts: dict[Text, Count]  # pass, marginal, fail, unknown
+    worst_point: Count
+    worst_error_mm: Known  # nominal: across the hole, or normal to the surface
+    worst_p_in: Known
+    worst_cause: Text
+
+
+class OutcomeCountsSection(DocumentModel):
+    """Number of points with each outcome: of the CAM file's rotation, of the source paper's method, of the plan."""
+
+    before: dict[Text, Count]
+    before_jiao2022: dict[Text, Count]
+    after: dict[Text, Count]
+
+
+class ProcessSection(DocumentModel):
+    """Tolerances of the job; errors at the feed that the motion reaches."""
+
+    headline: Text
+    quantile: Number  # probability that `pass` needs
+    in_tolerance: OutcomeCountsSection
+    tolerances: tuple[ToleranceEntry, ...]
+    variance_shares: dict[Text, Number]  # stiffness, force, position: mean share of the variance of the error
+    sources: dict[Text, Text]
+    validity: tuple[Text, ...]
+
+
 class OptimizeDocument(DocumentModel):
     """The whole file."""
 
@@ -348,6 +382,7 @@ class OptimizeDocument(DocumentModel):
     worst_point: WorstPointSection | None
     compensation: CompensationSection | None
     position_error: PositionErrorSection | None  # null where no measured pose stands behind the stiffness
+    process: ProcessSection | None = None  # null where no process is stated
     infeasible_points: tuple[InfeasiblePointEntry, ...]
     breaks: tuple[MotionBreakEntry, ...]
     cycle_time_s: Known

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.plan_points_table import PointsTable
+from machopt.data_types.process_columns import ERROR_NAMES, ProcessColumns
 from machopt.data_types.toolpath import MoveKind
 from machopt.data_types.trajectory import Trajectory
 from machopt.file_formats.csv_text_escaping import escape_formula_text
@@ -190,7 +191,38 @@ def _build_points_columns(table: PointsTable) -> list[_TableColumn]:
     if table.compensation is not None:
         shift = table.compensation * MM_PER_M
         columns += [_build_optional_column(f"comp_d{c}_mm", shift[:, i], 6) for i, c in enumerate("xyz")]
+    if table.process is not None:
+        columns += _build_process_columns(table.process)
     return columns
+
+
+def _build_process_columns(p: ProcessColumns) -> list[_TableColumn]:
+    columns = [
+        _build_optional_column("ae_mm", p.ae * MM_PER_M, 4),
+        _build_optional_column("ap_mm", p.ap * MM_PER_M, 4),
+        _build_optional_column("phi_in_deg", p.entry_angle * DEG_PER_RAD, 4),
+        _build_optional_column("phi_out_deg", p.exit_angle * DEG_PER_RAD, 4),
+        *(_build_optional_column(f"f_{c}_N", p.force[:, i], 4) for i, c in enumerate(("travel", "normal", "axial"))),
+        _build_optional_column("m_axial_Nm", p.moment, 6),
+        _build_optional_column("f_peak_N", p.peak_force, 4),
+    ]
+    for name in ERROR_NAMES:
+        scale, unit, decimals = (DEG_PER_RAD, "deg", 6) if name == "axis" else (MM_PER_M, "mm", 6)
+        for suffix, values in (("", p.errors), ("_lo", p.lower), ("_hi", p.upper)):
+            if name in values:
+                columns.append(_build_optional_column(f"error_{name}{suffix}_{unit}", values[name] * scale, decimals))
+    return [
+        *columns,
+        _build_optional_column("tolerance_mm", p.tolerance * MM_PER_M, 6),
+        _build_optional_column("p_in", p.p_in, 5),
+        _build_optional_column("p_in_deflection_only", p.p_in_deflection_only, 5),
+        _build_text_column("outcome", p.outcome),
+        _build_text_column("cause", p.cause),
+        _build_optional_column("f1_Hz", p.f1, 3),
+        _build_optional_column("a_lim_mm", p.depth_limit * MM_PER_M, 4),
+        _build_text_column("chatter", p.chatter),
+        _build_optional_column("feed_max_mm_min", p.feed_max * MM_MIN_PER_M_S, 2),
+    ]
 
 
 def write_compensation_csv(path: Path, index: Array, offset: Array, force: Array) -> None:

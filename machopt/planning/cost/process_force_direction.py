@@ -49,15 +49,17 @@ def compute_sideways_directions(path: PlanningPath) -> Array:
     return out
 
 
-def compute_process_force(axis: Array, t: Array, force: ProcessForce) -> Array:
+def compute_process_force(axis: Array, t: Array, force: ProcessForce, own: Array | None = None) -> Array:
     """Return the (..., 3) force in N of the process on the tool, in the frame of the arguments.
 
     Args:
         axis: (..., 3) unit tool axes, tip to shank.
         t: (..., 3) sideways directions of travel, length at most 1.
         force: force components along travel, normal and tool axis, N.
+        own: (..., 3) components of the points themselves, NaN where ``force`` holds; None: it holds at all.
     """
-    return np.asarray(force.travel * t + force.normal * np.cross(axis, t) + force.axial * axis)
+    travel, normal, axial = force.resolve_components(own)
+    return np.asarray(travel * t + normal * np.cross(axis, t) + axial * axis)
 
 
 def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float) -> Array:
@@ -86,6 +88,7 @@ class _Run:
     def __init__(self, path: PlanningPath, first: int, last: int) -> None:
         rows = slice(first, last + 1)
         self.axis, position = path.axis[rows], path.position[rows]
+        self.own = None if path.force is None else path.force[rows]  # (n, 3) N on the way to each point
         step = np.diff(position, axis=0)
         length = np.linalg.norm(step, axis=1)
         self.s = np.r_[0.0, np.cumsum(length)]  # (n,) m
@@ -153,7 +156,8 @@ class _Run:
         move = np.where(ends, np.clip(np.searchsorted(self.s, s, side="left") - 1, 0, len(self.u) - 1), move)
         f = ((s - self.s[move]) / np.maximum(self.s[move + 1] - self.s[move], 1e-300))[..., None]
         axis = normalise_vectors((1 - f) * self.axis[move] + f * self.axis[move + 1])
-        return compute_process_force(axis, self.direction(move, axis), force)
+        own = None if self.own is None else self.own[move + 1]
+        return compute_process_force(axis, self.direction(move, axis), force, own)
 
     def share(self, length: float) -> Array:
         """Return (n,) a.

@@ -106,7 +106,10 @@ def compute_load_directions(
     axial, travel = arm.directions(e, path.axis), arm.directions(e, path.travel)
     normal = np.cross(axial, travel)
     f = arm.directions(
-        e, compute_process_force(path.axis, compute_sideways_directions(path) if across is None else across, force)
+        e,
+        compute_process_force(
+            path.axis, compute_sideways_directions(path) if across is None else across, force, path.force
+        ),
     )
     place = arm.places(e, path.position)
     joint = compute_joint_stiffness(elasticity.stiffness, place)
@@ -190,4 +193,5 @@ def score_candidates(
     map_in_threads(price, range(0, len(usable), size))
     counted = usable & path.counted[path.stations][:, None, None]
     values = cost[counted if counted.any() else usable]
+    values = values[values > 0] if (values > 0).any() else values  # points without a force say nothing of the arm
     return CandidateScores(cost=cost, index=index, scale=float(np.median(values)) if values.size else 1.0)

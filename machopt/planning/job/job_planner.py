@@ -35,6 +35,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.move_results import add_slowdown_notes, mark_undriven_points
 from machopt.planning.plan_output.point_table import PointResults, build_point_table
+from machopt.planning.tolerance.process_results import add_process_results
 
 ROUNDINGS = (0.25, 0.05, 0.01)  # shares of the corner tolerances, tried in this order
 SPARES = 2  # maximum number of new plans where driving uses up the margins
@@ -162,6 +163,9 @@ def _done(
         the_plan = mark_undriven_points(the_plan, timeline.obstructions if timeline is not None else ())
     with timings.stage("points"):
         points = build_point_table(the_plan, toolpath)
+    if toolpath.process_operation is not None:
+        with timings.stage("tolerance"):
+            points = add_process_results(points, the_plan, toolpath, timeline)
     return DrivenToolSegment(ToolSegmentPlan(the_plan, stint.first, stint.tool), points, timeline)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from machopt.data_types.plan_points_table import PointsTable
+from machopt.data_types.process_columns import join_process_columns, shift_summary
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.data_types.trajectory import Trajectory
 from machopt.planning.job.joined_plan import ToolSegmentPlan, shift_break_indices
@@ -40,6 +41,8 @@ def join_point_tables(parts: Sequence[DrivenToolSegment], toolpath: Toolpath) ->
         values_of_parts = [getattr(t, f.name) for t in tables]
         if f.name in ("operations", "external_prismatic"):
             columns[f.name] = values_of_parts[0]
+        elif f.name == "process":
+            columns[f.name] = join_process_columns(values_of_parts)
         elif isinstance(values_of_parts[0], tuple):
             columns[f.name] = tuple(value for one in values_of_parts for value in one)
         elif all(one is not None for one in values_of_parts):
@@ -55,7 +58,12 @@ def join_point_tables(parts: Sequence[DrivenToolSegment], toolpath: Toolpath) ->
     columns["dwell"] = list_dwells(toolpath)  # a dwell before a tool change belongs to the last point before it
     before = np.cumsum([0, *(len(p.stretch.plan.path.index) for p in parts)])
     rows = np.concatenate([p.points.rows + n for p, n in zip(parts, before, strict=False)])
-    return PointResults(PointsTable(**columns), rows, tuple(name for p in parts for name in p.points.nearest_pair))
+    return PointResults(
+        PointsTable(**columns),
+        rows,
+        tuple(name for p in parts for name in p.points.nearest_pair),
+        tuple(shift_summary(summary, p.stretch.first) for p in parts for summary in p.points.process),
+    )
 
 
 def join_timelines(parts: Sequence[DrivenToolSegment]) -> MotionTimeline | None:

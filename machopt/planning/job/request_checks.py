@@ -126,6 +126,13 @@ def check_plannable(toolpath: Toolpath, options: PlanOptions) -> None:
     """
     check_fixed_rotation_points(toolpath, options)
     check_motion_length(toolpath, options)
+    if options.compensate and not options.force.given:
+        raise CellError(
+            "there is no force to compensate for; the process force as force_N, e.g. force_N={normal: 200}, or a "
+            "process.yaml would work",
+            file="options",
+            where="compensate",
+        )
 
 
 def check_motion_length(toolpath: Toolpath, options: PlanOptions) -> None:

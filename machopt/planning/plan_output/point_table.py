@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_points_table import PointsTable
+from machopt.data_types.process_columns import ProcessSummary
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan
@@ -49,6 +50,7 @@ class PointResults:
     table: PointsTable
     rows: NDArray[np.intp]  # (N,) planning point of each toolpath point
     nearest_pair: tuple[str, ...]  # (N,)
+    process: tuple[ProcessSummary, ...] = ()  # one per tool of a job with a process
 
 
 def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:

@@ -66,6 +66,7 @@ class PlanningPath:
     stations: NDArray[np.int32]  # (S,) indices into the P points where the choice is made
     runs: tuple[tuple[int, int], ...]  # first and last planning point of each run
     external: Array  # (P, E) m or rad, external joints
+    force: Array | None = None  # (P, 3) N along travel, normal, axis on the way here; NaN: planning option; None: all
 
     def whole(self, q: Array, rows: NDArray[Any] | slice = slice(None)) -> Array:
         """Return (n, 6 + E) machine joints.
@@ -185,6 +186,7 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
         stations=_stations(position, axis, toolpath.move[high], runs, np.searchsorted(index, keep)),
         runs=runs,
         external=np.empty((len(index), 0)),
+        force=None if toolpath.force is None else toolpath.force[high],
     )
 
 

@@ -103,9 +103,9 @@ class DiscrepancyModel:
             force: (M, 3) N in base_link.
             small: use the compliance of a small load.
         """
-        return self._twist(elastic, q, np.concatenate([force, np.zeros_like(force)], axis=1), small=small)[:, :3]
+        return self.compute_twist(elastic, q, np.concatenate([force, np.zeros_like(force)], axis=1), small=small)[:, :3]
 
-    def _twist(self, elastic: ElasticState, q: Array, wrench: Array, *, small: bool) -> Array:
+    def compute_twist(self, elastic: ElasticState, q: Array, wrench: Array, *, small: bool) -> Array:
         s = self.suspects
         state = s.robot.compute_state(q, s.T_flange_tcp, bodies=True)
         gears = elastic.k if elastic.gears is None else elastic.gears
@@ -185,7 +185,7 @@ class DiscrepancyModel:
         out = np.zeros((len(C), len(self.ways)))
         for load, by in ((Se, SSe), (e, SSSe)):  # (S² e)ᵀ (∂S S + S ∂S) e, ∂S = P ∂C Pᵀ
             wrench = np.einsum("mci,mc->mi", P, load)
-            twist = self._twist(elastic, q, wrench, small=True)
+            twist = self.compute_twist(elastic, q, wrench, small=True)
             out += np.einsum("mc,mci,mir->mr", by, P, twist)
         return np.asarray(0.5 * np.linalg.norm(SSe, axis=1)[:, None] ** -1.5 * out)
 

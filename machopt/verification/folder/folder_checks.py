@@ -30,6 +30,7 @@ from machopt.verification.folder.programs.rewritten_program import build_failed_
 from machopt.verification.folder.programs.stray_programs import find_stray_programs
 from machopt.verification.folder.result_json.result_checks import check_result_document
 from machopt.verification.motion.motion_verification import ExportedTables, read_tables
+from machopt.verification.motion.process.attached_forces import attach_recomputed_forces
 from machopt.verification.motion.tool_changes import split_tables, verify_tool_segments
 from machopt.verification.tables.exported_tables import ExportedMotion, read_motion
 from machopt.verification.tables.table_cache import cache_tables
@@ -111,8 +112,7 @@ def check_contents(
     except InputError:
         motion = None  # those who need it try again and say what is wrong
     try:
-        segments = split_into_tool_segments(cell, toolpath)
-
+        segments, options = attach_recomputed_forces(split_into_tool_segments(cell, toolpath), toolpath, options)
         listed = None if manifest is None else manifest.touching_pairs
         touching = None if listed is None else tuple((p.a, p.b) for p in listed)
 

@@ -32,6 +32,7 @@ from machopt.verification.motion.checks.feed_rate import check_feed
 from machopt.verification.motion.checks.move_labels import check_move_labels
 from machopt.verification.motion.checks.path_following import check_path
 from machopt.verification.motion.checks.points_columns import BLOCK_ROWS, PointsTableCheck
+from machopt.verification.motion.checks.process_columns import check_process_columns
 from machopt.verification.motion.checks.requested_choices import check_requested_choices
 from machopt.verification.motion.checks.time_and_joint_limits import check_limits
 from machopt.verification.motion.collision.bodies import CoalBody, build_bodies, list_checked_pairs
@@ -175,7 +176,11 @@ def verify_single_tool(
     # pairs to which the required clearance applies
     kept, unfounded = verification_list_checked_pairs(cell, arm, bodies, options.clearance, touching)
     wanted = kept if touching is not None else list_checked_pairs(cell, arm, bodies)
-    of_points = [*table.check_all(motion, on), *_check_clearance(table, stood, bodies, kept, options)]
+    of_points = [
+        *table.check_all(motion, on),
+        *_check_clearance(table, stood, bodies, kept, options),
+        *check_process_columns(cell, toolpath, points, motion, arm),
+    ]
     checks += [replace(c, file="points.csv") for c in of_points]
     checks += check_requested_choices(cell, toolpath, points, np.flatnonzero(table.live), options, motion)
     checks += [*check_correction_range(cell.kinematics, motion.q), *list_unchecked_corrections(cell.kinematics)]

@@ -61,7 +61,8 @@ def find_worst_index(cell: Cell, toolpath: Toolpath, motion: ExportedMotion, ind
             rotate_vectors(T, dense.position[nth[some]]) + T[:, :3, 3],
         )
         if index == "deflection":
-            force = rotate_vectors(T, arm_compliance.compute_force(pull[some], e, o.travel, o.normal, o.axial))
+            own = None if dense.force is None else dense.force[nth[some]]
+            force = rotate_vectors(T, arm_compliance.compute_force(pull[some], e, *o.resolve_components(own)))
             cost = np.linalg.norm(soft.compute_displacement(force), axis=1)
         elif index == "jiao2022":
             cost = 1.0 / soft.compute_jiao_stiffness(rotate_vectors(T, e))
@@ -101,5 +102,6 @@ def _insert_points(toolpath: Toolpath, index: Array) -> Toolpath:
         reference=toolpath.reference[np.floor(index).astype(int)],
         tolerance=toolpath.tolerance[high],
         line=toolpath.line[high],
+        force=None if toolpath.force is None else toolpath.force[high],
         events=(),
     )

@@ -15,7 +15,7 @@ from machopt.numerics.array_types import Array
 from machopt.verification.tables.table_cache import read_cached
 
 TEXT_COLUMNS = frozenset(
-    {"operation", "move", "status", "reason", "nearest_pair", "stiffness_from", "tool"}
+    {"operation", "move", "status", "reason", "nearest_pair", "stiffness_from", "tool", "outcome", "cause", "chatter"}
 )  # columns of words
 BLOCK_ROWS = 20_000  # turned into numbers at once: a million rows as words would be gigabytes
 NUMBER_CHARACTERS = frozenset("0123456789+-.eE")  # float() takes digits of other scripts and underscores too

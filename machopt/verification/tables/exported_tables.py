@@ -52,6 +52,11 @@ OPTIONAL_COLUMNS = (
     "deflection_std_mm",
     "k_axial_std_N_mm",
     "dwell_s",
+    *("ae_mm", "ap_mm", "phi_in_deg", "phi_out_deg", "f_travel_N", "f_normal_N", "f_axial_N", "m_axial_Nm", "f_peak_N"),
+    *(f"error_{name}{end}_mm" for name in ("along", "across", "normal") for end in ("", "_lo", "_hi")),
+    *(f"error_axis{end}_deg" for end in ("", "_lo", "_hi")),
+    *("tolerance_mm", "p_in", "p_in_deflection_only", "outcome", "cause", "f1_Hz", "a_lim_mm", "chatter"),
+    "feed_max_mm_min",
 )
 MAX_POINT_NUMBER = 2**31  # a point number beyond is none
 MOVE_WORDS = tuple(move.word for move in MoveKind)

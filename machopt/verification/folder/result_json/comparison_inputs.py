@@ -20,12 +20,14 @@ from machopt.data_types.documents.document_base import DocumentModel
 from machopt.data_types.documents.optimize_document import OptimizeDocument
 from machopt.data_types.manifest import FolderManifest, ManifestFile
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.output.manifest_file import list_folder_files
 from machopt.verification import Verification
 from machopt.verification.checks import CheckName
 from machopt.verification.motion.motion_verification import read_tables
+from machopt.verification.motion.process.attached_forces import attach_recomputed_forces
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.motion.tool_changes import split_tables
 from machopt.verification.motion.worst_index_along_cuts import find_worst_index
@@ -62,12 +64,18 @@ class ResultComparison:
         return read_table(self.folder / "points.csv")
 
     @cached_property
+    def segments(self) -> tuple[tuple[ToolSegment, ...], PlanOptions]:
+        """Segments of the job with the recomputed force of each point, and options that know of it."""
+        found = split_into_tool_segments(self.cell, self.toolpath)
+        return attach_recomputed_forces(found, self.toolpath, self.options)
+
+    @cached_property
     def worst_along_cuts(self) -> tuple[float, ...]:
         """Worst index along the cuts of each tool, between points too, by the verifier's laws, SI.
 
         NaN where it is not known: no motion, points left out of it, or a law without second implementation.
         """
-        stints = split_into_tool_segments(self.cell, self.toolpath)
+        stints, options = self.segments
         unknown = (math.nan,) * len(stints)
         lacks = self.contents is None or any(c.check_name == CheckName.CHANGES for c in self.contents.failed)
         if lacks or not CheckedPoints.from_file(self).is_ok.all():
@@ -78,7 +86,7 @@ class ResultComparison:
         parts = [tables] if len(stints) == 1 else split_tables(tables, stints)
         try:
             return tuple(
-                find_worst_index(s.cell, s.toolpath, part.motion, self.result.index, s.restrict_options(self.options))
+                find_worst_index(s.cell, s.toolpath, part.motion, self.result.index, s.restrict_options(options))
                 for s, part in zip(stints, parts, strict=True)
             )
         except UnknownTermError:

@@ -210,7 +210,7 @@ def _check_options(t: ResultComparison) -> Iterable[str]:
         yield from check_same_items("reading", t.result.reading, t.manifest.reading)
     index = t.options.index
     if index == "auto":
-        index = "deflection" if t.options.force.given else "stiffness"
+        index = "deflection" if t.segments[1].force.given else "stiffness"
     yield from check_equal("index", t.result.index, index)
     own = {
         "global": ("smooth", "grid", "smooth and grid", "jiao2022", "cam default"),

@@ -192,6 +192,8 @@ def _compare_force(toolpath: Toolpath, shift: ExportedShift, options: PlanOption
             not_run="no force is given here; --set force_N={…} as in the run would",
         )
     size = float(np.sqrt(o.travel**2 + o.normal**2 + o.axial**2))
+    if toolpath.force is not None:
+        size = max(size, float(np.nan_to_num(np.linalg.norm(toolpath.force, axis=1)).max()))
     off = [
         np.linalg.norm(shift.force - compute_process_force(toolpath, shift.index, o, n), axis=1)
         for n in WINDOW_LENGTHS_M

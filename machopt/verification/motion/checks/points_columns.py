@@ -388,7 +388,8 @@ class PointsTableCheck:
             soft = law.evaluate(stance, rotate_vectors(T, self.toolpath.position[k]) + T[:, :3, 3])
             axis = self.toolpath.axis[k]
             e, across = rotate_vectors(T, axis), rotate_vectors(T, np.cross(axis, self.directions.travel[k]))
-            force = rotate_vectors(T, arm_compliance.compute_force(pull[k], axis, o.travel, o.normal, o.axial))
+            own = None if self.toolpath.force is None else self.toolpath.force[k]
+            force = rotate_vectors(T, arm_compliance.compute_force(pull[k], axis, *o.resolve_components(own)))
             axial[some], normal[some], held[some] = (
                 soft.compute_stiffness_along(e),
                 soft.compute_stiffness_along(across),

@@ -33,6 +33,7 @@ class RunPieces:
     axis_start: Array  # (M, 3)
     axis_end: Array  # (M, 3)
     cut: NDArray[np.bool_]  # (M,)
+    force: Array | None = None  # (M, 3) N along travel, normal, axis; NaN: that of the options; None: all
 
 
 def compute_process_force(toolpath: Toolpath, index: Array, force: ProcessForce, length: float) -> Array:
@@ -116,6 +117,7 @@ def list_run_pieces(toolpath: Toolpath, first: int, last: int) -> tuple[RunPiece
         axis_start=toolpath.axis[ends - 1],
         axis_end=toolpath.axis[ends],
         cut=np.asarray(toolpath.move[ends] == MoveKind.CUT),
+        force=None if toolpath.force is None else toolpath.force[ends],
     ), at
 
 
@@ -138,6 +140,7 @@ class _RunForce:
         self.starts, self.ends, self.direction = pieces.start[cut], pieces.end[cut], pieces.direction[cut]
         self.axes = pieces.axis_start[cut], pieces.axis_end[cut]
         self.lead = _compute_lead_directions(pieces)[cut]
+        self.own = None if pieces.force is None else pieces.force[cut]
 
     def compute_force(self, s: Array) -> Array:
         """Return the (n, 3) force at places of the run, N; outside the cuts that of the nearest cut.
@@ -150,8 +153,8 @@ class _RunForce:
         f = (np.clip(s, self.starts[n], self.ends[n]) - self.starts[n]) / (self.ends[n] - self.starts[n])
         axis = interpolate_axis(self.axes[0][n], self.axes[1][n], f)
         side = _blend_directions(self.direction[n], axis, _project_lead(self.lead[n], axis))
-        o = self.force
-        return np.asarray(o.travel * side + o.normal * np.cross(axis, side) + o.axial * axis)
+        travel, normal, axial = self.force.resolve_components(None if self.own is None else self.own[n])
+        return np.asarray(travel * side + normal * np.cross(axis, side) + axial * axis)
 
 
 def _blend_directions(direction: Array, axis: Array, lead: Array) -> Array:

@@ -1,0 +1,132 @@
+"""Columns of points.csv about the cutting process: force, predicted error, probability, stability."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from machopt.numerics.array_types import Array
+
+Outcome = Literal["", "pass", "marginal", "fail", "unknown"]
+OUTCOMES = ("pass", "marginal", "fail", "unknown")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessColumns:
+    """One row for each toolpath point, SI; NaN or empty where there is nothing to say."""
+
+    force: Array  # (N, 3) N on the tool along travel, normal (axis × travel) and axis
+    moment: Array  # (N,) N·m about the axis, tip to shank
+    peak_force: Array  # (N,) N, largest resultant within a revolution
+    ae: Array  # (N,) m
+    ap: Array  # (N,) m
+    entry_angle: Array  # (N,) rad, start of the engagement
+    exit_angle: Array  # (N,) rad
+    errors: Mapping[str, Array] = field(default_factory=dict)  # along, across, normal (m), axis (rad): (N,) nominal
+    lower: Mapping[str, Array] = field(default_factory=dict)  # (N,) 5 % of all draws
+    upper: Mapping[str, Array] = field(default_factory=dict)  # (N,) 95 %
+    tolerance: Array  # (N,) m, the tightest limit of a length; NaN without one
+    p_in: Array  # (N,) probability that all tolerances are met
+    p_in_deflection_only: Array  # (N,) the same of the deflection alone, where p_in is unknown
+    outcome: tuple[str, ...]  # (N,)
+    cause: tuple[str, ...]  # (N,) "joint:2 0.61"
+    f1: Array  # (N,) Hz, lowest mode of the arm
+    depth_limit: Array  # (N,) m, axial depth at which the cut becomes unstable
+    chatter: tuple[str, ...]  # (N,)
+    feed_max: Array  # (N,) m/s, largest feed that stays in tolerance
+
+    def count_outcomes(self) -> dict[str, int]:
+        """Return how many points have each outcome."""
+        words = np.array(self.outcome, dtype=object)
+        return {word: int(np.sum(words == word)) for word in OUTCOMES}
+
+
+ERROR_NAMES = ("along", "across", "normal", "axis")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToleranceSummary:
+    """Outcome of one operation with a tolerance."""
+
+    operation: str  # its label in process.yaml
+    is_hole: bool
+    limits: Mapping[str, float]  # position_mm, axis_deg, depth_mm, surface_mm
+    reference: str
+    counts: Mapping[str, int]  # of each outcome
+    worst_point: int  # toolpath point; −1 without any
+    worst_number: int  # from 1, of the hole or milled point within the job
+    worst_error: float  # m, across a hole or normal to a surface, nominal
+    worst_p_in: float
+    worst_cause: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessSummary:
+    """Tolerances of a job or of one tool's part of it."""
+
+    before: Mapping[str, Mapping[str, int]]  # cam_default, jiao2022: counts of each outcome
+    after: Mapping[str, int]
+    tolerances: tuple[ToleranceSummary, ...]
+    variance_shares: Mapping[str, float]  # stiffness, force, position; empty where nothing scatters
+    sources: Mapping[str, str]  # where each number comes from
+    validity: tuple[str, ...]  # limits of what was computed
+
+
+def merge_process_summaries(parts: Sequence[ProcessSummary]) -> ProcessSummary | None:
+    """Return the summary of a job from those of its tools; None without any.
+
+    Args:
+        parts: Summaries in the order of the job.
+    """
+    if not parts:
+        return None
+    shares = [(sum(p.after.values()), p.variance_shares) for p in parts if p.variance_shares]
+    total = sum(count for count, _ in shares)
+    names = list(shares[0][1]) if shares else []
+    return ProcessSummary(
+        before={name: _add_counts([p.before[name] for p in parts]) for name in parts[0].before},
+        after=_add_counts([p.after for p in parts]),
+        tolerances=tuple(row for p in parts for row in p.tolerances),
+        variance_shares={n: sum(count * one[n] for count, one in shares) / total for n in names} if total else {},
+        sources={key: text for p in parts for key, text in p.sources.items()},
+        validity=tuple(dict.fromkeys(text for p in parts for text in p.validity)),
+    )
+
+
+def _add_counts(parts: Sequence[Mapping[str, int]]) -> dict[str, int]:
+    return {word: sum(part.get(word, 0) for part in parts) for word in OUTCOMES}
+
+
+def join_process_columns(parts: Sequence[ProcessColumns | None]) -> ProcessColumns | None:
+    """Return the columns of a job from those of its tools; None where one tool has none.
+
+    Args:
+        parts: Columns in the order of the job.
+    """
+    known = [part for part in parts if part is not None]
+    if not known or len(known) < len(parts):
+        return None
+    columns: dict[str, Any] = {}
+    for f in fields(ProcessColumns):
+        values = [getattr(part, f.name) for part in known]
+        if isinstance(values[0], Mapping):
+            columns[f.name] = {key: np.concatenate([one[key] for one in values]) for key in values[0]}
+        elif isinstance(values[0], tuple):
+            columns[f.name] = tuple(word for one in values for word in one)
+        else:
+            columns[f.name] = np.concatenate(values)
+    return ProcessColumns(**columns)
+
+
+def shift_summary(summary: ProcessSummary, first: int) -> ProcessSummary:
+    """Return a summary whose points count from the first point of the job.
+
+    Args:
+        summary: Summary of one tool's part.
+        first: First point of that part in the job.
+    """
+    moved = (replace(row, worst_point=row.worst_point + first) for row in summary.tolerances)
+    return replace(summary, tolerances=tuple(moved))

@@ -1,0 +1,84 @@
+"""Section ``process`` of result.json: tolerances of the job, and the headline of terminal and report."""
+
+from __future__ import annotations
+
+import math
+
+from machopt.data_types.documents.optimize_document import OutcomeCountsSection, ProcessSection, ToleranceEntry
+from machopt.data_types.process import CuttingProcess
+from machopt.data_types.process_columns import ProcessSummary, ToleranceSummary, merge_process_summaries
+from machopt.planning.plan_output.point_table import PointResults
+
+
+def build_process_section(process: CuttingProcess | None, points: PointResults) -> ProcessSection | None:
+    """Return the section; None where the cell has no process.
+
+    Args:
+        process: Content of process.yaml.
+        points: Results of the points.
+    """
+    summary = merge_process_summaries(points.process)
+    if process is None or summary is None:
+        return None
+    return ProcessSection(
+        headline=format_headline(summary),
+        quantile=process.quantile,
+        in_tolerance=OutcomeCountsSection(
+            before=dict(summary.before["cam_default"]),
+            before_jiao2022=dict(summary.before["jiao2022"]),
+            after=dict(summary.after),
+        ),
+        tolerances=tuple(_build_entry(row) for row in summary.tolerances),
+        variance_shares=dict(summary.variance_shares),
+        sources=dict(summary.sources),
+        validity=summary.validity,
+    )
+
+
+def format_headline(summary: ProcessSummary) -> str:
+    """Return one sentence: how many holes and points are in tolerance, and which is the worst.
+
+    Args:
+        summary: Tolerances of the job.
+    """
+    if not summary.tolerances:
+        return "no operation states a tolerance"
+    parts = []
+    for is_hole, noun in ((True, "hole"), (False, "point")):
+        rows = [row for row in summary.tolerances if row.is_hole == is_hole]
+        if rows:
+            parts.append(_format_part(rows, noun))
+    return "; ".join(parts)
+
+
+def _format_part(rows: list[ToleranceSummary], noun: str) -> str:
+    counts = {word: sum(row.counts[word] for row in rows) for word in rows[0].counts}
+    total = sum(counts.values())
+    text = f"{counts['pass']} of {total} {noun}s in tolerance"
+    text += "".join(f", {counts[word]} {word}" for word in ("marginal", "fail", "unknown") if counts[word])
+    worst = min(rows, key=_rank)
+    if math.isfinite(worst.worst_error):
+        text += f", worst {noun} {worst.worst_number}: {1e3 * worst.worst_error:.3g} mm"
+        if worst.worst_cause:
+            name, share = worst.worst_cause.rsplit(" ", 1)
+            text += f", {name.replace(':', ' ')} {100 * float(share):.0f} %"
+    return text
+
+
+def _rank(row: ToleranceSummary) -> tuple[float, float]:
+    probability = row.worst_p_in if math.isfinite(row.worst_p_in) else 1.0
+    return (probability, -row.worst_error if math.isfinite(row.worst_error) else 0.0)
+
+
+def _build_entry(row: ToleranceSummary) -> ToleranceEntry:
+    return ToleranceEntry(
+        operation=row.operation,
+        kind="holes" if row.is_hole else "surface",
+        limits=dict(row.limits),
+        reference=row.reference,
+        counts=dict(row.counts),
+        worst_point=row.worst_point,
+        worst_error_mm=1e3 * row.worst_error if math.isfinite(row.worst_error) else None,
+        worst_p_in=row.worst_p_in if math.isfinite(row.worst_p_in) else None,
+        worst_cause=row.worst_cause,
+    )

@@ -1,0 +1,162 @@
+"""Errors of holes and the probability that their tolerances hold.
+
+Of one hole and one draw: the position is the distance of the tip from nominal across the axis at the entry pose; the
+axis angle is the larger turn of the tool axis at entry and exit; the depth error is along the axis at the exit pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.process import CuttingProcess
+from machopt.numerics.array_types import Array
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import ScoredAssignment
+from machopt.planning.tolerance.arm_accuracy import PositionScatter, compute_position_scatter, draw_position
+from machopt.planning.tolerance.draws import UncertaintyDraws, build_nominal_draw
+from machopt.planning.tolerance.error_columns import TargetPoses, compute_twist_columns, locate_poses
+from machopt.planning.tolerance.stiffness_spread import StiffnessSpread
+from machopt.planning.tolerance.targets import HoleTargets
+from machopt.process.binding.point_loads import compute_mean_wear
+
+ENTRY, EXIT = 0, 1
+
+
+@dataclass(frozen=True)
+class HoleErrorModel:
+    """Linear error model of H holes."""
+
+    targets: HoleTargets
+    poses: tuple[TargetPoses, TargetPoses]  # entry and exit
+    axial: tuple[Array, Array]  # (H, 6, 1 + R) twist per N along the axis, at entry and exit
+    turning: tuple[Array, Array]  # (H, 6, 1 + R) twist per N·m about the axis
+    lateral: tuple[Array, Array]  # (H, 6, 1 + R) twist of the nominal load along travel and normal
+    scatter: tuple[PositionScatter, PositionScatter]
+    process: CuttingProcess
+    spread: StiffnessSpread
+    local: float  # m/N, compliance of a pose alone
+
+
+@dataclass(frozen=True)
+class HoleDraws:
+    """Errors of one hole over D draws."""
+
+    across: Array  # (D, 2) m, components at entry
+    along: Array  # (D,) m, at exit
+    axis: Array  # (D,) rad
+
+    @property
+    def distance(self) -> Array:
+        """(D,) m across the axis."""
+        return np.asarray(np.linalg.norm(self.across, axis=1))
+
+
+def build_hole_model(
+    plan: Plan, chosen: ScoredAssignment, process: CuttingProcess, targets: HoleTargets, spread: StiffnessSpread
+) -> HoleErrorModel:
+    """Return the error model of the holes of a plan.
+
+    Args:
+        plan: Plan of one tool.
+        chosen: An assignment along its path: the choice or a baseline.
+        process: Content of process.yaml.
+        targets: The holes.
+        spread: Random part of the stiffness.
+    """
+    poses = (locate_poses(plan, chosen, targets.entry), locate_poses(plan, chosen, targets.exit))
+    reference = np.array([process.operations[k].tolerance.reference for k in targets.operation], dtype=object)
+    axial, turning, lateral, scatter = [], [], [], []
+    for pose in poses:
+        zero = np.zeros_like(pose.axis)
+        axial.append(compute_twist_columns(plan, spread, pose, np.hstack([pose.axis, zero])))
+        turning.append(compute_twist_columns(plan, spread, pose, np.hstack([zero, pose.axis])))
+        across = targets.force[:, :1] * pose.travel + targets.force[:, 1:] * pose.normal
+        lateral.append(compute_twist_columns(plan, spread, pose, np.hstack([across, zero])))
+        wrench = np.hstack([targets.thrust[:, None] * pose.axis + across, targets.torque[:, None] * pose.axis])
+        scatter.append(compute_position_scatter(plan, pose, reference, wrench))
+    discrepancy = plan.setup.elasticity.stiffness.discrepancy
+    return HoleErrorModel(
+        targets,
+        poses,
+        (axial[ENTRY], axial[EXIT]),
+        (turning[ENTRY], turning[EXIT]),
+        (lateral[ENTRY], lateral[EXIT]),
+        (scatter[ENTRY], scatter[EXIT]),
+        process,
+        spread,
+        0.0 if discrepancy is None else discrepancy.local,
+    )
+
+
+def draw_hole_errors(model: HoleErrorModel, h: int, draws: UncertaintyDraws, *, position: bool) -> HoleDraws:
+    """Return the errors of one hole.
+
+    Args:
+        model: The error model.
+        h: Index of the hole.
+        draws: The draws.
+        position: Include position, lost motion and pose of the part; False: deflection alone.
+    """
+    process = model.process
+    one = process.operations[model.targets.operation[h]]
+    wear = compute_mean_wear(one)
+    factor = draws.compute_load_factor(process, one)
+    thrust = np.maximum(model.targets.thrust[h] / wear * factor, model.targets.clamp[h])
+    torque = model.targets.torque[h] / wear * draws.compute_load_factor(process, one, torque=True)
+    twists = []
+    for pose in (ENTRY, EXIT):
+        twist = thrust[:, None] * (draws.stiffness @ model.axial[pose][h].T)
+        twist += torque[:, None] * (draws.stiffness @ model.turning[pose][h].T)
+        twist += (factor / wear)[:, None] * (draws.stiffness @ model.lateral[pose][h].T)
+        twist[:, :3] += model.poses[pose].offset[h] + model.local * thrust[:, None] * draws.local
+        if position:
+            twist += draw_position(model.scatter[pose], h, draws)
+            twist[:, :3] += np.nan_to_num(model.scatter[pose].std[h]) * draws.position
+        twists.append(twist)
+    return _project(model, h, twists, draws if position else None)
+
+
+def compute_nominal_hole_errors(model: HoleErrorModel, h: int) -> HoleDraws:
+    """Return the errors of one hole at nominal values.
+
+    Args:
+        model: The error model.
+        h: Index of the hole.
+    """
+    return draw_hole_errors(model, h, build_nominal_draw(model.spread), position=False)
+
+
+def compute_hole_probability(model: HoleErrorModel, h: int, errors: HoleDraws) -> float:
+    """Return the share of draws in which all tolerances of a hole hold.
+
+    Args:
+        model: The error model.
+        h: Index of the hole.
+        errors: Its errors over the draws.
+    """
+    limits = model.process.operations[model.targets.operation[h]].tolerance
+    good = errors.distance <= limits.position
+    good &= (errors.axis <= limits.axis) & (np.abs(errors.along) <= limits.depth)
+    return float(np.mean(good))
+
+
+def _project(model: HoleErrorModel, h: int, twists: list[Array], noise: UncertaintyDraws | None) -> HoleDraws:
+    """Return the errors from the twists (D, 6) at entry and exit."""
+    sideways = [_build_sideways(model.poses[pose].axis[h]) for pose in (ENTRY, EXIT)]
+    tilt_noise = 0.0 if noise is None else model.scatter[ENTRY].tilt_std * noise.tilt
+    tilts = [np.linalg.norm(t[:, 3:] @ s.T + tilt_noise, axis=1) for t, s in zip(twists, sideways, strict=True)]
+    return HoleDraws(
+        across=twists[ENTRY][:, :3] @ sideways[ENTRY].T,
+        along=twists[EXIT][:, :3] @ model.poses[EXIT].axis[h],
+        axis=np.maximum(*tilts),
+    )
+
+
+def _build_sideways(axis: Array) -> Array:
+    """Return two unit vectors across an axis, (2, 3)."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = np.cross(axis, helper)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first)])

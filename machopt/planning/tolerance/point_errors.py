@@ -1,0 +1,321 @@
+"""Predicted errors, probabilities and outcomes of all points of a plan that have a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.process import CuttingProcess, ProcessOperation
+from machopt.data_types.process_columns import ERROR_NAMES, OUTCOMES
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import ScoredAssignment
+from machopt.planning.tolerance.draws import (
+    HOLE_DRAWS,
+    SURFACE_DRAWS,
+    UncertaintyDraws,
+    build_draws,
+    has_load_spread,
+)
+from machopt.planning.tolerance.error_causes import compute_contributions, name_largest
+from machopt.planning.tolerance.hole_errors import (
+    ENTRY,
+    EXIT,
+    HoleDraws,
+    HoleErrorModel,
+    build_hole_model,
+    compute_hole_probability,
+    compute_nominal_hole_errors,
+    draw_hole_errors,
+)
+from machopt.planning.tolerance.stiffness_spread import StiffnessSpread
+from machopt.planning.tolerance.surface_errors import (
+    BLOCK,
+    SurfaceErrorModel,
+    build_surface_model,
+    compute_load_factors,
+    compute_surface_probability,
+    draw_surface_errors,
+)
+from machopt.planning.tolerance.targets import HoleTargets, SurfaceTargets, list_hole_targets, list_surface_targets
+from machopt.process.binding.point_loads import PointLoads
+
+LOW, HIGH = 0.05, 0.95  # quantiles of the intervals
+FAIL = 0.5  # a probability below it is a failure
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointErrors:
+    """Columns of N toolpath points; NaN or empty where there is no tolerance."""
+
+    errors: Mapping[str, Array]
+    lower: Mapping[str, Array]
+    upper: Mapping[str, Array]
+    tolerance: Array
+    p_in: Array
+    p_in_deflection_only: Array
+    outcome: tuple[str, ...]
+    cause: tuple[str, ...]
+    variance: Mapping[str, Array] = field(default_factory=dict)  # by stiffness, force, position: (N,) of the error
+    unknown_because: Mapping[int, str] = field(default_factory=dict)  # toolpath point → what is missing
+
+    def count_outcomes(self) -> dict[str, int]:
+        """Return how many points have each outcome."""
+        words = np.array(self.outcome, dtype=object)
+        return {word: int(np.sum(words == word)) for word in OUTCOMES}
+
+
+def compute_point_errors(
+    plan: Plan, toolpath: Toolpath, loads: PointLoads, chosen: ScoredAssignment | None = None
+) -> PointErrors:
+    """Return errors and probabilities of an assignment.
+
+    Args:
+        plan: Plan of one tool.
+        toolpath: Its toolpath, with the operations of the process.
+        loads: The loads of its points.
+        chosen: An assignment along its path; None: the choice of the plan.
+    """
+    return _ErrorTable(plan, toolpath, loads, plan.chosen if chosen is None else chosen).build()
+
+
+def find_outcome(probability: float, quantile: float) -> str:
+    """Return ``pass``, ``marginal`` or ``fail``.
+
+    Args:
+        probability: Probability that all tolerances hold.
+        quantile: What ``pass`` needs.
+    """
+    return "pass" if probability >= quantile else "fail" if probability < FAIL else "marginal"
+
+
+class _ErrorTable:
+    def __init__(self, plan: Plan, toolpath: Toolpath, loads: PointLoads, chosen: ScoredAssignment) -> None:
+        cell = plan.setup.cell
+        assert cell.process is not None
+        n = len(toolpath)
+        self.plan, self.toolpath, self.loads, self.chosen = plan, toolpath, loads, chosen
+        self.process: CuttingProcess = cell.process
+        limits = (cell.limits.lower[:6], cell.limits.upper[:6])
+        self.spread = StiffnessSpread.of(plan.setup.elasticity, limits)
+        self.errors, self.lower, self.upper = ({name: np.full(n, np.nan) for name in ERROR_NAMES} for _ in range(3))
+        self.tolerance, self.p_in, self.p_deflection = (np.full(n, np.nan) for _ in range(3))
+        self.outcome, self.cause = [""] * n, [""] * n
+        self.variance = {name: np.full(n, np.nan) for name in ("stiffness", "force", "position")}
+        self.why: dict[int, str] = {}
+
+    def build(self) -> PointErrors:
+        cutter = self.plan.setup.cell.tool.cutter
+        tip = 0.0
+        if cutter is not None and cutter.point_angle is not None:
+            tip = 0.5 * cutter.diameter / float(np.tan(0.5 * cutter.point_angle))
+        holes = list_hole_targets(self.process, self.toolpath, self.loads, tip)
+        if len(holes.row):
+            self._add_holes(holes)
+        surfaces = list_surface_targets(self.process, self.toolpath, self.loads, cutter)
+        if len(surfaces.row):
+            self._add_surfaces(surfaces)
+        return PointErrors(
+            errors=self.errors,
+            lower=self.lower,
+            upper=self.upper,
+            tolerance=self.tolerance,
+            p_in=self.p_in,
+            p_in_deflection_only=self.p_deflection,
+            outcome=tuple(self.outcome),
+            cause=tuple(self.cause),
+            variance=self.variance,
+            unknown_because=self.why,
+        )
+
+    # --- holes ------------------------------------------------------------------------------------------------------
+
+    def _add_holes(self, holes: HoleTargets) -> None:
+        model = build_hole_model(self.plan, self.chosen, self.process, holes, self.spread)
+        draws = build_draws(self.spread, HOLE_DRAWS)
+        for h, row in enumerate(holes.row.tolist()):
+            one = self.process.operations[holes.operation[h]]
+            self.tolerance[row] = min(one.tolerance.position, one.tolerance.depth, one.tolerance.surface)
+            if not (model.poses[ENTRY].is_reached[h] and model.poses[EXIT].is_reached[h]):
+                self._mark_unknown(row, "the point has no posture")
+                continue
+            self._write_hole(row, compute_nominal_hole_errors(model, h), self.errors)
+            why = self._find_missing(one, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT)))
+            full = draw_hole_errors(model, h, draws, position=True)
+            self._write_interval(row, full)
+            self._add_hole_variance(model, h, row, draws)
+            if why:
+                self._mark_unknown(row, why)
+                self.p_deflection[row] = compute_hole_probability(
+                    model, h, draw_hole_errors(model, h, draws, position=False)
+                )
+                continue
+            self.p_in[row] = compute_hole_probability(model, h, full)
+            self.outcome[row] = find_outcome(float(self.p_in[row]), self.process.quantile)
+        self._add_hole_causes(model)
+
+    def _write_hole(self, row: int, found: HoleDraws, columns: dict[str, Array]) -> None:
+        columns["across"][row] = found.distance[0]
+        columns["along"][row] = found.along[0]
+        columns["axis"][row] = found.axis[0]
+
+    def _write_interval(self, row: int, found: HoleDraws) -> None:
+        for name, values in (("across", found.distance), ("along", found.along), ("axis", found.axis)):
+            self.lower[name][row], self.upper[name][row] = np.quantile(values, (LOW, HIGH))
+
+    def _add_hole_variance(self, model: HoleErrorModel, h: int, row: int, draws: UncertaintyDraws) -> None:
+        direction = _find_hole_direction(compute_nominal_hole_errors(model, h).across[0])
+        for name, some in _isolate(draws, self.spread).items():
+            found = draw_hole_errors(model, h, some, position=name == "position")
+            self.variance[name][row] = float(np.var(found.across @ direction))
+
+    def _add_hole_causes(self, model: HoleErrorModel) -> None:
+        """Name what causes most of the error across the holes, or along them where only the depth counts."""
+        targets, pose = model.targets, model.poses[ENTRY]
+        depth_only = np.array([np.isinf(self.process.operations[k].tolerance.position) for k in targets.operation])
+        load = np.maximum(targets.thrust, targets.clamp)[:, None] * pose.axis
+        load = load + targets.force[:, :1] * pose.travel + targets.force[:, 1:] * pose.normal
+        wrench = np.hstack([load, targets.torque[:, None] * pose.axis])
+        twist = load_twist(model, wrench, pose.axis)
+        flat = twist - np.sum(twist * pose.axis, axis=1, keepdims=True) * pose.axis
+        size = np.linalg.norm(flat, axis=1)
+        across = flat / np.maximum(size, 1e-300)[:, None]
+        direction = np.where(depth_only[:, None], pose.axis, across)
+        names, parts = compute_contributions(self.plan, pose, wrench, direction)
+        total = np.where(depth_only, np.sum(twist * pose.axis, axis=1), size)
+        for row, word in zip(targets.row.tolist(), name_largest(names, parts, total), strict=True):
+            self.cause[row] = word
+
+    # --- milled points ----------------------------------------------------------------------------------------------
+
+    def _add_surfaces(self, surfaces: SurfaceTargets) -> None:
+        tool_force = np.zeros(len(self.toolpath))
+        model = build_surface_model(self.plan, self.chosen, self.process, surfaces, self.loads, self.spread, tool_force)
+        draws = build_draws(self.spread, SURFACE_DRAWS)
+        for first in range(0, len(surfaces.row), BLOCK):
+            self._add_surface_block(model, slice(first, min(first + BLOCK, len(surfaces.row))), draws)
+        wrench = self._compute_surface_wrench(model)
+        names, parts = compute_contributions(self.plan, model.poses, wrench, model.normal)
+        words = name_largest(names, parts, model.columns[:, 0] + model.tool)
+        for row, word in zip(surfaces.row.tolist(), words, strict=True):
+            self.cause[row] = word
+
+    def _add_surface_block(self, model: SurfaceErrorModel, some: slice, draws: UncertaintyDraws) -> None:
+        rows = model.targets.row[some]
+        operations = model.targets.operation[some]
+        limit = np.array([self.process.operations[k].tolerance.surface for k in operations])
+        self.tolerance[rows] = limit
+        self.errors["normal"][rows] = model.columns[some, 0] + model.tool[some] + model.offset[some]
+        factor = compute_load_factors(model, some, draws)
+        full = draw_surface_errors(model, some, draws, factor, position=True)
+        std = model.scatter.std[some]
+        noise = np.nan_to_num(std)[:, None] * draws.position[:, 0]
+        low, high = np.quantile(full + noise, (LOW, HIGH), axis=1)
+        self.lower["normal"][rows], self.upper["normal"][rows] = low, high
+        p = compute_surface_probability(full, limit, np.nan_to_num(std))
+        bare = draw_surface_errors(model, some, draws, factor, position=False)
+        deflection = compute_surface_probability(bare, limit, np.zeros(len(rows)))
+        self._add_surface_variance(model, some, draws, std)
+        for n, row in enumerate(rows.tolist()):
+            one = self.process.operations[operations[n]]
+            why = self._find_missing(one, std[n])
+            if not model.targets.is_known[some][n]:
+                why = "the surface normal is not known: columns nx, ny, nz of the toolpath"
+            if not model.poses.is_reached[some][n]:
+                self._mark_unknown(row, "the point has no posture")
+            elif why:
+                self._mark_unknown(row, why)
+                self.p_deflection[row] = deflection[n] if model.targets.is_known[some][n] else np.nan
+            else:
+                self.p_in[row] = p[n]
+                self.outcome[row] = find_outcome(float(p[n]), self.process.quantile)
+
+    def _add_surface_variance(self, model: SurfaceErrorModel, some: slice, draws: UncertaintyDraws, std: Array) -> None:
+        rows = model.targets.row[some]
+        for name, isolated in _isolate(draws, self.spread).items():
+            factor = compute_load_factors(model, some, isolated)
+            found = draw_surface_errors(model, some, isolated, factor, position=name == "position")
+            variance = np.var(found, axis=1)
+            self.variance[name][rows] = variance + (np.nan_to_num(std) ** 2 if name == "position" else 0.0)
+
+    def _compute_surface_wrench(self, model: SurfaceErrorModel) -> Array:
+        rows, poses = model.targets.row, model.poses
+        f = self.loads.arm_force[rows]
+        force = f[:, :1] * poses.travel + f[:, 1:2] * poses.normal + f[:, 2:] * poses.axis
+        return np.hstack([force, self.loads.moment[rows, None] * poses.axis])
+
+    # --- what is missing --------------------------------------------------------------------------------------------
+
+    def _find_missing(self, one: ProcessOperation, position_std: float) -> str:
+        """Return what makes the probability unknown; empty where nothing is missing."""
+        stiffness = self.plan.setup.elasticity.stiffness
+        if stiffness.estimated:
+            return "the stiffness is estimated, not measured"
+        if not self.spread.is_known:
+            return "the stiffness file states no covariance and no spread_percent"
+        if not has_load_spread(self.process, one):
+            return "the spread of the force coefficients is not stated"
+        if not np.isfinite(position_std):
+            word = "absolute_mm" if one.tolerance.reference == "absolute" else "repeatability_mm"
+            if stiffness.position is not None and one.tolerance.reference == "absolute":
+                return "the point lies outside the joint angles of position_error"
+            return f"the arm's accuracy is not stated: accuracy.{word} in cell.yaml"
+        return ""
+
+    def _mark_unknown(self, row: int, why: str) -> None:
+        self.outcome[row] = "unknown"
+        self.why[row] = why
+
+
+def load_twist(model: HoleErrorModel, wrench: Array, axis: Array) -> Array:
+    """Return the (H, 3) nominal displacement at entry under a load.
+
+    Args:
+        model: The error model.
+        wrench: (H, 6) N and N·m, load at the TCP in base_link.
+        axis: (H, 3) unit, tip to shank.
+    """
+    axial = np.sum(wrench[:, :3] * axis, axis=1)
+    turning = np.sum(wrench[:, 3:] * axis, axis=1)
+    out = axial[:, None] * model.axial[ENTRY][:, :3, 0] + turning[:, None] * model.turning[ENTRY][:, :3, 0]
+    return np.asarray(out + model.lateral[ENTRY][:, :3, 0])
+
+
+def _find_hole_direction(across: Array) -> Array:
+    size = float(np.linalg.norm(across))
+    return across / size if size > 0 else np.array([1.0, 0.0])
+
+
+def _isolate(draws: UncertaintyDraws, spread: StiffnessSpread) -> dict[str, UncertaintyDraws]:
+    """Return the draws with only one source of scatter each."""
+    from dataclasses import replace
+
+    D = len(draws)
+    still = np.zeros((D, 1 + spread.count))
+    still[:, 0] = 1.0
+    zero, half = np.zeros(D), np.full(D, 0.5)
+    calm_load = {"thrust": zero, "torque": zero, "scatter": zero, "wear": half}
+    calm_place = {
+        "side": np.zeros((D, 6)),
+        "pose": np.zeros((D, 6)),
+        "position": np.zeros((D, 3)),
+        "tilt": np.zeros((D, 2)),
+    }
+    return {
+        "stiffness": replace(draws, **calm_load, **calm_place),
+        "force": replace(draws, stiffness=still, local=np.zeros((D, 3)), **calm_place),
+        "position": replace(draws, stiffness=still, local=np.zeros((D, 3)), **calm_load),
+    }
+
+
+def list_tolerance_rows(found: PointErrors) -> NDArray[np.intp]:
+    """Return the toolpath points that have an outcome.
+
+    Args:
+        found: Errors of a plan.
+    """
+    return np.flatnonzero(np.array([bool(word) for word in found.outcome]))

@@ -1,0 +1,208 @@
+"""Process columns and summary of one tool's plan, at the feed that the motion reaches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.process import CuttingProcess, ProcessOperation
+from machopt.data_types.process_columns import ProcessColumns, ProcessSummary, ToleranceSummary
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import fix_external_axes
+from machopt.planning.plan_output.point_table import PointResults
+from machopt.planning.tolerance.point_errors import PointErrors, compute_point_errors, list_tolerance_rows
+from machopt.process.binding.job_binding import compute_loads
+from machopt.process.binding.point_loads import PointLoads
+
+MM, DEG = 1e3, 180.0 / np.pi
+
+
+def add_process_results(
+    points: PointResults, plan: Plan, toolpath: Toolpath, timeline: MotionTimeline | None
+) -> PointResults:
+    """Return the results of a plan's points with forces, errors and outcomes; unchanged where there is no process.
+
+    Args:
+        points: Results of the points.
+        plan: Plan of one tool, as driven.
+        toolpath: Its toolpath.
+        timeline: Its motion; None: the programmed feed counts.
+    """
+    process = plan.setup.cell.process
+    loads = compute_loads(plan.setup.cell, toolpath, find_driven_feed(toolpath, timeline))
+    if process is None or loads is None:
+        return points
+    found = compute_point_errors(plan, toolpath, loads)
+    columns = _build_columns(toolpath, loads, found)
+    summary = _summarise(process, plan, toolpath, loads, found)
+    return replace(points, table=replace(points.table, process=columns), process=(summary,))
+
+
+def find_driven_feed(toolpath: Toolpath, timeline: MotionTimeline | None) -> Array:
+    """Return (N,) the largest feed of the move that ends at each point, m/s; the programmed one without a motion.
+
+    Args:
+        toolpath: Toolpath of one tool.
+        timeline: Its motion.
+    """
+    if timeline is None or timeline.trajectory is None:
+        return toolpath.feed
+    trajectory = timeline.trajectory
+    known = np.isfinite(trajectory.point) & np.isfinite(trajectory.feed)
+    end = np.ceil(trajectory.point[known] - 1e-9).astype(int)
+    largest = np.full(len(toolpath), -np.inf)
+    np.maximum.at(largest, np.clip(end, 0, len(toolpath) - 1), trajectory.feed[known])
+    reached = np.where(np.isfinite(largest) & (largest > 0), largest, toolpath.feed)
+    return np.where(np.isnan(toolpath.feed), np.nan, np.fmin(reached, toolpath.feed))
+
+
+def _build_columns(toolpath: Toolpath, loads: PointLoads, found: PointErrors) -> ProcessColumns:
+    n = len(toolpath)
+    empty = np.full(n, np.nan)
+    return ProcessColumns(
+        force=loads.force,
+        moment=loads.moment,
+        peak_force=empty,
+        ae=loads.ae,
+        ap=loads.ap,
+        entry_angle=loads.entry_angle,
+        exit_angle=loads.exit_angle,
+        errors=found.errors,
+        lower=found.lower,
+        upper=found.upper,
+        tolerance=found.tolerance,
+        p_in=found.p_in,
+        p_in_deflection_only=found.p_in_deflection_only,
+        outcome=found.outcome,
+        cause=found.cause,
+        f1=empty,
+        depth_limit=empty,
+        chatter=("",) * n,
+        feed_max=empty,
+    )
+
+
+def _summarise(
+    process: CuttingProcess, plan: Plan, toolpath: Toolpath, loads: PointLoads, found: PointErrors
+) -> ProcessSummary:
+    return ProcessSummary(
+        before=_count_before(plan, toolpath, loads),
+        after=found.count_outcomes(),
+        tolerances=_summarise_operations(process, toolpath, found),
+        variance_shares=_compute_variance_shares(found),
+        sources=_list_sources(process, plan, toolpath),
+        validity=(*loads.notes, *_list_limits_of_validity(process, plan, toolpath, found)),
+    )
+
+
+def _count_before(plan: Plan, toolpath: Toolpath, loads: PointLoads) -> dict[str, dict[str, int]]:
+    """Return the outcomes of the baselines, whose external joints are at home."""
+    home = plan.setup.cell.external_home
+    path = plan.path if not len(home) else fix_external_axes(plan.path, home)
+    if plan.compensation is not None:
+        path = replace(path, position=path.position - plan.compensation.offset)
+    bare = replace(plan, path=path, compensation=None)
+    pairs = (("cam_default", plan.cam_default), ("jiao2022", plan.jiao2022))
+    return {name: compute_point_errors(bare, toolpath, loads, chosen).count_outcomes() for name, chosen in pairs}
+
+
+def _summarise_operations(
+    process: CuttingProcess, toolpath: Toolpath, found: PointErrors
+) -> tuple[ToleranceSummary, ...]:
+    rows = list_tolerance_rows(found)
+    assert toolpath.process_operation is not None
+    operation = toolpath.process_operation[rows]
+    out = []
+    for k, one in enumerate(process.operations):
+        mine = rows[operation == k]
+        if len(mine):
+            out.append(_summarise_operation(one, mine, rows, found))
+    return tuple(out)
+
+
+def _summarise_operation(
+    one: ProcessOperation, mine: NDArray[np.intp], rows: NDArray[np.intp], found: PointErrors
+) -> ToleranceSummary:
+    limits = one.tolerance
+    shown = {
+        "position_mm": limits.position * MM,
+        "axis_deg": limits.axis * DEG,
+        "depth_mm": limits.depth * MM,
+        "surface_mm": limits.surface * MM,
+    }
+    name = "across" if np.isfinite(limits.position) else "along" if one.is_hole else "normal"
+    error = np.abs(found.errors[name][mine])
+    probability = np.where(np.isfinite(found.p_in[mine]), found.p_in[mine], found.p_in_deflection_only[mine])
+    order = np.lexsort((-np.nan_to_num(error), np.nan_to_num(probability, nan=1.0)))
+    worst = int(order[0])
+    words = [found.outcome[row] for row in mine]
+    return ToleranceSummary(
+        operation=one.label,
+        is_hole=one.is_hole,
+        limits={key: float(value) for key, value in shown.items() if np.isfinite(value)},
+        reference=limits.reference,
+        counts={word: words.count(word) for word in ("pass", "marginal", "fail", "unknown")},
+        worst_point=int(mine[worst]),
+        worst_number=1 + int(np.searchsorted(rows, mine[worst])),
+        worst_error=float(error[worst]),
+        worst_p_in=float(probability[worst]),
+        worst_cause=found.cause[mine[worst]],
+    )
+
+
+def _compute_variance_shares(found: PointErrors) -> dict[str, float]:
+    parts = {name: values[np.isfinite(values)] for name, values in found.variance.items()}
+    if not parts or not all(len(values) for values in parts.values()):
+        return {}
+    total = np.sum(list(parts.values()), axis=0)
+    known = np.asarray(total > 0)
+    if not known.any():
+        return {}
+    return {name: float(np.mean(values[known] / total[known])) for name, values in parts.items()}
+
+
+def _list_sources(process: CuttingProcess, plan: Plan, toolpath: Toolpath) -> dict[str, str]:
+    """Return the source of each number that the result rests on."""
+    out: dict[str, str] = {}
+    for one in _list_used_operations(process, toolpath):
+        for name in {one.material, *(layer.material for layer in one.layers)} - {""}:
+            material = process.materials[name]
+            part = material.milling if one.kind == "milling" else material.drilling
+            if part is not None:
+                out[f"materials.{name}.{'milling' if one.kind == 'milling' else 'drilling'}"] = part.source
+    cell, stiffness = plan.setup.cell, plan.setup.elasticity.stiffness
+    if stiffness.source:
+        out["stiffness"] = stiffness.source
+    if cell.accuracy is not None and cell.accuracy.source:
+        out["accuracy"] = cell.accuracy.source
+    return out
+
+
+def _list_used_operations(process: CuttingProcess, toolpath: Toolpath) -> list[ProcessOperation]:
+    assert toolpath.process_operation is not None
+    used = sorted(set(toolpath.process_operation.tolist()) - {-1})
+    return [process.operations[k] for k in used]
+
+
+def _list_limits_of_validity(process: CuttingProcess, plan: Plan, toolpath: Toolpath, found: PointErrors) -> list[str]:
+    cell = plan.setup.cell
+    used = _list_used_operations(process, toolpath)
+    out: list[str] = []
+    if not any(one.tolerance.is_given for one in used):
+        return out
+    if cell.workpiece.stiffness is None:
+        out.append("the part counts as rigid: workpiece.stiffness_N_mm is not stated")
+    wants_axis = any(np.isfinite(one.tolerance.axis) for one in used)
+    if wants_axis and (cell.accuracy is None or not np.isfinite(cell.accuracy.absolute_angle)):
+        out.append("the orientation of the arm counts as exact: accuracy.absolute_deg is not stated")
+    if any(one.tolerance.reference == "absolute" for one in used) and cell.workpiece.pose_covariance is None:
+        out.append("the pose of the part counts as exact: workpiece.pose_covariance is not stated")
+    for text in dict.fromkeys(found.unknown_because.values()):
+        count = sum(1 for why in found.unknown_because.values() if why == text)
+        out.append(f"{count} outcome{'s' if count != 1 else ''} unknown: {text}")
+    return out

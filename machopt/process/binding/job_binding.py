@@ -1,0 +1,70 @@
+"""Process of a cell bound to a job: operations of the points, programmed loads, options that know of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.process.binding.point_loads import PointLoads, compute_point_loads
+
+
+def attach_forces(segments: tuple[ToolSegment, ...]) -> tuple[ToolSegment, ...]:
+    """Return the segments of a job with the forces of their process at the programmed feed.
+
+    Args:
+        segments: Segments whose toolpaths have their process operations, where the cell has a process.
+
+    Raises:
+        ConfigurationKeyError: an operation lacks a value, or has one that its force model does not accept.
+    """
+    return tuple(
+        segment
+        if segment.cell.process is None
+        else replace(segment, toolpath=attach_programmed_force(segment.cell, segment.toolpath))
+        for segment in segments
+    )
+
+
+def attach_programmed_force(cell: Cell, toolpath: Toolpath) -> Toolpath:
+    """Return a toolpath of one tool with the force that the arm bears at the programmed feed.
+
+    Args:
+        cell: The cell, with the tool and the process.
+        toolpath: Toolpath with its process operations.
+
+    Raises:
+        ConfigurationKeyError: an operation lacks a value, or has one that its force model does not accept.
+    """
+    loads = compute_loads(cell, toolpath, toolpath.feed)
+    return toolpath if loads is None else replace(toolpath, force=loads.arm_force)
+
+
+def compute_loads(cell: Cell, toolpath: Toolpath, feed: Array) -> PointLoads | None:
+    """Return the loads of a toolpath of one tool; None where the cell has no process.
+
+    Args:
+        cell: The cell, with the tool and the process.
+        toolpath: Toolpath with its process operations.
+        feed: (N,) m/s of the move that ends at each point.
+    """
+    if cell.process is None or toolpath.process_operation is None:
+        return None
+    return compute_point_loads(cell.process, toolpath, cell.tool.cutter, feed)
+
+
+def mark_forces(options: PlanOptions, segments: tuple[ToolSegment, ...]) -> PlanOptions:
+    """Return the planning options, which know whether points have forces of their own.
+
+    Args:
+        options: The planning options.
+        segments: Segments of the job, with their forces.
+    """
+    own = [segment.toolpath.force for segment in segments]
+    given = any(force is not None and bool(np.nan_to_num(force).any()) for force in own)
+    return replace(options, force=replace(options.force, is_per_point=True)) if given else options

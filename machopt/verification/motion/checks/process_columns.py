@@ -1,0 +1,153 @@
+"""Process columns of points.csv recomputed: forces at the driven feed, nominal errors, and probabilities.
+
+========================================  =========================================================================
+column                                    recomputed as
+========================================  =========================================================================
+f_travel_N, f_normal_N, f_axial_N,        :mod:`machopt.verification.motion.process.point_loads` at the largest feed
+m_axial_Nm                                of the samples on the way to the point
+error_*                                   C w of :mod:`machopt.verification.motion.stiffness.arm_compliance` at the
+                                          joints of the motion, part and compensation counted in
+p_in, outcome                             20,000 plain random draws (:mod:`machopt.verification.motion.process.draws`)
+========================================  =========================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.verification.checks import (
+    VerificationCheck,
+    build_count_check,
+    build_skipped_check,
+    build_worst_value_check,
+)
+from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+from machopt.verification.motion.process.draws import find_unsupported_draws
+from machopt.verification.motion.process.point_loads import RecomputedLoads, recompute_loads
+from machopt.verification.motion.process.predicted_errors import PredictedErrors, predict_errors
+from machopt.verification.motion.stiffness import arm_compliance
+from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
+from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
+
+FORCE_SHARE, FORCE_N = 2e-3, 0.05  # numerical integration, and feeds that are printed to 1e-3 mm/min
+ERROR_SHARE, ERROR_MM, ERROR_DEG = 5e-3, 5e-4, 5e-4  # joints between planning points are interpolated
+PROBABILITY = 0.02
+FORCE_COLUMNS = ("f_travel_N", "f_normal_N", "f_axial_N", "m_axial_Nm")
+
+
+def check_process_columns(
+    cell: Cell, toolpath: Toolpath, points: ExportedPoints, motion: ExportedMotion, arm: UrdfKinematics
+) -> list[VerificationCheck]:
+    """Return the checks of the process columns; none where the cell has no process.
+
+    Args:
+        cell: The cell with the tool of this part of the job.
+        toolpath: Its toolpath, with the operation of process.yaml of each point.
+        points: Rows of points.csv.
+        motion: The exported motion.
+        arm: Kinematics of the arm.
+    """
+    if cell.process is None or toolpath.process_operation is None:
+        extra = [name for name in FORCE_COLUMNS if name in points.numbers]
+        return [build_count_check("points.csv process columns", extra, "columns")] if extra else []
+    missing = [name for name in (*FORCE_COLUMNS, "p_in") if name not in points.numbers]
+    if missing:
+        return [build_count_check("points.csv process columns", missing, "columns")]
+    loads = recompute_loads(cell, toolpath, find_largest_feed(toolpath, motion), toolpath.process_operation)
+    checks = _check_forces(points, loads)
+    name = "points.csv predicted errors"
+    if cell.stiffness is None:
+        return [*checks, build_skipped_check(name, "the cell names no stiffness")]
+    try:
+        law = arm_compliance.ComplianceModel(cell, arm, cell.stiffness)
+    except UnknownTermError as error:
+        return [*checks, build_skipped_check(name, f"no second law is written for {error}")]
+    true_motion = replace(motion, q=compute_true_angles(cell.kinematics, motion.q))
+    true_points = replace(points, q=compute_true_angles(cell.kinematics, points.q))
+    found = predict_errors(cell, toolpath, loads, true_motion, true_points, arm, law)
+    checks += _check_errors(points, found)
+    return [*checks, *_check_probabilities(cell, points, found)]
+
+
+def find_largest_feed(toolpath: Toolpath, motion: ExportedMotion) -> Array:
+    """Return (N,) the largest feed of the samples on the way to each point, m/s.
+
+    Args:
+        toolpath: The toolpath.
+        motion: The exported motion.
+    """
+    out = toolpath.feed.copy()
+    order = np.flatnonzero(np.isfinite(motion.point))
+    end = np.ceil(motion.point[order] - 1e-9).astype(int)
+    for point in np.unique(end[(end >= 0) & (end < len(toolpath))]):
+        reached = float(np.max(motion.feed[order[end == point]], initial=0.0))
+        if reached > 0 and np.isfinite(toolpath.feed[point]):
+            out[point] = min(reached, toolpath.feed[point])
+    return out
+
+
+def _check_forces(points: ExportedPoints, loads: RecomputedLoads) -> list[VerificationCheck]:
+    wanted = np.column_stack([loads.force, loads.moment])
+    size = np.nan_to_num(np.linalg.norm(loads.force, axis=1))
+    size_of = (size, size, size, np.abs(np.nan_to_num(loads.moment)))
+    limits = (FORCE_N, FORCE_N, FORCE_N, 1e-3)
+    return [
+        _compare(points, name, wanted[:, n], limits[n] + FORCE_SHARE * size_of[n])
+        for n, name in enumerate(FORCE_COLUMNS)
+    ]
+
+
+def _check_errors(points: ExportedPoints, found: PredictedErrors) -> list[VerificationCheck]:
+    checks = []
+    for name, wanted in (("along", found.along), ("across", found.across), ("normal", found.normal)):
+        limit = ERROR_MM + ERROR_SHARE * 1e3 * np.nan_to_num(np.abs(found.size))
+        checks.append(_compare(points, f"error_{name}_mm", 1e3 * wanted, limit))
+    axis = np.degrees(found.axis)
+    return [*checks, _compare(points, "error_axis_deg", axis, ERROR_DEG + ERROR_SHARE * np.nan_to_num(axis))]
+
+
+def _check_probabilities(cell: Cell, points: ExportedPoints, found: PredictedErrors) -> list[VerificationCheck]:
+    assert cell.process is not None
+    why = find_unsupported_draws(cell)
+    stated = points.numbers["p_in"]
+    words = points.words.get("outcome", ())
+    quantile = cell.process.quantile
+    wrong = [f"point {p}: {word} with p_in {v:.3f}" for p, word, v in zip(points.point, words, stated, strict=False)
+             if not _fits(word, v, quantile)]  # fmt: skip
+    out = [build_count_check("points.csv outcome", wrong, "rows")]
+    if why:
+        return [*out, build_skipped_check("points.csv p_in", why)]
+    known = np.isfinite(stated)
+    off = np.where(known, np.abs(stated - found.p_in), 0.0)
+    return [
+        *out,
+        build_worst_value_check(
+            "points.csv p_in", "1", np.where(known & np.isnan(found.p_in), 1.0, off), PROBABILITY, "point {}".format
+        ),
+    ]
+
+
+def _fits(word: str, probability: float, quantile: float) -> bool:
+    if np.isnan(probability):
+        return word in ("", "unknown")
+    return word == ("pass" if probability >= quantile else "fail" if probability < 0.5 else "marginal")
+
+
+def _compare(points: ExportedPoints, name: str, wanted: Array, limit: Array) -> VerificationCheck:
+    stated = points.numbers.get(name)
+    if stated is None:
+        return build_count_check(f"points.csv {name}", ["the column is missing"], "columns")
+    both = np.isfinite(stated) & np.isfinite(wanted)
+    one = np.isfinite(stated) != np.isfinite(wanted)
+    off = np.where(both, np.abs(stated - wanted) / limit, np.where(one, np.inf, 0.0))
+
+    def describe(n: int) -> str:
+        return f"point {points.point[n]}: {stated[n]:.6g}, {wanted[n]:.6g} follows"
+
+    return build_worst_value_check(f"points.csv {name}", "of its limit", off, 1.0, describe)

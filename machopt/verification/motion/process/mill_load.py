@@ -1,0 +1,74 @@
+"""Mean load of an end mill over one revolution, by the midpoint rule over its height and its rotation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from machopt.data_types.cell import CutterGeometry
+from machopt.data_types.cutting_coefficients import MillingCoefficients
+from machopt.data_types.process import CutSide, SpindleDirection
+
+ANGLES, SLICES = 4000, 400
+
+
+def compute_mill_load(
+    coefficients: MillingCoefficients,
+    cutter: CutterGeometry,
+    side: CutSide,
+    spindle: SpindleDirection,
+    depths: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the load for a feed per tooth of zero, and its change per metre of it: travel, normal, axial, torque.
+
+    Args:
+        coefficients: Milling coefficients.
+        cutter: The cutter.
+        side: Side of the cut.
+        spindle: Direction of the spindle.
+        depths: m, radial and axial depth of cut.
+    """
+    ae, ap = depths
+    assert cutter.teeth is not None
+    R, rc = 0.5 * cutter.diameter, cutter.corner
+    edge, slope = np.zeros(4), np.zeros(4)
+    for dz, r, kappa in _cut_into_slices(R, rc, ap):
+        reach = 1.0 - ae / r if side != "slot" else -1.0  # material beyond r − ae, after a pass of the same tool
+        theta = math.acos(min(max(reach, -1.0), 1.0))
+        phi = (np.arange(ANGLES) + 0.5) / ANGLES * theta + (math.pi - theta if side == "down" else 0.0)
+        weight = theta / ANGLES * cutter.teeth / (2.0 * math.pi)
+        db = dz / math.sin(kappa)
+        hand = math.copysign(1.0, cutter.helix) if cutter.helix else 0.0
+        hand *= 1.0 if spindle == "cw" else -1.0
+        c = coefficients
+        for target, forces in (
+            (edge, (c.Kte_N_m * db, c.Kre_N_m * db, c.Kae_N_m * db)),
+            (slope, tuple(k * dz * np.sin(phi) for k in (c.Ktc_Pa, c.Krc_Pa, c.Kac_Pa))),
+        ):
+            Ft, Fr, Fa = (np.broadcast_to(f, phi.shape) for f in forces)
+            radial = Fr * math.sin(kappa) + hand * Fa * math.cos(kappa)
+            target[0] += weight * float(np.sum(-Ft * np.cos(phi) - radial * np.sin(phi)))
+            target[1] += weight * float(np.sum(Ft * np.sin(phi) - radial * np.cos(phi)))
+            target[2] += weight * float(np.sum(Fr * math.cos(kappa) - hand * Fa * math.sin(kappa)))
+            target[3] += weight * float(np.sum(Ft)) * r
+    if spindle == "ccw":
+        for load in (edge, slope):
+            load[[1, 3]] *= -1.0
+    return edge, slope
+
+
+def _cut_into_slices(R: float, rc: float, ap: float) -> list[tuple[float, float, float]]:
+    """Return thickness, radius and κ of slices: thin ones of equal angle in the corner, one above it."""
+    out = []
+    top = min(ap, rc)
+    if rc > 0 and top > 0:
+        last = math.acos(1.0 - top / rc)
+        for n in range(SLICES):
+            a, b = last * n / SLICES, last * (n + 1) / SLICES
+            middle = 0.5 * (a + b)
+            dz = rc * (math.cos(a) - math.cos(b))
+            out.append((dz, R - rc + rc * math.sin(middle), middle))
+    if ap > rc:
+        out.append((ap - rc, R, 0.5 * math.pi))
+    return out

@@ -1,0 +1,265 @@
+"""Predicted errors of holes and milled points, recomputed pose by pose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.process import ProcessOperation
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.numerics.array_types import Array
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
+from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
+from machopt.verification.motion.process.draws import (
+    DRAWS,
+    SEED,
+    draw_compliances,
+    draw_load_factors,
+    get_position_std,
+)
+from machopt.verification.motion.process.hole_strokes import HoleVisit
+from machopt.verification.motion.process.point_loads import RecomputedLoads
+from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
+from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
+
+
+@dataclass
+class PredictedErrors:
+    """Errors of N points, SI; NaN where there is none."""
+
+    along: Array
+    across: Array
+    normal: Array
+    axis: Array
+    size: Array  # (N,) m, length of the displacement
+    p_in: Array
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """One pose with its joint part and the rest of the compliance."""
+
+    axis: Array  # (3,)
+    travel: Array  # (3,)
+    R: Array  # (3, 3) CAM axes in base_link
+    place: Array  # (3,) m, programmed position in the CAM frame
+    J: Array  # (6, 6)
+    joints: Array  # (6,) compliance of the joints, rad/(N·m)
+    rest: Array  # (6, 6) compliance of everything else at the TCP
+    offset: Array  # (3,) m, compensation in base_link
+
+
+def predict_errors(
+    cell: Cell,
+    toolpath: Toolpath,
+    loads: RecomputedLoads,
+    motion: ExportedMotion,
+    points: ExportedPoints,
+    arm: UrdfKinematics,
+    law: ComplianceModel,
+) -> PredictedErrors:
+    """Return errors and probabilities of all points with a tolerance.
+
+    Args:
+        cell: The cell with the tool and the process.
+        toolpath: The toolpath.
+        loads: Its recomputed loads.
+        motion: The motion, true joint angles.
+        points: Rows of points.csv, true joint angles.
+        arm: Kinematics of the arm.
+        law: Compliance of the arm.
+    """
+    n = len(toolpath)
+    out = PredictedErrors(*(np.full(n, np.nan) for _ in range(6)))
+    predictor = _Predictor(cell, toolpath, loads, motion, points, arm, law)
+    for hole in loads.holes:
+        predictor.add_hole(hole, out)
+    predictor.add_surfaces(out)
+    return out
+
+
+class _Predictor:
+    def __init__(
+        self,
+        cell: Cell,
+        toolpath: Toolpath,
+        loads: RecomputedLoads,
+        motion: ExportedMotion,
+        points: ExportedPoints,
+        arm: UrdfKinematics,
+        law: ComplianceModel,
+    ) -> None:
+        assert cell.process is not None
+        assert cell.stiffness is not None
+        self.cell, self.toolpath, self.loads, self.motion, self.points = cell, toolpath, loads, motion, points
+        self.arm, self.law, self.process = arm, law, cell.process
+        self.side = compute_sideways_directions(toolpath)
+        known = np.flatnonzero(np.isfinite(motion.point))
+        self.order = known[np.argsort(motion.point[known], kind="stable")]
+        self.compliances = draw_compliances(cell.stiffness, np.random.default_rng(SEED))
+
+    def add_hole(self, hole: HoleVisit, out: PredictedErrors) -> None:
+        one = self.process.operations[hole.operation]
+        if not one.tolerance.is_given or not self.points.ok[hole.deepest]:
+            return
+        poses = [self._pose(self._find_entry(hole)), self._pose(float(hole.deepest))]
+        strongest = max((s.point for s in hole.strokes), key=lambda p: self.loads.force[p, 2], default=hole.deepest)
+        thrust, torque = float(self.loads.force[strongest, 2]), float(self.loads.moment[strongest])
+        nominal = [_deflect(p, self.cell, max(thrust, one.clamp), torque, None)[0] for p in poses]
+        row, entry, bottom = hole.deepest, nominal[0], nominal[1]
+        e, axis = entry[:3] + poses[0].offset, poses[0].axis
+        out.across[row] = np.linalg.norm(e - (e @ axis) * axis)
+        out.along[row] = (bottom[:3] + poses[1].offset) @ poses[1].axis
+        out.axis[row] = max(float(np.linalg.norm(np.cross(t[3:], p.axis))) for t, p in zip(nominal, poses, strict=True))
+        out.size[row] = np.linalg.norm(bottom[:3])
+        sigma = get_position_std(self.cell, one.tolerance.reference)
+        if self.compliances is not None and np.isfinite(sigma):
+            out.p_in[row] = self._draw_hole(one, poses, thrust, torque, sigma)
+
+    def _draw_hole(
+        self, one: ProcessOperation, poses: list[_Pose], thrust: float, torque: float, sigma: float
+    ) -> float:
+        rng = np.random.default_rng(SEED + 1)
+        wear = 0.5 * (one.wear[0] + one.wear[1])
+        factor, turn = draw_load_factors(self.process, one, rng)
+        T, M = np.maximum(thrust / wear * factor, one.clamp), torque / wear * turn
+        noise = sigma * rng.standard_normal((DRAWS, 3))
+        part = self._draw_part(one, rng)
+        tilt = self._draw_tilt(one, rng)
+        limits, moved, angles = one.tolerance, [], []
+        for pose in poses:
+            twist = _deflect(pose, self.cell, T, M, self.compliances)
+            twist[:, :3] += pose.offset + noise
+            twist += self._move_part(pose, part)
+            moved.append(twist)
+            x, y = _sideways(pose.axis)
+            angles.append(np.hypot(twist[:, 3:] @ x + tilt[:, 0], twist[:, 3:] @ y + tilt[:, 1]))
+        flat = moved[0][:, :3] - np.outer(moved[0][:, :3] @ poses[0].axis, poses[0].axis)
+        good = np.linalg.norm(flat, axis=1) <= limits.position
+        good &= np.maximum(*angles) <= limits.axis
+        good &= np.abs(moved[1][:, :3] @ poses[1].axis) <= limits.depth
+        return float(np.mean(good))
+
+    def add_surfaces(self, out: PredictedErrors) -> None:
+        rng = np.random.default_rng(SEED + 2)
+        for row in np.flatnonzero((self.toolpath.move == MoveKind.CUT) & (self.loads.operation >= 0)).tolist():
+            one = self.process.operations[self.loads.operation[row]]
+            if not np.isfinite(one.tolerance.surface) or not self.points.ok[row]:
+                continue
+            pose = self._pose(float(row))
+            normal = self._find_normal(one, row, pose)
+            f = self.loads.arm_force[row]
+            force = f[0] * pose.travel + f[1] * np.cross(pose.axis, pose.travel) + f[2] * pose.axis
+            wrench = np.r_[force, self.loads.moment[row] * pose.axis]
+            twist = _apply(pose, self.cell, wrench[None], None)[0]
+            out.normal[row] = normal @ (twist[:3] + pose.offset)
+            out.size[row] = np.linalg.norm(twist[:3])
+            cutter = self.cell.tool.cutter
+            rounded = cutter is not None and cutter.corner > 0
+            sigma = get_position_std(self.cell, one.tolerance.reference)
+            if self.compliances is None or not np.isfinite(sigma) or rounded or one.surface == "table":
+                continue
+            factor = draw_load_factors(self.process, one, rng)[0] / (0.5 * (one.wear[0] + one.wear[1]))
+            drawn = _apply(pose, self.cell, wrench[None], self.compliances) * factor[:, None]
+            moved = drawn + self._move_part(pose, self._draw_part(one, rng))
+            error = (moved[:, :3] + pose.offset) @ normal + sigma * rng.standard_normal(DRAWS)
+            out.p_in[row] = float(np.mean(np.abs(error) <= one.tolerance.surface))
+
+    def _find_normal(self, one: ProcessOperation, row: int, pose: _Pose) -> Array:
+        """Return the outward normal of the surface: away from the material."""
+        if one.surface == "floor":
+            return pose.axis
+        side = self.loads.side[row] or {"up": 1, "down": -1}.get(one.cut or "", 0)
+        hand = 1 if one.spindle == "cw" else -1
+        left = np.cross(pose.axis, pose.travel)
+        return left if side == 0 else -side * hand * left  # material left of travel: up milling with M3
+
+    def _find_entry(self, hole: HoleVisit) -> float:
+        cutter = self.cell.tool.cutter
+        tip = 0.0
+        if cutter is not None and cutter.point_angle is not None:
+            tip = 0.5 * cutter.diameter / math.tan(0.5 * cutter.point_angle)
+        wanted = min(tip, hole.depth)
+        for stroke in hole.strokes:
+            if stroke.end >= wanted - 1e-12:
+                axis = self.toolpath.axis[stroke.point]
+                step = self.toolpath.position[stroke.point] - self.toolpath.position[max(stroke.point - 1, 0)]
+                length = abs(float(step @ axis))
+                back = (stroke.end - wanted) / length if length > 0 else 0.0
+                return stroke.point - min(back, 1.0)
+        return float(hole.deepest)
+
+    def _pose(self, index: float) -> _Pose:
+        row = round(index)
+        if abs(index - row) < 1e-9:
+            q, external = self.points.q[row], self.points.external[row]
+        else:
+            at = self.motion.point[self.order]
+            after = int(np.clip(np.searchsorted(at, index), 1, len(at) - 1))
+            a, b = self.order[after - 1], self.order[after]
+            span = self.motion.point[b] - self.motion.point[a]
+            f = (index - self.motion.point[a]) / span if span > 0 else 1.0
+            q = (1 - f) * self.motion.q[a] + f * self.motion.q[b]
+            external = (1 - f) * self.motion.external[a] + f * self.motion.external[b]
+        low, high = math.floor(index), min(math.ceil(index), len(self.toolpath) - 1)
+        f = index - low
+        position = (1 - f) * self.toolpath.position[low] + f * self.toolpath.position[high]
+        axis = interpolate_axis(self.toolpath.axis[low][None], self.toolpath.axis[high][None], np.array([f]))[0]
+        T = self.arm.T_base_workpiece(external[None])[0]
+        R = T[:3, :3]
+        stance = self.arm.compute_configuration(q[None], external[None])
+        state = self.law.evaluate(stance, (R @ position + T[:3, 3])[None])
+        joints = 1.0 / state.k[0]
+        J = state.J[0]
+        rest = state.small_load_compliance[0] - J @ np.diag(joints) @ J.T
+        shift = np.zeros(3)
+        if self.points.shift is not None:
+            shift = (1 - f) * self.points.shift[low] + f * self.points.shift[high]
+        return _Pose(R @ axis, R @ self.side[low], R, position, J, joints, rest, R @ shift)
+
+    def _draw_part(self, one: ProcessOperation, rng: np.random.Generator) -> Array:
+        covariance = self.cell.workpiece.pose_covariance
+        if covariance is None or one.tolerance.reference != "absolute":
+            return np.zeros((DRAWS, 6))
+        return rng.multivariate_normal(np.zeros(6), covariance, size=DRAWS, method="svd")
+
+    def _move_part(self, pose: _Pose, part: Array) -> Array:
+        """Return (D, 6) the twist of the tool relative to the part that a displaced part makes."""
+        if not part.any():
+            return np.zeros((1, 6))
+        moved = part[:, :3] + np.cross(part[:, 3:], pose.place)
+        return -np.hstack([moved @ pose.R.T, part[:, 3:] @ pose.R.T])
+
+    def _draw_tilt(self, one: ProcessOperation, rng: np.random.Generator) -> Array:
+        accuracy = self.cell.accuracy
+        angle = 0.0 if accuracy is None or one.tolerance.reference != "absolute" else accuracy.absolute_angle
+        return (angle if np.isfinite(angle) else 0.0) * rng.standard_normal((DRAWS, 2))
+
+
+def _deflect(pose: _Pose, cell: Cell, thrust: Array | float, torque: Array | float, drawn: Array | None) -> Array:
+    """Return (D, 6) the twist under thrust and torque about the tool axis."""
+    thrust, torque = np.atleast_1d(thrust), np.atleast_1d(torque)
+    wrench = np.hstack([thrust[:, None] * pose.axis, torque[:, None] * pose.axis])
+    return _apply(pose, cell, wrench, drawn)
+
+
+def _apply(pose: _Pose, cell: Cell, wrench: Array, drawn: Array | None) -> Array:
+    """Return (D, 6) the twist of the tool relative to the part under wrenches, with drawn relative compliances."""
+    bent = (wrench @ pose.J) * pose.joints
+    if drawn is not None:
+        bent = bent * drawn
+    twist = bent @ pose.J.T + wrench @ pose.rest.T
+    if cell.workpiece.stiffness is not None:
+        twist[:, :3] += ((wrench[:, :3] @ pose.R) / cell.workpiece.stiffness) @ pose.R.T
+    return np.asarray(twist)
+
+
+def _sideways(axis: Array) -> tuple[Array, Array]:
+    """Return two unit vectors across an axis."""
+    x = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
+    x /= np.linalg.norm(x)
+    return x, np.cross(axis, x)
