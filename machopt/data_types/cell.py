@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -48,6 +48,7 @@ class CutterGeometry:
     diameter: float  # m
     length: float  # m
     corner: float = 0.0  # m, radius of the corner: 0 is an end mill, half the diameter a ball
+    _: KW_ONLY
     teeth: int | None = None
     helix: float | None = None  # rad, + for a right-hand helix
     point_angle: float | None = None  # rad, included

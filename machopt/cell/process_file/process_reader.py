@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, log1p, radians
+from math import inf, radians
 from pathlib import Path
 
 from machopt.cell.process_file.process_schema import (
@@ -14,7 +14,11 @@ from machopt.cell.process_file.process_schema import (
     ProcessKeys,
     ToleranceKeys,
 )
-from machopt.data_types.cutting_coefficients import DrillingCoefficients, MillingCoefficients
+from machopt.data_types.cutting_coefficients import (
+    DrillingCoefficients,
+    MillingCoefficients,
+    convert_spread_to_sigma,
+)
 from machopt.data_types.plan_options import ProcessForce
 from machopt.data_types.process import (
     CuttingMaterial,
@@ -66,7 +70,7 @@ def convert_spread(percent: float | None) -> float:
     Args:
         percent: Spread in percent: the factor 1 + percent/100 is one sigma away.
     """
-    return 0.0 if percent is None else log1p(percent / 100.0)
+    return 0.0 if percent is None else convert_spread_to_sigma(percent)
 
 
 def _build_material(document: YamlDocument, name: str, keys: MaterialKeys) -> CuttingMaterial:

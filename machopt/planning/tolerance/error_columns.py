@@ -28,7 +28,7 @@ from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
 ROWS = 4096  # poses at a time
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TargetPoses:
     """M poses of one plan, in base_link."""
 

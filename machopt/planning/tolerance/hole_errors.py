@@ -24,7 +24,7 @@ from machopt.process.binding.point_loads import compute_mean_wear
 ENTRY, EXIT = 0, 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class HoleErrorModel:
     """Linear error model of H holes."""
 
@@ -78,15 +78,15 @@ def build_hole_model(
         scatter.append(compute_position_scatter(plan, pose, reference, wrench))
     discrepancy = plan.setup.elasticity.stiffness.discrepancy
     return HoleErrorModel(
-        targets,
-        poses,
-        (axial[ENTRY], axial[EXIT]),
-        (turning[ENTRY], turning[EXIT]),
-        (lateral[ENTRY], lateral[EXIT]),
-        (scatter[ENTRY], scatter[EXIT]),
-        process,
-        spread,
-        0.0 if discrepancy is None else discrepancy.local,
+        targets=targets,
+        poses=poses,
+        axial=(axial[ENTRY], axial[EXIT]),
+        turning=(turning[ENTRY], turning[EXIT]),
+        lateral=(lateral[ENTRY], lateral[EXIT]),
+        scatter=(scatter[ENTRY], scatter[EXIT]),
+        process=process,
+        spread=spread,
+        local=0.0 if discrepancy is None else discrepancy.local,
     )
 
 

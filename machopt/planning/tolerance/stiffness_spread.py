@@ -22,7 +22,7 @@ from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState, find_gr
 SpreadKind = Literal["discrepancy", "covariance", "grid", "percent", "unknown"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StiffnessSpread:
     """Random part of a stiffness file."""
 
@@ -48,7 +48,13 @@ class StiffnessSpread:
             values, vectors = np.linalg.eigh(stiffness.covariance)
             root = vectors * np.sqrt(np.maximum(values, 0.0))
         discrepancy = DiscrepancyModel.of(elasticity) if kind == "discrepancy" else None
-        return cls(kind, elasticity, discrepancy, root, _build_term_variants(elasticity, limits))
+        return cls(
+            kind=kind,
+            elasticity=elasticity,
+            discrepancy=discrepancy,
+            covariance_root=root,
+            term_variants=_build_term_variants(elasticity, limits),
+        )
 
     @property
     def is_known(self) -> bool:

@@ -25,7 +25,7 @@ from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
 BLOCK = 512  # points at a time
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SurfaceErrorModel:
     """Linear error model of S milled points along their surface normals."""
 

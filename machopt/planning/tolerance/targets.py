@@ -21,7 +21,7 @@ from machopt.process.binding.point_loads import PointLoads
 _UP = {"cw": 1.0, "ccw": -1.0}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class HoleTargets:
     """H holes with a tolerance."""
 

@@ -18,7 +18,7 @@ from machopt.verification.motion.process.mill_load import compute_mill_load
 _OTHER_SIDE: dict[str, Literal["up", "down", "slot"]] = {"up": "down", "down": "up", "slot": "slot"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecomputedLoads:
     """Loads of N points; NaN where no operation of process.yaml holds."""
 
@@ -85,7 +85,9 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
     arm = force.copy()
     pressed = clamp > 0
     arm[pressed, 2] = np.maximum(arm[pressed, 2], clamp[pressed])
-    return RecomputedLoads(force, moment, arm, operation, side, tuple(holes))
+    return RecomputedLoads(
+        force=force, moment=moment, arm_force=arm, operation=operation, side=side, holes=tuple(holes)
+    )
 
 
 def _add_milling(

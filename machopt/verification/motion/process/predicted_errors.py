@@ -27,7 +27,7 @@ from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
 
-@dataclass
+@dataclass(frozen=True, kw_only=True)
 class PredictedErrors:
     """Errors of N points, SI; NaN where there is none."""
 
@@ -39,7 +39,7 @@ class PredictedErrors:
     p_in: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Pose:
     """One pose with its joint part and the rest of the compliance."""
 
@@ -74,7 +74,8 @@ def predict_errors(
         law: Compliance of the arm.
     """
     n = len(toolpath)
-    out = PredictedErrors(*(np.full(n, np.nan) for _ in range(6)))
+    names = ("along", "across", "normal", "axis", "size", "p_in")
+    out = PredictedErrors(**{name: np.full(n, np.nan) for name in names})
     predictor = _Predictor(cell, toolpath, loads, motion, points, arm, law)
     for hole in loads.holes:
         predictor.add_hole(hole, out)
@@ -219,7 +220,16 @@ class _Predictor:
         shift = np.zeros(3)
         if self.points.shift is not None:
             shift = (1 - f) * self.points.shift[low] + f * self.points.shift[high]
-        return _Pose(R @ axis, R @ self.side[low], R, position, J, joints, rest, R @ shift)
+        return _Pose(
+            axis=R @ axis,
+            travel=R @ self.side[low],
+            R=R,
+            place=position,
+            J=J,
+            joints=joints,
+            rest=rest,
+            offset=R @ shift,
+        )
 
     def _draw_part(self, one: ProcessOperation, rng: np.random.Generator) -> Array:
         covariance = self.cell.workpiece.pose_covariance
