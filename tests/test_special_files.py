@@ -43,9 +43,14 @@ def _socket(file: Path) -> None:
         os.chdir(here)
 
 
+HUGE = 3 << 30  # bytes, all of them zero
+HUGE_SHA256 = "305b66a59d15b252092fbda9d09711230c429f351897cbd430e7b55a35fd3b97"
+
+
 def _huge(file: Path) -> None:
+    file.unlink(missing_ok=True)
     file.touch()
-    os.truncate(file, 3 << 30)
+    os.truncate(file, HUGE)
 
 
 KINDS = (_pipe, _zeros, _socket, _huge)
@@ -80,7 +85,7 @@ def test_view_and_optimize_answer(kind: Callable[[Path], None], name: str, plann
 def test_a_huge_file_that_is_listed(planned: Job, tmp_path: Path) -> None:
     job = copy_job(planned, tmp_path)
     _huge(job.out / "points.csv")
-    update_manifest_hashes(job.out)
+    update_manifest_hashes(job.out, {"points.csv": HUGE_SHA256})
     assert main(["verify", str(job.cell), str(job.toolpath), str(job.out), "--quiet"]) == 4
 
 

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,20 +96,28 @@ def copy_job(job: Job, folder: Path) -> Job:
     return Job(folder / "cell", folder / job.toolpath.name, folder / "out", job.posts)
 
 
-def update_manifest_hashes(out: Path) -> None:
-    """Make result.json's and the manifest's hashes fit what lies in the folder, as a forger would."""
+def update_manifest_hashes(out: Path, known: Mapping[str, str] | None = None) -> None:
+    """Make result.json's and the manifest's hashes fit what lies in the folder, as a forger would.
+
+    Args:
+        out: the output folder.
+        known: SHA-256 of files that are not worth reading, by name.
+    """
+    known = known or {}
+    hashes = {name: known.get(name) or compute_sha256(out / name) for name in list_folder_files(out) - {MANIFEST}}
     with edit_json(out / "result.json") as result:
-        own = {"result.json", MANIFEST}
-        result["outputs"] = {name: compute_sha256(out / name) for name in sorted(list_folder_files(out) - own)}
+        result["outputs"] = {name: hashes[name] for name in sorted(hashes.keys() - {"result.json"})}
+    if "result.json" in hashes:
+        hashes["result.json"] = compute_sha256(out / "result.json")
     with edit_json(out / MANIFEST) as manifest:
         roles = {name: item["role"] for name, item in manifest["files"].items()}
         manifest["files"] = {
             name: {
                 "role": roles.get(name, "other"),
-                "sha256": compute_sha256(out / name),
+                "sha256": hashes[name],
                 "size": (out / name).stat().st_size,
             }
-            for name in sorted(list_folder_files(out) - {MANIFEST})
+            for name in sorted(hashes)
         }
         manifest["seal"] = compute_seal(manifest)
 
