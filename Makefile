@@ -3,11 +3,11 @@
 # make proofs  statistics over many records, torture by kills: some minutes more
 # make lint    format, lint, imports, types
 # make check   lint, test, proofs   make clean   remove .venv, .venv-lowest, .venv-docs and out/
-# make coverage  all tests, counting branches: fails where a package of tests/branches.py falls below its floor
+# make coverage  all tests, counting branches: fails where a package of tests/branch_coverage.py falls below its floor
 # make lowest  the quick tests on the lowest versions that pyproject.toml allows, in .venv-lowest
 # make docs    the documentation as pages in out/docs, every link checked; built in .venv-docs, without machopt
 # make nightly all tests with twenty times as many examples of each property, drawn anew
-# make slow    all tests once, one process, to write tests/slow.txt and seconds.txt anew: what `quick` leaves out, what
+# make slow    all tests once, one process, to write tests/slow_tests.txt and module_durations.txt anew: what `quick` leaves out, what
 #              goes first
 PYTHON ?= python3
 VENV   ?= .venv
@@ -42,7 +42,7 @@ proofs: $(VENV)/.compiled
 
 coverage: $(VENV)/.compiled
 	$(PYTEST) -m 'not proof' --cov --cov-report=
-	$(BIN)/python tests/branches.py
+	$(BIN)/python tests/branch_coverage.py
 
 nightly: $(VENV)/.compiled
 	HYPOTHESIS_PROFILE=nightly $(PYTEST) -m 'not proof'
@@ -74,7 +74,7 @@ $(VENV)/.python:
 	$(PYTHON) -m venv $(VENV)
 	@touch $@
 
-# Packages come from the lock files, each by version and hash; benchmarks/lock.sh makes these anew. Then machopt itself.
+# Packages come from the lock files, each by version and hash; benchmarks/update_lock_files.sh makes these anew. Then machopt itself.
 PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SELF := $(PIP) --no-deps --no-build-isolation
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from linuxcnc.compare import Outcome, compare
-from linuxcnc.programs import program
+from linuxcnc.point_comparison import Outcome, compare
+from linuxcnc.random_programs import program
 
 BAD = ("differ", "only machopt refuses", "only rs274 refuses")
 

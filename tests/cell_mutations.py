@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from damaged_cell import make
-from mutations import within
+from minimal_cell_files import write_minimal_cell
+from program_mutations import limit_time
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.stiffness_file import load_stiffness
@@ -79,7 +79,7 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]{2,}")
 
 
-def damaged(text: str, rng: random.Random) -> str:
+def damage_text(text: str, rng: random.Random) -> str:
     """One to three faults in a text file."""
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         lines = text.split("\n")
@@ -88,12 +88,12 @@ def damaged(text: str, rng: random.Random) -> str:
             case 0 | 1 | 2:
                 text = _replaced(text, _NUMBER, rng, lambda _: rng.choice(WILD))
             case 10 | 11 | 12:
-                text = _replaced(text, _NUMBER, rng, lambda number: another(number, rng))
+                text = _replaced(text, _NUMBER, rng, lambda number: change_number(number, rng))
             case 13:
                 tag = rng.choice(re.findall(r"</(\w+)>", text) or ["x"])  # a whole element
-                text = re.sub(rf"(</?){tag}\b", rf"\g<1>{misspelt(tag, rng)}", text, count=2)
+                text = re.sub(rf"(</?){tag}\b", rf"\g<1>{misspell_word(tag, rng)}", text, count=2)
             case 3 | 4:
-                text = _replaced(text, _WORD, rng, lambda word: misspelt(word, rng))
+                text = _replaced(text, _WORD, rng, lambda word: misspell_word(word, rng))
             case 5:
                 del lines[at]
                 text = "\n".join(lines)
@@ -112,13 +112,13 @@ def damaged(text: str, rng: random.Random) -> str:
     return text
 
 
-def another(number: str, rng: random.Random) -> str:
+def change_number(number: str, rng: random.Random) -> str:
     """Another number: in other units, of the other sign, a little off."""
     value = float(number) * rng.choice((1e3, 1e-3, 57.29577951308232, 0.017453292519943295, -1.0, 1.01, 2.0, 1e-6))
     return f"{value:.9g}"
 
 
-def misspelt(word: str, rng: random.Random) -> str:
+def misspell_word(word: str, rng: random.Random) -> str:
     k = rng.randrange(len(word))
     return rng.choice(
         (
@@ -167,7 +167,7 @@ def damaged_bytes(data: bytes, rng: random.Random) -> bytes:
                 out[at:at] = out[at : at + 50]
             case _:
                 text = out.decode("latin-1")
-                by = (lambda _: rng.choice(WILD)) if rng.random() < 0.5 else (lambda number: another(number, rng))
+                by = (lambda _: rng.choice(WILD)) if rng.random() < 0.5 else (lambda number: change_number(number, rng))
                 out = bytearray(_replaced(text, _NUMBER, rng, by).encode("latin-1", "replace"))
     return bytes(out)
 
@@ -309,7 +309,7 @@ class Case:
     """The damaged versions of one format."""
 
     def __init__(self, name: str, place: Path) -> None:
-        self.name, self.folder = name, make(place / name)
+        self.name, self.folder = name, write_minimal_cell(place / name)
         self._meshes = _meshes() if name == "mesh" else []
         if name == "recording":
             self.sound = {"recording.yaml": RECORDING, "data.csv": _readings()}
@@ -350,7 +350,7 @@ class Case:
                 sane_options(self._options(rng))
 
     def _write(self, name: str, rng: random.Random) -> None:
-        text = damaged(self.sound[name], rng)
+        text = damage_text(self.sound[name], rng)
         (self.folder / name).write_text(text, encoding="utf-8", errors="surrogatepass", newline="")
 
     def _options(self, rng: random.Random) -> PlanOptions:
@@ -359,11 +359,11 @@ class Case:
             key = rng.choice(
                 [*OptionKeys.model_fields, "force_N.normal", "weights.mean", "fixed.point", "machopt_plan"]
             )
-            key = misspelt(key, rng) if rng.random() < 0.2 else key
+            key = misspell_word(key, rng) if rng.random() < 0.2 else key
             value = rng.choice((*WILD, *OPTION_VALUES))
             if key in DEFAULTS and rng.random() < 0.6:
                 value = str(DEFAULTS[key]).replace("'", "").lower()
-                value = value if rng.random() < 0.3 else _replaced(value, _NUMBER, rng, lambda n: another(n, rng))
+                value = value if rng.random() < 0.3 else _replaced(value, _NUMBER, rng, lambda n: change_number(n, rng))
             words.append(
                 rng.choice((f"{key}={value}", f"{key} = {value}", f"{key}:{value}", f"{key}.{key}={value}"))
                 if rng.random() < 0.2
@@ -373,7 +373,7 @@ class Case:
             return load_options(overrides=words)
         plan = self.folder / "plan.yaml"
         text = "\n".join(word.replace("=", ": ", 1) for word in words)
-        plan.write_text(damaged(text, rng) if rng.random() < 0.5 else text, errors="surrogatepass")
+        plan.write_text(damage_text(text, rng) if rng.random() < 0.5 else text, errors="surrogatepass")
         return load_options(plan_file=plan)
 
 
@@ -408,7 +408,7 @@ def run(case: Case, count: int, rng: random.Random) -> Counter[str]:
     """
     out: Counter[str] = Counter()
     for _ in range(count):
-        with within(HANG):
+        with limit_time(HANG):
             try:
                 case.try_one(rng)
                 out["read"] += 1

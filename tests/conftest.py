@@ -20,13 +20,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
 import pytest
-from examples import examples
+from property_example_count import scale_example_count
 
 ROOT = Path(__file__).resolve().parents[1]
 EXPECTED_SKIPS = (
     r"(is|are) not here",  # the real data beside a development checkout
     r"is absent",
-    r"the pages' scripts are not exercised",  # no browser: not in CI, where tests/browser.py fails
+    r"the pages' scripts are not exercised",  # no browser: not in CI, where tests/browser_driver.py fails
     r"could not import 'eaik",  # a third independent solver, with thirty packages behind it: extra `compare`
     r"rs274 \(linuxcnc-uspace\) is not installed",
     r"POSIX signals",
@@ -39,7 +39,7 @@ hypothesis.settings.register_profile(  # the same examples in every run, whateve
 )
 hypothesis.settings.register_profile("dev", deadline=None)
 hypothesis.settings.register_profile(  # `make nightly`: other examples each time, and many; a failure prints its blob
-    "nightly", deadline=None, max_examples=examples(100), database=None, print_blob=True
+    "nightly", deadline=None, max_examples=scale_example_count(100), database=None, print_blob=True
 )
 PROFILE = os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "dev")
 hypothesis.settings.load_profile(PROFILE)
@@ -49,11 +49,11 @@ _seconds: defaultdict[str, float] = defaultdict(float)
 _longest: defaultdict[str, float] = defaultdict(float)
 _begun = [0.0]
 PROCESSOR = "processor_s"
-SLOW = Path(__file__).with_name("slow.txt")
+SLOW = Path(__file__).with_name("slow_tests.txt")
 """No part of `quick`: tests of which one case took LONG seconds of processor time or more when they were recorded
 (``--record-slow``), and modules that took LONG_MODULE seconds in all, their fixtures included."""
 LONG, LONG_MODULE = 0.3, 10.0
-SECONDS = Path(__file__).with_name("seconds.txt")
+SECONDS = Path(__file__).with_name("module_durations.txt")
 """What each module took of the processor when it was recorded, the longest first, from NOTED seconds on: the order of a
 run."""
 NOTED = 1.0

@@ -9,7 +9,7 @@ import pytest
 
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, JointLimits, Tool, Workpiece
 
-OWN = Path(__file__).resolve().parent / "real" / "robots"  # SOURCES.md says whose
+OWN = Path(__file__).resolve().parent / "vendored_files" / "robots"  # SOURCES.md says whose
 BESIDE = (
     Path(__file__).resolve().parents[2] / "shared" / "data" / "robots"
 )  # more of them, beside a development checkout

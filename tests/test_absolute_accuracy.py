@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_cli import PASS, changed_cell, optimize, toolpath
-from test_kinematics import ALL, joints
+from test_kinematics_file import ALL, joints
 
 from machopt.cell.absolute_accuracy import KEY
 from machopt.cell.cell_reader import load_cell

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from damages.damage import CELLS, HEADER, PASS
+from output_damage.damage_case import CELLS, HEADER, PASS
 
 import machopt
 import machopt.api

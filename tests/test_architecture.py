@@ -8,6 +8,8 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -53,13 +55,34 @@ HEAVY = (
 )
 
 
-def count_code_lines(path: Path) -> int:
+@dataclass(frozen=True)
+class SourceFile:
+    text: str
+    tree: ast.Module
+
+
+@pytest.fixture(scope="module")
+def sources() -> dict[Path, SourceFile]:
+    """Every file of the package, read and parsed once."""
+    texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
+    return {path: SourceFile(text, ast.parse(text)) for path, text in texts.items()}
+
+
+def list_definitions(body: list[ast.stmt]) -> Iterator[ast.ClassDef | ast.FunctionDef]:
+    """Classes and functions of a body, those within them too; code does not define any elsewhere."""
+    for node in body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            yield node
+            yield from list_definitions(node.body)
+
+
+def count_code_lines(source: SourceFile) -> int:
     """Lines that hold code: no docstrings, comments or blank lines."""
-    text = path.read_text(encoding="utf-8")
+    text = source.text
     documented = {
         line
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, clean=False)
+        for node in [source.tree, *list_definitions(source.tree.body)]
+        if ast.get_docstring(node, clean=False)
         for line in range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1)
     }
     held = {n for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")}
@@ -122,10 +145,10 @@ def test_a_walk_from_the_command_to_a_price_of_a_plan_crosses_eight_files() -> N
     assert "w.clearance" in (PACKAGE / files[-1]).read_text(encoding="utf-8")
 
 
-def test_commands_hold_no_science() -> None:
+def test_commands_hold_no_science(sources: dict[Path, SourceFile]) -> None:
     """They load, call and write: what is longer does more than that, or says why."""
     folder = PACKAGE / "commands"
-    lines = {p.relative_to(folder).as_posix(): count_code_lines(p) for p in folder.rglob("*.py")}
+    lines = {p.relative_to(folder).as_posix(): count_code_lines(s) for p, s in sources.items() if folder in p.parents}
     assert len(lines) > 30
     assert {name for name, n in lines.items() if n > COMMAND_LINES} == set(LONGER_COMMANDS)
 
@@ -135,8 +158,8 @@ def test_top_level_is_the_agreed_one() -> None:
     assert found - MADE <= TOP_LEVEL
 
 
-def test_files_are_short_or_say_why_not() -> None:
-    lines = {p.relative_to(PACKAGE).as_posix(): count_code_lines(p) for p in PACKAGE.rglob("*.py")}
+def test_files_are_short_or_say_why_not(sources: dict[Path, SourceFile]) -> None:
+    lines = {path.relative_to(PACKAGE).as_posix(): count_code_lines(source) for path, source in sources.items()}
     long = {name for name, n in lines.items() if n > MOST_LINES}
     assert long == set(LONGER)
 
@@ -195,11 +218,11 @@ def test_the_model_asks_terms_and_no_types() -> None:
     assert asked == []
 
 
-def test_nouns_of_more_than_five_fields_are_keyword_only() -> None:
+def test_nouns_of_more_than_five_fields_are_keyword_only(sources: dict[Path, SourceFile]) -> None:
     """A call with six values in a row is read by nobody."""
     found = []
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for path, source in sources.items():
+        for node in list_definitions(source.tree.body):
             if not isinstance(node, ast.ClassDef):
                 continue
             told = [t for t in map(ast.unparse, node.decorator_list) if t.startswith("dataclass")]
@@ -212,14 +235,13 @@ def test_nouns_of_more_than_five_fields_are_keyword_only() -> None:
     assert found == []
 
 
-def test_nothing_is_kept_that_nothing_uses() -> None:
+def test_nothing_is_kept_that_nothing_uses(sources: dict[Path, SourceFile]) -> None:
     """A function or class of the package is named elsewhere in it; what tests alone need stands with them."""
-    files = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
-    named = Counter(word for text in files.values() for word in re.findall(r"[A-Za-z_]\w*", text))
+    named = Counter(word for source in sources.values() for word in re.findall(r"[A-Za-z_]\w*", source.text))
     found = []
-    for path, text in files.items():
-        lines = text.splitlines()
-        for node in ast.parse(text).body:
+    for path, source in sources.items():
+        lines = source.text.splitlines()
+        for node in source.tree.body:
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
                 own = "\n".join(lines[node.lineno - 1 : node.end_lineno])
                 if named[node.name] <= len(re.findall(rf"\b{node.name}\b", own)):

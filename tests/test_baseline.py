@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from small_cell import pose, small_cell
-from test_path import Rows, at_point, toolpath
+from test_planning_path import Rows, at_point, toolpath
 
 from machopt.data_types.cell import Cell, Tool, Workpiece
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from batch_stub import CELL, contents, folder_of, request_for, times_run
+from batch_stub_jobs import CELL, contents, folder_of, request_for, times_run
 
 from machopt.batch.job_supervisor import JobSpec, ProcessServer
 from machopt.batch.request import BatchProgress, BatchRequest, BatchResult
@@ -129,7 +129,7 @@ def test_a_process_for_each_job_where_forking_is_not_safe(tmp_path: Path) -> Non
     for name, how in (("good", "ended"), ("boom", "crashed"), ("deaf", "time")):
         work = tmp_path / name
         work.mkdir()
-        server = ProcessServer("test", "batch_stub", forks=False)
+        server = ProcessServer("test", "batch_stub_jobs", forks=False)
         job = {"request": {"toolpath": str(jobs / f"{name}.nc")}}
         try:
             # 60 s are for the start of an interpreter on a busy machine; the deaf one gets 0.5 s
@@ -140,7 +140,7 @@ def test_a_process_for_each_job_where_forking_is_not_safe(tmp_path: Path) -> Non
                     key="key",
                     batch="test",
                     work=str(tmp_path),
-                    entry="batch_stub",
+                    entry="batch_stub_jobs",
                     job=job,
                     time_limit=limit,
                     memory_limit=None,

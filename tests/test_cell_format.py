@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import trimesh
 import yaml as other_yaml
-from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from property_example_count import scale_example_count
 from small_cell import robot_folder
 
 from machopt.cell.cell_reader import load_cell
@@ -582,7 +582,7 @@ def test_stiffness_refusals(tmp_path: Path, text: str, parts: list[str]) -> None
     expect(str(caught.value), str(file), *parts)
 
 
-@settings(max_examples=examples(25), deadline=None)
+@settings(max_examples=scale_example_count(25), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     rng = np.random.default_rng(seed)

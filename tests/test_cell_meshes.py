@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from damaged_cell import change, make, refusal
+from minimal_cell_files import read_refusal_message, replace_in_file, write_minimal_cell
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.mesh import read_surface
@@ -21,7 +21,7 @@ FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    return make(tmp_path / "cell")
+    return write_minimal_cell(tmp_path / "cell")
 
 
 def exported(kind: str, mesh: trimesh.Trimesh = BOX, **options: str) -> bytes:
@@ -92,13 +92,13 @@ DAMAGES = [  # suffix, content, what the refusal says
 def test_a_damaged_mesh_of_the_tool_is_refused(folder: Path, suffix: str, data: bytes, parts: list[str]) -> None:
     name = f"broken.{suffix}" if suffix else "broken"
     (folder / name).write_bytes(data)
-    line = change(folder, "mesh: spindle.stl", f"mesh: {name}")
-    refusal(folder, f"cell.yaml: line {line}: tool.geometry[0].mesh: mesh {name}", *parts)
+    line = replace_in_file(folder, "mesh: spindle.stl", f"mesh: {name}")
+    read_refusal_message(folder, f"cell.yaml: line {line}: tool.geometry[0].mesh: mesh {name}", *parts)
 
 
 def test_a_damaged_mesh_of_a_link_is_refused_at_its_line(folder: Path) -> None:
     (folder / "link.stl").write_bytes(STL[:-1])
-    refusal(folder, "robot.urdf: line 47: collision mesh of link 'l6': mesh link.stl is cut")
+    read_refusal_message(folder, "robot.urdf: line 47: collision mesh of link 'l6': mesh link.stl is cut")
 
 
 def test_sound_files_of_every_type_load_and_planner_and_verifier_see_the_same_body(folder: Path) -> None:
@@ -114,7 +114,7 @@ def test_sound_files_of_every_type_load_and_planner_and_verifier_see_the_same_bo
     }.items():
         (folder / name).write_bytes(data)
         old = (folder / "cell.yaml").read_text()
-        change(folder, "mesh: spindle.stl", f"mesh: {name}")
+        replace_in_file(folder, "mesh: spindle.stl", f"mesh: {name}")
         assert load_cell(folder).warnings == ()
         (folder / "cell.yaml").write_text(old)
         seen = coal.MeshLoader().load(str(folder / name), np.ones(3))
@@ -132,18 +132,20 @@ def test_sound_files_of_every_type_load_and_planner_and_verifier_see_the_same_bo
 )
 def test_another_unit_is_told_with_what_would_work(folder: Path, size: float, parts: list[str]) -> None:
     (folder / "spindle.stl").write_bytes(exported("stl", BOX.copy().apply_scale(size)))
-    refusal(folder, "tool.geometry[0].mesh", *parts)
-    change(folder, "mesh: spindle.stl", f"mesh: spindle.stl, scale: {1 / size}")
+    read_refusal_message(folder, "tool.geometry[0].mesh", *parts)
+    replace_in_file(folder, "mesh: spindle.stl", f"mesh: spindle.stl, scale: {1 / size}")
     assert load_cell(folder).warnings == ()
 
 
 def test_a_link_in_another_unit(folder: Path) -> None:
     (folder / "link.stl").write_bytes(exported("stl", BOX.copy().apply_scale(1e3)))
-    refusal(folder, "robot.urdf: line 47", 'scale="0.001 0.001 0.001" in the URDF would work')
-    change(folder, 'filename="link.stl"', 'filename="link.stl" scale="0.001 0.001 0.001"', "robot.urdf")
+    read_refusal_message(folder, "robot.urdf: line 47", 'scale="0.001 0.001 0.001" in the URDF would work')
+    replace_in_file(folder, 'filename="link.stl"', 'filename="link.stl" scale="0.001 0.001 0.001"', "robot.urdf")
     assert load_cell(folder).warnings == ()
-    change(folder, 'size="0.2 0.2 0.3"', 'size="200 200 300"', "robot.urdf", 1)
-    refusal(folder, "robot.urdf: line 7: collision of link 'l1': a box is 300 m wide", "0.001 times as large")
+    replace_in_file(folder, 'size="0.2 0.2 0.3"', 'size="200 200 300"', "robot.urdf", 1)
+    read_refusal_message(
+        folder, "robot.urdf: line 7: collision of link 'l1': a box is 300 m wide", "0.001 times as large"
+    )
 
 
 def test_open_and_inward_surfaces_are_said_with_what_that_means(folder: Path) -> None:
@@ -161,14 +163,16 @@ def test_open_and_inward_surfaces_are_said_with_what_that_means(folder: Path) ->
 def test_a_huge_file_is_refused_unread(folder: Path) -> None:
     with (folder / "spindle.stl").open("wb") as file:
         file.truncate(3 << 30)
-    refusal(folder, "tool.geometry[0].mesh", "spindle.stl holds 3 GiB; expected a mesh of at most 128 MiB")
+    read_refusal_message(folder, "tool.geometry[0].mesh", "spindle.stl holds 3 GiB; expected a mesh of at most 128 MiB")
 
 
 def test_millions_of_triangles_are_refused_before_they_are_laid_out(folder: Path) -> None:
     with (folder / "spindle.stl").open("wb") as file:
         file.write(bytes(80) + struct.pack("<I", 2_500_000))
         file.truncate(84 + 50 * 2_500_000)
-    refusal(folder, "tool.geometry[0].mesh", "holds 2500000 triangles; expected at most 2000000", "decimated")
+    read_refusal_message(
+        folder, "tool.geometry[0].mesh", "holds 2500000 triangles; expected at most 2000000", "decimated"
+    )
 
 
 def test_a_mesh_may_not_be_a_pipe_or_a_folder(folder: Path) -> None:
@@ -176,15 +180,15 @@ def test_a_mesh_may_not_be_a_pipe_or_a_folder(folder: Path) -> None:
 
     (folder / "spindle.stl").unlink()
     os.mkfifo(folder / "spindle.stl")
-    refusal(folder, "tool.geometry[0].mesh", "spindle.stl is a named pipe")
+    read_refusal_message(folder, "tool.geometry[0].mesh", "spindle.stl is a named pipe")
     (folder / "spindle.stl").unlink()
     (folder / "spindle.stl").mkdir()
-    refusal(folder, "tool.geometry[0].mesh", "spindle.stl is a directory")
+    read_refusal_message(folder, "tool.geometry[0].mesh", "spindle.stl is a directory")
     (folder / "spindle.stl").rmdir()
     (folder / "spindle.stl").symlink_to("spindle.stl")
-    refusal(folder, "tool.geometry[0].mesh", "links in a circle")
-    change(folder, "spindle.stl", "x" * 300 + ".stl")
-    refusal(folder, "tool.geometry[0].mesh", "no such file: xxx")
+    read_refusal_message(folder, "tool.geometry[0].mesh", "links in a circle")
+    replace_in_file(folder, "spindle.stl", "x" * 300 + ".stl")
+    read_refusal_message(folder, "tool.geometry[0].mesh", "no such file: xxx")
 
 
 @pytest.mark.parametrize("name", ["pipe", "/dev/zero", "../outside.mtl", "link.mtl", "."])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from damaged_cell import change, make, refusal, urdf
+from minimal_cell_files import read_refusal_message, replace_in_file, urdf, write_minimal_cell
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.urdf import read_urdf
@@ -16,7 +16,7 @@ from machopt.kinematics.robot import load_chain, load_masses
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    return make(tmp_path / "cell")
+    return write_minimal_cell(tmp_path / "cell")
 
 
 def test_the_sound_cell_has_every_body_and_mass(folder: Path) -> None:
@@ -122,32 +122,32 @@ def test_damages_are_refused_with_file_and_line(folder: Path, old: str, new: str
         line = 6  # of the body
     elif old == "</robot>":
         line = 96  # the file ends there
-    refusal(folder, "robot.urdf", f"line {line}", *parts)
+    read_refusal_message(folder, "robot.urdf", f"line {line}", *parts)
 
 
 def test_billion_laughs_are_refused_unexpanded(folder: Path) -> None:
     laughs = "".join(f'<!ENTITY l{n} "{f"&l{n - 1};" * 10}">' for n in range(1, 10))
     text = urdf().replace('<robot name="r">', f'<!DOCTYPE r [<!ENTITY l0 "ha">{laughs}]>\n<robot name="&l9;">')
     (folder / "robot.urdf").write_text(text)
-    refusal(folder, "robot.urdf", "line 1", "document type")
+    read_refusal_message(folder, "robot.urdf", "line 1", "document type")
 
 
 @pytest.mark.parametrize("text", ["", " \n", "<robot", "\ufeff", "<robot>\0</robot>"])
 def test_empty_and_cut_files(folder: Path, text: str) -> None:
     (folder / "robot.urdf").write_text(text)
-    refusal(folder, "robot.urdf")
+    read_refusal_message(folder, "robot.urdf")
 
 
 def test_other_encodings_are_refused(folder: Path) -> None:
     (folder / "robot.urdf").write_bytes(urdf().replace("l1", "ä1").encode("latin-1"))
-    refusal(folder, "robot.urdf", "line 2", "not UTF-8")
+    read_refusal_message(folder, "robot.urdf", "line 2", "not UTF-8")
     (folder / "robot.urdf").write_bytes(urdf().encode("utf-16"))
-    refusal(folder, "robot.urdf", "not UTF-8")
+    read_refusal_message(folder, "robot.urdf", "not UTF-8")
 
 
 def test_deep_nesting_is_stopped(folder: Path) -> None:
     (folder / "robot.urdf").write_text('<robot name="r">' + "<gazebo>" * 100_000)
-    refusal(folder, "robot.urdf", "line 1", "nested deeper than 100 levels")
+    read_refusal_message(folder, "robot.urdf", "line 1", "nested deeper than 100 levels")
 
 
 def test_what_others_keep_in_a_urdf_is_counted_and_not_refused(folder: Path) -> None:
@@ -173,7 +173,7 @@ def test_what_others_keep_in_a_urdf_is_counted_and_not_refused(folder: Path) -> 
 
 
 def test_strange_elements_beside_the_links_are_warned_of(folder: Path) -> None:
-    line = change(folder, '<link name="base"/>', '<link name="base"/><weather wind="3"/>', "robot.urdf")
+    line = replace_in_file(folder, '<link name="base"/>', '<link name="base"/><weather wind="3"/>', "robot.urdf")
     assert f"line {line}: <weather> is no element of a URDF; it was not read" in load_cell(folder).warnings[0]
 
 
@@ -187,7 +187,7 @@ def test_strange_elements_beside_the_links_are_warned_of(folder: Path) -> None:
     ],
 )
 def test_what_is_merely_odd_is_a_warning(folder: Path, old: str, new: str, part: str, place: int) -> None:
-    line = change(folder, old, new, "robot.urdf", 1)
+    line = replace_in_file(folder, old, new, "robot.urdf", 1)
     warnings = load_cell(folder).warnings
     assert any(part in w for w in warnings), warnings
     assert f"line {line + place}" in warnings[0]
@@ -203,7 +203,7 @@ def test_a_link_that_is_only_drawn_is_named(folder: Path) -> None:
 def test_the_robot_model_counts_its_bodies(folder: Path) -> None:
     """Whatever the strict reader lets through: a body that the model's own parser drops is not lost."""
     cell = load_cell(folder)
-    change(folder, BOX, '<capsule radius="0.1" length="0.3"/>', "robot.urdf", 1)
+    replace_in_file(folder, BOX, '<capsule radius="0.1" length="0.3"/>', "robot.urdf", 1)
     with pytest.raises(InputError, match=r"robot\.urdf: describes 6 collision bodies, of which the robot model has 5"):
         load_chain(cell)
 
@@ -223,6 +223,6 @@ def test_the_verifier_counts_bodies_by_its_own_reading(folder: Path) -> None:
         ]
 
     assert not lost()
-    change(folder, BOX, '<capsule radius="0.1" length="0.3"/>', "robot.urdf", 1)
+    replace_in_file(folder, BOX, '<capsule radius="0.1" length="0.3"/>', "robot.urdf", 1)
     (where,) = lost()
     assert "was not loaded" in where

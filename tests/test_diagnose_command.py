@@ -15,7 +15,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_loads import ARCMIN, CELLS, Truth, arm, clicking, load_tests, planned, stand
+from simulated_hidden_effects import (
+    ARCMIN,
+    CELLS,
+    HiddenEffects,
+    arm,
+    build_rough_backlash,
+    load_tests,
+    plan_load_tests,
+    solve_equilibrium,
+)
 
 from machopt.cell.kinematics_file import load_kinematics
 from machopt.cell.stiffness.stiffness_file import load_stiffness
@@ -52,14 +61,14 @@ def recorded(folder: Path, truth=None, *, cell: Path = CELL, force: float = 1500
     rng = np.random.default_rng(8)
     a = arm(cell.name)
     k = a.nominal * rng.uniform(0.8, 1.25, 6)
-    plan = planned(a, rng, **(SMALL | {"force": force} | design))
-    recording = load_tests(a, Truth(k) if truth is None else truth(k), plan, rng)
+    plan = plan_load_tests(a, rng, **(SMALL | {"force": force} | design))
+    recording = load_tests(a, HiddenEffects(k) if truth is None else truth(k), plan, rng)
     write_recording(folder, recording)
     return recording
 
 
-def soft_link(k: np.ndarray) -> Truth:
-    return Truth(k, hinges={3: np.diag([1.0, 0.8, 1.2]) * 0.7 / k[2]})
+def soft_link(k: np.ndarray) -> HiddenEffects:
+    return HiddenEffects(k, hinges={3: np.diag([1.0, 0.8, 1.2]) * 0.7 / k[2]})
 
 
 def run(out: Path, recording: Path, *options: str, cell: Path = CELL, code: int = 0) -> dict:
@@ -144,9 +153,9 @@ def test_a_zero_offset_goes_into_kinematics(tmp_path: Path, capsys: pytest.Captu
     a = arm(CELL.name)
     zero = np.zeros(6)
     zero[2] = 3e-4
-    plan = planned(a, rng, poses=50, sessions=2, loads=1, directions=1, force=1e-6)
+    plan = plan_load_tests(a, rng, poses=50, sessions=2, loads=1, directions=1, force=1e-6)
     plan = replace(plan, loaded=~plan.loaded)
-    p, _, _, _ = stand(a, Truth(a.nominal * 1.1, zero=zero), plan)
+    p, _, _, _ = solve_equilibrium(a, HiddenEffects(a.nominal * 1.1, zero=zero), plan)
     keep = plan.loaded
     N = int(keep.sum())
     write_recording(
@@ -182,14 +191,14 @@ def test_a_law_of_one_s_own_is_named_where_it_is_true_and_nowhere_else(tmp_path:
     law = tmp_path / "bundle.py"
     law.write_text(LAW)
 
-    def pulled(k: np.ndarray) -> Truth:
+    def pulled(k: np.ndarray) -> HiddenEffects:
         def twist(tau: np.ndarray, q: np.ndarray, t: np.ndarray) -> np.ndarray:
             return 0.9 / k[2] * tau * np.abs(seen)
 
         rng = np.random.default_rng(8)
         rng.uniform(0.8, 1.25, 6)
-        seen = planned(arm(CELL.name), rng, **(SMALL | {"poses": 16, "force": 1500.0})).q[:, 0]
-        return Truth(k, {2: twist})
+        seen = plan_load_tests(arm(CELL.name), rng, **(SMALL | {"poses": 16, "force": 1500.0})).q[:, 0]
+        return HiddenEffects(k, {2: twist})
 
     recorded(tmp_path / "rec", pulled, poses=16)
     result = run(tmp_path / "out", tmp_path / "rec", "--effects", str(law))
@@ -339,8 +348,8 @@ def test_a_killed_run_leaves_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_two_effects_in_a_thousand_readings_are_both_named(tmp_path: Path) -> None:
-    def both(k: np.ndarray) -> Truth:
-        return Truth(k, {0: clicking(0.4 * ARCMIN, 60.0)}, hinges={2: np.eye(3) * 2e-7})
+    def both(k: np.ndarray) -> HiddenEffects:
+        return HiddenEffects(k, {0: build_rough_backlash(0.4 * ARCMIN, 60.0)}, hinges={2: np.eye(3) * 2e-7})
 
     r = recorded(tmp_path / "rec", both, poses=36, loads=4)
     assert len(r) > 1000

@@ -10,8 +10,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from test_diagnose_absolute import arm, measure, poses
-from test_diagnose_absolute import readings as readings_of
+from test_diagnose_tcp_poses import arm, measure, poses
+from test_diagnose_tcp_poses import readings as readings_of
 
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
 from machopt.measurement.diagnosis import thresholds

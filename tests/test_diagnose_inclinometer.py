@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from test_diagnose_absolute import SOFTER, arm, measure, poses
+from test_diagnose_tcp_poses import SOFTER, arm, measure, poses
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.gravity_torque import compute_gravity_torque

@@ -6,9 +6,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import long_motion
 import numpy as np
 import pytest
+import simulated_long_motion
 from scipy.interpolate import CubicSpline
 
 from machopt.cell.cell_reader import load_cell
@@ -508,7 +508,7 @@ def test_a_clock_in_milliseconds_and_torques_in_kilo_are_put_right(tmp_path: Pat
 @pytest.mark.proof
 def test_a_long_motion_in_which_nothing_is_left_out(tmp_path: Path) -> None:
     """A tenth of a hundred thousand samples; dynamics by a recursion of its own, no two periods alike."""
-    cell, record = long_motion.write(tmp_path, 10_000, 250.0, 1)
+    cell, record = simulated_long_motion.write_long_motion(tmp_path, 10_000, 250.0, 1)
     out = tmp_path / "out"
     assert main(["diagnose", str(cell), str(record), "-o", str(out), "--quiet"]) == 0
     said = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))

@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from test_diagnose_absolute import arm, measure
+from test_diagnose_tcp_poses import arm, measure
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.measurement.diagnosis.data_quality import pose_units

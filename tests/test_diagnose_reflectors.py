@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from test_diagnose_absolute import arm, measure, poses
+from test_diagnose_tcp_poses import arm, measure, poses
 
 from machopt.data_types.measurements.recording import Recording, TrackerTarget
 from machopt.errors import InputError

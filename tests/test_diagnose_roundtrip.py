@@ -10,10 +10,10 @@ from typing import cast
 
 import numpy as np
 import pytest
-from test_diagnose_absolute import arm as six_joints
-from test_diagnose_absolute import measure, poses
-from test_diagnose_absolute import readings as at_rest
 from test_diagnose_motion import arm, excited, recorded
+from test_diagnose_tcp_poses import arm as six_joints
+from test_diagnose_tcp_poses import measure, poses
+from test_diagnose_tcp_poses import readings as at_rest
 from test_effects import TOY, toy
 
 from machopt.cell.cell_reader import load_cell

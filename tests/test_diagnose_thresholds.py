@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_loads import Truth, load_tests, planned
-from made_up_loads import arm as loaded_arm
-from test_diagnose_absolute import arm as posed_arm
-from test_diagnose_absolute import measure
-from test_diagnose_engine import law, made_up
+from simulated_hidden_effects import HiddenEffects, load_tests, plan_load_tests
+from simulated_hidden_effects import arm as loaded_arm
+from test_diagnose_model_selection import build_synthetic_problem, law
 from test_diagnose_motion import arm as moved_arm
 from test_diagnose_motion import excited, recorded
+from test_diagnose_tcp_poses import arm as posed_arm
+from test_diagnose_tcp_poses import measure
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
@@ -39,7 +39,7 @@ def test_a_frame_that_is_not_quite_right_may_leave_more_than_a_body(like: float,
     named = []
     for effect in ("geometry", "wind"):
         rng = np.random.default_rng(5)
-        problem, column = made_up(400, extra=40e-6)
+        problem, column = build_synthetic_problem(400, extra=40e-6)
         other = rng.standard_normal((len(column) // 2, *column.shape[1:]))
         near = like * column + np.sqrt(1.0 - like**2) * np.concatenate([other, other])
         found = selection_pipeline.diagnose_problem(
@@ -52,7 +52,7 @@ def test_a_frame_that_is_not_quite_right_may_leave_more_than_a_body(like: float,
 @pytest.mark.parametrize(("left", "better"), [(0.6, True), (0.8, False)])
 def test_few_groups_are_better_where_the_error_falls_by_half_its_power(left: float, better: bool) -> None:
     """``half``: three groups that disagree about it prove nothing by their number."""
-    problem, _ = made_up(1)
+    problem, _ = build_synthetic_problem(1)
     used = problem.group < 3
     rng = np.random.default_rng(2)
     before = rng.standard_normal(problem.y.shape)
@@ -66,10 +66,10 @@ def hung(share: float) -> Recording:
     """Weights recorded as pulling up, of which a share of the poses moved as weights move."""
     a = loaded_arm("kr240_drilling")
     rng = np.random.default_rng(3)
-    plan = planned(a, rng, poses=10, directions=1)
+    plan = plan_load_tests(a, rng, poses=10, directions=1)
     down = -np.linalg.norm(plan.wrench[:, :3], axis=1)
     plan = replace(plan, wrench=np.stack([0 * down, 0 * down, down, 0 * down, 0 * down, 0 * down], axis=1))
-    r = load_tests(a, Truth(a.nominal), plan, rng)
+    r = load_tests(a, HiddenEffects(a.nominal), plan, rng)
     assert r.wrench is not None
     return replace(r, wrench=np.where((r.pose < share * 10)[:, None], -r.wrench, r.wrench))
 

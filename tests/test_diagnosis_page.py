@@ -14,9 +14,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import made_up_diagnosis as made_up
 import numpy as np
 import pytest
+import sample_diagnoses as made_up
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import diagnose_command as command

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_diagnose_motion import arm, diagnosed, excited, recorded
-from test_effects_own import JELLY
+from test_effects_user_defined import JELLY
 
 from machopt.api import Cell
 from machopt.cell.cell_reader import load_cell

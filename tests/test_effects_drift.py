@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_diagnose_drift import timed
+from test_diagnose_load_test_drift import timed
 
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.protocol import DriftLaw, Effect, LawParameter, Quantity, ThermalState

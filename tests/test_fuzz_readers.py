@@ -1,6 +1,6 @@
 """Mutated and truncated files of every dialect: a clear refusal or a sane toolpath, never a crash, never a hang.
 
-A small sample runs here; ``python benchmarks/fuzz.py`` runs 100,000 cases a format.
+A small sample runs here; ``python benchmarks/fuzz_readers.py`` runs 100,000 cases a format.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mutations import HANG, check, within
-from reader_samples import SAMPLES, Sample
+from program_mutations import HANG, check, limit_time
+from toolpath_file_samples import SAMPLES, Sample
 
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
@@ -162,7 +162,7 @@ def run(sample: Sample, cases: int, seed: int, folder: Path) -> Counter[str]:
         file.write_bytes(text.replace("\n", "\r\n").encode() if rng.random() < 0.1 else text.encode())
         start = time.process_time()
         try:
-            with within(HANG):
+            with limit_time(HANG):
                 toolpath = read(file, sample, rng)
                 if toolpath is not None:
                     check(toolpath, text.count("\n") + text.count("\r") + 2)

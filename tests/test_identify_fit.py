@@ -6,8 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_load_tests import CYCLE, POSE, TRUE_K, WHITE, cell, draw, measured, planned
 from simulated_arm import TrueArm
+from simulated_load_tests import (
+    CYCLE,
+    POSE,
+    TRUE_K,
+    WHITE,
+    add_measurement_errors,
+    cell,
+    draw_load_tests,
+    plan_load_tests,
+)
 
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
@@ -55,7 +64,7 @@ def dense(e: LoadTestExperiment, groups: ErrorClusters, V: np.ndarray, share: Va
 
 @pytest.mark.parametrize("rotations", [False, True])
 def test_plain_fit_is_eq_26_of_dumas2011(rotations: bool) -> None:
-    e = draw(np.random.default_rng(1), rotations=rotations)
+    e = draw_load_tests(np.random.default_rng(1), rotations=rotations)
     B, c = dumas(e)
     plain = fit_stiffness(e, robust=False, weighted=False, bounded=False)
     # both solve the same equations in double precision; the condition number of B is below 100
@@ -63,7 +72,7 @@ def test_plain_fit_is_eq_26_of_dumas2011(rotations: bool) -> None:
 
 
 def test_finds_the_truth_without_noise() -> None:
-    e = draw(np.random.default_rng(2), rotations=True, noise=0.0)
+    e = draw_load_tests(np.random.default_rng(2), rotations=True, noise=0.0)
     # turning by c τ is finite in the truth: relative error of the order of the turn itself, 1e-3 rad, mostly cancelling
     np.testing.assert_allclose(fit_stiffness(e).compliance, C, rtol=1e-3)
 
@@ -71,7 +80,7 @@ def test_finds_the_truth_without_noise() -> None:
 def test_slipped_decimals_do_not_move_the_result() -> None:
     rng = np.random.default_rng(3)
     _, robot, T = cell()
-    record = measured(planned(rng), rng, outliers=0.0)
+    record = add_measurement_errors(plan_load_tests(rng), rng, outliers=0.0)
     clean = fit_stiffness(build_load_test_experiment(record, robot, T))
     d, w = record.displacement.copy(), record.wrench.copy()
     bad = rng.choice(len(d), 8, replace=False)  # 5 %
@@ -91,7 +100,7 @@ def test_slipped_decimals_do_not_move_the_result() -> None:
 
 def test_weights_by_group_equal_the_dense_inverse() -> None:
     rng = np.random.default_rng(4)
-    e = draw(rng, poses=5, loads=3, repeats=2)
+    e = draw_load_tests(rng, poses=5, loads=3, repeats=2)
     groups = build_error_clusters(e)
     assert (groups.has_cycle, groups.has_visit) == (True, True)
     V = np.array([np.cov(rng.standard_normal((3, 9))) for _ in range(len(e))]) * 1e-10
@@ -124,7 +133,7 @@ def test_weights_by_group_equal_the_dense_inverse() -> None:
 
 def test_variance_components_maximise_the_restricted_likelihood() -> None:
     rng = np.random.default_rng(5)
-    e = draw(rng, poses=12, loads=3, repeats=3)
+    e = draw_load_tests(rng, poses=12, loads=3, repeats=3)
     groups = build_error_clusters(e)
     V = np.broadcast_to(WHITE**2 * np.eye(3), (len(e), 3, 3))
     A, y, X = e.response(), e.measured, e.response().reshape(-1, 6)
@@ -152,7 +161,7 @@ def test_variance_components_maximise_the_restricted_likelihood() -> None:
 
 
 def test_finds_the_noise_of_reading_cycle_and_pose() -> None:
-    e = draw(np.random.default_rng(6), poses=60, loads=4, repeats=3)
+    e = draw_load_tests(np.random.default_rng(6), poses=60, loads=4, repeats=3)
     scatter = fit_stiffness(e).weighting.scatter(build_error_clusters(e))[0]
     # 60 poses × 3 axes: 5 % standard error of the pose's share, less of the others; four of them allowed
     assert scatter.visit == pytest.approx(POSE, rel=0.22)
@@ -163,19 +172,21 @@ def test_finds_the_noise_of_reading_cycle_and_pose() -> None:
 
 def test_levels_that_replicates_do_not_show_are_not_told() -> None:
     rng = np.random.default_rng(7)
-    one_each = build_error_clusters(draw(rng, poses=12, loads=1, repeats=1))
+    one_each = build_error_clusters(draw_load_tests(rng, poses=12, loads=1, repeats=1))
     assert (one_each.has_cycle, one_each.has_visit) == (False, False)
-    one_cycle = build_error_clusters(draw(rng, poses=12, loads=4, repeats=1))
+    one_cycle = build_error_clusters(draw_load_tests(rng, poses=12, loads=4, repeats=1))
     assert (one_cycle.has_cycle, one_cycle.has_visit) == (False, True)
     _, robot, T = cell()
-    unlabelled = build_error_clusters(build_load_test_experiment(measured(planned(rng), rng, labels=False), robot, T))
+    unlabelled = build_error_clusters(
+        build_load_test_experiment(add_measurement_errors(plan_load_tests(rng), rng, labels=False), robot, T)
+    )
     assert (unlabelled.has_cycle, unlabelled.has_visit) == (False, True)
 
 
 def test_stated_uncertainties_are_carried_to_the_displacement() -> None:
     rng = np.random.default_rng(8)
     _, robot, T = cell()
-    e = draw(rng, poses=3, loads=1, repeats=1, rotations=True)
+    e = draw_load_tests(rng, poses=3, loads=1, repeats=1, rotations=True)
     sigma = StandardUncertainty(displacement=1e-5, rotation=2e-5, force=20.0, moment=5.0, joint=1e-4)
     V = compute_reading_covariance(e, C, (), sigma, np.zeros(2))
     draws, n = 20000, 1
@@ -192,7 +203,7 @@ def test_stated_uncertainties_are_carried_to_the_displacement() -> None:
 
 def test_displacement_changes_with_joint_position_as_differences_say() -> None:
     _, robot, T = cell()
-    e = draw(np.random.default_rng(9), poses=4, loads=1, repeats=1)
+    e = draw_load_tests(np.random.default_rng(9), poses=4, loads=1, repeats=1)
     step = 1e-5
 
     def moved(q: np.ndarray) -> np.ndarray:
@@ -208,7 +219,7 @@ def test_displacement_changes_with_joint_position_as_differences_say() -> None:
 
 def test_known_terms_are_subtracted_and_unknown_ones_found() -> None:
     _, robot, T = cell()
-    e = draw(np.random.default_rng(10), poses=25, rotations=True)
+    e = draw_load_tests(np.random.default_rng(10), poses=25, rotations=True)
     known = build_fitted_term("link_compliance", "link:2", robot, T, EI_Nm2=4e7, GJ_Nm2=3e7)
     bent = e.measured + known.compute_response(e.state, e.wrench) @ known.values
     e = replace(e, measured=bent)
@@ -275,7 +286,7 @@ def test_profile_of_a_bounded_coefficient_ends_at_its_bound() -> None:
 
 def test_noise_of_as_many_readings_as_unknowns_is_not_judged() -> None:
     """Six coordinates for six compliances: nothing is left over, so what is stated stays."""
-    e = draw(np.random.default_rng(15), poses=2, loads=1, repeats=1)
+    e = draw_load_tests(np.random.default_rng(15), poses=2, loads=1, repeats=1)
     groups, V = build_error_clusters(e), np.broadcast_to(WHITE**2 * np.eye(3), (2, 3, 3))
     told = sum_channel_equations(groups, np.linalg.inv(V), e.response(), e.measured, 6.0)
     assert estimate_variance_components(groups, told, WHITE**2, stated=False) == VarianceComponents()
@@ -290,17 +301,17 @@ def test_only_readings_of_loads_and_displacements_become_equations() -> None:
 
 
 def test_refuses_too_few_readings_and_no_load() -> None:
-    e = draw(np.random.default_rng(13), poses=1, loads=1, repeats=1)
+    e = draw_load_tests(np.random.default_rng(13), poses=1, loads=1, repeats=1)
     with pytest.raises(InputError, match=r"3 equations for 6 unknowns; at least 3 readings"):
         fit_stiffness(e)
     with pytest.raises(InputError, match="no reading carries a load"):
-        fit_stiffness(replace(draw(np.random.default_rng(13)), wrench=np.zeros((160, 6))))
+        fit_stiffness(replace(draw_load_tests(np.random.default_rng(13)), wrench=np.zeros((160, 6))))
 
 
 def tilted_record() -> tuple[Recording, StiffnessFit]:
     rng = np.random.default_rng(14)
     _, robot, T = cell()
-    record = measured(planned(rng), rng)
+    record = add_measurement_errors(plan_load_tests(rng), rng)
     return record, fit_stiffness(build_load_test_experiment(record, robot, T))
 
 
@@ -330,9 +341,11 @@ def test_pipeline_at_the_loaded_equilibrium_finds_what_the_linear_law_misses() -
     rng = np.random.default_rng(15)
     _, robot, T = cell()
     soft = TRUE_K / 6.0  # turns of 10 mrad: a linear law errs by some tenths of a percent
-    made = planned(rng, force=2500.0, k=soft)
+    made = plan_load_tests(rng, force=2500.0, k=soft)
     exact = TrueArm(robot, T, 1.0 / soft).displacement(made.q, made.wrench)
-    e = build_load_test_experiment(measured(replace(made, exact=exact), rng, noise=0.0, outliers=0.0), robot, T)
+    e = build_load_test_experiment(
+        add_measurement_errors(replace(made, exact=exact), rng, noise=0.0, outliers=0.0), robot, T
+    )
     wrong = {}
     for geometric in (False, True):
         options = IdentifyOptions(geometric=geometric, studies=False)
@@ -345,7 +358,7 @@ def test_pipeline_at_the_loaded_equilibrium_finds_what_the_linear_law_misses() -
 
 def test_pipeline_gives_terms_grid_and_model_choice() -> None:
     _, robot, T = cell()
-    e = draw(np.random.default_rng(16), poses=16, loads=3, repeats=1)
+    e = draw_load_tests(np.random.default_rng(16), poses=16, loads=3, repeats=1)
     options = IdentifyOptions(
         model="auto", terms=(StiffnessTerm("joint_coupling", "joint:4-5"),), grid_cell=0.8, studies=False
     )

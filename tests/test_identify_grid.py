@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grid_poses import grid_plan
+from grid_measurement_poses import grid_plan
 from simulated_arm import Compliance, Noise, Simulated, SmoothField, TrueArm, random_loads, record
 
 from machopt.cell.cell_reader import load_cell

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_load_tests import TRUE_K, cell, draw, measured, planned
 from simulated_arm import TrueArm
+from simulated_load_tests import TRUE_K, add_measurement_errors, cell, draw_load_tests, plan_load_tests
 
 from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
@@ -35,9 +35,11 @@ def hanging(seed: int, noise: float = 1.0) -> LoadTestExperiment:
     force = np.zeros((20, 4, 3))
     force[..., 2] = -rng.uniform(500.0, 1500.0, (20, 4))
     arm = 0.3 * rng.uniform(-1, 1, (20, 4, 3))
-    made = planned(rng, k=SOFT, wrench=np.concatenate([force, np.cross(arm, force)], axis=-1))
+    made = plan_load_tests(rng, k=SOFT, wrench=np.concatenate([force, np.cross(arm, force)], axis=-1))
     exact = TrueArm(robot, T, 1.0 / SOFT).displacement(made.q, made.wrench)
-    return build_load_test_experiment(measured(replace(made, exact=exact), rng, noise=noise, outliers=0.0), robot, T)
+    return build_load_test_experiment(
+        add_measurement_errors(replace(made, exact=exact), rng, noise=noise, outliers=0.0), robot, T
+    )
 
 
 def found(e: LoadTestExperiment, **options: object) -> IdentificationResult:
@@ -77,7 +79,7 @@ def test_intervals_of_hanging_loads_cover_with_the_load_effect() -> None:
 
 
 def test_an_effect_inside_the_noise_is_left_alone() -> None:
-    e = draw(np.random.default_rng(5))
+    e = draw_load_tests(np.random.default_rng(5))
     stiff, plain = (found(e, load_effect=on) for on in (True, False))
     if not any("K_C" in n for n in stiff.notes):
         np.testing.assert_array_equal(stiff.stiffness.joints, plain.stiffness.joints)
@@ -85,7 +87,7 @@ def test_an_effect_inside_the_noise_is_left_alone() -> None:
 
 
 def test_a_record_that_no_spring_holds_falls_back_to_the_linear_law() -> None:
-    e = draw(np.random.default_rng(6))
+    e = draw_load_tests(np.random.default_rng(6))
     huge = replace(e, wrench=1e3 * e.wrench, measured=1e3 * e.measured)  # metres of displacement
     assert not any("K_C" in n for n in found(huge, load_effect=True, accept=frozenset({"units"})).notes)
 
@@ -94,7 +96,7 @@ def test_a_record_that_no_spring_holds_falls_back_to_the_linear_law() -> None:
 def full() -> tuple[LoadTestExperiment, StiffnessTerm]:
     """A base with three angular compliances, fitted with all 21 coefficients."""
     _, robot, T = cell()
-    e = draw(np.random.default_rng(7), poses=20)
+    e = draw_load_tests(np.random.default_rng(7), poses=20)
     law = build_fitted_term("base_compliance", "base", robot, T, compliance_diagonal=[0, 0, 0, 3e-7, 2.5e-7, 0])
     return replace(
         e, measured=e.measured + (law.compute_response(e.state, e.wrench) @ law.values)[:, :3]
@@ -157,7 +159,7 @@ def test_a_matrix_that_noise_alone_moves_is_not_found() -> None:
     _, robot, T = cell()
     kept = 0
     for seed in range(8):
-        e = draw(np.random.default_rng(60 + seed), poses=15)
+        e = draw_load_tests(np.random.default_rng(60 + seed), poses=15)
         term = StiffnessTerm("tool_compliance", "tool", {"form": "full"})
         options = IdentifyOptions(terms=(term,), studies=False)
         result = identify_stiffness(e, robot, T, ArmStiffness(joints=TRUE_K), options, np.random.default_rng(0))
@@ -167,14 +169,14 @@ def test_a_matrix_that_noise_alone_moves_is_not_found() -> None:
 
 def test_no_redundancy_is_refused_and_few_equations_keep_every_reading() -> None:
     with pytest.raises(InputError, match="6 equations for 6 unknowns; at least 3 readings"):
-        found(draw(np.random.default_rng(8), poses=1, loads=2, repeats=1))
-    few = found(draw(np.random.default_rng(8), poses=3, loads=1, repeats=1))
+        found(draw_load_tests(np.random.default_rng(8), poses=1, loads=2, repeats=1))
+    few = found(draw_load_tests(np.random.default_rng(8), poses=3, loads=1, repeats=1))
     assert not few.outliers
     assert np.isfinite(few.errors.rmse)
 
 
 def test_a_grid_of_millions_of_cells_is_refused_and_auto_stays_constant() -> None:
-    e = draw(np.random.default_rng(9), poses=14)
+    e = draw_load_tests(np.random.default_rng(9), poses=14)
     with pytest.raises(InputError, match="more than the 8000 that a grid may have"):
         found(e, model="grid", grid_cell=0.005)
     result = found(e, model="auto", grid_cell=0.005)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_load_tests import TRUE_K, WHITE, cell, draw, measured, planned
 from scipy.linalg import block_diag, sqrtm
+from simulated_load_tests import TRUE_K, WHITE, add_measurement_errors, cell, draw_load_tests, plan_load_tests
 
 from machopt.data_types.measurements.recording import StandardUncertainty
 from machopt.data_types.stiffness import LEAST_STIFFNESS, ArmStiffness, StiffnessTerm
@@ -44,9 +44,9 @@ def test_ninety_percent_intervals_cover(rotations: bool, loads: int, repeats: in
     _, robot, T = cell()
     hits = []
     for _ in range(DESIGNS):
-        made = planned(rng, poses=14 if loads > 1 else 30, loads=loads, repeats=repeats)
+        made = plan_load_tests(rng, poses=14 if loads > 1 else 30, loads=loads, repeats=repeats)
         for _ in range(DRAWS):
-            e = build_load_test_experiment(measured(made, rng, rotations=rotations), robot, T)
+            e = build_load_test_experiment(add_measurement_errors(made, rng, rotations=rotations), robot, T)
             low, high = compute_coefficient_uncertainty(fit_stiffness(e)).interval[:6].T
             hits.append((low <= C) & (high >= C))
     assert 0.86 <= np.mean(hits) <= 0.94
@@ -60,9 +60,9 @@ def test_intervals_cover_with_few_poses_and_without_labels() -> None:
     _, robot, T = cell()
     hits = []
     for _ in range(10):
-        made = planned(rng, poses=8, loads=4, repeats=2)
+        made = plan_load_tests(rng, poses=8, loads=4, repeats=2)
         for _ in range(20):
-            e = build_load_test_experiment(measured(made, rng, labels=False, stated=False), robot, T)
+            e = build_load_test_experiment(add_measurement_errors(made, rng, labels=False, stated=False), robot, T)
             low, high = compute_coefficient_uncertainty(fit_stiffness(e)).interval[:6].T
             hits.append((low <= C) & (high >= C))
     assert 0.86 <= np.mean(hits) <= 0.95  # Satterthwaite's degrees of freedom (3 to 5 here) err to the safe side
@@ -100,12 +100,14 @@ def test_cluster_robust_covariance_is_cr2_written_out() -> None:
 def axial(rng: np.random.Generator) -> LoadTestExperiment:
     """Loads along axis 6 only: joint 6 gets no torque."""
     _, robot, T = cell()
-    made = planned(rng, poses=20, loads=1, repeats=1)
+    made = plan_load_tests(rng, poses=20, loads=1, repeats=1)
     z = robot.compute_fk(made.q)[:, :3, 2]
     size = rng.uniform(400, 1500, (20, 3, 1))
     wrench = np.concatenate([size * z[:, None], np.zeros((20, 3, 3))], axis=-1)
-    made = planned(rng, q=made.q, wrench=wrench)
-    return build_load_test_experiment(replace(measured(made, rng, outliers=0.0), wrench=made.wrench), robot, T)
+    made = plan_load_tests(rng, q=made.q, wrench=wrench)
+    return build_load_test_experiment(
+        replace(add_measurement_errors(made, rng, outliers=0.0), wrench=made.wrench), robot, T
+    )
 
 
 def test_a_joint_without_torque_keeps_the_cells_value() -> None:
@@ -131,7 +133,7 @@ def test_a_joint_without_torque_keeps_the_cells_value() -> None:
 
 def test_what_cannot_be_told_apart_is_named_and_its_sum_kept() -> None:
     _, robot, T = cell()
-    e = draw(np.random.default_rng(23), rotations=True)
+    e = draw_load_tests(np.random.default_rng(23), rotations=True)
     base = build_fitted_term("base_compliance", "base", robot, T)
     found = fit_stiffness(e, terms=(base,))
     sure = compute_coefficient_uncertainty(found)
@@ -153,7 +155,9 @@ def test_a_joint_that_the_noise_hides_gets_a_bound_only() -> None:
     _, robot, T = cell()
     stiff = TRUE_K.copy()
     stiff[5] = 1e9  # far stiffer than the cell says: not to be told from rigid
-    e = build_load_test_experiment(measured(planned(rng, force=300.0, moment=30.0, k=stiff), rng), robot, T)
+    e = build_load_test_experiment(
+        add_measurement_errors(plan_load_tests(rng, force=300.0, moment=30.0, k=stiff), rng), robot, T
+    )
     found = identify_stiffness(
         e, robot, T, ArmStiffness(joints=TRUE_K), IdentifyOptions(studies=False), np.random.default_rng(0)
     )
@@ -166,7 +170,7 @@ def test_a_joint_that_the_noise_hides_gets_a_bound_only() -> None:
 
 
 def test_errors_on_unseen_poses_are_those_of_a_refit() -> None:
-    e = draw(np.random.default_rng(25), poses=8, loads=3, repeats=1)
+    e = draw_load_tests(np.random.default_rng(25), poses=8, loads=3, repeats=1)
     found = fit_stiffness(e, robust=False, weighted=False, bounded=False)
     left_out = compute_holdout_residuals(
         found, settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K), np.random.default_rng(0)
@@ -193,7 +197,7 @@ def test_every_pose_is_left_out_once() -> None:
 def test_leverages_sum_to_the_unknowns_and_the_wrong_pose_stands_out() -> None:
     rng = np.random.default_rng(26)
     _, robot, T = cell()
-    record = measured(planned(rng), rng, outliers=0.0)
+    record = add_measurement_errors(plan_load_tests(rng), rng, outliers=0.0)
     d = record.displacement.copy()
     d[record.pose == 7] *= 1.4
     d[11] += 2e-3
@@ -214,7 +218,7 @@ def test_leverages_sum_to_the_unknowns_and_the_wrong_pose_stands_out() -> None:
 
 
 def test_more_tests_scatter_less_and_all_of_them_not_at_all() -> None:
-    found = fit_stiffness(draw(np.random.default_rng(27), poses=15))
+    found = fit_stiffness(draw_load_tests(np.random.default_rng(27), poses=15))
     settled = settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K)
     for of, most in (("readings", len(found.y)), ("poses", 15)):
         study = run_subset_study(found, settled, np.random.default_rng(0), of=of)
@@ -230,7 +234,7 @@ def test_more_tests_scatter_less_and_all_of_them_not_at_all() -> None:
 
 def test_monte_carlo_scatters_as_the_errors_propagate() -> None:
     _, robot, T = cell()
-    e = draw(np.random.default_rng(28), poses=12, loads=3, repeats=1)
+    e = draw_load_tests(np.random.default_rng(28), poses=12, loads=3, repeats=1)
     found = fit_stiffness(e, robust=False, weighted=False, bounded=False)
     settled = settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K)
     only = StandardUncertainty(displacement=WHITE)
@@ -254,8 +258,10 @@ def test_scatter_of_few_tests_at_the_errors_of_dumas2011_is_that_of_table_2() ->
     sigma = StandardUncertainty(displacement=3e-5, rotation=3e-5 / 0.4, force=0.981, joint=np.radians(0.01))
     spread = []
     for _ in range(5):
-        made = planned(rng, poses=10, loads=1, repeats=1, force=1000.0, moment=200.0)
-        e = build_load_test_experiment(measured(made, rng, rotations=True, noise=0.0, outliers=0.0), robot, T)
+        made = plan_load_tests(rng, poses=10, loads=1, repeats=1, force=1000.0, moment=200.0)
+        e = build_load_test_experiment(
+            add_measurement_errors(made, rng, rotations=True, noise=0.0, outliers=0.0), robot, T
+        )
         found = fit_stiffness(e, robust=False, weighted=False, bounded=False)
         settled = settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K)
         spread.append(run_monte_carlo(found, settled, robot, T, rng, uncertainty=sigma, draws=100).spread)
@@ -266,7 +272,7 @@ def test_scatter_of_few_tests_at_the_errors_of_dumas2011_is_that_of_table_2() ->
 
 def test_reasons_and_results_of_the_whole_pipeline() -> None:
     _, robot, T = cell()
-    e = draw(np.random.default_rng(30), rotations=True)
+    e = draw_load_tests(np.random.default_rng(30), rotations=True)
     runs = [
         identify_stiffness(e, robot, T, ArmStiffness(joints=TRUE_K), IdentifyOptions(seed=1), np.random.default_rng(1))
         for _ in range(2)
@@ -288,7 +294,7 @@ def test_reasons_and_results_of_the_whole_pipeline() -> None:
 
 def test_terms_are_found_with_their_interval_and_written() -> None:
     _, robot, T = cell()
-    e = draw(np.random.default_rng(31), rotations=True, poses=25)
+    e = draw_load_tests(np.random.default_rng(31), rotations=True, poses=25)
     law = build_fitted_term("joint_coupling", "joint:4-5", robot, T, compliance_rad_per_Nm=3e-7)
     e = replace(e, measured=e.measured + law.compute_response(e.state, e.wrench) @ law.values)
     options = IdentifyOptions(terms=(StiffnessTerm("joint_coupling", "joint:4-5"),), studies=False)

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from property_example_count import scale_example_count
 
 from machopt.errors import InputError
 from machopt.kinematics import axis_geometry
@@ -407,7 +407,7 @@ def test_one_index_is_one_branch_along_the_path(name: str) -> None:
 
 
 @given(st.integers(0, 10**6))
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=scale_example_count(30), deadline=None)
 def test_closed_form_indices_name_the_assembly_mode(seed: int) -> None:
     """Turning the base turns q1 of every branch alike and changes nothing else, index by index."""
     _, T = random_poses(UR5, 1, seed)

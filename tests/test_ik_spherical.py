@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from small_cell import real_cell, small_cell
-from spherical_reference import Reference, reference_reasons
+from spherical_wrist_reference import Reference, reference_reasons
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason

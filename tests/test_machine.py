@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from external_cell import external_cell
+from external_axis_cells import external_cell
 from small_cell import pose, small_cell
 
 from machopt.data_types.cell import Cell

@@ -98,7 +98,7 @@ def embedded(html: str) -> dict:  # type: ignore[type-arg]
     return json.loads(found[1])  # type: ignore[no-any-return]
 
 
-def made_up(kind: str = "slice", **changes: object) -> MapPageData:
+def build_sample_map(kind: str = "slice", **changes: object) -> MapPageData:
     """A slice of 6 × 5 places with a hole of each kind, two layers; or a volume, a line, a joint plane."""
     shape = {"slice": (6, 5), "volume": (6, 5, 4), "line": (7,), "joints": (6, 5)}[kind]
     names = {"slice": "xz", "volume": "xyz", "line": "s", "joints": ("a2", "a3")}[kind]
@@ -191,7 +191,7 @@ def decoded(spec: dict) -> np.ndarray:  # type: ignore[type-arg]
 
 @pytest.mark.parametrize("kind", ["slice", "volume", "line", "joints"])
 def test_every_kind_of_page_stands_alone(kind: str) -> None:
-    data = made_up(kind)
+    data = build_sample_map(kind)
     html = build_map_html(data)
     page = read(html)
     assert build_map_html(data) == html
@@ -256,7 +256,7 @@ def test_pages_index_by_codes_of_their_own() -> None:
 
 
 def test_page_knows_joints_reasons_and_units_of_every_sample() -> None:
-    data = made_up()
+    data = build_sample_map()
     spec = build_field_spec(data)
     assert [a["unit"] for a in spec["axes"]] == ["mm", "mm"]
     np.testing.assert_allclose(spec["axes"][0]["values"], np.linspace(100, 1000, 6))
@@ -308,7 +308,7 @@ def test_stick_figure_data_give_the_robot_s_own_kinematics() -> None:
 
 
 def test_curves_merge_equal_lines_and_keep_gaps() -> None:
-    data = made_up("line")
+    data = build_sample_map("line")
     for layer in data.layers:
         layer.value["k_axial"] = layer.value["k_x"].copy()
     more = (
@@ -329,7 +329,7 @@ def test_curves_merge_equal_lines_and_keep_gaps() -> None:
 
 
 def test_a_singular_peak_is_cut_off_and_the_title_says_so() -> None:
-    data = made_up("line")
+    data = build_sample_map("line")
     for layer in data.layers:
         layer.value["held_x"] = np.array([1e6, 1e6, np.nan, 1e12, 2e6, 1e6, 1e6])
     held = replace(
@@ -341,14 +341,14 @@ def test_a_singular_peak_is_cut_off_and_the_title_says_so() -> None:
 
 
 def test_where_names_the_place_of_a_row() -> None:
-    data = made_up("volume")
+    data = build_sample_map("volume")
     row = int(np.ravel_multi_index((2, 3, 1), data.shape))
     assert format_sample_location(data, row) == "x 460.0, y 775.0, z 400.0 mm"
 
 
 @pytest.mark.parametrize("kind", ["slice", "volume", "line", "joints"])
 def test_still_picture_is_one_svg_with_everything_inside(kind: str) -> None:
-    data = made_up(kind)
+    data = build_sample_map(kind)
     text = build_map_svg(data)
     assert build_map_svg(data) == text
     root = ET.fromstring(text)
@@ -372,7 +372,7 @@ def test_still_picture_is_one_svg_with_everything_inside(kind: str) -> None:
 
 
 def test_model_and_measured_share_their_colours() -> None:
-    root = ET.fromstring(build_comparison_svg(made_up(), "x"))
+    root = ET.fromstring(build_comparison_svg(build_sample_map(), "x"))
     words = [t.text for t in root.iter("{http://www.w3.org/2000/svg}text")]
     assert "Model" in words
     assert "Measured, interpolated" in words

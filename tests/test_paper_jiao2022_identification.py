@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grid_poses import grid_plan
+from grid_measurement_poses import grid_plan
 from simulated_arm import SmoothField, TrueArm, random_loads, record
 
 from machopt.cell.cell_reader import load_cell

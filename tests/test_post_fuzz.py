@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mutations import FORMATS, run, seeds
+from program_mutations import FORMATS, run, seeds
 
 from machopt.errors import InputError
 from machopt.programs.program_reader import read_program

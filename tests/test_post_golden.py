@@ -11,8 +11,8 @@ import pytest
 GOLDEN = Path(__file__).resolve().parent / "golden"
 sys.path.insert(0, str(GOLDEN))
 
-from made_up_program import ARM, TOOL, WORKPIECE  # noqa: E402
 from make_golden import job, write  # noqa: E402
+from sample_robot_programs import ARM, TOOL, WORKPIECE  # noqa: E402
 
 from machopt.data_types.robot_program import LIN  # noqa: E402
 from machopt.programs.program_reader import read_program  # noqa: E402

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examples import NIGHTLY, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from made_up_program import ARM, MAPPED, PLAIN, ROOT, TOOL, WORKPIECE, Recipe, program
+from property_example_count import NIGHTLY, scale_example_count
+from sample_robot_programs import ARM, MAPPED, PLAIN, ROOT, TOOL, WORKPIECE, Recipe, program
 
 from machopt.data_types.robot_program import LIN, RobotController, RobotProgram
 from machopt.data_types.toolpath import MoveKind, Toolpath
@@ -325,7 +325,7 @@ def csv_round_trip(recipe: Recipe, post: str, controller: RobotController, folde
 @pytest.mark.parametrize("post", list_post_names())
 def test_csv_to_program_and_back(post: str) -> None:
     @settings(
-        max_examples=examples(12),
+        max_examples=scale_example_count(12),
         deadline=None,
         derandomize=not NIGHTLY,
         suppress_health_check=list(HealthCheck),

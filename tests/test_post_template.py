@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from made_up_program import PLAIN, Recipe, program
+from sample_robot_programs import PLAIN, Recipe, program
 
 from machopt.errors import InputError
 from machopt.programs.program_reader import read_program

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from made_up_program import MAPPED, Recipe, program
+from sample_robot_programs import MAPPED, Recipe, program
 
 from machopt.programs.program_writer import format_program_name, list_post_names, write_program
 

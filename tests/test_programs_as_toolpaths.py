@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_program import ARM, MAPPED, PLAIN, ROOT, TOOL, WORKPIECE, Recipe, program
+from sample_robot_programs import ARM, MAPPED, PLAIN, ROOT, TOOL, WORKPIECE, Recipe, program
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import main

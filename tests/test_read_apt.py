@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reader_samples import CREO, HSM
+from toolpath_file_samples import CREO, HSM
 
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from dialect_writers import DIALECTS, PLANES, Array, Dialect, Leg
-from examples import NIGHTLY, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from property_example_count import NIGHTLY, scale_example_count
 
 from machopt.toolpath.toolpath_reader import read_toolpath
 
@@ -74,7 +74,7 @@ def _joined(moves: list[tuple[Any, ...]]) -> list[Leg]:
 
 @pytest.mark.parametrize("name", DIALECTS)
 @settings(
-    max_examples=examples(25),
+    max_examples=scale_example_count(25),
     deadline=None,
     derandomize=not NIGHTLY,
     database=None,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reader_samples import DIN_ISO
 from scipy.spatial.transform import Rotation
+from toolpath_file_samples import DIN_ISO
 
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reader_samples import Sample
 from test_unknown_words import JBI, KRL, RAPID, SCRIPT, TP, VAL3, put_in, refused_at, write
+from toolpath_file_samples import Sample
 
 from machopt.data_types.toolpath import Toolpath
 from machopt.toolpath.toolpath_reader import read_toolpath

@@ -10,7 +10,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from poses_back import read_poses_csv
+from independent_poses_reader import read_poses_csv
 from small_cell import urdf_text
 
 import machopt

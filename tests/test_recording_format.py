@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from property_example_count import scale_example_count
 
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
 from machopt.errors import InputError
@@ -354,7 +354,7 @@ def test_time_rises_in_a_session(tmp_path: Path) -> None:
     refused(path, "data.csv: line 5, column time_s: time does not rise: 0.1 s after 0.1 s in line 3", "column session")
 
 
-@settings(max_examples=examples(150), deadline=None)
+@settings(max_examples=scale_example_count(150), deadline=None)
 @given(data=st.data())
 def test_a_damaged_file_is_read_or_refused_never_worse(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
@@ -577,7 +577,7 @@ def recordings(draw: st.DrawFn) -> Recording:
     )
 
 
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=scale_example_count(60), deadline=None)
 @given(made=recordings())
 def test_round_trip(made: Recording, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("r") / "rec"

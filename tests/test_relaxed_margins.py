@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_jobs import CELLS, ROOT, random_job, somewhere_on, write_job
+from random_small_jobs import CELLS, ROOT, choose_place_above_cut, random_job, write_job
 
 from machopt.commands.optimize.request import OptimizeRequest
 from machopt.commands.optimize.run import run_optimize
@@ -40,7 +40,7 @@ def lost(seed: int, folder: Path, cells: list[str]) -> list[str]:
     """What makes a job infeasible that is feasible under stricter options."""
     rng = np.random.default_rng(seed)
     cell = cells[seed % len(cells)]
-    origin, axis = somewhere_on(ROOT / "toolpaths" / CELLS[cell], rng)
+    origin, axis = choose_place_above_cut(ROOT / "toolpaths" / CELLS[cell], rng)
     job = write_job(folder / "job.csv", random_job(rng, ("line", "arc", "pivot", "zigzag")), origin, axis)
     if exit_code(cell, job, folder / "strict", STRICT) != 0:
         return []

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from made_up_report import full_result, infeasible_result
+from sample_report_data import full_result, infeasible_result
 
 from machopt.data_types.toolpath import IgnoredWord
 from machopt.report import write_report

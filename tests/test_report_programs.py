@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from made_up_report import full_result
+from sample_report_data import full_result
 
 from machopt.report.page_types.optimize_report import ProgramRow, ReportData
 from machopt.report.pages.optimize.optimize_page import build_report_html

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from damages.damage import Job, copy_of, one, plan_pass, reseal
+from output_damage.damage_case import Job, copy_job, find_single_file, plan_pass, update_manifest_hashes
 
 from machopt.cli import main
 
@@ -43,9 +43,14 @@ def _socket(file: Path) -> None:
         os.chdir(here)
 
 
+HUGE = 3 << 30  # bytes, all of them zero
+HUGE_SHA256 = "305b66a59d15b252092fbda9d09711230c429f351897cbd430e7b55a35fd3b97"
+
+
 def _huge(file: Path) -> None:
+    file.unlink(missing_ok=True)
     file.touch()
-    os.truncate(file, 3 << 30)
+    os.truncate(file, HUGE)
 
 
 KINDS = (_pipe, _zeros, _socket, _huge)
@@ -54,12 +59,12 @@ CASES = [(kind, name) for kind in KINDS for name in NAMES]
 
 
 def _file(job: Job, name: str) -> Path:
-    return one(job.out, name) if "*" in name else job.out / name
+    return find_single_file(job.out, name) if "*" in name else job.out / name
 
 
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_verify_answers(kind: Callable[[Path], None], name: str, planned: Job, tmp_path: Path) -> None:
-    job = copy_of(planned, tmp_path)
+    job = copy_job(planned, tmp_path)
     kind(_file(job, name))
     begun = time.monotonic()
     assert main(["verify", str(job.cell), str(job.toolpath), str(job.out), "--quiet"]) == 4
@@ -68,7 +73,7 @@ def test_verify_answers(kind: Callable[[Path], None], name: str, planned: Job, t
 
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in KINDS for name in ("points.csv", "report.html")])
 def test_view_and_optimize_answer(kind: Callable[[Path], None], name: str, planned: Job, tmp_path: Path) -> None:
-    job = copy_of(planned, tmp_path)
+    job = copy_job(planned, tmp_path)
     kind(_file(job, name))
     begun = time.monotonic()
     assert main(["view", str(job.out), "--as-it-is", "--quiet"]) == 2
@@ -78,9 +83,9 @@ def test_view_and_optimize_answer(kind: Callable[[Path], None], name: str, plann
 
 
 def test_a_huge_file_that_is_listed(planned: Job, tmp_path: Path) -> None:
-    job = copy_of(planned, tmp_path)
+    job = copy_job(planned, tmp_path)
     _huge(job.out / "points.csv")
-    reseal(job.out)
+    update_manifest_hashes(job.out, {"points.csv": HUGE_SHA256})
     assert main(["verify", str(job.cell), str(job.toolpath), str(job.out), "--quiet"]) == 4
 
 
@@ -92,7 +97,7 @@ def test_out_is_a_pipe_or_a_device(planned: Job, tmp_path: Path) -> None:
 
 
 def test_an_empty_folder_is_not_read_for_ever(planned: Job, tmp_path: Path) -> None:
-    job = copy_of(planned, tmp_path)
+    job = copy_job(planned, tmp_path)
     shutil.rmtree(job.out)
     job.out.mkdir()
     os.mkfifo(job.out / "manifest.json")

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from external_cell import external_cell
+from external_axis_cells import external_cell
 from pydantic import ValidationError
 from small_cell import small_cell
-from test_external import long_slot
-from test_path import Rows, toolpath
-from test_pipeline import FREE, UP, K, pass_over_block
+from test_external_axes import long_slot
+from test_planning_path import Rows, toolpath
+from test_planning_pipeline import FREE, UP, K, pass_over_block
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import (

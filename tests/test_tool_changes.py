@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from small_cell import pose, small_cell
-from test_external import K, slots
-from test_path import Rows, toolpath
+from test_external_axes import K, slots
+from test_planning_path import Rows, toolpath
 
 from machopt.cell.tool_selection import select_job_tools, split_into_tool_segments
 from machopt.data_types.cell import Cell, CutterGeometry

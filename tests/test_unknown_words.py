@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from reader_samples import CAMWORKS, CATIA, CREO, DIN_ISO, FANUC, HEIDENHAIN, HSM, NCI, NX, SIEMENS, Sample
+from toolpath_file_samples import CAMWORKS, CATIA, CREO, DIN_ISO, FANUC, HEIDENHAIN, HSM, NCI, NX, SIEMENS, Sample
 
 import machopt
 from machopt.cli import main
@@ -26,7 +26,7 @@ STEMS = ("FRAME", "COORD", "MCSYS", "WCS", "SHIFT", "TILT", "PLN", "ORIG", "ROTA
 WORDS_TRIED = 24  # for each dialect and form
 
 
-def made_up_words(rng: random.Random, count: int) -> list[str]:
+def build_unknown_words(rng: random.Random, count: int) -> list[str]:
     """Words that look like those of frames and motions, and that no dialect has."""
     letters = "BDFHJKQVWXZ"
     return [f"{rng.choice(letters)}{rng.choice(STEMS)}{rng.choice(letters)}{rng.choice(letters)}" for _ in range(count)]
@@ -345,7 +345,7 @@ def test_a_word_that_looks_like_frames_or_motion_is_refused_with_its_line(tmp_pa
     for number, form in enumerate(dialect.forms):
         if NOT_UNKNOWN.get(name) == number:
             continue
-        for word in made_up_words(rng, WORDS_TRIED):
+        for word in build_unknown_words(rng, WORDS_TRIED):
             text, line = put_in(dialect.sample, form(word), rng.choice(dialect.before), rng.randrange(4))
             where = refused_at(write(tmp_path, dialect.sample, text), dialect.sample.options)
             lines = [f"line {n}" for n in range(line, line + form(word).count("\n") + 1)]
@@ -372,7 +372,7 @@ def test_an_accepted_word_is_counted_and_passes(tmp_path: Path) -> None:
     for name in ("apt", "gcode", "sinumerik", "krl", "rapid", "fanuc", "urscript", "jbi", "val3", "heidenhain"):
         dialect = DIALECTS[name]
         for form in (dialect.forms[0], dialect.forms[1] if name == "gcode" else dialect.forms[0]):
-            text, line = put_in(dialect.sample, form(made_up_words(rng, 1)[0]), dialect.before[-1], 0)
+            text, line = put_in(dialect.sample, form(build_unknown_words(rng, 1)[0]), dialect.before[-1], 0)
             path = write(tmp_path, dialect.sample, text)
             try:
                 word = next(w for w in read_toolpath(path, **dialect.sample.options).ignored if w.stops).word  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from making.controllers import KUKA
 from making.shapes import box, cylinder, joined
 from making.spindles import square_spindle
 
-# Solved from Table 2 of jiao2022 (tests/test_cells.py does it again): the TCP lies 569.15 mm from the wrist
+# Solved from Table 2 of jiao2022 (tests/test_shipped_cells.py does it again): the TCP lies 569.15 mm from the wrist
 # centre along axis 6 and on it sideways; along the tool axis the table says nothing, 400 mm is our choice.
 KR500_REACH_MM = 569.15 - 290.0
 KR500_TIP_MM = 400.0

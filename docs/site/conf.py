@@ -31,7 +31,7 @@ include_patterns = [
     "toolpaths/README.md",
     "benchmarks/**.md",
     "machopt/programs/README.md",
-    "tests/real/SOURCES.md",
+    "tests/vendored_files/SOURCES.md",
 ]
 exclude_patterns = [".*", "out", "**/__pycache__"]
 myst_heading_anchors = 4  # the anchors that GitHub makes

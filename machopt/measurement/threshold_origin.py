@@ -24,11 +24,19 @@ class ThresholdOrigin:
         return f"{self.method}, {self.script} --set {self.cases}{drawn}, {self.date}"
 
 
-DEV = ThresholdOrigin("measured", "benchmarks/concealed/run.py", "dev", "2026-11-21")
-LOAD_TESTS = ThresholdOrigin("measured", "benchmarks/stranger/run.py", "dev", "2026-11-23")
-POSES = ThresholdOrigin("measured", "benchmarks/stranger/run.py", "dev", "2026-11-26")
+DEV = ThresholdOrigin("measured", "benchmarks/diagnosis_chain_benchmark/run_chain_benchmark.py", "dev", "2026-11-21")
+LOAD_TESTS = ThresholdOrigin(
+    "measured", "benchmarks/diagnosis_energy_benchmark/run_energy_benchmark.py", "dev", "2026-11-23"
+)
+POSES = ThresholdOrigin(
+    "measured", "benchmarks/diagnosis_energy_benchmark/run_energy_benchmark.py", "dev", "2026-11-26"
+)
 VERDICTS = ThresholdOrigin(
-    "measured", "benchmarks/stranger/run.py", "dev", "2026-11-26", "240, 249, 401, 402, 403, 405"
+    "measured",
+    "benchmarks/diagnosis_energy_benchmark/run_energy_benchmark.py",
+    "dev",
+    "2026-11-26",
+    "240, 249, 401, 402, 403, 405",
 )
 STATISTICS = ThresholdOrigin("statistics")  # follows from its statistical meaning
 JUDGEMENT = ThresholdOrigin("judgement")  # chosen by an engineer; no set of cases set it

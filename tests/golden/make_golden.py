@@ -16,7 +16,7 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parents[1])]
 
-from made_up_program import ARM, MAPPED, TOOL, WORKPIECE, standing_of  # noqa: E402
+from sample_robot_programs import ARM, MAPPED, TOOL, WORKPIECE, find_controller_posture  # noqa: E402
 
 from machopt.data_types.robot_program import LIN, PTP, RobotProgram  # noqa: E402
 from machopt.data_types.toolpath import MoveKind, ToolpathEvent  # noqa: E402
@@ -46,7 +46,7 @@ def job() -> RobotProgram:
     kind = np.array([PTP, PTP, LIN, LIN, LIN, PTP, LIN, LIN, LIN, LIN, LIN, PTP], np.int8)
     move = np.array([1, 1, 2, 0, 3, 1, 0, 0, 0, 0, 3, 1], np.int8)
     feed = np.array([np.nan, np.nan, 0.02, 0.0025, 0.02, np.nan, 0.025, 0.025, 0.025, 0.0125, 0.05, np.nan])
-    behind, up = standing_of(ARM, q, MAPPED)  # type: ignore[misc]
+    behind, up = find_controller_posture(ARM, q, MAPPED)  # type: ignore[misc]
     return RobotProgram(
         kind=kind,
         q=q,

@@ -21,7 +21,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.motion.search_budget import allow_extensions, count_in_vain
 
 STILL = 1e-9  # rad, joints that differ by less do not move
-REACH = 0.8  # rad, longest extension of the tree: benchmarks/rapids_ompl.py
+REACH = 0.8  # rad, longest extension of the tree: benchmarks/rapid_moves_ompl.py
 WIDE = np.pi / 3  # rad, initial sampling range beyond the two ends
 ITERATIONS = 400  # extensions of the tree before giving up (a few ms each)
 UNDER = "cutter ~ workpiece (no geometry: under a cut)"  # cause of a barred move without contact

@@ -1,7 +1,7 @@
 """Decision thresholds of a diagnosis by topic, each with the origin of its value.
 
 Numbers that only control the resolution of a computation are defined next to the computation, and shape grids in the
-effects. ``python benchmarks/thresholds.py`` prints the table with false-positive and false-negative rates on
+effects. ``python benchmarks/diagnosis_thresholds.py`` prints the table with false-positive and false-negative rates on
 concealed cases, and the same rates with another value of a threshold.
 """
 

@@ -124,8 +124,8 @@ def _build_linearisation_point(chosen: Sequence[SelectedEffect]) -> Linearisatio
     """Return the load-independent corrections and compliant bodies among the selected effects, unless there are many.
 
     Many harmonics and frames are strongly correlated, and iterating about all of them finds fewer. On a public UR10
-    data set (series D, benchmarks/real/poses.py) held-out poses were then predicted worse: 0.107 mm instead of 0.087
-    mm.
+    data set (series D, benchmarks/public_recordings/pose_sets.py) held-out poses were then predicted worse: 0.107 mm
+    instead of 0.087 mm.
     """
     if len(chosen) > thresholds.RESTING.crowded:
         return LinearisationPoint()

@@ -1,0 +1,100 @@
+"""The share of branches that tests take, by package, out of ``.coverage``: ``make coverage`` fails below FLOOR.
+
+Counted is what the tracer sees: not functions that numba compiles (they run as machine code; each is held against plain
+NumPy or brute force by a test of its own), and not what runs in processes that a test starts.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+FLOOR = {  # % of branches, by folder
+    "planning": 90.0,
+    "collision": 90.0,
+    "dynamics": 90.0,
+    "kinematics": 90.0,
+    "stiffness": 90.0,
+    "effects": 90.0,
+    "measurement/identification": 90.0,
+    "measurement/diagnosis": 90.0,
+    "measurement/estimation": 95.0,
+}
+ROOT = Path(__file__).resolve().parents[1] / "machopt"
+
+
+@dataclass(frozen=True)
+class BranchCount:
+    """Branches of a package, or of one file."""
+
+    name: str
+    taken: int
+    all: int
+
+    @property
+    def share(self) -> float:
+        """In per cent."""
+        return 100.0 * self.taken / self.all if self.all else 100.0
+
+
+def package_of(file: str) -> str:
+    """The folder of FLOOR that holds a file, else its first folder."""
+    return next((name for name in FLOOR if file.startswith(name + "/")), file.partition("/")[0])
+
+
+def sum_by_package(files: Iterable[BranchCount]) -> list[BranchCount]:
+    """Files, named by their path under machopt/, summed up by their package."""
+    sums: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
+    for f in files:
+        sums[package_of(f.name)][0] += f.taken
+        sums[package_of(f.name)][1] += f.all
+    return [BranchCount(name, taken, every) for name, (taken, every) in sorted(sums.items())]
+
+
+def find_packages_below_floor(packages: Iterable[BranchCount]) -> list[str]:
+    """What falls below its floor, or was not counted at all though its folder is there."""
+    found = {p.name: p for p in packages}
+    there = [name for name in FLOOR if name in found or (ROOT / name).is_dir()]
+    missing = [f"{name} was not measured" for name in there if name not in found]
+    low = [p for name, p in found.items() if name in FLOOR and p.share < FLOOR[name]]
+    return missing + [f"{p.name}: {p.share:.1f} % of {p.all} branches, less than {FLOOR[p.name]:g} %" for p in low]
+
+
+def read_branch_counts() -> list[BranchCount]:
+    """Every file of machopt that coverage measured."""
+    from coverage import Coverage
+
+    data = Coverage(config_file=str(ROOT.parent / "pyproject.toml"))
+    data.load()
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "coverage.json"
+        data.json_report(outfile=str(report))
+        files = json.loads(report.read_text(encoding="utf-8"))["files"]
+    mine = {(ROOT.parent / name).resolve(): f["summary"] for name, f in files.items()}
+    return [
+        BranchCount(path.relative_to(ROOT).as_posix(), found["covered_branches"], found["num_branches"])
+        for path, found in sorted(mine.items())
+        if path.is_relative_to(ROOT)
+    ]
+
+
+def main() -> int:
+    files = read_branch_counts()
+    packages = sum_by_package(files)
+    for p in packages:
+        print(f"{p.name:26} {p.share:5.1f} % of {p.all} branches" + (" *" if p.name in FLOOR else ""))  # noqa: T201
+    for f in sorted((f for f in files if package_of(f.name) in FLOOR), key=lambda f: f.taken - f.all)[:15]:
+        print(f"  {f.all - f.taken:3} branches not taken in {f.name}")  # noqa: T201
+    wrong = find_packages_below_floor(packages)
+    for line in wrong:
+        print(line, file=sys.stderr)  # noqa: T201
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

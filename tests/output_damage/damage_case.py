@@ -1,0 +1,183 @@
+"""What a damage is, the jobs that are damaged, and the forger's hand that makes the manifest fit again."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
+from machopt.output import MANIFEST
+from machopt.output.file_hashes import compute_sha256
+from machopt.output.manifest_file import compute_seal, list_folder_files
+
+ROOT = Path(__file__).resolve().parents[2]
+CELLS = ROOT / "cells"
+
+
+@dataclass(frozen=True)
+class Job:
+    """A finished plan and what it was made from."""
+
+    cell: Path
+    toolpath: Path
+    out: Path
+    posts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Damage:
+    """One row of a table."""
+
+    name: str  # unique among all rows
+    how_much: str  # the size of the damage, in words
+    apply: Callable[[Job], None]  # damages the copy ``job.out`` (or the copies of cell and toolpath)
+    caught_by: str  # name (or its beginning) of the check that fails once the manifest fits again
+    job: str = "pass"  # which of JOBS is damaged
+    by_hash_alone: bool = False  # nothing else says what the file should hold: report.html
+    reseal: bool = True  # False: the damage is to the manifest or the inputs, nothing is to be made to fit
+    as_is: str = "files as listed"  # the check that catches it without resealing
+
+
+HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min"
+# a short cut over the cylinder head with a corner, in and out under feed
+PASS: tuple[tuple[float, float, float, str, str], ...] = (
+    (-100, 0, 60, "rapid", ""),
+    (-100, 0, 5, "approach", "1000"),
+    *((-100 + 4.0 * i, 0, -0.5, "cut", "1500") for i in range(4)),
+    *((-88, 4.0 * i, -0.5, "cut", "1200") for i in range(1, 3)),
+    (-88, 8, 5, "retract", "1000"),
+    (-88, 8, 60, "rapid", ""),
+)
+
+
+def plan_pass(folder: Path) -> Job:
+    """The pass in the milling cell, with the cell's own post."""
+    return plan_table(folder, CELLS / "kr500_milling", PASS)
+
+
+def plan_table(
+    folder: Path,
+    cell: Path,
+    rows: Sequence[tuple[float, float, float, str, str]],
+    *,
+    posts: tuple[str, ...] = (),
+    overrides: tuple[str, ...] = (),
+) -> Job:
+    """Plan a table of (x, y, z, move, feed) with the tool upright, in copies of cell and table."""
+    toolpath = folder / "pass.csv"
+    toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in rows))
+    shutil.copytree(cell, folder / "cell")
+    job = Job(folder / "cell", toolpath, folder / "out", posts)
+    coarse = ("rotation_step_deg=15", *overrides)  # the plan need not be good, only sound
+    outcome = run_optimize(
+        OptimizeRequest(cell=job.cell, toolpath=toolpath, out=job.out, overrides=coarse, posts=posts)
+    )
+    assert outcome.exit_code == 0, outcome.result.to_json_types()["verification"]
+    return job
+
+
+JOBS: dict[str, Callable[[Path], Job]] = {"pass": plan_pass}
+"""Each is planned once a session; a part that needs another adds it here."""
+
+
+def copy_job(job: Job, folder: Path) -> Job:
+    """A copy that may be damaged, inputs included."""
+    shutil.copytree(job.cell, folder / "cell")
+    shutil.copytree(job.out, folder / "out")
+    shutil.copy(job.toolpath, folder / job.toolpath.name)
+    return Job(folder / "cell", folder / job.toolpath.name, folder / "out", job.posts)
+
+
+def update_manifest_hashes(out: Path, known: Mapping[str, str] | None = None) -> None:
+    """Make result.json's and the manifest's hashes fit what lies in the folder, as a forger would.
+
+    Args:
+        out: the output folder.
+        known: SHA-256 of files that are not worth reading, by name.
+    """
+    known = known or {}
+    hashes = {name: known.get(name) or compute_sha256(out / name) for name in list_folder_files(out) - {MANIFEST}}
+    with edit_json(out / "result.json") as result:
+        result["outputs"] = {name: hashes[name] for name in sorted(hashes.keys() - {"result.json"})}
+    if "result.json" in hashes:
+        hashes["result.json"] = compute_sha256(out / "result.json")
+    with edit_json(out / MANIFEST) as manifest:
+        roles = {name: item["role"] for name, item in manifest["files"].items()}
+        manifest["files"] = {
+            name: {
+                "role": roles.get(name, "other"),
+                "sha256": hashes[name],
+                "size": (out / name).stat().st_size,
+            }
+            for name in sorted(hashes)
+        }
+        manifest["seal"] = compute_seal(manifest)
+
+
+@contextmanager
+def edit_json(file: Path) -> Iterator[dict[str, Any]]:
+    """A JSON file as a dictionary, written back in the end; one that is gone or no JSON is left so."""
+    try:
+        value = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        value = None
+    if not isinstance(value, dict):
+        yield {"files": {}}
+        return
+    yield value
+    file.write_text(json.dumps(value, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
+
+
+def build_json_change(name: str, change: Callable[[dict[str, Any]], None]) -> Callable[[Job], None]:
+    """The damage that changes a JSON file of the folder."""
+
+    def apply(job: Job) -> None:
+        with edit_json(job.out / name) as value:
+            change(value)
+
+    return apply
+
+
+def build_table_change(name: str, change: Callable[[list[dict[str, str]]], None]) -> Callable[[Job], None]:
+    """The damage that changes rows of a CSV table of the folder; a row is a dictionary of words by column."""
+
+    def apply(job: Job) -> None:
+        file = job.out / name
+        lines = file.read_text(encoding="utf-8").splitlines()
+        comments = [line for line in lines if line.startswith("#")]
+        reader = csv.DictReader(line for line in lines if not line.startswith("#"))
+        rows = list(reader)
+        change(rows)
+        text = io.StringIO()
+        writer = csv.DictWriter(text, reader.fieldnames or (), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        file.write_text("".join(f"{c}\n" for c in comments) + text.getvalue(), encoding="utf-8", newline="\n")
+
+    return apply
+
+
+def build_text_change(name: str, old: str, new: str) -> Callable[[Job], None]:
+    """The damage that replaces the first ``old`` in a file of the folder; ``*.src`` takes the one file of that kind."""
+
+    def apply(job: Job) -> None:
+        file = find_single_file(job.out, name)
+        text = file.read_bytes().decode("utf-8")
+        assert old in text, f"{file.name} holds no {old!r}"
+        file.write_bytes(text.replace(old, new, 1).encode("utf-8"))
+
+    return apply
+
+
+def find_single_file(folder: Path, pattern: str) -> Path:
+    """The only file of that pattern."""
+    (found,) = folder.rglob(pattern)
+    return found

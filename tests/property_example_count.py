@@ -1,0 +1,11 @@
+"""How many examples a property draws: its own number, twenty times as many and other ones in ``make nightly``."""
+
+from __future__ import annotations
+
+import os
+
+NIGHTLY = os.environ.get("HYPOTHESIS_PROFILE") == "nightly"
+
+
+def scale_example_count(number: int) -> int:
+    return 20 * number if NIGHTLY else number

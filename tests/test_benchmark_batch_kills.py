@@ -1,0 +1,25 @@
+"""The benchmark of killed batches, short: what is finished stays, whenever the batch is killed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.mark.proof
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_a_few_kills_of_a_batch_lose_nothing() -> None:
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "benchmarks" / "batch_kills.py"), "--kills", "6"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "WRONG" not in done.stdout
+    assert "killed" in done.stdout  # else nothing was tried

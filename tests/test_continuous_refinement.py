@@ -1,0 +1,342 @@
+"""Rotation and external joints refined together: the model's order, its least place, and never a worse plan."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+import pytest
+from external_axis_cells import external_cell, external_folder
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from property_example_count import scale_example_count
+from scipy import sparse
+from test_external_axes import OPTIONS, UP, K, apart, slots
+from test_planning_path import Rows, toolpath
+
+from machopt.cli import main
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.planning.continuous_refinement.bordered_system import BorderedSystem
+from machopt.planning.continuous_refinement.offset_curves import OffsetCurves
+from machopt.planning.continuous_refinement.plan_improvement import refine_plan
+from machopt.planning.continuous_refinement.quadratic_model import (
+    LocalModel,
+    OffsetBounds,
+    QuadraticModel,
+    TransitionTerms,
+    minimize_quadratic_model,
+)
+from machopt.planning.continuous_refinement.refinement import PlanRefinement
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
+from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
+from machopt.planning.external_axis_optimization import coarse_to_fine_search
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.coarse_to_fine_search import _Asked, _coarse_to_fine
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.sampling.joint_path import JointAssignment
+
+MOVING = replace(OPTIONS, rotation_step=np.radians(15.0))
+
+
+def by_grids(cell: Cell, path: Toolpath, options: PlanOptions) -> Plan:
+    """What the search by grids comes to."""
+    axes = resolve_axis_options(cell, options)
+    asked = _Asked(cell=cell, toolpath=path, options=options, axes=axes, clock=StageTimings(), before=None, scale=None)
+    return _coarse_to_fine(asked)[0]
+
+
+def chosen(
+    folder: FilePath, path: Toolpath, options: PlanOptions, **kind: bool
+) -> tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...]]:
+    """What the search by grids comes to."""
+    cell = replace(external_cell(folder, **kind), stiffness=K)
+    axes = resolve_axis_options(cell, options)
+    plan = by_grids(cell, path, options)
+    return plan, build_operation_groups(cell, path, plan.path, axes), axes
+
+
+def weaving() -> Toolpath:
+    """A slot along the rail that goes to and fro across it."""
+    y = np.linspace(-0.6, 0.6, 20)
+    rows: Rows = [((0.0, y[0], 0.05), UP, MoveKind.RAPID)]
+    rows += [((0.25 * float(np.sin(7.0 * v)), float(v), 0.0), UP, MoveKind.CUT) for v in y]
+    return toolpath(rows, feed=0.05)
+
+
+@pytest.fixture(scope="module")
+def along(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath]:
+    """A slot that weaves, cut along a rail that moves."""
+    path = weaving()
+    return (*chosen(tmp_path_factory.mktemp("rail"), path, MOVING, rail=True), path)
+
+
+def test_the_model_is_j_to_second_order(
+    along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
+) -> None:
+    """Half the step, a quarter of what is wrong: joints are lines in z, and their steps have no kink nearby."""
+    plan, groups, axes, _ = along
+    r = PlanRefinement(plan, groups, AxisPlanRanking.of(plan.setup, axes))
+    rows = r.rows
+    here = r._state(plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows])
+    assert here is not None
+    assert here.merit == pytest.approx(plan.chosen.objective.total, rel=1e-9)  # every planning point is a station
+    local = r._local(here)
+    assert local.known.all()
+    trust = np.full((len(rows), 2), 0.2)
+    model = QuadraticModel(local, r._steps(here, local), r._bounds(here, local, trust), r.tied)
+    rng = np.random.default_rng(2)
+    c = rng.uniform(-1.0, 1.0, r.curves.at_stations.shape[1])
+    wrong = []
+    for size in (0.04, 0.02):
+        z = (r.curves.at_stations @ (size * c)).reshape(trust.shape)
+        found, cost = r._solved(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, here.q)
+        told = model.value(size * c) - model.value(0.0 * c)
+        merit = r._merit(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, found.q, cost)
+        wrong.append(abs(told - (merit - here.merit)))
+    assert wrong[0] < 0.05 * abs(merit - here.merit) + 1e-4
+    assert wrong[1] < 0.45 * wrong[0] + 1e-7
+
+
+def test_margins_that_an_arm_has_not_leave_its_model_whole(
+    along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Arms with an offset wrist have theirs at infinity: all of their stations were held where they stood."""
+    plan, groups, axes, _ = along
+    r = PlanRefinement(plan, groups, AxisPlanRanking.of(plan.setup, axes))
+    rows = r.rows
+    start = plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows]
+    solved = r._solved
+
+    def without(*state: np.ndarray) -> tuple[JointAssignment, np.ndarray]:
+        found, cost = solved(*state)
+        none = np.full(len(rows), np.inf)
+        return replace(found, shoulder=none, elbow=none), cost
+
+    here = r._state(*start)
+    assert here is not None
+    plain = r._local(here)
+    monkeypatch.setattr(r, "_solved", without)
+    here = r._state(*start)
+    assert here is not None
+    local = r._local(here)
+    assert local.known.all()
+    np.testing.assert_array_equal(local.hessian, plain.hessian)
+    assert np.isfinite(r._bounds(here, local, np.full((len(rows), 2), 0.2)).under).all()
+
+
+def small_problem(seed: int) -> tuple[LocalModel, TransitionTerms, OffsetBounds]:
+    """Three stations, two offsets each, everything convex."""
+    rng = np.random.default_rng(seed)
+    n, d, k = 3, 2, 3
+    half = rng.normal(size=(2, n, d, d))
+    H, B = 0.3 * half @ np.swapaxes(half, -1, -2)
+    local = LocalModel(
+        q=np.zeros((n, 6, d)),
+        margins=np.zeros((n, 3, d)),
+        known=np.ones(n, bool),
+        gradient=0.3 * rng.normal(size=(n, d)),
+        hessian=H,
+        cost=rng.uniform(0.5, 1.0, n),
+        slope=rng.normal(size=(n, d)),
+        bend=B,
+        counted=rng.uniform(size=n) < 0.8,
+        worst=0.5,
+    )
+    steps = TransitionTerms(
+        jump=0.2 * rng.normal(size=(n - 1, k)),
+        lean=rng.normal(size=(n, k, d)),
+        price=rng.uniform(0.0, 0.2, (n - 1, k)),
+        lost=rng.uniform(0.0, 0.5, n - 1),
+        seconds=rng.uniform(0.0, 0.3, n - 1),
+        slowness=rng.uniform(0.0, 1.0, k),
+    )
+    box = rng.uniform(0.05, 0.5, (2, n, d))
+    lean = rng.normal(size=(n, 1, d))
+    room = rng.uniform(0.02, 0.3, (n, 1))
+    return local, steps, OffsetBounds(-box[0], box[1], lean, -room, np.full((n, 1), np.inf))
+
+
+@given(st.integers(0, 10**6))
+@example(35)  # its worst index falls below zero, where the model was flat for whoever looked at its value
+@settings(max_examples=scale_example_count(12), deadline=None)
+def test_the_least_place_against_many_others(seed: int) -> None:
+    local, steps, bounds = small_problem(seed)
+    n, d = local.gradient.shape
+    curves = BorderedSystem(sparse.identity(n * d, format="csr"), d, np.zeros(n * d, bool))
+    c = minimize_quadratic_model(local, steps, bounds, curves)
+    model = QuadraticModel(local, steps, bounds, curves)
+
+    z = c.reshape(n, d)
+    beyond = max(float((bounds.low - z).max()), float((z - bounds.high).max()))
+    assert max(beyond, float((bounds.under - np.einsum("nij,nj->ni", bounds.lean, z)).max())) < 1e-4
+    rng = np.random.default_rng(seed)
+    others = [c * rng.uniform(0.0, 1.0) + s * rng.normal(size=n * d) for s in (0.001, 0.01, 0.1) for _ in range(40)]
+    for other in [0.0 * c, *others]:
+        y = np.clip(other.reshape(n, d), bounds.low, bounds.high)
+        if (np.einsum("nij,nj->ni", bounds.lean, y) >= bounds.under).all():
+            assert model.value(c) <= model.value(y.ravel()) + 1e-4
+
+
+@given(st.integers(0, 10**6), st.integers(1, 3), st.integers(0, 3))
+@settings(max_examples=scale_example_count(12), deadline=None)
+def test_a_band_with_a_border_is_solved_as_the_whole_matrix_is(seed: int, d: int, shared: int) -> None:
+    """Against the dense matrix MᵀKM, coefficients in any order, none to three of them everywhere."""
+    rng = np.random.default_rng(seed)
+    n, own = 7, 5 * d
+    M = np.zeros((n * d, own + shared))
+    for k in range(own):  # each touches two stations that follow one another
+        first = int(rng.integers(n - 1)) * d
+        M[first : first + 2 * d, k] = rng.normal(size=2 * d)
+    M[:, own:] = rng.normal(size=(n * d, shared))
+    half = rng.normal(size=(n - 1, 2 * d, 2 * d))
+    K, blocks, on = np.zeros((n * d, n * d)), np.zeros((n, d, d)), np.zeros((n - 1, d, d))
+    for k, one in enumerate(half @ np.swapaxes(half, 1, 2)):
+        K[k * d : (k + 2) * d, k * d : (k + 2) * d] += one
+        blocks[k] += one[:d, :d]
+        blocks[k + 1] += one[d:, d:]
+        on[k] = one[d:, :d]
+    mixed = rng.permutation(own + shared)
+    curves = BorderedSystem(sparse.csr_matrix(M[:, mixed]), d, mixed >= own)
+    right = rng.normal(size=(own + shared, 2))
+    found = curves.solved(blocks, on, 1e-3, 0.0, right)
+    assert found is not None
+    H = M[:, mixed].T @ K @ M[:, mixed] + 1e-3 * np.eye(own + shared)
+    np.testing.assert_allclose(H @ found, right, atol=1e-7 * np.abs(H).max())
+    assert curves.border == shared
+
+
+def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None:
+    """A slot moves, a hole does not; a joint that keeps a value for an operation has one coefficient for it."""
+    cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
+    path_in = apart(toolpath([*slots(0.0), *slots(0.3)]))
+    options = replace(
+        OPTIONS,
+        external=(
+            ExternalJointOptions(joint="rail", mode="moving"),
+            ExternalJointOptions(joint="turn", mode="operation"),
+        ),
+    )
+    plan = by_grids(cell, path_in, replace(options, rotation_step=np.radians(45.0)))
+    groups = build_operation_groups(cell, path_in, plan.path, resolve_axis_options(cell, options))
+    curves = OffsetCurves.of(plan.path, groups)
+    c = np.random.default_rng(0).normal(size=curves.at_points.shape[1])
+    z = (curves.at_points @ c).reshape(len(plan.path.index), 3)
+    for first, last in plan.path.runs:
+        assert np.ptp(z[first : last + 1, 2]) == 0.0
+    assert len(np.unique(z[:, 2])) == 2
+
+
+@pytest.mark.slow
+def test_a_rail_that_moves_is_refined(
+    along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
+) -> None:
+    plan, groups, axes, path = along
+    better = refine_plan(plan, path, groups, AxisPlanRanking.of(plan.setup, axes), StageTimings())
+    assert better.chosen.objective.total < 0.999 * plan.chosen.objective.total
+    low, high = plan.setup.cell.limits.lower[6], plan.setup.cell.limits.upper[6]
+    assert low <= better.path.external.min() <= better.path.external.max() <= high
+    assert not len(better.missing)
+
+
+@pytest.mark.slow
+@given(st.floats(-0.4, 0.4), st.floats(0.05, 0.4), st.sampled_from(["moving", "operation", "mixed"]))
+@settings(
+    max_examples=scale_example_count(4), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: float, mode: str) -> None:
+    modes = {"mixed": ("moving", "operation")}.get(mode, (mode, mode))
+    axes = tuple(
+        ExternalJointOptions(joint=n, mode=m, weight=2.0) for n, m in zip(("rail", "turn"), modes, strict=True)
+    )  # type: ignore[arg-type]
+    options = replace(OPTIONS, external=axes)
+    path = toolpath(slots(y, y + half))
+    plan, groups, own = chosen(tmp_path, path, options, rail=True, table=True)
+    worth = AxisPlanRanking.of(plan.setup, own)
+    better = refine_plan(plan, path, groups, worth, StageTimings())
+    assert better is plan or worth.plan(better) < worth.plan(plan)
+    assert len(better.missing) <= len(plan.missing)
+
+
+@pytest.mark.slow
+@given(st.floats(-0.3, 0.3), st.floats(0.1, 0.4))
+@settings(
+    max_examples=scale_example_count(3), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: FilePath, y: float, half: float) -> None:
+    """Each refined, as they are exported: the travel weighs three times, so that standing is a rival."""
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    path = toolpath(slots(y, y + half))
+    plans = [
+        find_best_plan(
+            cell, path, replace(OPTIONS, external=(ExternalJointOptions(joint="rail", mode=mode, weight=3.0),))
+        )  # type: ignore[arg-type]
+        for mode in ("moving", "operation")
+    ]
+    assert plans[0].scores.scale == plans[1].scores.scale
+    worth = AxisPlanRanking.of(plans[0].setup, resolve_axis_options(cell, plans[0].options))
+    assert worth.plan(plans[0]) <= worth.plan(plans[1]) * (1.0 + 1e-9)
+
+
+@pytest.mark.slow
+def test_a_second_width_of_trust_makes_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), weaving()
+    monkeypatch.setattr(
+        coarse_to_fine_search, "LEAPS", (0, 0)
+    )  # a leap from the better of two plans may be the shorter one
+    found, scales = [], set()
+    for widths in coarse_to_fine_search.TRUSTS, coarse_to_fine_search.TRUSTS[:1], ():
+        monkeypatch.setattr(coarse_to_fine_search, "TRUSTS", widths)
+        plan = find_best_plan(cell, path, MOVING)
+        found.append(AxisPlanRanking.of(plan.setup, resolve_axis_options(cell, plan.options)).plan(plan))
+        scales.add(plan.scores.scale)
+    assert len(scales) == 1
+    assert found[0] <= found[1] < found[2]
+
+
+@pytest.mark.slow
+def test_a_plan_far_behind_is_not_planned_again(
+    along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
+) -> None:
+    plan, groups, axes, path = along
+    worth = AxisPlanRanking.of(plan.setup, axes)
+    assert refine_plan(plan, path, groups, worth, StageTimings(), below=0.5 * worth.plan(plan)) is plan
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "joint", "values"),
+    [({"rail": True}, "rail", (-400.0, 0.0, 500.0)), ({"table": True}, "turn", (-60.0, 0.0, 90.0))],
+)
+def test_a_written_plan_is_no_worse_than_any_with_the_joint_at_one_value(
+    tmp_path: FilePath, kind: dict[str, bool], joint: str, values: tuple[float, ...]
+) -> None:
+    """By the files of the command, whose J have a unit of their own each: the indices are put into the first one's."""
+    folder = external_folder(tmp_path, **kind)
+    slot = [f"{x},{y},-1,0,0,1,cut,2000" for x, y in zip((0, 30, -20, 40, 10), range(-150, 151, 75), strict=True)]
+    rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min", "0,-150,60,0,0,1,rapid,", *slot, "10,150,60,0,0,1,retract,3000"]
+    (folder / "job.csv").write_text("\n".join(rows) + "\n")
+
+    def written(name: str, *more: str) -> dict[str, Any]:
+        asked = ["optimize", str(folder), str(folder / "job.csv"), "-o", str(tmp_path / name), "--quiet"]
+        assert main([*asked, *(word for one in more for word in ("--set", one))]) == 0
+        return dict(json.loads((tmp_path / name / "result.json").read_text()))
+
+    free = written("free")
+    weights = free["options"]["weights"]
+    for value in values:
+        unit = "mm" if joint == "rail" else "deg"
+        one = written(f"at {value}", f"external.{joint}.mode=locked", f"external.{joint}.at_{unit}={value}")
+        o = one["objective"]["chosen"]
+        index = weights["mean"] * o["mean"] + weights["worst"] * o["worst"]
+        told = o["total"] + index * (one["index_scale"] / free["index_scale"] - 1.0)
+        assert free["objective"]["chosen"]["total"] <= told * (1.0 + 1e-9), value

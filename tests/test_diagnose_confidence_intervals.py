@@ -1,0 +1,100 @@
+"""Intervals of findings: what another law of the same effect may add to them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import pytest
+
+import machopt
+from machopt.effects.law_interfaces.law_parameters import DEFAULT_FORM_UNCERTAINTY
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Quantity
+from machopt.measurement.diagnosis.model_selection.evaluation import finding_estimates
+
+if TYPE_CHECKING:
+    from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
+    from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedHypothesis
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "diagnosis_chain_benchmark"))
+import generate_cases
+
+LENGTH = EffectHypothesis(
+    effect="geometry",  # whose form adds nothing
+    location="sensor:force",
+    law="a vector",
+    equation="",
+    columns=lambda _: np.zeros((1, 1, 3)),
+    quantities=lambda x, _: {},
+    is_exact=True,
+)
+
+
+@pytest.mark.parametrize("size", ["medium", "large"])
+def test_a_law_that_nothing_holds_does_not_widen_the_interval_of_one_that_is_sure(tmp_path: Path, size: str) -> None:
+    """A full matrix at the tool fits as well as a body of revolution; it said 0.04 µm/N with −131 … 131."""
+    ((name, case, seed),) = generate_cases.chosen("dev", [f"deflection/tool_compliance.9/{size}"], False, 1)
+    generate_cases.generate((name, case, seed, "dev", tmp_path, True))
+    found = machopt.diagnose(tmp_path / name / "cell", tmp_path / name / "recording")
+    finding = next(f for f in found.result.findings if f.effect == "tool_compliance")
+    true = json.loads((tmp_path / f"{name}.truth.json").read_text(encoding="utf-8"))["effects"][0]["size"]["value"]
+    low, high = finding.parameters["lateral_compliance"].ci95
+    assert 0.0 < low < true < high < 3.0 * true
+
+
+@pytest.mark.parametrize("across", [0.1, 0.2])
+def test_the_interval_of_a_length_knows_that_noise_across_it_makes_it_longer(across: float) -> None:
+    """Of a vector of length 1, 300 times: ends that are too high are as rare as ends that are too low."""
+    rng, sigma = np.random.default_rng(1), np.array([0.05, across, across])
+    law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
+    high = low = 0
+    for x in np.array([1.0, 0.0, 0.0]) + sigma * rng.normal(size=(300, 3)):
+        fitted = cast("WhitenedHypothesis", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
+        ends = finding_estimates._compute_quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6)["length"][1]
+        high, low = high + (ends[0] > 1.0), low + (ends[1] < 1.0)
+    assert high <= 8  # 12 and 9 by the slope alone
+    assert low <= 8
+    assert high + low >= 2  # an interval that is never wrong says nothing
+
+
+def test_a_sensor_is_wrong_through_what_bodies_give_too(tmp_path: Path) -> None:
+    """A zero of the force beside a soft link: through the springs alone it came out 16 % too large."""
+    ((name, case, seed),) = generate_cases.chosen("dev", ["pair/force_sensor_offset+link_compliance.6"], False, 1, 441)
+    generate_cases.generate((name, case, seed, "dev", tmp_path, False))
+    found = machopt.diagnose(tmp_path / name / "cell", tmp_path / name / "recording")
+    truth = json.loads((tmp_path / f"{name}.truth.json").read_text(encoding="utf-8"))["effects"]
+    offset = next(e for e in truth if e["effect"] == "force_sensor_offset")["parameters"]["offset"]["value"]
+    said = next(f for f in found.result.findings if f.effect == "force_sensor_offset").parameters["offset"]
+    assert said.value == pytest.approx(offset, rel=0.06)
+    assert said.ci95[0] < offset < said.ci95[1]
+
+
+def _chosen(*effects: str) -> list[SelectedEffect]:
+    return [
+        cast("SelectedEffect", SimpleNamespace(whitened=SimpleNamespace(hypothesis=replace(LENGTH, effect=e))))
+        for e in effects
+    ]
+
+
+def test_an_exact_law_is_as_sure_as_those_beside_it() -> None:
+    """What the form of a gear or a body leaves goes into a zero or a frame beside it; exact ones leave nothing."""
+    assert finding_estimates._compute_model_uncertainty(_chosen("force_sensor_offset", "displacement_frame"), 0) == 0.0
+    assert (
+        finding_estimates._compute_model_uncertainty(_chosen("force_sensor_offset", "base_compliance"), 0)
+        == DEFAULT_FORM_UNCERTAINTY
+    )
+    assert finding_estimates._compute_model_uncertainty(_chosen("joint_hysteresis", "force_sensor_offset"), 0) == 0.0
+    x, sigma = np.array([1.0, 0.0, 0.0]), np.full(3, 0.01)
+    law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
+    fitted = cast("WhitenedHypothesis", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
+    alone, beside = (
+        np.ptp(finding_estimates._compute_quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6, doubt)["length"][1])
+        for doubt in (0.0, DEFAULT_FORM_UNCERTAINTY)
+    )
+    assert alone == pytest.approx(2 * 1.96 * 0.01, rel=1e-3)
+    assert beside == pytest.approx(2 * 1.96 * np.hypot(0.01, DEFAULT_FORM_UNCERTAINTY), rel=1e-3)

@@ -1,0 +1,80 @@
+"""What one session shows and another contradicts is no physics of the robot, nor of an instrument that both used."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from test_diagnose_load_test_drift import timed
+from test_effects import posed
+
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
+from machopt.measurement.diagnosis.effect_columns import sensor_errors
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.model_selection.screening.session_transfer import compute_session_transfer
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_whitened_model
+
+DAYS, VISITS, READINGS = 2, 10, 6
+
+
+@pytest.mark.parametrize("days", [(0, 1), (1,)])
+def test_a_law_is_named_where_every_session_shows_it(days: tuple[int, ...]) -> None:
+    r, _, _ = timed()
+    laws = tuple(
+        h
+        for h in sensor_errors.build_load_test_sensor_hypotheses(r)
+        if h.effect in ("force_sensor_frame", "force_sensor_offset")
+    )
+    turned = next(h for h in laws if h.effect == "force_sensor_frame")
+    moved = turned.columns(turned.shapes[0]) @ np.full(3, 0.01)
+    moved[~np.isin(r.session, days)] = 0.0
+    found = selection_pipeline.diagnose_problem(
+        posed(r, moved), HypothesisCatalogue(laws), selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
+    contradicted = [n for n in found.notes if "sessions differ" in n]
+    if len(days) > 1:
+        assert [f.effect for f in found.findings] == ["force_sensor_frame"]
+        assert not contradicted
+    else:
+        assert not found.findings
+        assert found.verdict == "unexplained"
+        assert len(contradicted) == 1
+
+
+def share(*, days_with_it: int, moved: bool) -> float:
+    """Of a law beside a frame (a shift and a slope), which is one for all days or another each day."""
+    rng = np.random.default_rng(3)
+    rows = DAYS * VISITS * READINGS
+    day = np.repeat(np.arange(DAYS), VISITS * READINGS)
+    u = rng.normal(size=rows)
+    law = (u + 0.5 * rng.normal(size=rows))[:, None]
+    frame = np.column_stack([np.ones(rows), u])
+    X = np.hstack([frame * (day == d)[:, None] for d in range(DAYS)]) if moved else frame
+    y = 3.0 * law[:, 0] * (day < days_with_it) + 0.01 * rng.normal(size=rows)
+    y -= X @ np.linalg.lstsq(X, y, rcond=None)[0]  # as a first fit of the frames leaves it
+    whitening: Any = SimpleNamespace(
+        session=np.repeat(np.arange(DAYS), VISITS),
+        group_of_visit=np.tile(np.arange(VISITS), DAYS),
+        visit_starts=np.arange(0, rows + 1, READINGS),
+    )
+    fold = np.tile(np.arange(VISITS), DAYS)
+    of = np.repeat(fold, READINGS)
+    base = build_whitened_model(
+        whitening, X, y, fold, np.zeros(X.shape[1]), tuple(np.flatnonzero(of == f) for f in range(VISITS))
+    )
+    gain = base.rss - base.with_columns(law).rss
+    scored: Any = SimpleNamespace(gain=gain, shape=0, whitened=SimpleNamespace(columns_at=lambda _: law))
+    return compute_session_transfer(base, scored)
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_what_both_days_show_comes_again_though_the_tracker_was_moved(moved: bool) -> None:
+    """A day's own stand is fitted to that day, with and without the law: the other day cannot tell it."""
+    assert share(days_with_it=2, moved=moved) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_what_one_day_shows_alone_does_not(moved: bool) -> None:
+    assert share(days_with_it=1, moved=moved) < 0.4

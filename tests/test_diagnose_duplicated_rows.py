@@ -1,0 +1,50 @@
+"""A reading that was pasted into the row of another pose is told from one that was there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_diagnose_session_errors import CELL, CELLS, sound
+from test_diagnose_tcp_poses import arm, measure
+
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis.data_quality.duplicated_rows import find_duplicated_rows
+
+
+@pytest.mark.parametrize("turned", [0.0, 2.0])
+def test_of_two_rows_that_read_alike_the_one_farther_from_the_arm_is_the_copy(turned: float) -> None:
+    """Wherever the tracker stands; poses that are visited again may read alike."""
+    cell, robot, _ = arm()
+    T = cell.tool.T_flange_tcp
+    frame = np.array([0.3, -1.0, 0.2]), np.array([0.0, 0.0, turned]), np.zeros(3)
+    exact = measure(frame=frame)
+    assert exact.position is not None
+    assert not find_duplicated_rows(exact, robot, T).any()
+    r = measure(frame=frame, noise=2e-5)
+    assert r.position is not None
+    assert not find_duplicated_rows(r, robot, T).any()
+    x = r.position.copy()
+    x[[4, 21]] = x[[17, 3]]
+    spoilt = replace(r, position=x)
+    assert np.flatnonzero(find_duplicated_rows(spoilt, robot, T)).tolist() == [4, 21]
+    coarse = replace(spoilt, position=np.round(x, 5))  # read to 0.01 mm: alike by chance
+    assert not find_duplicated_rows(coarse, robot, T).any()
+
+
+@pytest.mark.parametrize("digits", [9, 5])
+def test_a_visit_of_a_load_test_pasted_over_another_is_found_in_coarse_readings_too(digits: int) -> None:
+    r, cell = sound(), load_cell(CELLS / CELL)
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    assert r.displacement is not None
+    d = np.round(r.displacement, digits)
+    r = replace(r, displacement=d)
+    assert not find_duplicated_rows(r, robot, T).any()
+    source, goal = (np.flatnonzero((r.pose == p) & (r.session == 1)) for p in np.unique(r.pose)[[2, 7]])
+    d = d.copy()
+    d[goal] = d[source]
+    assert np.flatnonzero(find_duplicated_rows(replace(r, displacement=d), robot, T)).tolist() == goal.tolist()
+    twice = np.where(r.pose == np.unique(r.pose)[7], np.unique(r.pose)[2], r.pose)  # another number of the same pose
+    assert not find_duplicated_rows(replace(r, displacement=d, pose=twice), robot, T).any()

@@ -1,0 +1,102 @@
+"""The channel of a tracked TCP in motion, against an arm whose compliances, lag and clock are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated_long_motion
+
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.errors import InputError
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    DiagnosisProblem,
+    EffectHypothesis,
+    HypothesisCatalogue,
+)
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.dynamic import motion_channels
+from machopt.measurement.recording import load_recording
+
+COMPLIANCE = np.array([0.3, 0.5, 0.7, 2.0, 2.5, 3.0]) * 1e-6  # rad/(N·m), of simulated_long_motion
+LATE = 0.012  # s
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Recording]:
+    cell, recording = simulated_long_motion.write_long_motion(
+        tmp_path_factory.mktemp("tip"), 3000, 100.0, 3, shows="tip"
+    )
+    return load_cell(cell), load_recording(recording)
+
+
+def built(cell: Cell, recording: Recording) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[Finding, ...]]:
+    problem, catalogue, _, found = motion_channels.build_motion_problem(
+        recording, cell, "tip", np.random.default_rng(0)
+    )
+    return problem, catalogue, found
+
+
+def solved(problem: DiagnosisProblem, *more: np.ndarray) -> np.ndarray:
+    """Coefficients of the base and of further columns (M, 3, 1), least squares."""
+    A = np.concatenate([problem.base, *more], axis=2)
+    A = A.reshape(-1, A.shape[2])
+    size = np.linalg.norm(A, axis=0)
+    return np.asarray(np.linalg.lstsq(A / size, problem.y.reshape(-1), rcond=None)[0] / size)
+
+
+def lags(catalogue: HypothesisCatalogue) -> dict[str, EffectHypothesis]:
+    return {h.law: h for h in catalogue.hypotheses if h.effect == "servo_lag"}
+
+
+def test_the_base_holds_the_compliances_of_the_arm(driven: tuple[Cell, Recording]) -> None:
+    """5 %: 3,000 samples with 20 µm of noise; the tracker's frame and the target are fitted along.
+
+    The target lies on axis 6, which therefore is not seen.
+    """
+    problem, catalogue, found = built(*driven)
+    assert problem.channel == "position"
+    names = [u.name for u in problem.unknowns]
+    assert names[9:] == [f"compliance {j}" for j in range(1, 7)]
+    np.testing.assert_allclose(solved(problem)[9:14], COMPLIANCE[:5], rtol=0.05)
+    assert np.abs(problem.base[:, :, 14]).max() < 1e-9
+    assert np.abs(solved(problem)[:3]).max() < 1e-4  # m: the tracker stands in the base's frame
+    assert found == ()
+    assert lags(catalogue) == {}
+    assert ("servo_lag", "the commanded joints are not recorded") in {
+        (u.effect, u.reason) for u in catalogue.untestable
+    }
+
+
+def test_an_arm_behind_its_command_is_offered_as_the_encoders_show_it(driven: tuple[Cell, Recording]) -> None:
+    cell, recording = driven
+    assert recording.velocity is not None
+    asked = recording.q + LATE * recording.velocity  # the TCP is where the encoders are
+    problem, catalogue, found = built(cell, replace(recording, q_command=asked))
+    shown = lags(catalogue)["as the encoders show it"]
+    x = solved(problem, shown.columns(()))[-1:]
+    assert x[0] == pytest.approx(1.0, abs=0.02)
+    assert shown.quantities(x, ())["delay"].value == pytest.approx(1e3 * LATE, rel=0.03)  # ms
+    one = lags(catalogue)["one delay of all joints"]
+    assert one.shapes[-1][0] == pytest.approx(LATE, abs=1e-3)
+    assert [f for f in found if f.effect == "time_skew"] == []
+
+
+def test_encoders_with_a_clock_of_their_own_are_told_from_a_late_arm(driven: tuple[Cell, Recording]) -> None:
+    cell, recording = driven
+    assert recording.velocity is not None
+    told = replace(recording, q=recording.q - LATE * recording.velocity, q_command=recording.q)
+    _, _, found = built(cell, told)
+    (late,) = (f for f in found if f.effect == "time_skew")
+    assert late.location == "sensor:q"
+    assert late.parameters["late"].value == pytest.approx(1e3 * LATE, rel=0.03)  # ms
+    assert late.after < 0.2 * late.before
+
+
+def test_the_channel_needs_a_tracked_position(driven: tuple[Cell, Recording]) -> None:
+    cell, recording = driven
+    with pytest.raises(InputError, match="the channel tip needs x_mm, y_mm, z_mm"):
+        built(cell, replace(recording, position=None))

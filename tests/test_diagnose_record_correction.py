@@ -1,0 +1,344 @@
+"""The record before the robot: units, frames, signs and copies are found, named by their column, and put right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from simulated_hidden_effects import (
+    ARCMIN,
+    CELLS,
+    HiddenEffects,
+    NoiseLevels,
+    arm,
+    build_rough_backlash,
+    load_tests,
+    plan_load_tests,
+)
+
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.parameter_keys import build_joint_spring_key
+from machopt.kinematics.robot import Robot, load_masses, load_robot
+from machopt.measurement.diagnosis.data_quality import outlier_rows, pose_units, static_record_correction
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown
+from machopt.measurement.diagnosis.data_types.diagnosis_result import BaseCoefficient, Finding
+from machopt.measurement.diagnosis.static import loaded_equilibrium_terms
+from machopt.measurement.diagnosis.verdict.cell_stiffness_comparison import describe_deviating_springs
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
+from machopt.measurement.identification.data_quality.record_fault import RecordFault as Problem
+
+CELL = "kr240_drilling"
+
+
+@cache
+def robot(cell: str = CELL) -> tuple[Robot, np.ndarray, np.ndarray]:
+    found = load_cell(CELLS / cell)
+    assert found.stiffness is not None
+    return load_robot(found), found.tool.T_flange_tcp, found.stiffness.joints
+
+
+@cache
+def sound(rotations: bool = False, frame: str = "base", cell: str = CELL, force: float = 1500.0) -> Recording:
+    """Forces of 1.5 kN; with rotations moments of 200 N·m beside them."""
+    rng = np.random.default_rng(3)
+    a = arm(cell)
+    truth = HiddenEffects(a.nominal * rng.uniform(0.75, 1.3, 6), {2: build_rough_backlash(0.3 * ARCMIN, 80.0)})
+    plan = plan_load_tests(a, rng, poses=12, loads=3, force=force, moment=0.13 * force if rotations else 0.0)
+    return load_tests(a, truth, plan, rng, NoiseLevels(outliers=0.0), rotations=rotations, frame=frame)
+
+
+def scaled(r: Recording, group: str, factor: float) -> Recording:
+    """One group of columns read in another unit."""
+    assert r.wrench is not None
+    assert r.displacement is not None
+    if group == "q1_deg":
+        return replace(r, q=factor * r.q)
+    w, d = r.wrench.copy(), r.displacement.copy()
+    target, columns = {
+        "fx_N": (w, slice(0, 3)),
+        "mx_Nm": (w, slice(3, 6)),
+        "dx_mm": (d, slice(0, 3)),
+        "rx_mrad": (d, slice(3, 6)),
+    }[group]
+    target[:, columns] *= factor
+    return replace(r, wrench=w, displacement=d)
+
+
+def mend(r: Recording, cell: str = CELL, **options) -> tuple[Recording, list[Finding], list[str]]:
+    arm_, T, prior = robot(cell)
+    return static_record_correction.correct_static_record(r, arm_, T, prior, **options)
+
+
+def test_a_sound_record_is_left_as_it_is() -> None:
+    for r in (sound(), sound(rotations=True), sound(frame="tool")):
+        mended, findings, _ = mend(r)
+        assert findings == []
+        assert mended is r
+
+
+UNITS = [
+    ("dx_mm", 1e-3, False),
+    ("dx_mm", 1 / 25.4, False),
+    ("dx_mm", 1e3, False),
+    ("dx_mm", 0.1, False),
+    ("dx_mm", 1e-3, True),
+    ("dx_mm", 1 / 25.4, True),
+    ("dx_mm", 1e3, True),
+    ("fx_N", 1e-3, False),
+    ("fx_N", 1 / 9.80665, False),
+    ("fx_N", 1 / 4.44822, False),
+    ("fx_N", 1e-3, True),
+    ("fx_N", 1 / 9.80665, True),
+    ("mx_Nm", 1e3, True),
+    ("rx_mrad", 1e-3, True),
+    ("rx_mrad", float(np.degrees(1e-3)), True),
+    ("rx_mrad", 1e3, True),
+    ("q1_deg", float(np.pi / 180), False),
+    ("q1_deg", float(np.pi / 180), True),
+]
+
+
+@pytest.mark.parametrize(("group", "factor", "rotations"), UNITS)
+def test_another_unit_is_named_by_its_columns_and_put_right(group: str, factor: float, rotations: bool) -> None:
+    r = sound(rotations)
+    mended, findings, _ = mend(scaled(r, group, factor))
+    assert [(f.effect, f.location) for f in findings] == [("units", f"column:{group}")]
+    assert findings[0].parameters["factor"].value == pytest.approx(factor, rel=1e-9)
+    assert findings[0].record
+    for name in ("q", "wrench", "displacement"):
+        assert np.allclose(getattr(mended, name), getattr(r, name), rtol=1e-12, atol=0.0)
+
+
+def test_kilograms_throughout_are_mended_throughout() -> None:
+    r = sound(rotations=True)
+    kilograms = scaled(scaled(r, "fx_N", 1 / 9.80665), "mx_Nm", 1 / 9.80665)
+    mended, findings, _ = mend(kilograms)
+    assert [f.location for f in findings] == ["column:fx_N"]
+    assert np.allclose(mended.wrench, r.wrench)  # type: ignore[arg-type]
+
+
+def test_a_million_is_one_finding() -> None:
+    r = sound()
+    mended, findings, _ = mend(scaled(r, "dx_mm", 1e6))
+    assert [f.location for f in findings] == ["column:dx_mm"]
+    assert findings[0].parameters["factor"].value == pytest.approx(1e6)
+    assert np.allclose(mended.displacement, r.displacement)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("factor", [0.3, 3.0])
+def test_springs_three_times_off_the_cell_are_no_unit(factor: float) -> None:
+    arm_, T, prior = robot()
+    r = sound()
+    mended, findings, _ = static_record_correction.correct_static_record(r, arm_, T, prior * factor)
+    assert findings == []
+    assert mended is r
+
+
+def test_a_joint_ten_times_softer_is_no_unit() -> None:
+    """The displacement per load is many times the cell's then, too, and most joints are as they should be."""
+    arm_, T, prior = robot()
+    r = sound()
+    for joint in range(3):
+        soft = prior * np.where(np.arange(6) == joint, 40.0, 1.0)  # of the cell; the arm has a fortieth of it
+        mended, findings, _ = static_record_correction.correct_static_record(r, arm_, T, soft)
+        assert findings == [], f"joint {joint + 1}"
+        assert mended is r
+
+
+def test_displacements_that_scatter_as_stated_are_in_the_unit_that_is_stated() -> None:
+    """An arm seven times stiffer than its cell says looks like centimetres, but its tracker is no ten times better."""
+    arm_, T, prior = robot()
+    r = sound()
+    stiff = replace(r, displacement=r.displacement / 7.0)  # type: ignore[operator]
+    assert [f.effect for f in static_record_correction.correct_static_record(stiff, arm_, T, prior)[1]] == [
+        "units"
+    ]  # repeats a seventh of what is stated
+    rng = np.random.default_rng(0)
+    noisy = replace(stiff, displacement=stiff.displacement + 15e-6 * rng.standard_normal(r.displacement.shape))  # type: ignore[union-attr]
+    stated = replace(r.uncertainty, displacement=15e-6)
+    assert static_record_correction.correct_static_record(replace(noisy, uncertainty=stated), arm_, T, prior)[1] == []
+    unsaid = replace(r.uncertainty, displacement=None)
+    assert [
+        f.effect
+        for f in static_record_correction.correct_static_record(replace(noisy, uncertainty=unsaid), arm_, T, prior)[1]
+    ] == ["units"]
+
+
+def test_a_guessed_stiffness_does_not_tell_pounds_from_a_soft_arm() -> None:
+    arm_, T, prior = robot()
+    pounds = scaled(sound(), "fx_N", 1 / 4.44822)
+    assert [f.location for f in static_record_correction.correct_static_record(pounds, arm_, T, prior)[1]] == [
+        "column:fx_N"
+    ]
+    assert static_record_correction.correct_static_record(pounds, arm_, T, prior, estimated=True)[1] == []
+    kilograms = scaled(sound(), "fx_N", 1 / 9.80665)
+    assert [
+        f.location for f in static_record_correction.correct_static_record(kilograms, arm_, T, prior, estimated=True)[1]
+    ] == ["column:fx_N"]
+
+
+def test_what_the_user_accepts_is_not_mended() -> None:
+    r = scaled(sound(), "dx_mm", 1 / 25.4)
+    mended, findings, _ = mend(r, accept=("units",))
+    assert findings == []
+    assert mended is r
+
+
+def test_other_frames_and_signs_are_named_and_put_right() -> None:
+    r, tool = sound(), sound(frame="tool")
+    assert r.wrench is not None
+    cases = [
+        (replace(tool, wrench_frame="base"), "force_sensor_frame", "sensor:force", tool.wrench, "tool"),
+        (replace(r, wrench_frame="tool"), "force_sensor_frame", "sensor:force", r.wrench, "base"),
+        (replace(r, displacement_frame="tool"), "displacement_frame", "sensor:displacement", r.wrench, "base"),
+        (replace(r, wrench=-r.wrench), "load_geometry", "sensor:force", r.wrench, "base"),
+    ]
+    for wrong, effect, where, wrench, frame in cases:
+        mended, findings, _ = mend(wrong)
+        assert [(f.effect, f.location) for f in findings] == [(effect, where)]
+        assert np.allclose(mended.wrench, wrench)  # type: ignore[arg-type]
+        assert (mended.wrench_frame, mended.displacement_frame) == (frame, "base")
+
+
+def test_moments_about_the_flange_are_named_and_put_right() -> None:
+    r = sound(rotations=True)
+    arm_, T, _ = robot()
+    assert r.wrench is not None
+    lever = arm_.compute_fk(r.q, T)[:, :3, 3] - arm_.compute_fk(r.q)[:, :3, 3]
+    w = r.wrench.copy()
+    w[:, 3:] += np.cross(lever, w[:, :3])
+    mended, findings, _ = mend(replace(r, wrench=w))
+    assert [(f.effect, f.location) for f in findings] == [("load_geometry", "sensor:force")]
+    told, want = build_load_test_experiment(mended, arm_, T), build_load_test_experiment(r, arm_, T)
+    assert np.abs(told.wrench - want.wrench).max() < 1e-9
+
+
+def test_copies_are_told_from_repeats() -> None:
+    r = sound()
+    assert r.displacement is not None
+    assert not outlier_rows.find_copied_rows(r).any()
+    d = r.displacement.copy()
+    for n in (12, 33, 51):
+        d[n] = d[n - 1]
+    assert np.flatnonzero(outlier_rows.find_copied_rows(replace(r, displacement=d))).tolist() == [12, 33, 51]
+    coarse = replace(r, displacement=np.round(d, 5))  # read to 0.01 mm: equal neighbours mean nothing
+    assert not outlier_rows.find_copied_rows(coarse).any()
+
+
+def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
+    """The simulator's sensor stands where weight puts it; the encoders do not know."""
+    arm_, T, _ = robot()
+    base, tool = sound(), sound(frame="tool")
+    masses = load_masses(load_cell(CELLS / CELL))
+    true = build_load_test_experiment(base, arm_, T).wrench
+    tests = build_load_test_experiment(tool, arm_, T)
+    straight = np.abs(tests.wrench - true).max()
+    turned = np.abs(
+        loaded_equilibrium_terms.convert_wrench_at_loaded_pose(tests, tool, arm_, T, masses).wrench - true
+    ).max()
+    assert straight > 5.0  # N of 1500: 3 mrad
+    assert turned < 0.2 * straight  # springs are known to some per cent, backlash and the load's own turn apart
+    told = build_load_test_experiment(base, arm_, T)
+    assert loaded_equilibrium_terms.convert_wrench_at_loaded_pose(told, base, arm_, T, masses) is told
+
+
+@pytest.mark.parametrize("offset_N", [(7.0, 19.0, -2.0), (48.0, 19.0, 31.0)])
+def test_a_zero_of_the_force_does_not_hide_that_the_tool_sags(offset_N: tuple[float, float, float]) -> None:
+    """K_C and a zero are as large as what the sag turns; a turned sensor was then named as axes of the tracker."""
+    arm_, T, _ = robot()
+    tool = sound(frame="tool")
+    assert tool.wrench is not None
+    off = replace(tool, wrench=tool.wrench + np.array([*offset_N, 0.0, 0.0, 0.0]))
+    tests = build_load_test_experiment(off, arm_, T)
+    assert (
+        loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
+            tests, off, arm_, T, load_masses(load_cell(CELLS / CELL))
+        )
+        is not tests
+    )
+
+
+def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() -> None:
+    """The springs tell it from a sensor that sags with the arm."""
+    arm_, T, _ = robot()
+    base = sound()
+    assert base.wrench is not None
+    R = arm_.compute_fk(base.q, T)[:, :3, :3]
+    w = np.einsum("nji,nbj->nbi", R, base.wrench.reshape(-1, 2, 3)).reshape(-1, 6)
+    told = build_load_test_experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
+    kept = loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
+        told, replace(base, wrench=w, wrench_frame="tool"), arm_, T, load_masses(load_cell(CELLS / CELL))
+    )
+    assert kept is told
+
+
+def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
+    def joint(number: int, value: float, sigma: float) -> BaseCoefficient:
+        return BaseCoefficient(
+            BaseUnknown(name=f"joint {number}", unit="rad/(N·m)", key=build_joint_spring_key(number)),
+            value,
+            value,
+            sigma,
+        )
+
+    found = [joint(1, 1e-6, 1e-8), joint(2, 1e-5, 1e-7), joint(3, 1e-5, 9e-6), joint(4, 1e-7, 1e-9)]
+    said = describe_deviating_springs(SimpleNamespace(coefficients=found), np.full(6, 1e6))  # type: ignore[arg-type]
+    assert [s[:27] for s in said] == ["joint 2 comes out 10 times ", "joint 4 comes out 10 times "]
+    assert "softer (100000 N·m/rad)" in said[0]  # written out, as a data sheet has it
+    assert "stiffer" in said[1]
+    assert describe_deviating_springs(SimpleNamespace(coefficients=found), None) == []  # type: ignore[arg-type]
+
+
+def test_every_word_of_the_check_has_its_mend_or_none() -> None:
+    """What a check says goes through :func:`static_record_correction._mended`; what it has no rule for is left and
+    said."""
+    arm_, T, _ = robot()
+    r = sound(rotations=True)
+    assert r.wrench is not None
+    at_base = r.wrench.copy()
+    p = arm_.compute_fk(r.q, T)[:, :3, 3]
+    at_base[:, 3:] += np.cross(p, at_base[:, :3])
+
+    def put_right(code: str, wrong: Recording, column: str = "", factor: float = 1.0) -> Recording | None:
+        return static_record_correction._apply_correction(
+            wrong, Problem(code=code, severity="error", message="said", column=column, factor=factor), arm_, T
+        )
+
+    both = put_right("frames", replace(r, wrench_frame="tool", displacement_frame="tool"))
+    assert both is not None
+    assert (both.wrench_frame, both.displacement_frame) == ("base", "base")
+    lever = put_right("moment_at_base", replace(r, wrench=at_base))
+    assert lever is not None
+    np.testing.assert_allclose(lever.wrench, r.wrench, atol=1e-9)
+    assert put_right("moment_at_base", replace(r, wrench=at_base, wrench_frame="tool")) is None
+    assert put_right("units", r) is None  # no column to scale
+    assert put_right("something new", r) is None
+    scaled_back = put_right("moment_units", scaled(r, "mx_Nm", 1e3), "mx_Nm", 1e-3)
+    assert scaled_back is not None
+    np.testing.assert_allclose(scaled_back.wrench, r.wrench, rtol=1e-12)
+
+
+def test_an_error_that_nothing_mends_is_said_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm_, T, prior = robot()
+    odd = Problem(code="something new", severity="error", message="nobody has seen this before")
+    monkeypatch.setattr(static_record_correction, "check_experiment", lambda *_: [odd])
+    r = sound()
+    mended, findings, warnings = static_record_correction.correct_static_record(r, arm_, T, prior)
+    assert mended is r
+    assert findings == []
+    assert warnings == ["nobody has seen this before"]
+    assert static_record_correction.correct_static_record(r, arm_, T, prior, accept=("something new",))[2] == [
+        "nobody has seen this before"
+    ]
+
+
+def test_nothing_was_measured_nothing_is_a_copy() -> None:
+    r = sound()
+    assert not outlier_rows.find_copied_rows(replace(r, displacement=None)).any()
+    arm_, T, _ = robot()
+    poses = replace(r, kind="absolute", displacement=None, wrench=None, position=None)
+    assert pose_units.correct_pose_units(poses, arm_, T) == (poses, [])

@@ -1,0 +1,153 @@
+"""Stretches of rows that stand one too low or high, and moments in another unit than forces, are read as meant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated_hidden_effects import CELLS
+from test_diagnose_session_errors import CELL, sound
+from test_diagnose_tcp_poses import arm as measured_arm
+from test_diagnose_tcp_poses import measure
+
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording, StandardUncertainty
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis.data_quality import shifted_rows, static_record_correction, swapped_columns
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.diagnosis_pipeline import diagnose_static_recording
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+
+
+def at_arm(
+    r: Recording, mend=shifted_rows.correct_shifted_rows, accept: tuple[str, ...] = ()
+) -> tuple[Recording, list[Finding]]:
+    cell = load_cell(CELLS / CELL)
+    return mend(r, load_robot(cell), cell.tool.T_flange_tcp, accept)
+
+
+def moved(r: Recording, first: int, last: int, by: int) -> Recording:
+    """Rows first … last − 1 with the displacement of the row before or after them."""
+    values = r.displacement.copy()
+    values[first:last] = r.displacement[first - by : last - by]
+    return replace(r, displacement=values)
+
+
+@pytest.mark.parametrize(("first", "last", "by"), [(70, 110, 1), (95, 115, -1), (4, 40, 1)])
+def test_a_stretch_of_slipped_rows_is_put_back_and_told_by_its_rows(first: int, last: int, by: int) -> None:
+    r = sound()
+    out, (finding,) = at_arm(moved(r, first, last, by))
+    assert (finding.effect, finding.location) == ("columns", "column:dx_mm")
+    at = [round(finding.parameters[name].value) for name in ("first row", "last row")]
+    assert abs(at[0] - (first + 1)) <= 2
+    assert abs(at[1] - last) <= 2
+    inside = slice(first + 2, last - 2)
+    assert np.array_equal(out.displacement[inside], r.displacement[inside])
+    assert np.array_equal(
+        np.delete(out.displacement, np.s_[first - 2 : last + 2], axis=0),
+        np.delete(r.displacement, np.s_[first - 2 : last + 2], axis=0),
+    )
+
+
+@pytest.mark.parametrize("sessions", [1, 2])
+@pytest.mark.parametrize("deleted", [5, 20, 60, 90])
+def test_a_cell_that_was_deleted_anywhere_shifts_all_that_follow_and_its_own_reading_is_lost(
+    sessions: int, deleted: int
+) -> None:
+    """Most rows are wrong then, and only the moved record says what fits."""
+    r = sound(sessions=sessions)
+    values = r.displacement.copy()
+    values[deleted:] = np.roll(r.displacement[deleted:], -1, axis=0)
+    out, (finding,) = at_arm(replace(r, displacement=values))
+    away = shifted_rows.find_lost_rows([finding], len(r))
+    kept = ~away
+    kept[-1] = False  # the file's end, where another's reading stands
+    assert away.sum() == 1
+    assert away[max(deleted - 1, 0) : deleted + 2].any()
+    wrong = np.linalg.norm(out.displacement - r.displacement, axis=1)[:, None][kept]
+    noise = 4.0 * 15e-6
+    assert (wrong > noise).sum() <= 1  # of two neighbours that are alike either may be the one
+
+
+def test_a_slip_over_two_sessions_is_told_by_its_rows_and_a_whole_session_as_that() -> None:
+    r = sound()
+    values = r.displacement.copy()
+    values[120:] = np.roll(r.displacement[120:], -1, axis=0)
+    cell = load_cell(CELLS / CELL)
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    _, found, _ = static_record_correction.correct_static_record(
+        replace(r, displacement=values), robot, T, cell.stiffness.joints
+    )
+    (finding,) = (f for f in found if f.effect == "columns")
+    assert abs(finding.parameters["first row"].value - 121) <= 2
+    whole = r.displacement.copy()
+    rows = r.session == r.session.max()
+    whole[rows] = np.roll(r.displacement[rows], -1, axis=0)
+    _, found, _ = static_record_correction.correct_static_record(
+        replace(r, displacement=whole), robot, T, cell.stiffness.joints
+    )
+    (finding,) = (f for f in found if f.effect == "columns")
+    assert "first row" not in finding.parameters
+    assert finding.parameters["session"].value == r.session.max()
+
+
+def test_nothing_of_the_arm_is_named_where_a_cell_was_deleted_early() -> None:
+    r = sound(sessions=1, concealed=False)
+    values = r.displacement.copy()
+    values[20:] = np.roll(r.displacement[20:], -1, axis=0)
+    cell = load_cell(CELLS / CELL)
+    d = diagnose_static_recording(
+        cell, replace(r, displacement=values), selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0
+    ).diagnosis
+    assert {f.effect for f in d.findings} <= {"columns", "geometric_stiffness", "outliers"}
+    assert d.verdict in ("consistent", "explained", "insufficient")
+
+
+def test_a_slip_of_measured_poses_is_put_back() -> None:
+    cell, robot, _ = measured_arm()
+    r = measure(noise=25e-6, registration="fit")
+    values = r.position.copy()
+    values[20:34] = r.position[19:33]
+    out, (finding,) = shifted_rows.correct_shifted_rows(replace(r, position=values), robot, cell.tool.T_flange_tcp)
+    assert (finding.effect, finding.location) == ("columns", "column:x_mm")
+    assert np.array_equal(out.position[21:32], r.position[21:32])
+
+
+def test_sound_records_with_backlash_and_what_the_user_accepts_stay() -> None:
+    r = sound()
+    assert at_arm(r)[0] is r
+    wrong = moved(r, 70, 110, 1)
+    assert at_arm(wrong, accept=("columns",))[0] is wrong
+    cell, robot, _ = measured_arm()
+    poses = measure(noise=25e-6, registration="fit")
+    assert shifted_rows.correct_shifted_rows(poses, robot, cell.tool.T_flange_tcp)[0] is poses
+
+
+def test_a_load_of_other_size_at_every_row_is_no_slip() -> None:
+    r = sound()
+    rng = np.random.default_rng(3)
+    noisy = replace(r, displacement=r.displacement * (1.0 + rng.normal(0.0, 0.5, (len(r), 1))))
+    assert at_arm(noisy)[0] is noisy
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN·m"), (1.0 / 9.80665, "kgf·m")])
+def test_moments_in_another_unit_than_forces_are_read_as_they_were_meant(factor: float, unit: str) -> None:
+    r = sound(moment=400.0)
+    wrench = r.wrench.copy()
+    wrench[:, 3:] *= factor
+    told = replace(r, wrench=wrench, uncertainty=StandardUncertainty(force=5.0, moment=2.0))
+    out, (finding,) = at_arm(told, swapped_columns.correct_moment_units)
+    assert (finding.effect, finding.location) == ("units", "column:mx_Nm")
+    assert unit in finding.note
+    assert np.allclose(out.wrench, r.wrench)
+
+
+def test_moments_as_stated_and_moments_of_noise_stay() -> None:
+    r = sound(moment=400.0)
+    assert at_arm(r, swapped_columns.correct_moment_units)[0] is r
+    plain = sound()
+    wrench = plain.wrench.copy()
+    wrench[:, 3:] = np.random.default_rng(1).normal(0.0, 1.0, (len(plain), 3))
+    noise = replace(plain, wrench=wrench)
+    assert at_arm(noise, swapped_columns.correct_moment_units)[0] is noise

@@ -1,0 +1,69 @@
+"""A number of a body that no reading holds has an interval without an upper end, not one of any size to either side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from test_diagnose_shape_refinement import SIGMA, _bump
+
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import Quantity
+from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue
+from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import estimate_parameters
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
+from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_two_number_refinement
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import whiten_hypotheses
+from machopt.numerics.array_types import Array
+
+GRID = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 3) for w in (0.2, 0.4))
+
+
+def told(family: str, share: float, *, nearly: bool = False) -> dict[str, EstimatedValue]:
+    """Sizes of a law of two numbers, the second of which moves readings by ``share`` of what the first does.
+
+    ``nearly``: readings in which the second comes out as next to nothing.
+    """
+    rng = np.random.default_rng(2)
+    x = rng.uniform(-1.2, 1.2, 400)
+    y = 5.0 * SIGMA * np.exp(-0.5 * (x / 0.4) ** 2) + SIGMA * rng.normal(size=len(x))
+    columns = np.stack([np.exp(-0.5 * (x / 0.4) ** 2), share * np.cos(3.0 * x)], axis=1)[:, None, :]
+    if nearly:
+        y = y - (1.0 - 1e-6) * fitted(x, y, columns, "joint", float)["tilt"].value * columns[:, 0, 1]
+    return fitted(x, y, columns, family, abs)
+
+
+def fitted(
+    x: Array, y: Array, columns: Array, family: str, size: Callable[[float], float]
+) -> dict[str, EstimatedValue]:
+    """The two numbers of a law as told, each by its ``size``."""
+    finer = build_two_number_refinement(GRID)
+    assert finer is not None
+    base, bump = _bump(x, y, GRID, finer)
+    law = replace(
+        bump,
+        columns=lambda s: columns,
+        quantities=lambda c, s: {"shift": Quantity(size(c[0]), "m"), "tilt": Quantity(size(c[1]), "rad")},
+        shapes=((),),
+        refinement=None,
+        family=family,
+    )
+    found = whiten_hypotheses(base, [law])[0]
+    return estimate_parameters(base, [SelectedEffect(score_hypotheses(base, [found])[0], 0.0)], 0, [found])
+
+
+def test_what_no_reading_holds_has_no_upper_end_and_is_not_negative() -> None:
+    said = told("body", 1e-9, nearly=True)
+    assert np.isfinite(said["shift"].ci95).all()
+    assert np.isinf(said["tilt"].ci95[1])
+    assert said["shift"].ci95[0] > 0.0
+    assert said["tilt"].ci95[0] >= 0.0
+    assert said["tilt"].ci90[0] >= 0.0
+
+
+def test_what_readings_hold_keeps_its_ends() -> None:
+    both = told("body", 1.0)
+    assert all(np.isfinite(e.ci95).all() for e in both.values())
+    signed = told("joint", 1.0)
+    assert signed["shift"].ci95 == both["shift"].ci95

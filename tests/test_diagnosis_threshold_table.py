@@ -1,0 +1,160 @@
+"""The table of thresholds: each says what it is and where it comes from, and what it names is there."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from scipy.stats import chi2, norm
+
+from machopt.measurement.diagnosis import thresholds
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def test_every_threshold_says_what_it_is_and_where_its_number_comes_from() -> None:
+    rows = list(thresholds.list_thresholds())
+    assert len({(r.concern, r.name) for r in rows}) == len(rows) > 50
+    for row in rows:
+        assert row.meaning
+        assert row.value == row.value  # a number
+        assert row.origin.method in ("measured", "statistics", "judgement")
+        if row.origin.method == "measured":
+            assert (ROOT / row.origin.script).is_file()
+            assert row.origin.cases in ("dev", "sealed")
+            assert len(row.origin.date) == len("2026-11-21")
+
+
+def test_statistics_are_what_their_words_come_to() -> None:
+    """Whatever else is a choice, and says so."""
+    follows = {
+        "detection.shorter": 10.0,  # the last step of the scale that it names
+        "detection.nine_of_ten": norm.ppf(0.9),
+        "detection.as_good": 3.0**2,
+        "detection.near_shape": chi2.ppf(0.95, 1),
+        "noise.mostly": 0.5,
+        "noise.same": 3.0 * 2.0**0.5,
+    }
+    said = {t.key: t.value for t in thresholds.list_thresholds() if t.origin.method == "statistics"}
+    assert said == pytest.approx(follows, rel=2e-3)
+
+
+def test_the_script_prints_the_table_again() -> None:
+    said = subprocess.run(
+        [sys.executable, str(ROOT / "benchmarks" / "diagnosis_thresholds.py")],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    ).stdout
+    for row in thresholds.list_thresholds():
+        assert f"{row.concern.lower()}.{row.name}" in said
+
+
+NO_DECISION = {  # constants beside the computation: guards against rounding, units, steps, ends of grids, a stated load
+    "dynamic.friction.REVERSAL_WIDTH_FACTOR",
+    "discrimination.required_measurements.POSE_GROWTH",  # of a search for a plan that is large enough
+    "discrimination.required_measurements.HARDER_FORM_SHARE",  # which forms of a rival are followed for it
+    "static.measured_pose_hypotheses.ROUNDING",
+    "static.load_test_channel.RIGID",
+    "static.bearing_tilt.ANY_DIRECTION",
+    "discrimination.predicted_signals.CYCLE_GAP",
+    "discrimination.predicted_signals.PARAMETER_TOLERANCE",
+    "effect_columns.gravity_compensator.ANGLE",
+    "effect_columns.gravity_compensator.RATIO",
+    "effect_columns.joint_torque.LEAST_SOFT",
+    "model_selection.attribution.compensator_or_harmonics.ANGLES",
+    "model_selection.attribution.compensator_or_harmonics.ZERO_SINGULAR_VALUE",
+    "model_selection.attribution.compensator_or_harmonics.SIDE",
+    "model_selection.search.shape_refinement.GAIN_ROUNDING",
+    "model_selection.search.shape_refinement.MAX_GAIN_ROUNDING",
+    "model_selection.search.shape_refinement.NARROW",
+    "model_selection.search.shape_refinement.NARROWER",
+    "model_selection.search.progress_rate.REPORT_INTERVAL",
+    "statistics.normal_equations_by_fold.MIN_COLUMN_SQUARE",
+    "statistics.normal_equations_by_fold.RIDGE",
+    "dynamic.time_delays.LONGEST",
+    "effect_columns.motion_columns.ARCMIN",
+    "effect_columns.motion_columns.ARCSEC",
+    "dynamic.secondary_encoder_channel.DEFAULT_LOAD_RANGE",
+    "dynamic.next_motion.RATE",
+    "dynamic.next_motion.JOINT_LIMIT_MARGIN",
+    "dynamic.next_motion.SECONDS",
+    "data_quality.misplaced_reflectors.LOOSE_UNCERTAINTY_FACTOR",
+    "statistics.replicate_noise.LEAST_SIGMA",
+    "outputs.effect_on_toolpath.TEST_FORCE",
+}
+
+
+def test_a_number_that_decides_stands_in_the_table() -> None:
+    """A float of a module is a threshold, of ``thresholds/``, unless this list says that it decides nothing."""
+    folder = ROOT / "machopt" / "measurement" / "diagnosis"
+    found = set()
+    for path in sorted(folder.rglob("*.py")):
+        where = path.relative_to(folder).with_suffix("")
+        if where.parts[0] == "thresholds":
+            continue
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Assign) and len(node.targets) == 1:
+                pairs = _pairs(node.targets[0], node.value)
+                found |= {".".join((*where.parts, name)) for name, value in pairs if _float(value)}
+    assert found == NO_DECISION
+
+
+IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's own, words
+    ("discrimination/required_measurements.py", 4.0): "variance of a sum, worked out",
+    ("statistics/whitening.py", 1e-6): "rounding of singular values",
+    ("dynamic/secondary_encoder_channel.py", 1e-6): "a column that stands still",
+    ("dynamic/motion_record_checks.py", 1e3): "millimetres",
+    ("dynamic/motion_channels.py", 1e-6): "a column that stands still",
+    ("data_quality/session_corrections.py", 0.5): "root of a threshold: of misfits, not of their squares",
+    ("model_selection/selection_pipeline.py", 1e-4): "a share of nothing is no number",
+    ("model_selection/selection_pipeline.py", 0.9): "of which quantile that share is",
+    ("model_selection/evaluation/finding_estimates.py", 0.975): "both tails of 95 %",
+    ("verdict/verdict_text.py", 0.5): "millimetres or micrometres",
+    ("verdict/verdict_text.py", 1e3): "digits",
+    ("verdict/verdict_text.py", 1e5): "digits",
+}
+
+
+def test_no_line_compares_with_a_number_of_its_own() -> None:
+    """What decides has a name and a row in the table; zero, one and a factor two are no thresholds."""
+    folder = ROOT / "machopt" / "measurement" / "diagnosis"
+    found = set()
+    for path in sorted(folder.rglob("*.py")):
+        where = path.relative_to(folder)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if where.parts[0] == "thresholds" or not isinstance(node, ast.Compare):
+                continue
+            if not all(isinstance(op, ast.Eq | ast.NotEq | ast.Is | ast.IsNot | ast.In | ast.NotIn) for op in node.ops):
+                numbers = (n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) is float)
+                found |= {(where.as_posix(), v) for v in numbers if v not in (0.0, 1.0, 2.0) and v >= 1e-8}
+    assert found == set(IN_THE_OPEN)
+
+
+def _pairs(target: ast.expr, value: ast.expr) -> list[tuple[str, ast.expr]]:
+    if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+        return [p for t, v in zip(target.elts, value.elts, strict=True) for p in _pairs(t, v)]
+    return [(target.id, value)] if isinstance(target, ast.Name) else []
+
+
+def _float(value: ast.expr) -> bool:
+    """A number with a point, alone, negative, or inside a call or a product: ``np.radians(1.0)``."""
+    if isinstance(value, ast.Tuple | ast.List | ast.Dict):
+        return False  # grids and tables
+    return any(isinstance(n, ast.Constant) and isinstance(n.value, float) for n in ast.walk(value))
+
+
+def test_a_threshold_is_set_for_a_block_and_put_back() -> None:
+    code = (
+        "import diagnosis_thresholds as t\n"
+        "from machopt.measurement.diagnosis import thresholds\n"
+        "before = thresholds.DETECTION.gain\n"
+        "with t.set_threshold('detection.gain', 20.0):\n"
+        "    assert thresholds.DETECTION.gain == 20.0\n"
+        "assert thresholds.DETECTION.gain == before != 20.0\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT / "benchmarks")

@@ -1,0 +1,25 @@
+"""Peak memory of a job of many holes: small beside the base of the process, also where the cycle is long."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+from drilling_memory import measure
+
+BASE = 400.0  # MiB of a job of a few holes, compiled code and the cell's bodies included
+PER_HOLE = 0.6  # MiB, six stations of a grid of 72 rotations and 8 branches
+PER_SAMPLE = 1.1e-3  # MiB of a sample of the motion
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("holes", "feed_mm_min"), [(200, 500.0), (20, 5.0)])
+def test_memory_follows_the_holes(tmp_path: Path, holes: int, feed_mm_min: float) -> None:
+    code, peak, _, _ = measure(holes, feed_mm_min, tmp_path)
+    assert code == 0
+    (table,) = tmp_path.glob("out_*/trajectory.csv")
+    samples = table.read_bytes().count(b"\n")
+    assert peak < BASE + PER_HOLE * holes + PER_SAMPLE * samples

@@ -1,0 +1,112 @@
+"""Margins hold for what is driven: the rotation is rounded where it bends, and a pose on a margin would fall short."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_cell import limits, pose, small_cell
+from test_planning_path import Rows, toolpath
+from test_planning_pipeline import UP, C, K, R
+
+from machopt.data_types.cell import Cell, CutterGeometry, Tool
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.plan_options import FixedRotation, PlanOptions
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.placement.moved_cell import MovedBodies
+from machopt.placement.search_options import NO_SHIFT
+from machopt.placement.segment_task import build_single_segment, plan_at_placement
+from machopt.planning.compensation.driven_margins import apply_driven_rotation, find_lost_margin
+from machopt.planning.job.job_planner import JobPlan, plan_job
+from machopt.planning.job.request_checks import plan_motion
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.verification.motion.checks.requested_choices import MARGIN_TOLERANCE_DEG
+
+# down, then along x, where the rotation turns at once: the arm's first joint stands farthest out at the corner
+ROWS: Rows = [((-0.1, -0.1, z), UP, R if z == 0.08 else C) for z in (0.08, 0.03, 0.0105, 0.01)]
+ROWS += [((-0.1 + 0.01 * k, -0.1, 0.01), UP, C) for k in (1, 2, 3)]
+PINS = tuple(FixedRotation(n, g) for n, g in zip(range(3, 7), (-1.6, -1.8, -1.95, -2.1), strict=True))
+OPTIONS = PlanOptions(collision=False, fixed=PINS)
+TOOL = Tool(
+    T_flange_tcp=pose(0.1, 0, 0.3, 0.7), mass=20.0, com=np.zeros(3), geometry=(), cutter=CutterGeometry(0.012, 0.06)
+)
+ON_IT = np.radians(1e-5)  # so near the margin the planned pose stands
+
+
+@pytest.fixture(scope="module")
+def on_the_margin(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Plan]:
+    """A cell whose joint limit the plan stands at, and the plan."""
+    cell = small_cell(tmp_path_factory.mktemp("cell"), stiffness=ArmStiffness(joints=K), tool=TOOL)
+    path = toolpath(ROWS)
+    least = plan_path(cell, path, OPTIONS).chosen.assignment.q[:, 0].min()
+    near = replace(cell, limits=replace(limits(), lower=limits().lower.copy()))
+    near.limits.lower[0] = least - OPTIONS.limit_margin - ON_IT
+    return near, plan_path(near, path, OPTIONS)
+
+
+def job(cell: Cell, options: PlanOptions) -> JobPlan:
+    path, home = toolpath(ROWS), cell.joints_at_home
+    return plan_job(
+        (ToolSegment(cell=cell, toolpath=path, whole=path, first=0, begin=home, end=home),),
+        path,
+        options,
+        StageTimings(),
+    )
+
+
+def test_driving_takes_more_of_the_margin_than_verify_allows(on_the_margin: tuple[Cell, Plan]) -> None:
+    cell, planned = on_the_margin
+    timeline = plan_motion(planned, toolpath(ROWS), OPTIONS, StageTimings())
+    assert timeline is not None
+    driven = apply_driven_rotation(planned, timeline.phi)
+    assert not len(planned.missing)
+    stop = find_lost_margin(planned, driven)
+    assert stop is not None
+    assert stop.after == 2.0
+    short = cell.limits.lower[0] + OPTIONS.limit_margin - driven.chosen.assignment.q[:, 0].min()
+    assert np.degrees(short) > 10 * MARGIN_TOLERANCE_DEG
+
+
+def test_such_a_plan_is_made_again_and_keeps_the_margin_as_driven(on_the_margin: tuple[Cell, Plan]) -> None:
+    cell, _ = on_the_margin
+    done = job(cell, OPTIONS)
+    assert done.timeline is not None
+    assert done.timeline.trajectory is not None
+    assert (done.plan.chosen.assignment.reason == InfeasibilityReason.OK).all()
+    assert done.plan.options == OPTIONS  # what was asked, not what was kept beside it
+    margin = np.degrees(done.points.table.limit_margin)
+    assert margin.min() > np.degrees(OPTIONS.limit_margin) - MARGIN_TOLERANCE_DEG
+
+
+def test_one_that_cannot_be_made_again_is_no_plan_and_says_why(
+    on_the_margin: tuple[Cell, Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, _ = on_the_margin
+    monkeypatch.setattr("machopt.planning.job.job_planner.SPARES", 0)
+    done = job(cell, OPTIONS)
+    assert done.timeline is not None
+    assert done.timeline.trajectory is None
+    (stop,) = done.timeline.obstructions
+    assert "limit_margin_deg" in stop.text
+    assert "point 3" in done.plan.conflict
+
+
+def test_a_place_is_held_to_what_is_driven_too(
+    on_the_margin: tuple[Cell, Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, _ = on_the_margin
+    carried = MovedBodies(False, frozenset(), np.zeros(3))
+    one, seconds, why = plan_at_placement(build_single_segment(cell, toolpath(ROWS)), carried, NO_SHIFT, OPTIONS)
+    done = job(cell, OPTIONS)
+    assert done.timeline is not None
+    assert done.timeline.trajectory is not None
+    assert not why
+    assert seconds == done.timeline.trajectory.time[-1]  # as optimize drives it
+    assert one.options == OPTIONS
+    monkeypatch.setattr("machopt.planning.job.job_planner.SPARES", 0)
+    _, _, why = plan_at_placement(build_single_segment(cell, toolpath(ROWS)), carried, NO_SHIFT, OPTIONS)
+    assert "limit_margin_deg" in why

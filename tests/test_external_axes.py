@@ -1,0 +1,343 @@
+"""Plans with rails and positioners: one law with cells that stand still, values chosen, options refused by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from external_axis_cells import external_cell
+from small_cell import small_cell
+from test_planning_path import Rows, toolpath
+
+from machopt.data_types.cell import Cell, Workpiece
+from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions, ProcessForce
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
+from machopt.errors import InputError
+from machopt.kinematics.machine import load_machine
+from machopt.kinematics.robot import load_robot
+from machopt.options.plan_option_reader import format_user_options, load_options
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.motion.rapid_moves import RapidMove, plan_rapid
+from machopt.planning.motion.trajectory_builder import build_timeline
+from machopt.planning.optimality_certificate import compute_certificate
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import prepare_planning
+from machopt.planning.plan_output.infeasibility_reasons import describe_remedy, explain_points
+
+K = ArmStiffness(joints=np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
+OPTIONS = PlanOptions(
+    collision=False, rotation_step=np.radians(30.0), force=ProcessForce(normal=200.0, axial=100.0), sample=0.02
+)
+VALUES = replace(OPTIONS, external=(ExternalJointOptions(joint="e1", mode="operation"),))
+UP = (0.0, 0.0, 1.0)
+_ON_TOP = '<parent link="s2"/><child link="base_link"/>'
+
+
+def slots(*starts: float, x: float = 0.0) -> Rows:
+    """A short slot along y from each place, come to by a rapid move."""
+    rows: Rows = []
+    for y in starts:
+        rows += [((x, y, 0.05), UP, MoveKind.RAPID)]
+        rows += [((x, y + d, 0.0), UP, MoveKind.CUT) for d in (0.0, 0.04, 0.08)]
+        rows += [((x, y + 0.08, 0.05), UP, MoveKind.RETRACT)]
+    return rows
+
+
+def apart(path: Toolpath) -> Toolpath:
+    """Every run an operation of its own."""
+    operation = (np.cumsum(path.move == MoveKind.RAPID) - 1).astype(np.int32)
+    labels = tuple(ToolpathOperation(f"op{k}", "trajectory") for k in range(int(operation[-1]) + 1))
+    return replace(path, operation=operation, operations=labels)
+
+
+def driven(p: Plan, path: Toolpath) -> np.ndarray:
+    """(S, 6 + E) the exported motion."""
+    motion = build_timeline(p, path).trajectory
+    assert motion is not None
+    return np.hstack([motion.q, motion.external])
+
+
+@pytest.mark.parametrize(("kind", "e"), [({"rail": True}, 0.3), ({"table": True, "tilt": True}, 0.2)])
+def test_a_cell_that_stands_at_e_is_one_that_was_built_so(tmp_path: FilePath, kind: dict[str, bool], e: float) -> None:
+    cell = replace(external_cell(tmp_path, **kind), stiffness=K)
+    cell = replace(cell, external_home=np.full(len(cell.external_joints), e))
+    machine = load_machine(cell, load_robot(cell))
+    T = cell.T_world_base @ machine.compute_T_base_workpiece(cell.external_home[None])[0]
+    still = small_cell(tmp_path / "..", stiffness=K, workpiece=Workpiece("world", T), obstacles=())
+    path = toolpath(slots(0.1, -0.1))
+    ours, theirs = driven(plan_path(cell, path, OPTIONS), path), driven(plan_path(still, path, OPTIONS), path)
+    np.testing.assert_allclose(ours[:, :6], theirs, atol=1e-9)  # rounding of T, through Newton steps
+    np.testing.assert_array_equal(ours[:, 6:], np.full((len(ours), len(cell.external_joints)), e))
+
+
+@pytest.mark.slow
+def test_one_value_for_each_operation(tmp_path: FilePath) -> None:
+    """Slots at both ends of a long part: nowhere in reach from one place, and never worse than home."""
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    path = apart(toolpath(slots(-2.4, 2.3)))
+    p = find_best_plan(cell, path, VALUES)
+    assert not len(p.missing)
+    first, second = (p.path.external[a : b + 1, 0] for a, b in p.path.runs)
+    assert np.ptp(first) == np.ptp(second) == 0
+    assert first[0] < -0.5
+    assert second[0] > 0.5
+    x = driven(p, path)
+    assert np.abs(np.diff(x[:, 6])).max() <= 0.02 * cell.limits.velocity[6]
+    locked = find_best_plan(cell, path, replace(OPTIONS, external=(ExternalJointOptions(joint="e1", mode="locked"),)))
+    assert len(locked.missing)
+
+
+def test_the_value_chosen_is_no_worse_than_home(tmp_path: FilePath) -> None:
+    cell = replace(external_cell(tmp_path, table=True), stiffness=K)
+    path = toolpath(slots(0.15))
+    p = find_best_plan(cell, path, replace(OPTIONS, external=(ExternalJointOptions(joint="turn", mode="operation"),)))
+    home = plan_path(cell, path, OPTIONS, scale=p.scores.scale)
+    assert p.chosen.objective.total <= home.chosen.objective.total
+    assert p.cam_default.objective.total == home.cam_default.objective.total  # the file's rotation, table at home
+    inside = replace(OPTIONS, external=(ExternalJointOptions(joint="turn", mode="operation", range=(0.5, 0.6)),))
+    assert 0.5 <= find_best_plan(cell, path, inside).path.external[0, 0] <= 0.6
+
+
+def long_slot(length: float, points: int = 24) -> Toolpath:
+    """One slot along the rail, from −length to length."""
+    ys = np.linspace(-length, length, points)
+    rows: Rows = [((0.0, ys[0], 0.05), UP, MoveKind.RAPID)]
+    rows += [((0.0, y, 0.0), UP, MoveKind.CUT) for y in ys]
+    return toolpath([*rows, ((0.0, ys[-1], 0.05), UP, MoveKind.RETRACT)], feed=0.05)
+
+
+@pytest.mark.slow
+def test_a_part_longer_than_the_reach_is_cut_in_one_go(tmp_path: FilePath) -> None:
+    cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), long_slot(2.2)
+    assert len(find_best_plan(cell, path, VALUES).missing)
+    p = find_best_plan(cell, path, OPTIONS)
+    assert not len(p.missing)
+    x = driven(p, path)
+    for order, limit in enumerate((cell.limits.velocity, cell.limits.acceleration, cell.limits.jerk), 1):
+        used = np.abs(np.diff(x, order, axis=0)).max(axis=0) / OPTIONS.sample**order / limit
+        assert used.max() <= 1.0, order
+    assert np.ptp(x[:, 6]) > 2.0
+    assert (x[:, 6] >= cell.limits.lower[6]).all()
+    assert (x[:, 6] <= cell.limits.upper[6]).all()
+    motion = build_timeline(p, path).trajectory
+    assert motion is not None
+    tip = p.setup.arm.machine.compute_fk(x, cell.tool.T_flange_tcp)[motion.move == MoveKind.CUT][:, :3, 3]
+    assert np.abs(tip[:, 0]).max() < 2e-5  # the slot is straight, whatever the rail does
+    speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / OPTIONS.sample
+    assert speed.max() <= 0.05 * 1.001  # the feed is the tool's in the part
+    told = compute_certificate(p)
+    assert told is not None
+    assert told.sequence == pytest.approx(told.grid, rel=0.05)  # one unit, the rail's own way included in both
+    assert told.sequence > p.choice.total
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [{"rail": True}, {"table": True}])
+def test_moving_is_never_worse_than_the_best_value(tmp_path: FilePath, kind: dict[str, bool]) -> None:
+    cell, path = replace(external_cell(tmp_path, **kind), stiffness=K), long_slot(0.2, 8)
+    moving, fixed = find_best_plan(cell, path, OPTIONS), find_best_plan(cell, path, VALUES)
+    assert moving.scores.scale == fixed.scores.scale
+    assert moving.chosen.objective.total <= fixed.chosen.objective.total
+
+
+def ring(radius: float = 0.12, holes: int = 4) -> Toolpath:
+    """Holes round about, their axes leaning out."""
+    rows: Rows = []
+    for a in np.linspace(0.0, 2.0 * np.pi, holes, endpoint=False):
+        axis = (0.6 * np.cos(a), 0.6 * np.sin(a), 0.8)
+        at = np.array([radius * np.cos(a), radius * np.sin(a), 0.0])
+        for d, move in (
+            (0.05, MoveKind.RAPID),
+            (0.002, MoveKind.APPROACH),
+            (-0.003, MoveKind.CUT),
+            (0.05, MoveKind.RETRACT),
+        ):
+            rows.append((tuple(at + d * np.array(axis)), axis, move))
+    return toolpath(rows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["moving", "operation"])
+def test_a_joint_more_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None:
+    cell, path = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K), ring()
+    free = tuple(ExternalJointOptions(joint=name, mode=mode) for name in ("rail", "turn"))
+    both = find_best_plan(cell, path, replace(OPTIONS, external=free))
+    for k, name in enumerate(("rail", "turn")):
+        one = find_best_plan(
+            cell, path, replace(OPTIONS, external=(free[1 - k], ExternalJointOptions(joint=name, mode="locked")))
+        )
+        own, w = one.chosen.objective, OPTIONS.weights
+        index = w.mean * own.mean + w.worst * own.worst
+        in_the_unit_of_both = own.total + index * (one.scores.scale / both.scores.scale - 1.0)
+        assert both.chosen.objective.total <= 1.005 * in_the_unit_of_both, name
+
+
+@pytest.mark.parametrize(
+    ("axis", "told"),
+    [
+        (ExternalJointOptions(joint="slide"), "'slide' is no external joint of the cell"),
+        (ExternalJointOptions(joint="rail", at=1.0, unit="deg"), "'rail' slides: values in mm would work"),
+        (
+            ExternalJointOptions(joint="rail", mode="locked", at=9.0, unit="mm"),
+            r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]",
+        ),
+        (ExternalJointOptions(joint="rail", range=(3.0, 4.0), unit="mm"), r"outside the range \[-2500, 2500\]"),
+        (
+            ExternalJointOptions(joint="e1", preferred=9.0, unit="mm"),
+            r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]",
+        ),
+        (
+            ExternalJointOptions(joint="rail", at=1.0, unit="mm"),
+            "at_mm is where a locked joint stands, and 'rail' may move",
+        ),
+        (ExternalJointOptions(joint="e1", operations=(("face", "locked"),)), "'face' is no operation of the toolpath"),
+    ],
+)
+def test_what_is_not_planned_is_refused_by_name(tmp_path: FilePath, axis: ExternalJointOptions, told: str) -> None:
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    with pytest.raises(InputError, match=told):
+        find_best_plan(cell, toolpath(slots(0.0)), replace(OPTIONS, external=(axis,)))
+
+
+@pytest.mark.parametrize(
+    ("y", "axis", "told", "would"),
+    [
+        (
+            2.4,
+            ExternalJointOptions(joint="rail", mode="locked"),
+            "with rail locked at 0 mm",
+            "mode other than locked would help",
+        ),
+        (
+            2.4,
+            ExternalJointOptions(joint="rail", mode="locked"),
+            "mm it would be in reach",
+            "mode other than locked would help",
+        ),
+        (
+            2.4,
+            ExternalJointOptions(joint="rail", mode="operation", range=(0.0, 0.1), unit="mm"),
+            "an end of its range 0 mm to 100 mm",
+            "a wider external.rail.range_mm would help",
+        ),
+        (
+            9.0,
+            ExternalJointOptions(joint="rail", mode="locked"),
+            "every value tried of rail (-2,500 mm to 2,500 mm)",
+            "moving the part",
+        ),
+    ],
+)
+def test_a_point_out_of_reach_names_the_rail(
+    tmp_path: FilePath, y: float, axis: ExternalJointOptions, told: str, would: str
+) -> None:
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    p = find_best_plan(cell, toolpath(slots(y)), replace(OPTIONS, external=(axis,)))
+    row = int(p.missing[0])
+    assert told in explain_points(p)[row]
+    assert would in describe_remedy(p, row)
+
+
+def test_more_joints_than_are_planned_are_refused_and_planned_where_one_is_locked(tmp_path: FilePath) -> None:
+    """Four slides, one on another: an internal error."""
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    more = "".join(
+        f'<link name="s{n}"/><joint name="x{n}" type="prismatic"><parent link="{on}"/><child link="s{n}"/>'
+        '<axis xyz="1 0 0"/><limit lower="-0.1" upper="0.1" velocity="3" effort="1"/></joint>'
+        for n, on in enumerate(("carriage", "s0", "s1"))
+    )
+    text = cell.urdf.read_text().replace('<parent link="carriage"/><child link="base_link"/>', _ON_TOP)
+    cell.urdf.write_text(text.replace("</robot>", more + "</robot>"))
+    own, far = cell.limits, np.full(3, 0.1)
+    limits = replace(
+        own,
+        lower=np.r_[own.lower, -far],
+        upper=np.r_[own.upper, far],
+        velocity=np.r_[own.velocity, 10 * far],
+        acceleration=np.r_[own.acceleration, 20 * far],
+        jerk=np.r_[own.jerk, 150 * far],
+    )
+    names = (*cell.external_joints, "x0", "x1", "x2")
+    cell = replace(
+        cell, external_joints=names, external_prismatic=(True,) * 4, external_home=np.zeros(4), limits=limits
+    )
+    with pytest.raises(InputError, match=r"for 4 external joints \(rail, x0, x1, x2\), and 3 are the most"):
+        find_best_plan(cell, toolpath(slots(0.0)), OPTIONS)
+    held = tuple(ExternalJointOptions(joint=name, mode="locked") for name in names[1:])
+    found = find_best_plan(cell, toolpath(slots(0.0)), replace(OPTIONS, external=held))
+    assert not found.breaks
+    assert not len(found.missing)
+
+
+def test_a_joint_under_two_names_has_what_the_later_one_says_beside_the_rest(tmp_path: FilePath) -> None:
+    named, short = (
+        ExternalJointOptions(joint="rail", mode="moving", range=(0.2, 0.3), unit="mm"),
+        ExternalJointOptions(joint="e1", mode="operation"),
+    )
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    p = find_best_plan(cell, toolpath(slots(0.15)), replace(OPTIONS, external=(named, short)))
+    assert ((p.path.external >= 0.2) & (p.path.external <= 0.3)).all()
+    assert len(np.unique(p.path.external[p.path.run == 0])) == 1
+    locked = (ExternalJointOptions(joint="rail", mode="locked"), ExternalJointOptions(joint="e1", at=0.25, unit="mm"))
+    assert (find_best_plan(cell, toolpath(slots(0.15)), replace(OPTIONS, external=locked)).path.external == 0.25).all()
+
+
+def test_a_gantry_that_tilts_is_refused(tmp_path: FilePath) -> None:
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    text = cell.urdf.read_text().replace('name="rail" type="prismatic"', 'name="rail" type="revolute"')
+    cell.urdf.write_text(text)
+    with pytest.raises(InputError, match="'rail' tilts the robot's base"):
+        prepare_planning(replace(cell, external_prismatic=(False,)), OPTIONS)
+
+
+def test_options_come_back_as_they_were_given() -> None:
+    words = ["external.e1.mode=operation", "external.e1.range_mm=[0, 6000]", "external.turn.preferred_deg=30"]
+    options = load_options(None, None, words)
+    assert options.external[0].range == (0.0, 6.0)
+    told = format_user_options(options)
+    assert load_options(told) == options  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="slides \\(mm\\) or turns"):
+        load_options(None, None, ["external.e1={at_mm: 1, preferred_deg: 2}"])
+    with pytest.raises(InputError, match="slides \\(mm\\) or turns"):  # one says mm, the other degrees
+        load_options({"external": {"e1": {"range_mm": [0, 1]}}}, None, ["external.e1.range_deg=[0, 1]"])
+
+
+def test_a_rapid_move_takes_the_rail_along(tmp_path: FilePath) -> None:
+    cell: Cell = external_cell(tmp_path, rail=True)
+    ends = np.zeros(7), np.array([0.1, -1.0, 0.5, 0.2, 0.1, 0.0, 2.0])
+    move = plan_rapid(
+        *ends,
+        limits=cell.limits,
+        scale=0.8,
+        sample=0.012,
+        collision=None,
+        step=0.02,
+        detours=lambda: (),
+        rng=np.random.default_rng(0),
+    )
+    assert isinstance(move, RapidMove)
+    v = np.diff(move.q, axis=0) / 0.012
+    assert (np.abs(v).max(axis=0) <= 0.8 * cell.limits.velocity * 1.001).all()
+    assert np.abs(v[:, 6]).max() > 0.75 * cell.limits.velocity[6]  # the rail goes farthest, and rules
+    np.testing.assert_allclose(move.q[-1], ends[1], atol=1e-12)
+
+
+def test_a_shaft_that_turns_more_than_once_is_followed(tmp_path: FilePath) -> None:
+    """Three turns of a helix: values of a shaft that makes four were too far apart for a way."""
+    cell = replace(external_cell(tmp_path, table=True), stiffness=K)
+    k = cell.external_joints.index("turn")
+    low, high = cell.limits.lower.copy(), cell.limits.upper.copy()
+    low[6 + k], high[6 + k] = -4 * np.pi, 4 * np.pi
+    cell = replace(cell, limits=replace(cell.limits, lower=low, upper=high))
+    at = np.linspace(0.0, 6.0 * np.pi, 120)
+    away = np.column_stack([np.cos(at), np.sin(at), np.ones(120)]) / np.sqrt(2.0)
+    rows: Rows = [(tuple(0.1 * away[0] * (1, 1, 0) + 0.1 * away[0]), tuple(away[0]), MoveKind.RAPID)]
+    rows += [((0.1 * a[0], 0.1 * a[1], 0.05 + 0.01 * t), tuple(a), MoveKind.CUT) for a, t in zip(away, at, strict=True)]
+    found = find_best_plan(cell, toolpath(rows), OPTIONS)
+    assert not len(found.missing)
+    assert not found.breaks
+    assert np.ptp(found.path.external[:, k]) > 4.0 * np.pi

@@ -1,0 +1,335 @@
+"""What is said when kernels are compiled, and where there is no place to store them."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numba
+import pytest
+from numba.core.caching import NullCache
+
+from machopt.cli import compilation_notice
+from machopt.cli.compilation_notice import NOT_STORED, STORED
+from machopt.cli.progress_display import ProgressDisplay
+from machopt.numerics import compiled_functions as module
+from machopt.planning import compiled_kernels
+from machopt.planning.compiled_kernels import KERNELS, MORE, compile_all
+
+ROOT = Path(__file__).resolve().parents[1]
+FACTOR = 2.0
+
+
+@module.jit_compile
+def doubled(x: float) -> float:
+    return FACTOR * x
+
+
+def test_a_kernel_that_the_installation_brought_is_not_compiled_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    module.enable_kernel_storage(first, tmp_path)
+    first(1.0)
+    again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    again._cache = module._InstalledCache(again.py_func, again._cache, tmp_path)
+    assert again(3.0) == 6.0
+    assert len(again.stats.cache_hits) == 1
+    assert again(3) == 6  # of other types: compiled
+    assert len(again.stats.cache_misses) == 1
+    monkeypatch.setitem(globals(), "FACTOR", 3.0)  # as if another version had another number
+    other = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    other._cache = module._InstalledCache(other.py_func, other._cache, tmp_path)
+    assert other(3.0) == 9.0
+
+
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """numba looks at the caller's own file: with the callee in another it would go on with the old machine code."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "numba"))
+    monkeypatch.syspath_prepend(tmp_path)
+    head = "from machopt.numerics.compiled_functions import jit_compile\n"
+    (tmp_path / "outer_kernel.py").write_text(
+        f"{head}from inner_kernel import inner\n\n@jit_compile\ndef outer(x):\n    return inner(x)\n"
+    )
+    made, said = ("outer_kernel", "inner_kernel"), []
+    for factor in ("2.0", "2.0", "-3.25"):  # lengths differ: a module's bytecode is found by time and size
+        (tmp_path / "inner_kernel.py").write_text(f"{head}\n@jit_compile\ndef inner(x):\n    return {factor} * x\n")
+        importlib.invalidate_caches()
+        module._hash_file.cache_clear()  # as in a new process
+        for name in made:
+            sys.modules.pop(name, None)
+        outer = importlib.import_module(made[0]).outer
+        said.append((outer(1.0), len(outer.stats.cache_hits)))
+    for name in made:
+        sys.modules.pop(name)
+    module._hash_file.cache_clear()
+    assert said == [(2.0, 0), (2.0, 1), (-3.25, 0)]
+
+
+def test_what_is_compiled_ahead_is_stored_where_a_call_looks() -> None:
+    """numba stores under what ``compile`` is given: under a text of the types no call finds it."""
+    finest = next(k for k in KERNELS if k[1] == "_finest")
+    (kernel,) = compile_all([finest])
+    asked = [*kernel.stats.cache_hits, *kernel.stats.cache_misses]
+    assert asked
+    assert all(isinstance(types, tuple) for types in asked)
+
+
+def test_what_is_stored_is_taken_before_it_is_called_and_nothing_is_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    types = (numba.float64,)
+    first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    module.enable_kernel_storage(first, tmp_path)
+    again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    again._cache = module._InstalledCache(again.py_func, NullCache(), tmp_path)
+    assert not module.load_stored_kernel(again, types)  # not stored yet
+    assert again.signatures == []
+    first(1.0)
+    assert module.load_stored_kernel(again, types)
+    monkeypatch.setattr(again._cache, "load_overload", lambda *_: pytest.fail("taken already"))
+    assert module.load_stored_kernel(again, types)
+    assert again(3.0) == 6.0
+    assert (len(again.stats.cache_hits), len(again.stats.cache_misses)) == (1, 0)
+
+
+def test_machine_code_is_loaded_without_what_numba_compiles_with(tmp_path: Path) -> None:
+    """In a process that finds it stored; what is of other types is compiled there all the same."""
+    (tmp_path / "stored_kernel.py").write_text(
+        "from machopt.numerics.compiled_functions import jit_compile\n\n\n@jit_compile\ndef mean(x):\n    return "
+        "x.sum() / len(x)\n"
+    )
+    code = """
+import numpy as np, numba.core.base as base
+from stored_kernel import mean
+refreshed, refresh = [], base.BaseContext.refresh
+base.BaseContext.refresh = lambda context: (refreshed.append(context), refresh(context))[1]
+print(mean(np.array([1.0, 2.0])), len(refreshed) > 0, end=" ")
+print(mean(np.array([1, 2])), len(refreshed) > 0)
+"""
+    places = os.pathsep.join([str(tmp_path), str(ROOT)])
+    environment = {**os.environ, "PYTHONPATH": places, "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+
+    def run(text: str) -> str:
+        return subprocess.run(
+            [sys.executable, "-c", text], capture_output=True, text=True, check=True, env=environment
+        ).stdout
+
+    run("import numpy as np\nfrom stored_kernel import mean\nmean(np.array([1.0, 2.0]))")
+    assert run(code) == "1.5 False 1.5 True\n"
+
+
+@pytest.mark.parametrize(("cores", "taken"), [(2, 3), (1, 0)])
+def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_not_stored(
+    cores: int, taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    third = threading.Event()
+
+    def take(kernel: Any, types: tuple[Any, ...]) -> bool:
+        assert len(types) == kernel.py_func.__code__.co_argcount
+        asked.append(kernel.py_func.__name__)
+        if len(asked) == 3:
+            third.set()
+        return len(asked) < 3
+
+    monkeypatch.setattr(module, "load_stored_kernel", take)
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: cores)
+    with compiled_kernels.preload_kernels_in_thread():
+        assert cores < 2 or third.wait(60.0)
+    assert asked == [name for _, name, _ in KERNELS[:taken]]
+
+
+@pytest.mark.parametrize(
+    "gone", [("kinematics.product_of_exponentials", "renamed", "f8"), ("kinematics.moved_away", "compute_poses", "f8")]
+)
+def test_an_entry_that_names_nothing_is_no_matter_for_a_plan(
+    gone: tuple[str, str, str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing is printed, no plan is lost; the next test names the entry."""
+    asked: list[str] = []
+    monkeypatch.setattr(module, "load_stored_kernel", lambda kernel, _: asked.append(kernel.py_func.__name__) or True)
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
+    monkeypatch.setattr(compiled_kernels, "KERNELS", (KERNELS[0], gone, *KERNELS[1:]))
+    before = threading.active_count()
+    with compiled_kernels.preload_kernels_in_thread():
+        while threading.active_count() > before:
+            pass
+    assert asked == [KERNELS[0][1]]
+    assert capfd.readouterr().err == ""
+
+
+def test_every_kernel_compiled_ahead_is_one() -> None:
+    from importlib import import_module
+
+    from numba.core.sigutils import normalize_signature
+
+    for name, function, types in KERNELS + MORE:
+        kernel = getattr(import_module(f"machopt.{name}"), function, None)
+        assert kernel is not None, (
+            f"planning/compiled_kernels.py lists {name}.{function}, which is gone: rename or remove the entry"
+        )
+        arguments, _ = normalize_signature(f"({types})")
+        assert len(arguments) == kernel.py_func.__code__.co_argcount, (name, function)
+
+
+def test_whatever_python_calls_compiled_is_brought() -> None:
+    """Else the first command that calls it after an installation compiles: a cobot's first run took twice as long."""
+    trees = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
+        for path in (ROOT / "machopt").rglob("*.py")
+    }
+    made = {
+        (file, node.name): node
+        for file, tree in trees.items()
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef) and "jit_compile" in {getattr(d, "id", "") for d in node.decorator_list}
+    }
+    files = {file for file, _ in made}
+    called: set[tuple[str, str]] = set()
+    for file, tree in trees.items():
+        known = {name: (file, name) for there, name in made if there == file}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                known |= {a.asname or a.name: (node.module, a.name) for a in node.names}
+        if not any(of in made or ".".join(of) in files for of in known.values()):
+            continue  # it names no compiled function and no file with one
+        inside = {id(n) for (there, _), f in made.items() if there == file for n in ast.walk(f)}
+        for node in ast.walk(tree):
+            if id(node) in inside:
+                continue  # one kernel calls another
+            if isinstance(node, ast.Name):
+                called.add(known.get(node.id, ("", "")))
+            elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                called.add((".".join(known.get(node.value.id, ("",))), node.attr))
+    brought = {(f"machopt.{name}", function) for name, function, _ in KERNELS + MORE}
+    assert len(brought & called) > 40, "the search has lost sight of them"
+    assert sorted((called & made.keys()) - brought) == []
+
+
+def test_kernels_need_nothing_to_be_compiled_but_numpy_and_numba() -> None:
+    """A wheel is built where nothing else is installed."""
+    code = """
+import sys, numba
+from importlib import import_module
+before = set(sys.modules)
+for name in sys.argv[1:]:
+    import_module(name)
+new = {n.split(".")[0] for n in set(sys.modules) - before} - set(sys.stdlib_module_names)
+assert new <= {"machopt", "numpy", "numba", "llvmlite"}, new
+"""
+    names = sorted({f"machopt.{name}" for name, _, _ in KERNELS + MORE})
+    done = subprocess.run(
+        [sys.executable, "-c", code, *names],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_compilation_is_told_once(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    started = []
+    monkeypatch.setattr("machopt.planning.compiled_kernels.start_compile_process", lambda: started.append(True))
+    with ProgressDisplay(show=True) as display, compilation_notice.announce_compilation(display):
+        module._LISTENER.on_start(None)
+        module._LISTENER.on_start(None)
+    assert capsys.readouterr().err == f"… {STORED}\n"
+    assert started == [True]
+
+
+def test_what_is_compiled_after_the_plan_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "machopt.planning.compiled_kernels.start_compile_process", lambda: pytest.fail("nobody would end it")
+    )
+    with ProgressDisplay(show=False) as display, compilation_notice.announce_compilation(display):
+        pass
+    module._LISTENER.on_start(None)
+
+
+def test_a_second_process_compiles_where_there_is_a_core_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[list[str]] = []
+
+    def start(words: list[str], **_: object) -> str:
+        started.append(words)
+        return "process"
+
+    monkeypatch.setattr(subprocess, "Popen", start)
+    for cores, answer in ((None, None), (1, None), (2, "process")):
+        monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
+        assert compiled_kernels.start_compile_process() == answer
+    assert started == [[sys.executable, "-m", "machopt.planning.compiled_kernels"]]
+
+    def none(*_: object, **__: object) -> None:
+        raise OSError("no process to be had")
+
+    monkeypatch.setattr(subprocess, "Popen", none)
+    assert compiled_kernels.start_compile_process() is None
+
+
+def test_an_installation_compiles_what_no_other_process_has_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each module once, whoever comes first; all are stored in the folder."""
+    made: list[str] = []
+    stored: list[str] = []
+    monkeypatch.setattr(compiled_kernels, "compile_all", lambda some: made.extend(module for module, *_ in some))
+    monkeypatch.setattr(module, "enable_kernel_storage", lambda kernel, folder: stored.append(kernel.__name__))
+    (tmp_path / "planning.external_axes.moving_axis_kernels.claimed").touch()
+    compiled_kernels.compile_into(tmp_path)
+    wanted = [name for name, *_ in KERNELS + MORE]
+    assert sorted(made) == sorted(name for name in wanted if name != "planning.external_axes.moving_axis_kernels")
+    assert next(iter(dict.fromkeys(made))) == compiled_kernels.LONGEST[0]
+    assert len(stored) == len(wanted)
+    compiled_kernels.compile_into(tmp_path)
+    assert len(made) == len([name for name in wanted if name != "planning.external_axes.moving_axis_kernels"])
+
+
+def test_without_a_place_to_store_it_says_what_would_help(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module._LISTENER, "stored", True)
+    monkeypatch.setattr(
+        module._CallTreeCache._impl_class, "_locator_classes", []
+    )  # numba finds no place, and says so itself
+    module.jit_compile(lambda x: x)
+    monkeypatch.setattr(
+        "machopt.planning.compiled_kernels.start_compile_process", lambda: pytest.fail("would store nothing")
+    )
+    with ProgressDisplay(show=True) as display, compilation_notice.announce_compilation(display):
+        module._LISTENER.on_start(None)
+    assert capsys.readouterr().err == f"… {NOT_STORED}\n"
+
+
+def test_help_and_inspect_import_no_heavy_package(tmp_path: Path) -> None:
+    heavy = "fcl coal pinocchio numba scipy trimesh pydantic plotly matplotlib"
+    code = """
+import sys
+from machopt.cli import main
+try:
+    main(sys.argv[2:])
+except SystemExit:
+    pass
+found = [name for name in sys.argv[1].split() if name in sys.modules]
+assert not found, found
+if "--help" in sys.argv:
+    assert "numpy" not in sys.modules
+"""
+    for words in (["--help"], ["inspect", str(ROOT / "toolpaths" / "plate_holes.csv")]):
+        done = subprocess.run(
+            [sys.executable, "-c", code, heavy, *words],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )
+        assert done.returncode == 0, done.stderr

@@ -1,0 +1,139 @@
+"""No damage of a finished plan passes the verification, with the manifest's hashes or without them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from output_damage.damage_case import JOBS, Damage, Job, copy_job, update_manifest_hashes
+
+from machopt.commands import verify as service
+from machopt.commands.input_hashes import build_manifest_file, list_cell_inputs, rename_duplicate_names
+from machopt.commands.verify import run_verify
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.output.file_hashes import compute_digest, compute_sha256
+from machopt.verification import Verification, VerificationCheck
+from machopt.verification.folder import folder_checks as contents
+from machopt.verification.folder.options_in_force import VerifyRequest
+from machopt.verification.tables.exported_tables import ExportedMotion
+
+PARTS = sorted(
+    p.stem for p in (Path(__file__).parent / "output_damage").glob("*.py") if p.stem not in ("__init__", "damage_case")
+)
+TABLES = ("points.csv", "trajectory.csv", "compensation.csv")
+DAMAGES: list[Damage] = [d for part in PARTS for d in import_module(f"output_damage.{part}").DAMAGES]
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Job]:
+    """Each job, planned at its first use."""
+    done: dict[str, Job] = {}
+
+    def get(name: str) -> Job:
+        if name not in done:
+            done[name] = JOBS[name](tmp_path_factory.mktemp(name))
+        return done[name]
+
+    return get
+
+
+@pytest.fixture(autouse=True)
+def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cells and tables of the same bytes are read and checked once: most rows damage neither, and it takes a second."""
+    monkeypatch.setattr(service, "load_cell", _load_cell)
+    monkeypatch.setattr(contents, "verify_tool_segments", _verify_stints)
+
+
+_CELLS: dict[str, Cell] = {}
+_FOUND: dict[str, Verification] = {}
+_READ, _CHECKED = service.load_cell, contents.verify_tool_segments
+
+
+def _bytes_of(folder: Path, pattern: str = "*") -> str:
+    return repr(
+        sorted((f.relative_to(folder).as_posix(), compute_sha256(f)) for f in folder.rglob(pattern) if f.is_file())
+    )
+
+
+def _load_cell(path: Path, **how: bool) -> Cell:
+    key = f"{_bytes_of(path)} {how}"
+    if key not in _CELLS:
+        _CELLS[key] = _READ(path, **how)
+    return _CELLS[key]
+
+
+def _verify_stints(
+    stints: Sequence[ToolSegment],
+    out: Path,
+    *,
+    options: PlanOptions,
+    motion: ExportedMotion | None,
+    touching: Sequence[tuple[str, str]] | None,
+) -> Verification:
+    cell, toolpath = stints[0].cell, stints[0].whole
+    read = compute_digest(toolpath.position.tobytes() + toolpath.axis.tobytes() + toolpath.feed.tobytes())
+    tables = [(name, (out / name).is_file() and compute_sha256(out / name)) for name in TABLES]
+    key = repr((_bytes_of(cell.folder), read, tables, options, touching))
+    if key not in _FOUND:
+        _FOUND[key] = _CHECKED(stints, out, options=options, motion=motion, touching=touching)
+    return _FOUND[key]
+
+
+def found_in(job: Job) -> Verification:
+    return run_verify(VerifyRequest(cell=job.cell, toolpath=job.toolpath, out=job.out)).verification
+
+
+@pytest.mark.parametrize("name", list(JOBS))
+def test_the_intact_plan_passes(name: str, planned: Callable[[str], Job], tmp_path: Path) -> None:
+    """Also after the forger's hand, which must change nothing where there is nothing to hide."""
+    job = copy_job(planned(name), tmp_path)
+    assert found_in(job).failed == ()
+    update_manifest_hashes(job.out)
+    assert found_in(job).failed == ()
+
+
+def _says(damage: Damage) -> bool:
+    """Whether the content gives it away, too."""
+    return damage.reseal and not damage.by_hash_alone
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=lambda d: d.name)
+def test_a_damage_is_caught(damage: Damage, planned: Callable[[str], Job], tmp_path: Path) -> None:
+    """By the hashes as it is, and by what the files say where they tell, once the hashes are made to fit.
+
+    The hashes are asked by the whole command where nothing else would tell; else by the checks of the manifest, which
+    it gives unchanged.
+    """
+    job = copy_job(planned(damage.job), tmp_path)
+    damage.apply(job)
+    checks = _of_manifest(job) if _says(damage) else found_in(job).checks
+    assert damage.as_is in {c.name for c in checks if c.passed is False}
+    if _says(damage):
+        update_manifest_hashes(job.out)
+        failed = [c.name for c in found_in(job).failed]
+        assert any(name.startswith(damage.caught_by) for name in failed), failed
+
+
+def _of_manifest(job: Job) -> list[VerificationCheck]:
+    inputs = rename_duplicate_names(
+        (*list_cell_inputs(_load_cell(job.cell)), build_manifest_file(job.toolpath, "toolpath"))
+    )
+    return contents.check_manifest(job.out, inputs)[1]
+
+
+def test_the_command_gives_the_checks_of_the_manifest(planned: Callable[[str], Job], tmp_path: Path) -> None:
+    job = copy_job(planned("pass"), tmp_path)
+    with (job.out / "report.html").open("a") as page:
+        page.write(" ")
+    given, checks = found_in(job).checks, _of_manifest(job)
+    assert [c.passed for c in checks].count(False) == 1
+    assert set(checks) <= set(given)
+
+
+def test_names_are_unique() -> None:
+    names = [d.name for d in DAMAGES]
+    assert len(names) == len(set(names))

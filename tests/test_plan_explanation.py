@@ -1,0 +1,302 @@
+"""What is said of a plan that was made, word by word: one small plan, its answers changed by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from test_planning_path import Rows, toolpath
+from test_planning_pipeline import UP, C, R, small_job
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.stiffness import ModelDiscrepancy, PositionError
+from machopt.planning.pipeline.plan import PathCompensation, Plan
+from machopt.planning.plan_output.document_sections import build_worst_point_entry
+from machopt.planning.plan_output.infeasibility_reasons import (
+    _lost_by_shift,
+    describe_model_misfit,
+    describe_remedy,
+    explain_points,
+    list_breaks,
+    list_hints,
+)
+from machopt.planning.plan_output.point_table import build_point_table, find_reason
+from machopt.planning.uncertainty.position_error import predict_position_error
+from machopt.stiffness.arm_stiffness import ArmElasticity
+
+ROWS: Rows = []
+for y in (-0.1, 0.1):
+    ROWS.append(((-0.1, y, 0.08), UP, R))
+    ROWS += [((-0.1 + 0.05 * k, y, 0.01), UP, C) for k in range(4)]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    """Two passes over the block, a rapid move between them, in reach and free."""
+    p = small_job(tmp_path_factory.mktemp("explained"), ROWS, PlanOptions(rotation_step=np.radians(30.0)))
+    assert len(p.missing) == 0
+    return p
+
+
+def answered(plan: Plan, **changes: np.ndarray) -> Plan:
+    """The plan with another answer."""
+    assignment = replace(plan.chosen.assignment, **changes)
+    return replace(plan, chosen=replace(plan.chosen, assignment=assignment))
+
+
+def lost(plan: Plan, row: int, why: InfeasibilityReason) -> Plan:
+    reason = plan.chosen.assignment.reason.copy()
+    reason[row] = why
+    return answered(plan, reason=reason)
+
+
+def test_a_change_of_configuration_between_runs_is_told(made: Plan) -> None:
+    assert not any("changes its configuration" in h for h in list_hints(made))
+    first, last = made.path.runs[1]
+    branch, q = made.chosen.assignment.branch.copy(), made.chosen.assignment.q.copy()
+    was = int(branch[first])
+    branch[first : last + 1] = was + 1
+    at = f"before point {made.path.index[first]:g}"
+    assert any(f"branch {was} → {was + 1} {at}" in h for h in list_hints(answered(made, branch=branch)))
+    q[first : last + 1, 5] += 2 * np.pi
+    turned = 360.0 + np.degrees(made.chosen.assignment.q[first, 5] - made.chosen.assignment.q[made.path.runs[0][1], 5])
+    assert any(f"joint 6 unwinds {turned:.0f}° {at}" in h for h in list_hints(answered(made, q=q)))
+
+
+def test_a_force_that_bends_the_arm_beyond_linear_elasticity_is_doubted(made: Plan) -> None:
+    bent = replace(made.chosen, cost=np.full(len(made.path.index), 0.05))
+    other = replace(made, chosen=bent, scores=replace(made.scores, index="deflection"))
+    (said,) = (h for h in list_hints(other) if "bends the arm" in h)
+    assert "by up to 50 mm, beyond linear elasticity" in said
+    assert "is force_N in N" in said
+    small = replace(other, chosen=replace(bent, cost=bent.cost / 1e3))
+    assert not any("bends the arm" in h for h in list_hints(small))
+
+
+def test_what_would_help_follows_the_reason(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    assert "what helps at the gap" in describe_remedy(lost(made, row, InfeasibilityReason.GAP), row)
+    assert "another path in the CAM file would help" in describe_remedy(
+        lost(made, row, InfeasibilityReason.GOUGING), row
+    )
+    assert "compensation_max_mm" in describe_remedy(lost(made, row, InfeasibilityReason.SHIFT), row)
+
+
+def test_a_point_that_is_near_enough_is_not_to_be_moved_by_nothing(made: Plan) -> None:
+    """As an arm without a wrist centre has it: no posture, and no length that lacks."""
+    row = int(made.path.stations[0])
+    c = made.candidates
+    reason, shortfall = c.reason.copy(), c.shortfall.copy()
+    reason[0] = InfeasibilityReason.UNREACHABLE
+    beyond = lost(replace(made, candidates=replace(c, reason=reason)), row, InfeasibilityReason.UNREACHABLE)
+    told = [explain_points(p)[row] for p in (beyond, _short(beyond, shortfall, 0.0), _short(beyond, shortfall, 0.05))]
+    assert told[0] == told[1]
+    assert "not too far away" in told[0]
+    assert "(0, 0, 0)" not in describe_remedy(beyond, row)
+    assert "machopt place" in describe_remedy(beyond, row)
+    assert "50 mm outside the workspace" in told[2]
+    assert "moving the part by about (" in describe_remedy(_short(beyond, shortfall, 0.05), row)
+
+
+def _short(plan: Plan, shortfall: np.ndarray, by: float) -> Plan:
+    """The plan with its first station out of reach by so many m."""
+    lacks = shortfall.copy()
+    lacks[0] = by
+    return replace(plan, candidates=replace(plan.candidates, shortfall=lacks))
+
+
+def test_rotations_that_work_but_cannot_be_reached_are_counted(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
+    working = int((made.candidates.reason_of_rotation()[s] == InfeasibilityReason.OK).sum())
+    assert working > 0
+    said = explain_points(lost(made, row, InfeasibilityReason.NO_PATH))[row]
+    assert said.startswith(f"{working} of {len(made.candidates.phi)} rotations work here, but none can be reached")
+
+
+def test_what_a_point_touches_is_named(made: Plan) -> None:
+    assert made.check is not None
+    assert made.setup.collision is not None
+    row, pair = made.path.runs[0][1], made.check.pair.copy()
+    pair[row] = 0
+    touching = lost(replace(made, check=replace(made.check, pair=pair)), row, InfeasibilityReason.COLLIDING)
+    own = made.setup.collision.pairs[0]
+    assert own.kinds == ("link", "link")
+    said = explain_points(touching)[row]
+    assert said.startswith(f"{own.name} touch or come nearer than the clearance")
+    assert f"ignore_pairs: [[{own.a}, {own.b}]]" in said  # what the robot itself is built of may be so
+
+
+def test_a_place_between_two_points_is_a_break_of_its_own(made: Plan) -> None:
+    between = np.flatnonzero(~made.path.is_point)
+    assert len(between)
+    row = int(between[0])
+    (one,) = list_breaks(lost(made, row, InfeasibilityReason.LIMIT))
+    assert one.code == "no_pose"
+    assert (one.before, one.after) == (np.floor(made.path.index[row]), np.ceil(made.path.index[row]))
+    assert one.text.startswith(f"at {made.path.index[row]:.2f} between them: ")
+    point = int(np.searchsorted(made.path.index, one.after))
+    both = lost(lost(made, row, InfeasibilityReason.LIMIT), point, InfeasibilityReason.LIMIT)
+    assert list_breaks(both) == ()  # the point itself tells
+
+
+def test_a_misfit_of_the_stiffness_is_said_with_what_it_counts_for(made: Plan) -> None:
+    stiffness = made.setup.elasticity.stiffness
+    none = np.zeros((1, 6))
+    for counted, words in (
+        (True, "count in, in the mean"),
+        (False, "of the springs alone (discrepancy.counted: false)"),
+    ):
+        told = ModelDiscrepancy(
+            parts=tuple(f"joint {j}" for j in range(1, 7)), torque=np.ones(6), shift=none[0], modes=none, local=0.0,
+            left=6e-5, noise=2e-5, misfit=True, counted=counted,
+        )  # fmt: skip
+        other = ArmElasticity(
+            made.setup.robot, made.setup.arm.T_flange_tcp, replace(stiffness, discrepancy=told), None, None
+        )
+        said = describe_model_misfit(replace(made, setup=replace(made.setup, elasticity=other)))
+        assert "0.06 mm of the readings it comes from, 3.0 times their noise of 0.02 mm" in said
+        assert words in said
+    assert describe_model_misfit(made) == ""
+
+
+def test_what_a_shift_takes_away_is_said_with_its_size(made: Plan) -> None:
+    assert made.check is not None
+    assert made.setup.collision is not None
+    row, pair = made.path.runs[0][1], made.check.pair.copy()
+    offset = np.zeros((len(made.path.index), 3))
+    offset[row] = [0.0, 0.0, 3e-4]
+    shifted = replace(made, compensation=cast(PathCompensation, SimpleNamespace(offset=offset)))
+    for named, words in ((0, made.setup.collision.pairs[0].name), (-1, "0.300 mm")):
+        pair[row] = named
+        said = _lost_by_shift(
+            replace(shifted, check=replace(made.check, pair=pair)), InfeasibilityReason.COLLIDING, row
+        )
+        assert said.startswith("possible as programmed, but not with the compensation of 0.300 mm: ")
+        assert words in said
+    lacks = SimpleNamespace(offset=offset, lost=np.arange(len(offset)) == row)
+    for reason, key in (
+        (InfeasibilityReason.COLLIDING, "clearance_mm"),
+        (InfeasibilityReason.LIMIT, "a larger limit_margin_deg"),
+    ):
+        help_there = describe_remedy(replace(lost(made, row, reason), compensation=cast(PathCompensation, lacks)), row)
+        assert key in help_there
+        assert "no compensation would help; --allow-gaps" in help_there
+
+
+def test_a_method_that_takes_one_rotation_says_that_others_work(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    stopped = lost(made, row, InfeasibilityReason.LIMIT)
+    for method, words in (("default", "the CAM file's own rotation"), ("jiao2022", "the rotation that jiao2022 takes")):
+        one = replace(stopped, options=replace(made.options, method=method))  # type: ignore[arg-type]
+        said = explain_points(one)[row]
+        assert said.startswith(f"{words} does not work here (a joint would leave its range); ")
+        assert "--method global" in describe_remedy(one, row)
+
+
+def test_a_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
+    """Not where the nearest configuration misses a joint's limit by more than rotations a step apart can differ."""
+    row = made.path.runs[0][1]
+    stopped = lost(made, row, InfeasibilityReason.LIMIT)
+    s = int(np.searchsorted(made.path.stations, row))
+    reason = made.candidates.reason.copy()
+    reason[s] = np.where(
+        np.isfinite(made.candidates.q[s]).all(axis=-1), InfeasibilityReason.LIMIT, InfeasibilityReason.UNREACHABLE
+    )
+    of_joint = np.abs(np.asarray(made.candidates.q[s])[reason[s] == InfeasibilityReason.LIMIT]).min()
+    for missed, margin, finer in ((np.radians(3.0), np.radians(5.0), True), (np.radians(36.0), np.radians(5.0), False)):
+        upper = np.full(6, of_joint)
+        upper[0] = np.nanmin(made.candidates.q[s][..., 0]) - missed
+        arm = replace(made.setup.arm, lower=np.full(6, -10.0), upper=np.r_[upper[0], np.full(5, 10.0)])
+        setup = replace(made.setup, arm=replace(arm, turns=np.zeros((1, 6))))
+        options = replace(made.options, limit_margin=margin)
+        help_there = describe_remedy(
+            replace(stopped, setup=setup, options=options, candidates=replace(made.candidates, reason=reason)), row
+        )
+        assert ("a finer rotation_step_deg" in help_there) is finer
+        assert ("smaller limit_margin_deg" in help_there) is finer
+        assert "a wider joint range" in help_there
+
+
+def test_what_is_allowed_already_is_not_advised(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    stopped = lost(made, row, InfeasibilityReason.LIMIT)
+    assert "--allow-gaps" in describe_remedy(stopped, row)
+    assert "--allow-gaps" not in describe_remedy(replace(stopped, options=replace(made.options, allow_gaps=True)), row)
+
+
+def test_a_point_that_lost_its_way_has_the_reason_of_what_came_farthest(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
+    no_path, reason = lost(made, row, InfeasibilityReason.NO_PATH), made.candidates.reason.copy()
+    assert find_reason(no_path, row) is InfeasibilityReason.NO_PATH  # some rotation works
+    assert find_reason(lost(made, row, InfeasibilityReason.LIMIT), row) is InfeasibilityReason.LIMIT
+    feasible = made.candidates.feasible.copy()
+    feasible[s] = False
+    for given, told in (
+        ((InfeasibilityReason.BOUNDS, InfeasibilityReason.LIMIT), InfeasibilityReason.LIMIT),
+        ((InfeasibilityReason.BOUNDS,), InfeasibilityReason.BOUNDS),
+    ):
+        reason[s] = InfeasibilityReason.BOUNDS
+        reason[s, 0] = given[-1]
+        stopped = replace(no_path, candidates=replace(made.candidates, reason=reason.copy(), feasible=feasible))
+        assert find_reason(stopped, row) is told
+
+
+def test_what_poses_left_of_the_position_is_said_and_moves_nothing(made: Plan) -> None:
+    """Where the plan's joints are covered, with and without the corrections, and where one is not."""
+    q = made.chosen.assignment.q[made.path.counted]
+    whole = np.stack([q.min(axis=0), q.max(axis=0)], axis=1)
+    elasticity = made.setup.elasticity
+
+    def told(joints: np.ndarray, *, corrected: bool) -> Plan:
+        error = PositionError(5e-5, 3e-4, 2e-5, 40, joints)
+        stiffness = replace(elasticity.stiffness, position=error)
+        known = KinematicCorrections((KinematicCorrection("joint_zero_offset", "joint:1", {"offset_deg": 0.01}),))
+        cell = replace(made.setup.cell, kinematics=known if corrected else None)
+        springs = ArmElasticity(elasticity.robot, elasticity.T_flange_tcp, stiffness)
+        return replace(made, setup=replace(made.setup, cell=cell, elasticity=springs))
+
+    assert predict_position_error(made) is None
+    found = predict_position_error(told(whole, corrected=True))
+    assert found is not None
+    assert (found.std, found.uncovered, found.joints) == (5e-5, 0.0, ())
+    assert "± 0.05 mm" in describe_model_misfit(told(whole, corrected=True))
+    plain = predict_position_error(told(whole, corrected=False))
+    assert plain is not None
+    assert plain.std == 3e-4
+    assert "kinematics.yaml that was found with it" in plain.words()
+    narrow = whole.copy()
+    narrow[3] = np.median(q[:, 3]) + np.radians([-0.5, 0.5])
+    outside = predict_position_error(told(narrow, corrected=True))
+    assert outside is not None
+    beyond = np.abs(q[:, 3] - np.median(q[:, 3])) > np.radians(1.5)
+    assert outside.joints == ((4,) if beyond.any() else ())
+    assert outside.uncovered == pytest.approx(beyond.mean())
+    assert beyond.any() == ("joint 4" in outside.words())
+
+
+def test_the_worst_point_is_one_that_the_plan_keeps(made: Plan) -> None:
+    """One that is ruled out by a contact has an index as well; it was told without a rotation: an internal error."""
+    path = toolpath(ROWS)
+    worst = build_worst_point_entry(made, build_point_table(made, path))
+    assert worst is not None
+    stopped = lost(made, int(np.flatnonzero(made.path.is_point)[worst.point]), InfeasibilityReason.COLLIDING)
+    other = build_worst_point_entry(stopped, build_point_table(stopped, path))
+    assert other is not None
+    assert other.point != worst.point
+
+
+def test_rotations_that_nobody_looked_at_for_contacts_are_not_promised(made: Plan) -> None:
+    """jiao2022 said that 72 of 72 rotations work at a point where global found that all of them collide."""
+    assert made.setup.collision is not None
+    row = made.path.runs[0][1]
+    one = replace(lost(made, row, InfeasibilityReason.COLLIDING), options=replace(made.options, method="jiao2022"))
+    assert explain_points(one)[row].startswith("the rotation that jiao2022 takes does not work here (it collides); ")
+    assert explain_points(one)[row].endswith("rotations do, contacts not looked for")
+    assert "which chooses among them, may help" in describe_remedy(one, row)

@@ -1,0 +1,132 @@
+"""Way points so dense that the controller's own interpolation keeps to the motion."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from sample_robot_programs import ARM, TOOL
+from scipy.spatial.transform import Rotation, Slerp
+
+from machopt.programs.writing.target_insertion import ProgramTolerance, insert_targets, measure_line_deviation
+
+Array = np.ndarray
+SAMPLES = 2001
+WIDE = float(np.radians(30.0))  # an angle that nothing here exceeds
+
+
+def bent(s: Array) -> Array:
+    """Joints that turn smoothly: the tool tip draws a curve about 0.6 m long and turns by about 70°."""
+    start = np.radians([0, -80, 95, 20, 50, -30])
+    way = np.radians([20, 6, -8, 25, -20, 60])
+    wave = np.radians([0, 2, 3, 5, 4, 8])
+    return start + s[:, None] * way + np.sin(2 * np.pi * s)[:, None] * wave
+
+
+MOTION = ARM.compute_fk(bent(np.linspace(0, 1, SAMPLES)), TOOL)
+FINER = ARM.compute_fk(bent(np.linspace(0, 1, 4 * (SAMPLES - 1) + 1)), TOOL)
+
+
+def thickened(ends: Array, tolerance: ProgramTolerance) -> Array:
+    """Rows of MOTION that are targets in the end."""
+    added = insert_targets(MOTION, MOTION[ends], ends.astype(float), np.ones(len(ends), bool), tolerance)
+    assert not set(added.tolist()) & set(ends.tolist())
+    return np.sort(np.concatenate([ends, added]))
+
+
+def drawn(targets: Array) -> tuple[float, float, float]:
+    """Farthest of the finer motion from the lines, by another library's slerp: distance, tool axis, orientation."""
+    worst = np.zeros(3)
+    for a, b in pairwise(targets.tolist()):
+        T0, T1, plan = MOTION[a], MOTION[b], FINER[4 * a : 4 * b + 1]
+        share = np.linspace(0, 1, 801)
+        line = (1 - share[:, None]) * T0[:3, 3] + share[:, None] * T1[:3, 3]
+        turned = Slerp([0, 1], Rotation.from_matrix([T0[:3, :3], T1[:3, :3]]))(share).as_matrix()
+        for T in plan:
+            d = np.linalg.norm(line - T[:3, 3], axis=1)
+            k = int(np.argmin(d))
+            axis = np.arccos(np.clip(turned[k, :, 2] @ T[:3, 2], -1, 1))
+            whole = 2 * np.arcsin(np.linalg.norm(turned[k] - T[:3, :3]) / np.sqrt(8))
+            worst = np.maximum(worst, [d[k], axis, whole])
+    return tuple(worst.tolist())
+
+
+@pytest.mark.parametrize(
+    "tolerance",
+    [
+        ProgramTolerance(2e-4, WIDE, WIDE),
+        ProgramTolerance(1.0, np.radians(0.05), WIDE),
+        ProgramTolerance(1.0, WIDE, np.radians(0.1)),
+    ],
+    ids=["place", "tool axis", "orientation"],
+)
+def test_the_controllers_line_keeps_to_the_motion(tolerance: ProgramTolerance) -> None:
+    coarse = np.array([0, 700, 1400, SAMPLES - 1])
+    limits = np.array([tolerance.position, tolerance.axis, tolerance.turn])
+    assert (drawn(coarse) / limits).max() > 4  # otherwise the test shows nothing
+    rows = thickened(coarse, tolerance)
+    # looked at between the samples too; the 801 places of a line are up to 0.3 mm apart at first, 0.02° of turn
+    assert (np.array(drawn(rows)) <= limits + np.array([1e-6, np.radians(0.02), np.radians(0.02)])).all()
+    assert 4 < len(rows) < 200
+    off = measure_line_deviation(MOTION, MOTION[rows], rows.astype(float), np.ones(len(rows), bool))
+    assert off.share(tolerance).max() <= 0.8  # the rest is for what lies between the samples
+    assert off.worst() == pytest.approx(drawn(rows), rel=0.2, abs=2e-5)
+
+
+def test_nothing_is_added_where_nothing_bends() -> None:
+    """The last axis only, which turns about the flange's own axis: an even turn on the spot."""
+    q = np.radians([0, -80, 95, 0, 50, 0]) + np.linspace(0, 1, 300)[:, None] ** 3 * np.radians([0, 0, 0, 0, 0, 40])
+    T = ARM.compute_fk(q)
+    ends = np.array([0.0, 120.5, 299.0])
+    targets = ARM.compute_fk(np.array([q[0], (q[120] + q[121]) / 2, q[299]]))
+    off = measure_line_deviation(T, targets, ends, np.ones(3, bool))
+    assert off.worst() == pytest.approx((0, 0, 0), abs=1e-7)
+    assert len(off.sample) == 299  # all but the first, which no line leads to
+    assert not len(insert_targets(T, targets, ends, np.ones(3, bool), ProgramTolerance(1e-6, 1e-6, 1e-6)))
+
+
+def test_joint_moves_are_no_lines() -> None:
+    ends, linear = np.array([0.0, 1000.0, 2000.0]), np.array([False, False, True])
+    off = measure_line_deviation(MOTION, MOTION[[0, 1000, 2000]], ends, linear)
+    assert off.sample.min() == 1001
+    assert set(off.move.tolist()) == {2}
+    rows = insert_targets(MOTION, MOTION[[0, 1000, 2000]], ends, linear, ProgramTolerance(1e-4, WIDE, WIDE))
+    assert rows.min() > 1000
+
+
+def test_finer_tolerances_need_more_points_and_error_falls_with_the_square() -> None:
+    ends = np.array([0, SAMPLES - 1])
+    counts = [len(thickened(ends, ProgramTolerance(t, WIDE, WIDE))) for t in (1e-3, 1e-4, 1e-5)]
+    assert counts == sorted(counts)
+    assert 2 < counts[1] / counts[0] < 5  # √10, as chords of a curve do
+    assert 2 < counts[2] / counts[1] < 5
+
+
+def test_where_samples_run_out_the_lines_stay_as_far_off_as_they_are() -> None:
+    """The targets lie 1 mm beside the motion: no sample between them mends that, and the search ends."""
+    few = MOTION[::500]
+    targets = few.copy()
+    targets[:, 2, 3] += 1e-3
+    at = np.arange(len(few)) + 0.5
+    at[0] = 0.0
+    rows = insert_targets(few, targets, at, np.ones(len(few), bool), ProgramTolerance(1e-5, WIDE, WIDE))
+    assert rows.tolist() == [1, 2, 3, 4]
+
+
+def test_an_external_axis_that_moves_unevenly_becomes_targets() -> None:
+    """A straight way of 1 m while a rail goes by a cosine: even pieces are as long as its curvature lets them."""
+    n = 2001
+    T = np.tile(np.eye(4), (n, 1, 1))
+    T[:, 0, 3] = np.linspace(0.0, 1.0, n)
+    rail = 0.3 * (1.0 - np.cos(np.pi * T[:, :1, 3]))
+    ends, linear = np.array([0.0, n - 1.0]), np.ones(2, bool)
+    assert len(insert_targets(T, T[[0, -1]], ends, linear, ProgramTolerance())) == 0
+    added = insert_targets(T, T[[0, -1]], ends, linear, ProgramTolerance(), (rail, rail[[0, -1]]))
+    rows = np.r_[0, added, n - 1]
+    off = measure_line_deviation(T, T[rows], rows.astype(float), np.ones(len(rows), bool), None, (rail, rail[rows]))
+    assert off.external.max() <= ProgramTolerance().external
+    least = np.pi * np.sqrt(
+        0.3 / (8 * ProgramTolerance().external)
+    )  # steps of a curve with a bow of the tolerance, at most
+    assert 0.5 * least <= len(rows) <= 4 * least

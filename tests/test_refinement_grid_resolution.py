@@ -1,0 +1,104 @@
+"""Plans with external joints on finer grids of rotations, from other starts and by leaps: never worse."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from external_axis_cells import external_cell
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from property_example_count import scale_example_count
+from test_continuous_refinement import MOVING, chosen, weaving
+from test_external_axes import OPTIONS, UP, K
+from test_planning_path import Rows, toolpath
+
+from machopt.data_types.plan_options import ExternalJointOptions
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.planning.continuous_refinement.refinement import PlanRefinement
+from machopt.planning.continuous_refinement.starting_point import RefinementStart
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
+from machopt.planning.external_axis_optimization import coarse_to_fine_search
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.pipeline.plan import Plan
+
+ROUNDED = 1e-9  # of J
+
+
+def holes(y: float, apart: float) -> Toolpath:
+    rows: Rows = []
+    for k in range(4):
+        x, at = 0.1 * (-1.0) ** k, y + k * apart
+        rows += [
+            ((x, at, 0.06), UP, MoveKind.RAPID),
+            ((x, at, -0.01), UP, MoveKind.CUT),
+            ((x, at, 0.06), UP, MoveKind.RETRACT),
+        ]
+    return toolpath(rows)
+
+
+def worth(plan: Plan) -> float:
+    return AxisPlanRanking.of(plan.setup, resolve_axis_options(plan.setup.cell, plan.options)).plan(plan)
+
+
+@pytest.mark.slow
+@given(
+    st.sampled_from([{"rail": True}, {"table": True}, {"rail": True, "table": True}]),
+    st.sampled_from(["moving", "operation"]),
+    st.booleans(),
+    st.floats(-0.15, 0.15),
+)
+@settings(
+    max_examples=scale_example_count(3), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_a_finer_grid_makes_no_plan_worse(
+    tmp_path: FilePath, kind: dict[str, bool], mode: str, drilled: bool, y: float
+) -> None:
+    cell = replace(external_cell(tmp_path, **kind), stiffness=K)
+    names = [n for n in ("rail", "turn") if {"rail": "rail", "turn": "table"}[n] in kind]
+    axes = tuple(ExternalJointOptions(joint=n, mode=mode, range=(-0.5, 0.5)) for n in names)  # type: ignore[arg-type]
+    rows: Rows = [((0.0, y - 0.1, 0.05), UP, MoveKind.RAPID)]
+    rows += [((0.08 * float(np.sin(30 * v)), y + float(v), 0.0), UP, MoveKind.CUT) for v in np.linspace(-0.1, 0.1, 6)]
+    path = holes(y, 0.05) if drilled else toolpath(rows)
+    plans = [
+        find_best_plan(cell, path, replace(OPTIONS, external=axes, rotation_step=np.radians(step)))
+        for step in (15.0, 10.0, 5.0)
+    ]
+    assert len({plan.scores.scale for plan in plans}) == 1
+    assert [len(plan.candidates.phi) for plan in plans] == [24, 36, 72]
+    told = [worth(plan) for plan in plans]
+    assert told[2] <= told[1] * (1 + ROUNDED)
+    assert told[1] <= told[0] * (1 + ROUNDED)
+    for plan in plans:
+        assert plan.over_external is None or plan.over_external.gap is not None or plan.over_external.why
+
+
+@pytest.mark.slow
+def test_leaps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    found = []
+    for leaps in (0, 0), coarse_to_fine_search.LEAPS:
+        monkeypatch.setattr(coarse_to_fine_search, "LEAPS", leaps)
+        monkeypatch.setattr(coarse_to_fine_search, "WORTH_IT", 1e-4)
+        found.append(worth(find_best_plan(cell, weaving(), MOVING)))
+    assert found[1] <= found[0] * (1 + ROUNDED)
+
+
+@pytest.mark.slow
+def test_a_refinement_begins_on_its_own_curves(tmp_path: FilePath) -> None:
+    """What a start has that no offset takes away is gone; and a curve stays what it is."""
+    plan, groups, axes = chosen(tmp_path, weaving(), MOVING, rail=True)
+    refinement = PlanRefinement(plan, groups, AxisPlanRanking.of(plan.setup, axes))
+    a = plan.chosen.assignment
+    ragged = RefinementStart(a.phi + 1e-3 * (-1.0) ** np.arange(len(a.phi)), plan.path.external, a.q)
+    begun = refinement._begun(ragged)
+    assert begun is not None
+    state, phi, e = begun
+    assert state.phi == pytest.approx(phi[refinement.rows], abs=1e-12)
+    again = refinement._begun(RefinementStart(phi, e, a.q))
+    assert again is not None
+    assert again[1] == pytest.approx(phi, abs=1e-6)
+    assert again[2] == pytest.approx(e, abs=1e-6)

@@ -1,0 +1,55 @@
+"""Steps are priced once for all searches over a grid: what a search finds is what it would find by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_sequence_search import VELOCITY, random_problem
+
+from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
+from machopt.planning.sequence_search import transition_cost_table
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, SequenceGrid
+from machopt.planning.sequence_search.transition_cost_table import TransitionCostTable
+
+OPTIONS = PlanOptions(weights=ObjectiveWeights(mean=1.0, worst=0.7, travel=0.3, rotation=0.4))
+
+
+def same(a: SequenceChoice, b: SequenceChoice) -> bool:
+    """To the bit."""
+    return (
+        all(np.array_equal(x, y) for x, y in ((a.rotation, b.rotation), (a.branch, b.branch), (a.turn, b.turn)))
+        and (a.total, a.bound, a.broken) == (b.total, b.bound, b.broken)
+        and np.array_equal(a.q, b.q, equal_nan=True)
+    )
+
+
+@pytest.mark.parametrize("stable", [True, False])
+@pytest.mark.parametrize("seed", range(12))
+def test_a_grid_that_was_searched_before_gives_the_same_choice_as_one_that_was_not(seed: int, stable: bool) -> None:
+    path, candidates, scores = random_problem(seed)
+    candidates = replace(candidates, stable=stable)
+    used = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    for k in range(4):  # each round loses vertices, in the last ones whole stations: the one before is then another
+        fresh = TransitionCostTable.none_yet(used.window, *candidates.q.shape[1:3], stable)
+        assert same(used.choose(), replace(used, priced=fresh).choose())
+        assert used.priced.turns.any()
+        gone = np.random.default_rng((seed, k)).uniform(size=candidates.feasible.shape) < 0.4
+        candidates.feasible[gone] = False
+        candidates.feasible[2] &= seed % 3 > 0
+
+
+@pytest.mark.parametrize("stable", [True, False])
+def test_without_room_for_all_steps_the_choice_is_the_same(stable: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, candidates, scores = random_problem(1)
+    candidates = replace(candidates, stable=stable)
+    whole = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    monkeypatch.setattr(transition_cost_table, "MOST", len(whole.priced.price) // 2)
+    half = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    assert 0 < len(half.priced.price) <= len(whole.priced.price) // 2
+    assert same(half.choose(), whole.choose())
+    monkeypatch.setattr(transition_cost_table, "MOST", 0)
+    none = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    assert not len(none.priced.price)
+    assert same(none.choose(), whole.choose())

@@ -1,0 +1,33 @@
+"""Plans without a fault verify: a small job for each false alarm that once was; all: benchmarks/intact.py."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+
+from verification_false_alarms import fixed_jobs, run
+
+JOBS = {job.name: job for job in fixed_jobs()}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "bare",  # drawn out of the cut along the line on which the rapid move leaves it
+        "one point between rapids",  # and along the plunge that came to it
+        "one point",  # no feed move at all
+        "tilts default",  # the direction of travel where the axis turns; bits of an axis near zero; dwelling at corners
+        "doubled points",  # the file's own doubled moves
+        "compensate plunge",  # a target between two samples of a fast move
+        "compensate circle",  # the gain of a shifted path
+        "zero offsets",  # the tool axis by nominal kinematics
+    ],
+)
+def test_an_intact_plan_verifies(name: str, tmp_path: Path) -> None:
+    found = run(JOBS[name], tmp_path, None, None)
+    assert found is not None
+    assert (found.optimize, found.verify, found.failing) == (0, 0, ()), found.said

@@ -1,0 +1,331 @@
+"""``machopt verify`` as a command: what it takes from the manifest, what it says, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from output_damage.damage_case import CELLS, HEADER, PASS, Job, copy_job, plan_table
+
+from machopt.cell.cell_reader import load_cell
+from machopt.cli import main
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
+from machopt.data_types.manifest import add_scope_to_verdict
+from machopt.options.plan_option_reader import load_options
+from machopt.output import read_manifest
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.verification import Verification, VerificationCheck
+from machopt.verification.folder import coverage
+from machopt.verification.folder.folder_checks import verify_folder
+from machopt.verification.folder.result_json.result_checks import check_result_document
+from machopt.verification.motion.tool_changes import verify_tool_segments
+from machopt.verification.motion.worst_index_along_cuts import find_worst_index
+from machopt.verification.tables.exported_tables import read_motion
+
+PATHS = Path(__file__).resolve().parents[1] / "toolpaths"
+KR500 = CELLS / "kr500_milling"
+NOT_CHECKED = "collisions NOT checked"
+SAMPLED = ("time", "point", "move", "q", "external", "gamma", "feed")  # arrays of a motion, a row a sample
+
+
+@pytest.fixture(scope="module")
+def without_collision(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    """A plan with most things switched off."""
+    wide = ("collision=false", "path_tolerance_mm=0.5", "axis_tolerance_deg=0.2", "allow_gaps=true")
+    return plan_table(tmp_path_factory.mktemp("off"), KR500, PASS, overrides=wide)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    return plan_table(tmp_path_factory.mktemp("plain"), KR500, PASS)
+
+
+def verified(job: Job, *options: str) -> int:
+    return main(["verify", str(job.cell), str(job.toolpath), str(job.out), *options])
+
+
+def test_what_is_switched_off_stands_everywhere_in_the_same_words(
+    without_collision: Job, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = (
+        NOT_CHECKED,
+        "path tolerance 0.5 mm instead of 0.02 mm",
+        "tool axis tolerance 0.2 deg instead of 0.05 deg",
+        "gaps allowed",
+    )
+    out = without_collision.out
+    result = json.loads((out / "result.json").read_text())
+    manifest, _ = read_manifest(out)
+    assert tuple(result["unchecked"]) == manifest.unchecked == words
+    assert result["verdict"] == manifest.verdict == add_scope_to_verdict("done", words)
+    assert add_scope_to_verdict("VERIFIED", words) in (out / "report.html").read_text()
+    assert "contacts" not in {c.what for c in manifest.checked}
+    assert verified(without_collision) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == add_scope_to_verdict("verification passed", words)
+
+
+def test_what_a_cell_leaves_out_stands_in_the_verdict(tmp_path: Path) -> None:
+    shutil.copytree(KR500, tmp_path / "cell")
+    text = (tmp_path / "cell" / "cell.yaml").read_text()
+    cell = load_cell(tmp_path / "cell")
+    assert coverage.list_unchecked(cell, load_options(cell.plan)) == ()
+    half = replace(read_toolpath(PATHS / "plain.csv"), meta={"incomplete": "no FINI"})
+    assert "NOT done (it seems cut off)" in coverage.list_unchecked(cell, load_options(cell.plan), half)[0]
+    lines = [line for line in text.splitlines() if not line.strip().startswith(("geometry:", "cutter:"))]
+    kept = "\n".join(lines)
+    start = kept.index("obstacles:")
+    end = kept.index("stiffness:")
+    (tmp_path / "cell" / "cell.yaml").write_text(kept[:start] + kept[end:])
+    cell = load_cell(tmp_path / "cell")
+    assert coverage.list_unchecked(cell, load_options(cell.plan)) == (
+        "collisions with workpiece, tool, cutter and obstacles NOT checked (not in the cell)",
+    )
+
+
+def test_a_check_that_could_not_run_stands_in_the_verdict() -> None:
+    checks = [
+        VerificationCheck(name="path", passed=True, value=0.0, limit=1.0, unit="mm", where=""),
+        VerificationCheck(name="program a.src", passed=None, value=0.0, limit=0.0, unit="", where="no reader"),
+    ]
+    assert coverage.list_checks_not_run(checks) == ("program a.src NOT checked",)
+
+
+def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The table has no feed of its own and tolerances are wide: without the manifest the check could not pass."""
+    toolpath = tmp_path / "pass.csv"
+    toolpath.write_text("x_mm,y_mm,z_mm,i,j,k,move\n" + "".join(f"{x},{y},{z},0,0,1,{m}\n" for x, y, z, m, _ in PASS))
+    wide = ("path_tolerance_mm=0.4", "rotation_step_deg=15")
+    asked = OptimizeRequest(
+        cell=KR500, toolpath=toolpath, out=tmp_path / "out", overrides=wide, reading={"default_feed": 1100 / 60e3}
+    )
+    assert run_optimize(asked).exit_code == 0
+    assert read_manifest(tmp_path / "out")[0].reading == {"feed_mm_min": 1100.0}
+    job = Job(KR500, toolpath, tmp_path / "out")
+    assert verified(job) == 0
+    told = capsys.readouterr().out
+    assert "note:" not in told
+    assert told.splitlines()[-1] == "verification passed, path tolerance 0.4 mm instead of 0.02 mm"
+    assert verified(job, "--set", "collision=false", "--feed", "500") == 4  # driven faster than that
+    told = capsys.readouterr().out
+    assert "note: collision = False here, but the folder was made with True" in told
+    assert "note: feed_mm_min = 500.0 here, but the folder was made with 1100.0" in told
+
+
+def test_verify_says_what_the_folder_was_made_from(
+    plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = copy_job(plain, tmp_path)
+    file = job.cell / "stiffness.yaml"
+    recorded = next(f for f in read_manifest(job.out)[0].inputs if f.role == "stiffness")
+    file.write_text(file.read_text() + "# measured again\n")
+    assert verified(job) == 4
+    told = capsys.readouterr()
+    assert "another stiffness: stiffness.yaml" in told.err
+    assert recorded.sha256[:12] in told.err
+
+
+def test_the_same_files_elsewhere_are_the_same_inputs(plain: Job, tmp_path: Path) -> None:
+    job = copy_job(plain, tmp_path)
+    renamed = job.toolpath.with_name("renamed.csv")
+    job.toolpath.rename(renamed)
+    assert verified(Job(job.cell, renamed, job.out)) == 0
+
+
+def test_a_folder_without_manifest_is_checked_and_fails_by_name(
+    plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = copy_job(plain, tmp_path)
+    (job.out / "manifest.json").unlink()
+    assert verified(job, "--set", "rotation_step_deg=15") == 4
+    told = capsys.readouterr()
+    assert "was written by a version before manifests, or the file was removed" in told.err
+    assert "ok   path" in told.out  # what the tables say is checked all the same
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "null", "[]", '{"machopt_manifest": 1}', "\x00\x01", "{" * 5000, '{"files": {"x": NaN}}']
+)
+def test_any_manifest_is_a_named_failure(
+    text: str, plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = copy_job(plain, tmp_path)
+    (job.out / "manifest.json").write_text(text)
+    assert verified(job, "--quiet") == 4
+    assert "manifest.json" in capsys.readouterr().err
+
+
+def test_an_infeasible_plan_leaves_no_program_and_verifies_as_such(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    toolpath = tmp_path / "far.csv"
+    toolpath.write_text(HEADER + "\n9000,0,0,0,0,1,cut,1000\n9010,0,0,0,0,1,cut,1000\n")
+    out = tmp_path / "out"
+    assert (
+        main(["optimize", str(KR500), str(toolpath), "-o", str(out), "--quiet", "--post", "krl", "--post", "rapid"])
+        == 3
+    )
+    assert {f.name for f in out.iterdir()} == {"manifest.json", "points.csv", "report.html", "result.json"}
+    result = json.loads((out / "result.json").read_text())
+    assert [(p["post"], p["files"]) for p in result["programs"]] == [("krl", []), ("rapid", [])]
+    assert all("no motion" in p["withheld"] for p in result["programs"])
+    assert "withheld" in (out / "report.html").read_text()
+    assert read_manifest(out)[0].programs == ()
+    capsys.readouterr()
+    assert verified(Job(KR500, toolpath, out)) == 3
+    assert "intact, but without a motion" in capsys.readouterr().out
+    text = (out / "points.csv").read_text()
+    (out / "points.csv").write_text(text.replace("unreachable", "ok", 1))
+    assert verified(Job(KR500, toolpath, out)) == 4
+
+
+def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*args: object, **options: object) -> Verification:
+        found = verify_tool_segments(*args, **options)  # type: ignore[arg-type]
+        return Verification(
+            (
+                *found.checks,
+                VerificationCheck(name="weather", passed=False, value=1.0, limit=0.0, unit="drops", where="above"),
+            ),
+            found.samples,
+            1.0,
+        )
+
+    monkeypatch.setattr("machopt.verification.folder.folder_checks.verify_tool_segments", broken)
+    toolpath = tmp_path / "pass.csv"
+    toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
+    out = tmp_path / "out"
+    done = run_optimize(
+        OptimizeRequest(
+            cell=KR500, toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",), posts=("krl", "urscript")
+        )
+    )
+    assert done.exit_code == 4
+    assert {f.name for f in out.iterdir()} == {
+        "manifest.json",
+        "points.csv",
+        "report.html",
+        "result.json",
+        "trajectory.csv",
+    }
+    result = json.loads((out / "result.json").read_text())
+    assert [p["withheld"] for p in result["programs"]] == ["verification failed", "verification failed"]
+    assert read_manifest(out)[0].programs == ()
+    assert "withheld: verification failed" in (out / "report.html").read_text()
+
+
+def test_what_other_commands_wrote_is_refused_by_name(
+    plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(
+            [
+                "map",
+                str(KR500),
+                "-o",
+                str(tmp_path / "map"),
+                "--quiet",
+                "--step",
+                "800",
+                "--collision",
+                "none",
+                "--rotation-step",
+                "90",
+            ]
+        )
+        == 0
+    )
+    manifest, sealed = read_manifest(tmp_path / "map")
+    assert sealed
+    assert manifest.unchecked == (NOT_CHECKED,)
+    assert manifest.verdict.endswith(NOT_CHECKED)
+    assert {f.role for f in manifest.inputs} >= {"cell", "urdf", "stiffness"}
+    assert verified(Job(plain.cell, plain.toolpath, tmp_path / "map"), "--quiet") == 4
+    assert "is of machopt map" in capsys.readouterr().err
+
+
+def test_no_part_of_a_result_goes_unlooked_at(plain: Job, tmp_path: Path) -> None:
+    """Every key of result.json that is taken away fails a check."""
+    told: Callable[[Path], list[str]] = lambda out: [  # noqa: E731
+        c.name
+        for c in check_result_document(out, cell, toolpath, options, manifest.inputs, manifest, contents)
+        if not c.passed
+    ]
+    cell = load_cell(plain.cell)
+    manifest, _ = read_manifest(plain.out)
+    options = load_options(dict(manifest.options))
+    from machopt.toolpath.toolpath_reader import read_toolpath
+
+    toolpath = read_toolpath(plain.toolpath)
+    from machopt.verification.folder.folder_checks import check_contents
+
+    contents = check_contents(cell, toolpath, plain.out, options=options, manifest=manifest)
+    assert told(plain.out) == []
+    job = copy_job(plain, tmp_path)
+    whole = json.loads((job.out / "result.json").read_text())
+    for key in whole:
+        (job.out / "result.json").write_text(json.dumps({k: v for k, v in whole.items() if k != key}))
+        assert told(job.out), key
+
+
+def test_the_verdict_is_the_same_on_one_core_and_where_the_motion_is_too_long_to_check_both_at_once(
+    plain: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def found() -> list[str]:
+        done = verify_folder(cell, toolpath, plain.out, options=options, inputs=manifest.inputs)
+        return [repr(check) for check in done.checks]
+
+    cell, toolpath = load_cell(plain.cell), read_toolpath(plain.toolpath)
+    manifest, _ = read_manifest(plain.out)
+    options = load_options(dict(manifest.options))
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
+    first = found()
+    assert any(".src" in check for check in first)  # a program is among what is checked
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 1)
+    assert found() == first
+    monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
+    monkeypatch.setattr("machopt.verification.folder.folder_checks.MAX_PARALLEL_SAMPLES", 1)
+    assert found() == first
+
+
+LONG: tuple[tuple[float, float, float, str, str], ...] = (
+    (-300, 0, 60, "rapid", ""),
+    (-300, 0, 5, "approach", "3000"),
+    (-300, 0, 1, "cut", "3000"),
+    (300, 0, 1, "cut", "9000"),
+    (300, 0, 60, "rapid", ""),
+)
+
+
+def test_a_worst_index_that_no_place_of_a_long_move_has_is_seen(tmp_path: Path) -> None:
+    """What lies between two points 0.6 m apart is recomputed: 5 % more than the softest place is too much."""
+    job = plan_table(tmp_path, KR500, LONG)
+    cell, toolpath = load_cell(job.cell), read_toolpath(job.toolpath)
+    manifest, _ = read_manifest(job.out)
+    assert manifest is not None
+    options = load_options(dict(manifest.options))
+    told = json.loads((job.out / "result.json").read_text())
+    motion = read_motion(job.out / "trajectory.csv", cell)
+    along = find_worst_index(cell, toolpath, motion, "deflection", options)
+    own = told["objective"]["chosen"]
+    assert along == pytest.approx(own["worst"] * told["index_scale"], rel=0.01)  # an end is the softest place here
+    middle = np.abs(motion.point - 2.5) < 0.1
+    rows = {f.name: getattr(motion, f.name)[middle] for f in fields(motion) if f.name in SAMPLED}
+    assert find_worst_index(cell, toolpath, replace(motion, **rows), "deflection", options) < along
+
+    def failing(factor: float) -> list[str]:
+        more = (factor - 1.0) * own["worst"]
+        chosen = {**own, "worst": own["worst"] + more, "total": own["total"] + options.weights.worst * more}
+        (job.out / "result.json").write_text(json.dumps({**told, "objective": {**told["objective"], "chosen": chosen}}))
+        found = check_result_document(
+            job.out, cell, toolpath, options, manifest.inputs, manifest, Verification((), 0, 0.0)
+        )
+        return [c.where for c in found if not c.passed and "chosen.worst" in c.where]
+
+    assert not failing(1.0)
+    assert failing(1.05)
