@@ -50,7 +50,7 @@ class CuttingWaveform:
         make_arrays_read_only(self)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Slice:
     """Part of the cutter between two heights, of one radius and κ."""
 
@@ -96,7 +96,7 @@ def compute_waveform(
     check_cutter(cutter, coefficients)
     check_cut_dimensions(cutter, cut, np.array([depths[0]]), np.array([depths[1]]))
     check_feed_per_tooth(np.array([fz]))
-    phi: Array = np.arange(ROTATION_STEPS) * (_TURN / ROTATION_STEPS)
+    phi = np.linspace(0.0, _TURN, ROTATION_STEPS, endpoint=False)
     if angles is not None:
         phi = np.asarray(angles, float)
     total = np.zeros((len(phi), 4))
@@ -167,7 +167,8 @@ def _divide_cutter(cutter: MillingCutter, cut: MillingCut, ae: float, ap: float)
     found = []
     for low, high, radius, kappa in parts:
         arc = compute_contact_arc(cutter, cut, np.array(min(ae, cutter.diameter)), radius)
-        found.append(_Slice(low, high, radius, kappa, float(arc.start), float(arc.end)))
+        start, end = float(arc.start), float(arc.end)
+        found.append(_Slice(low=low, high=high, radius=radius, kappa=kappa, start=start, end=end))
     return found
 
 
