@@ -131,7 +131,8 @@ def test_what_is_written_is_what_the_contract_says(link: Diagnosed) -> None:
 
 def test_the_same_seed_gives_the_same_bytes(link: Diagnosed, tmp_path: Path) -> None:
     run(tmp_path / "again", link.folder, "--seed", "3")
-    files = [{p.name: p.read_bytes() for p in sorted(out.iterdir())} for out in (link.out, tmp_path / "again")]
+    outs = (link.out, tmp_path / "again")
+    files = [{str(p.relative_to(o)): p.read_bytes() for p in sorted(o.rglob("*")) if p.is_file()} for o in outs]
     assert files[0].keys() == files[1].keys()
     for name in files[0]:
         assert files[0][name] == files[1][name], name

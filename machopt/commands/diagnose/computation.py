@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.commands.diagnose.files import write_kinematics_file, write_residual_table, write_stiffness_file
+from machopt.commands.diagnose.model_files import check_written_errors, write_assessed_files
 from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs
 from machopt.commands.manifest import write_command_manifest
 from machopt.data_types.cell import Cell
@@ -15,6 +16,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.outputs.model_assessment import ModelAssessment
 from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.output import write_result
 from machopt.report.page_types.diagnosis_page_data import DiagnosisPageData
@@ -31,6 +33,7 @@ class DiagnoseComputation:
     cell: Cell
     recording: Recording
     problem: DiagnosisProblem | None
+    assessed: ModelAssessment | None  # errors of the written files; None of a motion
     diagnosis: DiagnosisResult
     model: ArmStiffness | None  # the extended one, where it is one
     page: DiagnosisPageData
@@ -49,6 +52,9 @@ def write_diagnosis_files(done: DiagnoseComputation, folder: Path, progress: Pro
     progress("writing the model and tables")
     write_stiffness_file(folder, done.model)
     write_kinematics_file(folder, done.cell, done.diagnosis)
+    if done.assessed is not None:
+        write_assessed_files(folder, done.assessed)
+        check_written_errors(folder, done.cell, done.diagnosis)
     write_residual_table(folder / "residuals.csv", done.recording, done.diagnosis, done.problem)
     progress("report")
     write_diagnosis_page(folder / "report.html", done.page)

@@ -20,6 +20,7 @@ from machopt.measurement.diagnosis.effect_columns import user_hypotheses
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.outputs.diagnosis_document import build_diagnosis_document
 from machopt.measurement.diagnosis.outputs.extended_stiffness import add_withheld_notes, build_extended_stiffness
+from machopt.measurement.diagnosis.outputs.model_assessment import assess_written_model, state_written_errors
 from machopt.measurement.diagnosis.outputs.model_uncertainty import add_model_uncertainty
 from machopt.measurement.diagnosis.outputs.plausible_corrections import diagnose_with_plausible_corrections
 from machopt.measurement.diagnosis.request import DiagnoseRequest, check_diagnose_request
@@ -102,6 +103,11 @@ def compute_diagnosis(
             ),
         )
         progress("what the model may still lack")
+    assessed = None
+    if not moving:
+        progress("errors of the written files")
+        assessed = assess_written_model(cell, found, made)
+        found = replace(found, diagnosis=state_written_errors(found.diagnosis, assessed))
     made = replace(made, after=add_model_uncertainty(cell, found, made.after))
     d = add_withheld_notes(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
     if request.toolpath is not None and made.after is not None and made.before is not None:
@@ -126,6 +132,7 @@ def compute_diagnosis(
         cell=cell,
         recording=found.recording,
         problem=found.problem,
+        assessed=assessed,
         diagnosis=d,
         model=made.after,
         page=build_diagnosis_page_data(cell, found.recording, d, facts, effect, problem=found.problem, scene=scene),

@@ -25,6 +25,7 @@ from machopt.measurement.identification.identification_pipeline import identify_
 from machopt.measurement.identification.identification_result import IdentificationResult
 from machopt.measurement.identification.request import IdentifyRequest, check_identify_request, convert_to_options
 from machopt.measurement.recording import load_recording, load_recordings
+from machopt.measurement.recording.recording_merge import drop_unused_readings
 from machopt.stiffness.terms import compile_terms
 
 
@@ -54,7 +55,7 @@ def compute_identification(
     options = convert_to_options(request, tuple(parse_term(t) for t in request.terms))
     progress("reading cell and recording")
     cell = load_cell(request.cell, allow_external=request.allow_external, bodies=False) if cell is None else cell
-    recording = _read_recordings(request.recordings)
+    recording = drop_unused_readings(_read_recordings(request.recordings))
     check_no_mimic_joints(cell, "identify")
     robot = load_robot(cell)
     tests = build_load_test_experiment(recording, robot, cell.tool.T_flange_tcp)

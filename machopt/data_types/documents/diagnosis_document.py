@@ -32,8 +32,9 @@ class BaselineErrorsSection(DocumentModel):
 
 
 class FinalErrorsSection(DocumentModel):
-    """With what was found."""
+    """Of the written files on the corrected readings, with the registration fitted again."""
 
+    rmse: Known
     heldout_rmse: Known
     explained_share: Known
     repeatable_rmse: Known

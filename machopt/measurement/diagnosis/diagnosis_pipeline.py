@@ -107,6 +107,8 @@ def diagnose_static_recording(
     copies = (
         outlier_rows.find_copied_rows(recording) | others | shifted_rows.find_lost_rows(right.findings, len(recording))
     )
+    if recording.used is not None:
+        copies = copies | ~recording.used
     terms = _list_known_terms(cell, robot, masses)
     tcp_findings: list[Finding] = []
     notes: tuple[str, ...] = ()

@@ -13,6 +13,7 @@ from machopt.measurement.recording.recording_table import COORDINATES, THREE, Al
 from machopt.numerics.array_types import Array
 
 LABELS = ("pose", "cycle", "session")
+USED = "used"  # 1, or 0 of a reading that takes no part
 TILTS = ("tilt_x_mrad", "tilt_y_mrad")  # of measured poses: an inclinometer on a link
 SEEN = ("target", "frame")  # of measured poses: which reflector, and from which stand of the tracker
 BRANCHES = {"load": 1, "unload": -1, "": 0}  # empty cell: not stated
@@ -128,9 +129,14 @@ _USELESS: dict[RecordingKind, tuple[str, ...]] = {
 }
 
 _AT_REST = AllowedColumns(
-    numbers=(*LABELS, *(name for channel in CHANNELS for name in channel.columns), *(f"q{i}_mm" for i in range(1, 7))),
+    numbers=(
+        *LABELS,
+        USED,
+        *(name for channel in CHANNELS for name in channel.columns),
+        *(f"q{i}_mm" for i in range(1, 7)),
+    ),
     words=("branch",),
-    listed_names="pose, cycle, session, branch, "
+    listed_names="pose, cycle, session, used, branch, "
     + ", ".join(
         f"{c.columns[0]} … {c.columns[-1]}" if len(c.columns) > 4 else ", ".join(c.columns)
         for c in CHANNELS
@@ -275,6 +281,31 @@ def read_labels(table: RecordingTable, name: str) -> NDArray[np.int64]:
     if bad.size:
         raise table.build_error(f"found {values[bad[0]]:.17g}; expected a whole number below 2^53", int(bad[0]), name)
     return values.astype(np.int64)
+
+
+def read_used_rows(table: RecordingTable) -> NDArray[np.bool_] | None:
+    """Read the column ``used``.
+
+    Args:
+        table: Table of one data file.
+
+    Returns:
+        (N,) True for readings that take part; None without the column.
+
+    Raises:
+        InputError: A cell is neither 0 nor 1, or no reading is used.
+    """
+    values = table.numbers.get(USED)
+    if values is None:
+        return None
+    bad = np.flatnonzero((values != 0.0) & (values != 1.0))
+    if bad.size:
+        raise table.build_error(
+            f"found {values[bad[0]]:g}; expected 1, or 0 of a reading to leave out", int(bad[0]), USED
+        )
+    if not values.any():
+        raise table.build_error("is 0 in every row; expected 1 where a reading is to be used", column=USED)
+    return np.asarray(values == 1.0)
 
 
 def read_branches(table: RecordingTable) -> NDArray[np.int8]:

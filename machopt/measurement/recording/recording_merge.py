@@ -31,7 +31,7 @@ _SAME = (
     "targets",
     "tilt_link",
 )
-_BESIDE = ("branch", "target", "frame")  # columns that do not form a channel
+_BESIDE = ("branch", "target", "frame", "used")  # columns that do not form a channel
 
 
 def number_poses(q: Array, kind: RecordingKind, within: float = SAME_Q) -> Ints:
@@ -68,6 +68,23 @@ def number_poses(q: Array, kind: RecordingKind, within: float = SAME_Q) -> Ints:
             label[near[label[near] < 0]] = poses
             poses += 1
     return np.asarray(label[places])
+
+
+def drop_unused_readings(recording: Recording) -> Recording:
+    """Return the recording without the readings whose column ``used`` is 0.
+
+    Args:
+        recording: Recording.
+
+    Returns:
+        The recording; unchanged without such readings.
+    """
+    used = recording.used
+    if used is None or used.all():
+        return recording
+    names = ("pose", "cycle", "session", "line", "file", *(c.field for c in CHANNELS), *_BESIDE)
+    kept: dict[str, Any] = {n: None if (v := getattr(recording, n)) is None else v[used] for n in names}
+    return replace(recording, **kept)
 
 
 def separate_cycles(pose: Ints, cycle: Ints, session: Ints) -> Ints:

@@ -22,6 +22,7 @@ from machopt.measurement.recording.recording_columns import (
     read_branches,
     read_channels,
     read_labels,
+    read_used_rows,
 )
 from machopt.measurement.recording.recording_merge import (
     find_wide_poses,
@@ -194,7 +195,8 @@ def _read_run(
     session = given.get("session", np.zeros(n, dtype=np.int64))
     cycle = separate_cycles(pose, given["cycle"], session) if "cycle" in given else np.arange(n, dtype=np.int64)
     branch = read_branches(table) if "branch" in table.words else None
-    for array in (pose, session, cycle, branch, target, frame, table.lines, *found.values()):
+    used = read_used_rows(table)
+    for array in (pose, session, cycle, branch, target, frame, used, table.lines, *found.values()):
         if array is not None:
             array.setflags(write=False)
     return Recording(
@@ -227,6 +229,7 @@ def _read_run(
         frame=frame,
         tilt=found.get("tilt"),
         tilt_link=tilted,
+        used=used,
         uncertainty=_convert_uncertainty(keys.standard_uncertainty),
         notes=keys.notes,
         stated_labels=frozenset(given),

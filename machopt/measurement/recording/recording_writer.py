@@ -12,7 +12,7 @@ import numpy as np
 from machopt.data_types.measurements.recording import Recording
 from machopt.errors import RecordingError
 from machopt.measurement.recording import inclinometer, tracker_targets
-from machopt.measurement.recording.recording_columns import BRANCHES, CHANNELS, LABELS
+from machopt.measurement.recording.recording_columns import BRANCHES, CHANNELS, LABELS, USED
 from machopt.measurement.recording.recording_merge import number_poses
 from machopt.measurement.recording.recording_schema import DATA_NAME, UNCERTAINTY, YAML_NAME
 from machopt.numerics.array_types import Ints
@@ -21,7 +21,9 @@ _ENDS = frozenset("\x85\u2028\u2029")  # line ends of YAML 1.1, which a reader f
 _ROWS_AT_ONCE = 4096
 
 
-def write_recording(folder: Path | str, recording: Recording) -> None:
+def write_recording(
+    folder: Path | str, recording: Recording, *, data_name: str = DATA_NAME, yaml_name: str = YAML_NAME
+) -> None:
     """Write ``recording.yaml`` and ``data.csv`` so that :func:`load_recording` returns the recording.
 
     Numbers are printed to 1e-9 degree, 1e-7 mm, 1e-6 N; what is read back and written again gives the same bytes. A
@@ -30,6 +32,8 @@ def write_recording(folder: Path | str, recording: Recording) -> None:
     Args:
         folder: made where it does not exist; the two files in it are replaced.
         recording: SI, as in memory.
+        data_name: name of the table.
+        yaml_name: name of the file of keys.
 
     Raises:
         InputError: a number is not finite, no reading, or the folder cannot be written.
@@ -38,13 +42,13 @@ def write_recording(folder: Path | str, recording: Recording) -> None:
     columns = _format_columns(recording, target)
     try:
         target.mkdir(parents=True, exist_ok=True)
-        with _replace_file(target / DATA_NAME) as partial, partial.open("w", encoding="utf-8", newline="\n") as out:
+        with _replace_file(target / data_name) as partial, partial.open("w", encoding="utf-8", newline="\n") as out:
             out.write(",".join(columns) + "\n")
             for start in range(0, len(recording), _ROWS_AT_ONCE):
                 cells = [c[start : start + _ROWS_AT_ONCE] for c in columns.values()]
                 out.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
-        with _replace_file(target / YAML_NAME) as partial:
-            _write_yaml(partial, recording)
+        with _replace_file(target / yaml_name) as partial:
+            _write_yaml(partial, recording, data_name)
     except OSError as problem:
         raise RecordingError(f"cannot be written: {problem.strerror}", file=folder) from None
 
@@ -63,6 +67,8 @@ def _format_columns(recording: Recording, folder: Path) -> dict[str, Sequence[st
         values = getattr(recording, name)
         if name in recording.stated_labels or not np.array_equal(values, default[name]()):
             out[name] = [str(v) for v in values.tolist()]
+    if recording.used is not None:
+        out[USED] = [str(int(v)) for v in recording.used.tolist()]
     if recording.branch is not None:
         word = {code: name for name, code in BRANCHES.items()}
         out["branch"] = [word[b] for b in recording.branch.tolist()]
@@ -91,10 +97,10 @@ def _format_columns(recording: Recording, folder: Path) -> dict[str, Sequence[st
     return out
 
 
-def _write_yaml(path: Path, recording: Recording) -> None:
+def _write_yaml(path: Path, recording: Recording, data_name: str) -> None:
     from ruamel.yaml import YAML
 
-    data: dict[str, object] = {"machopt_recording": 1, "kind": recording.kind, "data": DATA_NAME}
+    data: dict[str, object] = {"machopt_recording": 1, "kind": recording.kind, "data": data_name}
     if recording.wrench is not None:
         data["wrench_frame"] = recording.wrench_frame
     if recording.wrench_point is not None:

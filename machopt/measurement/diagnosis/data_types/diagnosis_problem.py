@@ -35,6 +35,7 @@ class BaseUnknown:
     lower: float = -np.inf
     location: str = ""  # location in the machine: "joint:3", "base" …
     prior: float | None = None  # prior standard deviation about zero, SI; None: no prior
+    session: int | None = None  # index of the session whose recorded loads it multiplies by 1 + value; None: no gain
     key: ParameterKey | None = None  # its key in an arm model; None: not part of a model
     plausible_range: tuple[float, float] | None = None  # plausible minimum and maximum, SI; None: unlimited
     description_if_unstated: str = (
@@ -194,6 +195,9 @@ class EffectHypothesis:
     # whether coefficients and shape are plausible for a real machine
     is_plausible: Callable[[Array, Shape], bool] = lambda x, shape: True
     is_exact: bool = False  # the law describes its effect without remainder (a clock offset, a measured lag)
+    # wrench (N, 6, p) N, N·m at the TCP, base_link axes, that acted in addition to the recorded one, per unit of each
+    # coefficient; None: the law changes the displacement
+    wrench_change: Callable[[Shape], Array] | None = None
     has_jumps: bool = False  # its shape moves discontinuities: the uncertainty of the shape is computed differently
     is_approximate: bool = False  # it only approximates its effect and leaves a remainder
     varies_between_sessions: bool = False  # it may differ between sessions: sessions without it are no counter-evidence

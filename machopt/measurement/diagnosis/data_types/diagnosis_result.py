@@ -165,6 +165,28 @@ class HoldoutProof:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RecordChange:
+    """Part of the readings that the diagnosis attributes to the recording and not to the arm's model.
+
+    The corrected reading is the recorded displacement or position minus ``measured``, under the recorded wrench plus
+    ``wrench``.
+    """
+
+    measured: Array  # (N, D) m, rad in base_link axes
+    wrench: Array  # (N, 6) N, N·m at the TCP in base_link axes
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoldFit:
+    """Fit of the same model without one fold of the readings."""
+
+    groups: Ints  # labels of the groups that this fit did not use
+    rows: Ints  # (M,) readings of these groups that are used, 0-based
+    coefficients: tuple[float, ...]  # of the base, in the order of DiagnosisResult.coefficients
+    corrections: tuple[Correction | None, ...]  # of the findings with coefficients, in their order
+
+
+@dataclass(frozen=True, kw_only=True)
 class DiagnosisResult:
     """Complete result of a diagnosis."""
 
@@ -191,6 +213,10 @@ class DiagnosisResult:
     outliers: Ints  # 1-based data rows
     axes: Mapping[str, Array] = field(default_factory=dict)  # (N,) labels for the report
     tried: int = 0  # hypotheses × shapes
+    rmse: float = float("nan")  # rmse per coordinate of the used readings with the findings, fitted to all of them
+    record_change: RecordChange | None = None  # None: no channel of readings at rest
+    folds: tuple[FoldFit, ...] = ()
+    fitted_findings: tuple[EffectLocation, ...] = ()  # the findings that ``FoldFit.corrections`` belong to
     next_experiment: str = ""
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()

@@ -10,10 +10,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.data_types.locations import parse_joint_location, parse_location
 from machopt.data_types.stiffness import StiffnessTerm
-from machopt.effects import parameter_conversion, registry
+from machopt.effects import angle_range, parameter_conversion, registry
+from machopt.effects.joint import joint_angle_errors
 from machopt.effects.joint.gravity_compensator import LINKAGE, convert_to_file_law
+from machopt.effects.kinematic_corrections import build_kinematic_correction
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import Effect, ParallelTorqueLaw
 from machopt.measurement.diagnosis import thresholds
@@ -38,6 +41,8 @@ SUBSCRIPTS = "₁₂₃₄₅₆"
 ARM = 6  # number of joints in stiffness.yaml
 FINE = 90  # points of a curve over the joint's range
 RATIO, ANGLE = 1.5, np.radians(30.0)  # grid spacing of the lever ratio (factor) and of the angle
+EQUIVALENT_ORDERS = (1.0, 2.0, 3.0)  # waves per turn that state the rotation by a compensator
+EQUIVALENT_RCOND = 1e-8  # waves of nearly equal form over a short range get no opposite amplitudes
 REFINEMENT_POINTS = 7  # refinement points of each parameter
 
 
@@ -187,12 +192,34 @@ def _build_deflection_hypothesis(
         columns=lambda shape: r.lift_joint_twist(j, c * torque(q, shape)),
         quantities=sizes,
         shapes=law.grid(),
+        correction=lambda x, s: build_equivalent_waves(where, q, c * torque(q, s) @ x),
         family="joint",
         note=_build_note(where),
         penalty=law.penalty,
         curve=line,
         refinement=ShapeRefinement(shapes_around=_refine_spring_shapes) if law is LINKAGE else None,
     )
+
+
+def build_equivalent_waves(where: str, q: Array, turned: Array) -> KinematicCorrection:
+    """Build the entry of kinematics.yaml for a rotation that depends on the joint's own angle alone.
+
+    Poses at rest do not tell a torque of the angle from an error of the encoder. The file states the rotation as a sum
+    of waves over the measured angles, which needs no stiffness of the gear.
+
+    Args:
+        where: Location, for example ``joint:2``.
+        q: (N,) encoder angles of the joint, rad.
+        turned: (N,) rotation at these angles, rad.
+
+    Returns:
+        The entry.
+    """
+    law = joint_angle_errors.WAVES.angle_laws[0]
+    shape = np.array(EQUIVALENT_ORDERS)
+    values = np.asarray(np.linalg.lstsq(law.columns(shape, q), turned, rcond=EQUIVALENT_RCOND)[0], float)
+    over = {angle_range.RANGE_KEY: angle_range.compute_measured_range(q)}
+    return build_kinematic_correction(joint_angle_errors.WAVES, where, values, shape, over)
 
 
 def _refine_spring_shapes(shape: Shape, share: float) -> tuple[Shape, ...]:

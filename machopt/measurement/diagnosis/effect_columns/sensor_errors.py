@@ -122,6 +122,7 @@ def _build_sensor_hypothesis(r: StaticReadings, effect: Effect, law: RecordLaw, 
         quantities=sizes,
         shapes=law.grid(),
         correction=correction,
+        wrench_change=(lambda shape: law.columns(np.array(shape), seen)) if law.affected_quantity == "wrench" else None,
         family="sensor",
         note=NOTE,
     )

@@ -9,17 +9,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from machopt.measurement.diagnosis import thresholds
-from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, HypothesisCatalogue
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, HypothesisCatalogue, Quantity
 from machopt.measurement.diagnosis.data_types.diagnosis_result import (
     BaseCoefficient,
     DetectionLimit,
     DiagnosisResult,
+    EstimatedValue,
     Finding,
     HoldoutErrors,
     MismatchShare,
@@ -31,7 +32,7 @@ from machopt.measurement.diagnosis.model_selection.attribution import (
     compensator_or_harmonics,
     limiting_case_laws,
 )
-from machopt.measurement.diagnosis.model_selection.evaluation import detection_limits, repeatable_mismatch
+from machopt.measurement.diagnosis.model_selection.evaluation import detection_limits, fold_fits, repeatable_mismatch
 from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import (
     estimate_parameters,
     find_rival_explanations,
@@ -106,6 +107,7 @@ class _ValidatedFindings:
     findings: tuple[Finding, ...]  # with K_C, where the recording shows it
     withdrawn: tuple[Finding, ...]  # findings that do not improve held-out predictions
     geometric_stiffness: GeometricStiffnessFinding | None
+    written: tuple[SelectedEffect, ...]  # effects of the final model, fitted without forms that no file states
     uncatalogued: tuple[SelectedEffect, ...]  # selected forms that are no effect of the catalogue
     residual_before: Array  # held-out residuals without findings
     residual_after: Array  # held-out residuals with findings
@@ -142,7 +144,7 @@ def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.rand
     remaining = validated.uncatalogued if validated.withdrawn else state.chosen
     seen = _compute_limits(state, remaining, rng)
     coefficients, shapes = (
-        tuple(_list_base_coefficients(state, remaining)),
+        tuple(_list_base_coefficients(state, validated.written)),
         sum(len(t.shapes) for t in state.whitened_hypotheses),
     )
     state = replace(state, whitened_hypotheses=())
@@ -156,6 +158,10 @@ def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.rand
         coefficients=coefficients,
         tried=shapes,
         proof=proof,
+        rmse=holdout_residuals.compute_rmse(state.problem, validated.final.residual, state.used_rows),
+        record_change=fold_fits.compute_record_change(state, validated.written),
+        folds=fold_fits.fit_every_fold(state, validated.written),
+        fitted_findings=tuple(c.whitened.hypothesis.name for c in validated.written),
     )
     more = base_model_notes.describe_refitted_values(coefficients)
     result = replace(result, notes=(*result.notes, *more))
@@ -210,7 +216,9 @@ def _validate_findings(state: SearchState, rng: np.random.Generator) -> _Validat
     problem, used = state.problem, state.used_rows
     named = [k for k, c in enumerate(state.chosen) if c.whitened.hypothesis.is_in_catalogue]
     nameless = tuple(c for c in state.chosen if not c.whitened.hypothesis.is_in_catalogue)
-    plain, final = state.fit_effects(()), state.fit_effects([state.chosen[k] for k in named])
+    written = tuple(state.chosen[k] for k in named)
+    written = fold_fits.refit_at_shapes(state, written) if nameless and written else written
+    plain, final = state.fit_effects(()), state.fit_effects(written)
     before, after = plain.heldout(), final.heldout()
     known = find_geometric_stiffness(state)
     if known is not None:  # K_C is part of the model: without it the mismatch would have been larger
@@ -223,12 +231,13 @@ def _validate_findings(state: SearchState, rng: np.random.Generator) -> _Validat
     )
     power = max(there.power, 0.0)
     real = _is_mismatch_relevant(state, there, power)
-    findings, withdrawn = [_build_finding(state, k) for k in named], list[Finding]()
+    findings = [_build_finding(state, k, effect) for k, effect in zip(named, written, strict=True)]
+    withdrawn = list[Finding]()
     beside = (before, after)
     if nameless:
         beside = (state.fit_effects(nameless).heldout(), state.fit_effects(state.chosen).heldout())
     if findings and real and not holdout_residuals.is_better_predicted(problem, *beside, used):
-        findings, withdrawn = [], findings
+        findings, withdrawn, written = [], findings, ()
         after, final, rest = before, plain, there
     if known is not None:
         findings.append(known.finding)
@@ -236,6 +245,7 @@ def _validate_findings(state: SearchState, rng: np.random.Generator) -> _Validat
         findings=tuple(findings),
         withdrawn=tuple(withdrawn),
         geometric_stiffness=known,
+        written=written,
         uncatalogued=nameless,
         residual_before=before,
         residual_after=after,
@@ -333,14 +343,16 @@ def _compute_limits(
     return out
 
 
-def _build_finding(state: SearchState, k: int) -> Finding:
-    c = state.chosen[k]
+def _build_finding(state: SearchState, k: int, written: SelectedEffect) -> Finding:
+    """Build the finding of the k-th effect; its values are those of the written model."""
+    c = written
     h, shape = c.whitened.hypothesis, c.whitened.shapes[c.scored.shape]
     x = c.scored.x * c.whitened.unit[c.scored.shape]
     without = state.fit_effects([o for i, o in enumerate(state.chosen) if i != k]).heldout()
     full = state.fit_effects(state.chosen)
     others, names = find_rival_explanations(state.base, state.chosen, k, state.catalogue_hypotheses)
     names = [*names, *(u.name for u in state.catalogue.untestable if u.same_as in names)]
+    estimates = estimate_parameters(state.base, state.chosen, k, state.catalogue_hypotheses)
     curve = None if h.curve is None else h.curve(x, shape)
     left = None if curve is None else _project_residual(full.residual, h.columns(shape), x, curve.per_reading)
     return Finding(
@@ -350,7 +362,7 @@ def _build_finding(state: SearchState, k: int) -> Finding:
         equation=h.equation,
         note=h.note,
         one_of=tuple(names),
-        parameters=estimate_parameters(state.base, state.chosen, k, state.catalogue_hypotheses),
+        parameters=estimates if c is state.chosen[k] else _move_estimates(estimates, h.quantities(x, shape)),
         before=holdout_residuals.compute_rmse(state.problem, without, state.used_rows),
         after=holdout_residuals.compute_rmse(state.problem, full.heldout(), state.used_rows),
         p_value=c.p_value,
@@ -360,6 +372,16 @@ def _build_finding(state: SearchState, k: int) -> Finding:
         curve_residual=left,
         record=h.family == "sensor",
     )
+
+
+def _move_estimates(estimates: dict[str, EstimatedValue], written: Mapping[str, Quantity]) -> dict[str, EstimatedValue]:
+    """Return the estimates with the values of the written model; the intervals include them."""
+    out = {}
+    for name, e in estimates.items():
+        value = written[name].value if name in written else e.value
+        (a, b), (c, d) = e.ci90, e.ci95
+        out[name] = EstimatedValue(value, e.unit, (min(a, value), max(b, value)), (min(c, value), max(d, value)))
+    return out
 
 
 def _project_residual(residual: Array, columns: Array, x: Array, law: Array) -> Array:

@@ -97,7 +97,7 @@ def build_diagnosis_document(
             p_value=d.mismatch_p,
         ),
         final=FinalErrorsSection(
-            heldout_rmse=d.heldout_after, explained_share=d.explained, repeatable_rmse=d.repeatable_after
+            rmse=d.rmse, heldout_rmse=d.heldout_after, explained_share=d.explained, repeatable_rmse=d.repeatable_after
         ),
         mismatch=tuple(MismatchShareEntry(axis=s.axis, share=s.share, note=s.note, kind=s.kind) for s in d.mismatch),
         findings=tuple(_build_finding_entry(f) for f in d.findings),

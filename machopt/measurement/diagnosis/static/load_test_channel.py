@@ -118,7 +118,11 @@ def build_load_test_problem(
     ]
     unknowns += [
         BaseUnknown(
-            name=f"force gain, session {s + 1}", unit="1", location="sensor:force", prior=thresholds.RESTING.force_gain
+            name=f"force gain, session {s + 1}",
+            unit="1",
+            location="sensor:force",
+            prior=thresholds.RESTING.force_gain,
+            session=s,
         )
         for s in range(1, len(gains) + 1)
     ]

@@ -24,6 +24,7 @@ from machopt.measurement.diagnosis.statistics.whitening import build_whitening
 from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
+KINEMATIC = "kinematic"  # family of errors without load
 ROUNDS = 3
 MAX_EXTRA_ROUNDS = 2  # additional rounds while base unknowns are implausible
 CLIPS = 4
@@ -133,7 +134,7 @@ def _build_linearisation_point(chosen: Sequence[SelectedEffect]) -> Linearisatio
         (c.whitened.hypothesis.family, _build_correction(c)) for c in chosen if c.whitened.hypothesis.is_in_catalogue
     ]
     return LinearisationPoint(
-        tuple(c for _, c in named if isinstance(c, KinematicCorrection)),
+        tuple(c for family, c in named if family == KINEMATIC and isinstance(c, KinematicCorrection)),
         tuple(c for family, c in named if family == BODY and isinstance(c, StiffnessTerm)),
     )
 
@@ -148,7 +149,7 @@ def _find_implausible_unknowns(problem: DiagnosisProblem, x: Array, chosen: Sequ
 
     Without such effects the cell may be wrong by any factor, and the value is kept.
     """
-    if not any(c.whitened.hypothesis.family == "kinematic" for c in chosen):
+    if not any(c.whitened.hypothesis.family == KINEMATIC for c in chosen):
         return frozenset()
     return frozenset(n for n, u in enumerate(problem.unknowns) if not u.is_plausible(float(x[n])))
 
