@@ -17,6 +17,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from machopt.cell import cell_schema, kinematics_file
+from machopt.cell.process_file import process_schema
 from machopt.cell.stiffness import stiffness_file
 from machopt.data_types.documents import table_rows
 from machopt.data_types.documents.json_schemas import write_schemas
@@ -56,6 +57,12 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
         + " `range_deg`: the encoder angles, lower and upper, that it was measured over; beyond them it fades out "
         "within 5 degrees and is not applied, without the key it is applied everywhere.",
         kinematics_file._KinematicsFileKeys,
+    ),
+    (
+        "process.yaml",
+        "Named by `process:` of cell.yaml, or `--process FILE`: cutting conditions, coefficients and tolerances of the "
+        "operations, by the labels that `machopt inspect` lists.",
+        process_schema.ProcessKeys,
     ),
     ("recording.yaml", "Beside the data files of a recording folder.", recording_keys.RecordingKeys),
     ("Batch list", "The YAML file of `machopt batch LIST`.", job_list.JobListKeys),

@@ -11,6 +11,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from machopt.cell import cell_schema, kinematics_file
+from machopt.cell.process_file import process_schema
 from machopt.cell.stiffness import stiffness_file
 from machopt.input_files import job_list
 from machopt.measurement.recording import recording_schema as recording_keys
@@ -22,6 +23,7 @@ FILES: dict[str, type[BaseModel]] = {
     "plan.yaml": option_schema.OptionKeys,
     "stiffness.yaml": stiffness_file._StiffnessFileKeys,
     "kinematics.yaml": kinematics_file._KinematicsFileKeys,
+    "process.yaml": process_schema.ProcessKeys,
     "recording.yaml": recording_keys.RecordingKeys,
     "jobs.yaml": job_list.JobListKeys,
 }

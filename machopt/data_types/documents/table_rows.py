@@ -85,3 +85,45 @@ class PointsTableRow(DocumentModel):
     comp_dx_mm: Known = Field(default=None, description="added to the commanded path, in the workpiece's frame")
     comp_dy_mm: Known = Field(default=None, description="the same")
     comp_dz_mm: Known = Field(default=None, description="the same")
+    ae_mm: Known = Field(default=None, description="radial depth of cut")
+    ap_mm: Known = Field(default=None, description="axial depth of cut")
+    phi_in_deg: Known = Field(default=None, description="start of the engagement of a tooth")
+    phi_out_deg: Known = Field(default=None, description="its end")
+    f_travel_N: Known = Field(
+        default=None, description="mean force on the tool along travel, at the feed that the motion reaches"
+    )
+    f_normal_N: Known = Field(default=None, description="along tool axis × travel")
+    f_axial_N: Known = Field(default=None, description="along the tool axis, + towards the shank")
+    m_axial_Nm: Known = Field(default=None, description="moment about the axis, tip to shank")
+    f_peak_N: Known = Field(default=None, description="largest resultant within a revolution, without dynamics")
+    error_along_mm: Known = Field(
+        default=None, description="predicted error along the axis at depth, + towards the shank, nominal"
+    )
+    error_along_lo_mm: Known = Field(default=None, description="5 % of all draws")
+    error_along_hi_mm: Known = Field(default=None, description="95 % of all draws")
+    error_across_mm: Known = Field(
+        default=None, description="predicted error across the axis of a hole, at entry, nominal"
+    )
+    error_across_lo_mm: Known = Field(default=None, description="5 % of all draws")
+    error_across_hi_mm: Known = Field(default=None, description="95 % of all draws")
+    error_normal_mm: Known = Field(
+        default=None, description="predicted error normal to the surface, + material left, nominal"
+    )
+    error_normal_lo_mm: Known = Field(default=None, description="5 % of all draws")
+    error_normal_hi_mm: Known = Field(default=None, description="95 % of all draws")
+    error_axis_deg: Known = Field(
+        default=None, description="predicted angle of the axis, the larger of entry and exit, nominal"
+    )
+    error_axis_lo_deg: Known = Field(default=None, description="5 % of all draws")
+    error_axis_hi_deg: Known = Field(default=None, description="95 % of all draws")
+    tolerance_mm: Known = Field(default=None, description="tightest limit of a length, ±")
+    p_in: Known = Field(default=None, description="probability that all tolerances of the point hold")
+    p_in_deflection_only: Known = Field(
+        default=None, description="the same of the deflection alone, where p_in is unknown"
+    )
+    outcome: Text = Field(default="", description="pass, marginal, fail or unknown")
+    cause: Text = Field(default="", description="what gives way most, with its share: joint:2 0.61")
+    f1_Hz: Known = Field(default=None, description="lowest mode of the arm")
+    a_lim_mm: Known = Field(default=None, description="axial depth of cut at which the cut becomes unstable")
+    chatter: Text = Field(default="", description="stable, robot:N, spindle or unknown")
+    feed_max_mm_min: Known = Field(default=None, description="largest feed that stays in tolerance")
