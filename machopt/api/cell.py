@@ -39,6 +39,7 @@ class Cell:
         path: str | os.PathLike[str],
         *,
         stiffness: str | os.PathLike[str] | None = None,
+        process: str | os.PathLike[str] | None = None,
         effects: Iterable[str | os.PathLike[str]] = (),
         allow_external: bool = False,
     ) -> Cell:
@@ -48,6 +49,7 @@ class Cell:
             path: the cell folder, or its cell.yaml.
             stiffness: a stiffness.yaml to take in place of the one that cell.yaml names, wherever it lies. The command
                 ``machopt verify`` refuses plans of such a cell as long as cell.yaml names another.
+            process: a process.yaml to take in place of the one that cell.yaml names (``--process``).
             effects: Python files with effects of your own that the stiffness file holds; **runs the code in them**. All
                 that is made from the cell knows them.
             allow_external: let the cell use files outside its folder.
@@ -62,6 +64,7 @@ class Cell:
                 folder,
                 allow_external=allow_external,
                 stiffness=None if stiffness is None else convert_to_path(stiffness, "stiffness"),
+                process=None if process is None else convert_to_path(process, "process"),
             )
         return cls(folder, cell, allow_external, own, list_cell_inputs(cell))
 

@@ -272,6 +272,7 @@ def _run_verify(args: argparse.Namespace) -> int:
             reading=convert_reading_options(args),
             allow_external=args.allow_external,
             effects=tuple(args.effects),
+            process=args.process,
         )
     )
     found = done.verification

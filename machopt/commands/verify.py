@@ -63,7 +63,7 @@ def run_verify(request: VerifyRequest) -> VerifyResult:
 def _verify_folder(request: VerifyRequest) -> VerifyResult:
     if not request.out.is_dir():
         raise InputError("is not a folder; give the output folder of optimize", file=request.out)
-    cell = load_cell(request.cell, allow_external=request.allow_external)
+    cell = load_cell(request.cell, allow_external=request.allow_external, process=request.process)
     try:
         manifest: FolderManifest | None = read_manifest(request.out)[0]
     except InputError:

@@ -21,6 +21,8 @@ from machopt.effects.user_effects import activate_user_effects, load_effect_file
 from machopt.options.plan_option_reader import load_options
 from machopt.placement.moved_cell import check_robot_movable
 from machopt.placement.search import PlacementSite
+from machopt.process.binding.job_binding import attach_forces, mark_forces
+from machopt.process.binding.operation_matching import attach_process
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.toolpath.unknown_words import refuse_unknown_words
 
@@ -59,9 +61,12 @@ def build_placement_site(
     check_robot_movable(cell, base=request.search.base)
     for toolpath, file in zip(toolpaths, request.toolpaths, strict=True):
         refuse_unknown_words(toolpath, file)
-    toolpaths = tuple(place_toolpath(toolpath, cell) for toolpath in toolpaths)
-    segments = [split_into_tool_segments(select_job_tools(cell, toolpath), toolpath) for toolpath in toolpaths]
+    toolpaths = tuple(attach_process(cell.process, place_toolpath(toolpath, cell)) for toolpath in toolpaths)
+    segments = [
+        attach_forces(split_into_tool_segments(select_job_tools(cell, toolpath), toolpath)) for toolpath in toolpaths
+    ]
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
+    options = mark_forces(options, tuple(one for parts in segments for one in parts))
     check_comparable_options(options)
     cell = apply_absolute_accuracy(cell, options)
     return PlacementSite.build(cell, toolpaths, options, request.search, segments), options

@@ -35,6 +35,7 @@ class VerifyRequest:
     reading: dict[str, Any] = field(default_factory=dict)  # keywords of read_toolpath that were given
     allow_external: bool = False
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own
+    process: Path | None = None  # a process.yaml in place of the cell's own
 
 
 @dataclass(frozen=True)
