@@ -28,6 +28,7 @@ from machopt.report.page_types.display_units import (
     ANGLE,
     FEED,
     FINE_LENGTH,
+    FORCE,
     LENGTH,
     QUANTITY_LABELS,
     QUANTITY_UNITS,
@@ -215,6 +216,7 @@ def _build_path_charts(data: ReportData, p: PathSeries) -> list[Spec]:
     lines = [_build_line(LENGTH, "clearance", p.clearance)]
     charts.append(along.build_chart("c-clearance", "Clearance to the nearest body", "Clearance (mm)", LENGTH, lines))
     charts.append(_build_margin_chart(along))
+    charts += _build_tolerance_charts(data, along)
     return [c for c in charts if c is not None]
 
 
@@ -259,6 +261,32 @@ def _build_margin_chart(along: _PathChartBuilder) -> Spec | None:
         _build_line(ANGLE, "to the nearest singularity", along.p.singularity, JIAO),
     ]
     return along.build_chart("c-margins", "Margins in angle", "Margin (deg)", ANGLE, lines)
+
+
+def _build_tolerance_charts(data: ReportData, along: _PathChartBuilder) -> list[Spec | None]:
+    """Return the error against the tolerance band, and the force along the path."""
+    if data.tolerances is None or data.tolerances.series is None:
+        return []
+    t = data.tolerances.series
+    error_lines = [
+        _build_line(FINE_LENGTH, "tolerance +", t.limit, LIMIT, "8 4"),
+        _build_line(FINE_LENGTH, "tolerance −", -t.limit, LIMIT, "8 4"),
+        _build_line(FINE_LENGTH, "5 %", t.lower, DEFAULT, "4 2"),
+        _build_line(FINE_LENGTH, "95 %", t.upper, DEFAULT, "4 2"),
+        _build_line(FINE_LENGTH, "nominal", t.error),
+    ]
+    force_lines = [
+        (name, t.force[:, n], color, dash)
+        for n, (name, color, dash) in enumerate(
+            (("along travel", CHOSEN, ""), ("normal to it", JIAO, "4 2"), ("along the tool axis", FOURTH, ""))
+        )
+    ]
+    error_title = "Predicted error against the tolerance: across holes, normal to surfaces"
+    force_title = "Mean cutting force on the tool at the feed that is reached"
+    return [
+        along.build_chart("c-error", error_title, "Error (mm)", FINE_LENGTH, error_lines, from_zero=False),
+        along.build_chart("c-force", force_title, "Force (N)", FORCE, force_lines, from_zero=False),
+    ]
 
 
 @dataclass(frozen=True)

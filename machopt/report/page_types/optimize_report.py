@@ -300,6 +300,47 @@ class ExcludedPairRow:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TolerancePointRow:
+    """A hole or milled point with a tolerance."""
+
+    number: int  # from 1, in the order of the job
+    point: int  # toolpath point
+    operation: str
+    outcome: str
+    probability: float  # NaN where it is not known
+    deflection_only: bool  # the probability is that of the deflection alone
+    errors: tuple[tuple[str, float, float, float], ...]  # name, nominal, 5 %, 95 %; m, or rad of the axis
+    tolerance: str
+    cause: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToleranceSeries:
+    """Error and force along the path, N toolpath points, SI."""
+
+    error: Array  # (N,) across holes, normal to surfaces
+    lower: Array  # (N,)
+    upper: Array  # (N,)
+    limit: Array  # (N,) ±
+    force: Array  # (N, 3) N along travel, normal, axis
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToleranceData:
+    """Tolerances of the job."""
+
+    headline: str
+    counts: tuple[tuple[str, int, int, int], ...]  # outcome; CAM default, Jiao 2022, chosen
+    operations: tuple[tuple[str, str, str, str, str], ...]  # label, limits, reference, outcomes, worst
+    rows: tuple[TolerancePointRow, ...]  # worst first
+    hidden: int  # rows left out of the table
+    shares: tuple[tuple[str, float], ...]  # source of variance, share
+    sources: tuple[tuple[str, str], ...]
+    validity: tuple[str, ...]
+    series: ToleranceSeries | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReportData:
     """All data of the optimize report."""
 
@@ -331,4 +372,5 @@ class ReportData:
     front: tuple[TradeOffPoint, ...] = ()
     timings: tuple[tuple[str, float], ...] = ()  # stage, s
     events: tuple[ToolpathEvent, ...] = ()
+    tolerances: ToleranceData | None = None
     created: str = ""  # date as text; left empty the page is byte for byte reproducible

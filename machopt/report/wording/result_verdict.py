@@ -60,7 +60,9 @@ def build_verdict(data: ReportData) -> ResultVerdict:
             _join_sentences(s.note, sentence),
             _list_cautions(data),
         )
-    parts = [_describe_gain(s), _describe_mean_gain(s)]
+    tolerances = data.tolerances
+    headline = tolerances.headline if tolerances is not None and tolerances.operations else ""
+    parts = [headline, _describe_gain(s), _describe_mean_gain(s)]
     if math.isfinite(s.feed_held):
         parts.append(
             f"feed held on {SHARE.format_value(s.feed_held, unit=True)} of the cutting time{_describe_ramps(data)}"

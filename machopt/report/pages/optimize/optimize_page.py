@@ -13,6 +13,7 @@ from machopt.report.page_types.optimize_report import ReportData
 from machopt.report.page_types.steering import PlanComparison, SteeringData, build_steering_spec
 from machopt.report.pages import report_tables
 from machopt.report.pages.optimize.program_section import build_program_section
+from machopt.report.pages.optimize.tolerance_section import build_tolerance_section
 from machopt.report.pages.optimize.trade_off_section import build_trade_off_section
 from machopt.report.template_rendering import join_markup, render_macro, render_part
 from machopt.report.wording.result_verdict import build_key_figures, build_verdict, format_count
@@ -57,6 +58,7 @@ def build_report_html(data: ReportData, steering: SteeringData | None = None) ->
     charts = {spec["id"] for spec in specs["charts"]}
     sections = [
         ("verdict", "Verdict", _build_verdict(data)),
+        ("tolerances", "Tolerances", build_tolerance_section(data, charts)),
         ("infeasible", "Infeasible points", _build_infeasible(data)),
         ("scene", "Robot", _build_scene(data)),
         ("rotation", "Map", _build_map(data, specs)),

@@ -1,0 +1,114 @@
+"""Data of the report about tolerances: outcomes, the worst holes and points, forces and errors along the path."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.data_types.plan_points_table import PointsTable
+from machopt.data_types.process_columns import (
+    ERROR_NAMES,
+    OUTCOMES,
+    ProcessColumns,
+    ProcessSummary,
+    ToleranceSummary,
+    merge_process_summaries,
+)
+from machopt.planning.plan_output.point_table import PointResults
+from machopt.planning.plan_output.process_section import format_headline
+from machopt.report.page_types import optimize_report as page
+
+MAX_ROWS = 200
+_LIMIT_NAMES = {"position_mm": "position", "axis_deg": "axis", "depth_mm": "depth", "surface_mm": "surface"}
+
+
+def build_tolerance_data(points: PointResults) -> page.ToleranceData | None:
+    """Return the data of the tolerances; None where the cell has no process.
+
+    Args:
+        points: Results at the toolpath's points.
+    """
+    summary, columns = merge_process_summaries(points.process), points.table.process
+    if summary is None or columns is None:
+        return None
+    rows = _list_rows(points.table, columns, summary)
+    total = sum(summary.after.values())
+    return page.ToleranceData(
+        headline=format_headline(summary),
+        counts=tuple(
+            (word, summary.before["cam_default"][word], summary.before["jiao2022"][word], summary.after[word])
+            for word in OUTCOMES
+        ),
+        operations=tuple(_describe_operation(row) for row in summary.tolerances),
+        rows=tuple(rows),
+        hidden=max(total - len(rows), 0),
+        shares=tuple(summary.variance_shares.items()),
+        sources=tuple(summary.sources.items()),
+        validity=summary.validity,
+        series=_build_series(columns),
+    )
+
+
+def _describe_operation(row: ToleranceSummary) -> tuple[str, str, str, str, str]:
+    counts = ", ".join(f"{count} {word}" for word, count in row.counts.items() if count)
+    worst = f"{1e3 * row.worst_error:.3f} mm" if np.isfinite(row.worst_error) else "–"
+    return row.operation, _format_limits(dict(row.limits)), row.reference, counts, worst
+
+
+def _format_limits(limits: dict[str, float]) -> str:
+    texts = []
+    for key, value in limits.items():
+        unit = "°" if key.endswith("deg") else " mm"
+        texts.append(f"{_LIMIT_NAMES[key]} ± {value:g}{unit}")
+    return ", ".join(texts)
+
+
+def _list_rows(table: PointsTable, columns: ProcessColumns, summary: ProcessSummary) -> list[page.TolerancePointRow]:
+    """Return one row per hole or milled point, worst first: by probability, then by error over tolerance."""
+    at = np.flatnonzero(np.array([bool(word) for word in columns.outcome]))
+    known = np.isfinite(columns.p_in[at])
+    probability = np.where(known, columns.p_in[at], columns.p_in_deflection_only[at])
+    size = np.nanmax(np.abs([columns.errors[name][at] for name in ("across", "along", "normal")]), axis=0, initial=0.0)
+    order = np.lexsort((-np.nan_to_num(size), np.nan_to_num(probability, nan=1.0)))
+    limits = {row.operation: _format_limits(dict(row.limits)) for row in summary.tolerances}
+    out = []
+    for n in order[:MAX_ROWS].tolist():
+        row = int(at[n])
+        label = table.operations[table.operation[row]]
+        out.append(
+            page.TolerancePointRow(
+                number=n + 1,
+                point=row,
+                operation=label,
+                outcome=columns.outcome[row],
+                probability=float(probability[n]),
+                deflection_only=not known[n],
+                errors=tuple(
+                    (
+                        name,
+                        float(columns.errors[name][row]),
+                        float(columns.lower[name][row]),
+                        float(columns.upper[name][row]),
+                    )
+                    for name in ERROR_NAMES
+                    if np.isfinite(columns.errors[name][row])
+                ),
+                tolerance=limits.get(label, limits.get("default", "")),
+                cause=columns.cause[row],
+            )
+        )
+    return out
+
+
+def _build_series(columns: ProcessColumns) -> page.ToleranceSeries:
+    is_hole = np.isfinite(columns.errors["across"])
+    error, lower, upper = (
+        np.where(is_hole, values["across"], values["normal"])
+        for values in (columns.errors, columns.lower, columns.upper)
+    )
+    return page.ToleranceSeries(
+        error=error,
+        lower=lower,
+        upper=upper,
+        limit=columns.tolerance,
+        force=columns.force,
+    )
