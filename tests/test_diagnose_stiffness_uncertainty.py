@@ -15,7 +15,7 @@ from machopt.measurement.diagnosis.effect_columns import joint_torque
 from machopt.measurement.diagnosis.outputs.model_uncertainty import add_model_uncertainty
 from machopt.measurement.diagnosis.static import load_test_channel
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
-from machopt.planning.uncertainty.model_discrepancy import DiscrepancyModel
+from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
 PLAY = StiffnessTerm(

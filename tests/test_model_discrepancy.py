@@ -29,7 +29,7 @@ from machopt.measurement.identification.fitting.weighted_fit import fit_stiffnes
 from machopt.planning.compensation.added_points import compensate_plan
 from machopt.planning.compensation.expected_removal import predict_removals
 from machopt.planning.plan_output.infeasibility_reasons import list_hints
-from machopt.planning.uncertainty.model_discrepancy import (
+from machopt.planning.error_probability.model_discrepancy import (
     NINETY,
     DiscrepancyModel,
     compute_half_width,

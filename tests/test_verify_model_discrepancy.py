@@ -15,7 +15,7 @@ from machopt.data_types.discrepancy_names import LOADED
 from machopt.data_types.stiffness import ArmStiffness, ModelDiscrepancy, StiffnessTerm
 from machopt.kinematics.robot import load_masses, load_robot
 from machopt.numerics.rigid_transforms import build_transform, convert_vector_to_rotation
-from machopt.planning.uncertainty.model_discrepancy import DiscrepancyModel, compute_reported_std
+from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel, compute_reported_std
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, list_elastic_columns, list_gear_columns
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from machopt.data_types.manifest import add_scope_to_verdict
+from machopt.data_types.plan_options import FAILED_POINT_PRICE, SHORTFALL_PRICE
 
 if TYPE_CHECKING:
     from machopt.data_types.documents.optimize_document import (
@@ -70,7 +71,8 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
             lines.append(f"  {name:12} not feasible throughout (at {share:g} % of the stations only)")
         else:
             mean, worst = (_format_cost(result, cost) for cost in (o.mean, o.worst))
-            lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {o.total:.3f})")
+            total = o.total - _convert_null_to_nan(o.tolerance)
+            lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {total:.3f})")
     lines += _format_gain_lines(result)
     lines += _format_bound_lines(result)
     if result.front:
@@ -180,6 +182,12 @@ def _format_bound_lines(result: OptimizeDocument) -> list[str]:
     search, step = result.objective.search, result.options["rotation_step_deg"]
     if search is None:
         return []
+    if result.objective.chosen.tolerance:
+        fewest = math.ceil((search.lower_bound - SHORTFALL_PRICE) / FAILED_POINT_PRICE - 0.01)
+        return [
+            f"  no sequence over the {step:g}° grid has fewer than {max(fewest, 0)} points below the quantile at the "
+            "stations"
+        ]
     total, beyond = _convert_null_to_nan(result.objective.chosen.total), search.beyond_grid_percent
     above = _convert_null_to_nan(search.plan_above_bound_percent)
     return [

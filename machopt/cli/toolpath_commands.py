@@ -55,6 +55,11 @@ def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning:
     job.add_argument("--method", choices=("global", "jiao2022", "default"))
     job.add_argument("--index", choices=("auto", "deflection", "stiffness", "jiao2022"))
     job.add_argument(
+        "--objective",
+        choices=("index", "tolerance"),
+        help="tolerance: fewest points out of the tolerances of process.yaml first, then the index (index)",
+    )
+    job.add_argument(
         "--allow-gaps", action="store_true", default=None, help="plan the rest where points are unreachable"
     )
     job.add_argument(
@@ -132,6 +137,7 @@ def _run_optimize(args: argparse.Namespace) -> int:
     direct = {
         "method": args.method,
         "index": args.index,
+        "objective": args.objective,
         "allow_gaps": args.allow_gaps,
         "compensate": args.compensate,
         "sample_ms": args.sample_ms,

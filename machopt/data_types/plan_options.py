@@ -12,6 +12,9 @@ import numpy as np
 from machopt.numerics.array_types import Array
 
 PlanMethod = Literal["global", "jiao2022", "default"]
+FAILED_POINT_PRICE = 1e4  # of a point whose probability is below the quantile: more than any shortfall and any J
+SHORTFALL_PRICE = 5e3  # of a mean shortfall of 1: 1e-3 of it is more than J usually differs
+PlanObjectiveKind = Literal["index", "tolerance"]
 StiffnessIndex = Literal["auto", "deflection", "stiffness", "jiao2022"]
 
 
@@ -118,6 +121,7 @@ class PlanOptions:
 
     method: PlanMethod = "global"
     index: StiffnessIndex = "auto"
+    objective: PlanObjectiveKind = "index"  # tolerance: fewest points out of tolerance first, then J
     force: ProcessForce = field(default_factory=ProcessForce)
     weights: ObjectiveWeights = field(default_factory=ObjectiveWeights)
     rotation_step: float = radians(5.0)  # rad

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from machopt.data_types.plan_options import ExternalMode, PlanMethod, StiffnessIndex
+from machopt.data_types.plan_options import ExternalMode, PlanMethod, PlanObjectiveKind, StiffnessIndex
 from machopt.file_formats.strict_yaml import StrictSchema
 from machopt.options.steering_schema import SteerKeys
 
@@ -85,6 +85,10 @@ class OptionKeys(StrictSchema):
     )
     index: StiffnessIndex | None = Field(
         default=None, description="what is made small; auto: deflection where force_N is given, else compliance"
+    )
+    objective: PlanObjectiveKind | None = Field(
+        default=None,
+        description="index: the weighted index; tolerance: fewest points out of the tolerances of process.yaml first",
     )
     force_N: ForceKeys | None = Field(default=None, description="process force on the tool")
     weights: WeightKeys | None = Field(default=None, description="of the terms of the objective")

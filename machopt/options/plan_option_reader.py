@@ -53,6 +53,7 @@ def _define_angle_option(key: str, name: str, *, always: bool = True) -> PlanOpt
 OPTIONS = (
     _define_unscaled_option("method"),
     _define_unscaled_option("index"),
+    _define_unscaled_option("objective"),
     PlanOptionField(
         "force_N",
         "force",

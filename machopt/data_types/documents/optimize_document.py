@@ -53,6 +53,7 @@ class ObjectivePartsSection(DocumentModel):
     feed: Known
     preferred: Known
     clearance: Known
+    tolerance: Known = 0.0  # price of the points out of tolerance, with `objective: tolerance`
 
 
 class ChoiceObjectiveSection(ObjectivePartsSection):

@@ -2,9 +2,9 @@
 point.
 
 The shift is −d of the model. The arm bends by d + δ, where δ is the model discrepancy stated in the stiffness file
-(:mod:`machopt.planning.uncertainty.model_discrepancy`; a covariance alone counts as one). The residual at a place is
-|offset + d + δ|. It is not linear in δ, so its distribution is sampled with DRAWS sets of normal numbers, the same in
-every run. An interval reaches from the model's own residual to the 95th percentile of the samples. The lower
+(:mod:`machopt.planning.error_probability.model_discrepancy`; a covariance alone counts as one). The residual at a
+place is |offset + d + δ|. It is not linear in δ. Its distribution is sampled with DRAWS sets of normal numbers, the
+same in every run. An interval reaches from the model's own residual to the 95th percentile of the samples. The lower
 end is the model's own value because δ hardly ever reduces the residual, and because only an upper bound of δ is well
 known. (Where the 5th percentile is below the model's own value, for example at corners, the percentile is
 used.) Without δ only the model's own value is reported, and no interval.
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
 from machopt.planning.compensation.shifted_path import SHARES
+from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.uncertainty.model_discrepancy import DiscrepancyModel
 
 DRAWS = 200
 SEED = 20_231

@@ -169,6 +169,9 @@ def rescore_plan(plan: Plan, assignment: JointAssignment) -> Plan:
 
 
 def _objective(plan: Plan, a: JointAssignment, cost: Array) -> PlanObjective:
+    price = 0.0
+    if plan.pricing is not None:
+        price = plan.pricing.with_path(plan.path, plan.directions).price_assignment(plan.setup.cell, a.q)
     return compute_objective(
         plan.path,
         cost,
@@ -178,6 +181,7 @@ def _objective(plan: Plan, a: JointAssignment, cost: Array) -> PlanObjective:
         plan.setup.velocity,
         plan.options,
         compute_path_crowding(plan.path, plan.setup.collision, a.q, plan.options),
+        tolerance=price,
     )
 
 

@@ -71,6 +71,7 @@ class CandidateScores:
         None  # (S, R, B) :func:`machopt.planning.cost.objective.compute_crowding`; None: it does not count
     )
     elsewhere: float = 0.0  # worst index of the other tools, in units of c₀: a lower one has no price
+    place_price: Array | None = None  # (S, R, B) price of a vertex that no share multiplies; None: there is none
 
     @property
     def raw(self) -> Array:

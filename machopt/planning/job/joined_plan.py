@@ -79,6 +79,7 @@ def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None)
             first.scores.index,
             first.scores.scale,
             np.concatenate(crowded) if len(crowded) == len(plans) else None,
+            place_price=_join_place_prices(plans),
         ),
         choice=_choice(plans, candidates, stations),
         chosen=scored(lambda p: p.chosen),
@@ -95,6 +96,15 @@ def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None)
         conflict=" ".join(p.conflict for p in plans if p.conflict),
         parts=tuple(ToolPlanPart(p, int(row), float(s)) for p, row, s in zip(plans, rows, share, strict=True)),
         bound=bound,
+    )
+
+
+def _join_place_prices(plans: Sequence[Plan]) -> Array | None:
+    """Return the prices of the tolerances at all stations; None where no tool has any."""
+    if all(p.scores.place_price is None for p in plans):
+        return None
+    return np.concatenate(
+        [np.zeros(p.scores.cost.shape) if p.scores.place_price is None else p.scores.place_price for p in plans]
     )
 
 
@@ -156,6 +166,7 @@ def _summed(parts: Sequence[PlanObjective], share: Array, options: PlanOptions) 
         feed=mean("feed"),
         preferred=mean("preferred"),
         clearance=mean("clearance"),
+        tolerance=sum(o.tolerance for o in parts),
     )
     return replace(whole, total=compute_total(whole, options.weights))
 

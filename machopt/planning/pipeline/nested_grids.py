@@ -60,7 +60,9 @@ def thin_grid(candidates: CandidateGrid, scores: CandidateScores, k: int) -> tup
         feasible=feasible,
     )
     crowded = None if scores.crowded is None else np.ascontiguousarray(scores.crowded[:, ::k])
-    return coarse, replace(scores, cost=np.ascontiguousarray(scores.cost[:, ::k]), crowded=crowded)
+    place = None if scores.place_price is None else np.ascontiguousarray(scores.place_price[:, ::k])
+    cost = np.ascontiguousarray(scores.cost[:, ::k])
+    return coarse, replace(scores, cost=cost, crowded=crowded, place_price=place)
 
 
 @dataclass

@@ -40,6 +40,7 @@ from machopt.planning.cost.stiffness_index import (
     compute_load_directions,
     score_candidates,
 )
+from machopt.planning.error_probability.tolerance_price import TolerancePricing
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch, CollisionFreeSequence
 from machopt.planning.pipeline.nested_grids import choose_best_nested_grid
 from machopt.planning.pipeline.plan import Plan
@@ -113,15 +114,19 @@ def plan_path(
         scores = score_candidates(path, candidates, setup.elasticity, d, options)
         scores = replace(scores, crowded=compute_grid_crowding(path, setup.collision, candidates, options))
         scores = scores if scale is None else replace(scores, scale=scale)
+        pricing = TolerancePricing.build(cell, toolpath, path, setup.arm, setup.elasticity, d, options)
+        if pricing is not None:
+            scores = replace(scores, place_price=pricing.price_grid(cell, candidates))
 
-    scored = _scorer(path, setup, d, scores, options)
+    scored = _scorer(path, setup, d, scores, options, pricing)
     search = _search(path, setup, candidates, scores, options, clock) if options.method == "global" else None
     if search is not None:
         search.below = below
     with stage("baselines"):  # and, in parallel, the first choice, which needs no contact checks
         begin = search.begin if search is not None else lambda: None
         (by_file, by_paper), _ = run_two_in_threads(lambda: _yardsticks(before, at_home, d_home, setup, options), begin)
-        default, paper = map(_scorer(at_home, setup, d_home, scores, options), (by_file, by_paper))
+        priced_home = pricing if pricing is None or same else pricing.with_path(at_home, d_home)
+        default, paper = map(_scorer(at_home, setup, d_home, scores, options, priced_home), (by_file, by_paper))
 
     found: CollisionFreeSequence | None = None
     if search is not None:
@@ -169,6 +174,7 @@ def plan_path(
         breaks=breaks,
         found=found,
         notes=gouges.sentences() if gouges is not None else {},
+        pricing=pricing,
     )
 
 
@@ -229,7 +235,7 @@ def _with_another_search(
     clock: StageTimings,
 ) -> Plan:
     path, setup = before.path, before.setup
-    scored = _scorer(path, setup, before.directions, scores, options)
+    scored = _scorer(path, setup, before.directions, scores, options, before.pricing)
     search = _search(path, setup, candidates, scores, options, clock)
     search.resume(found)
     found = _searched(search, scored, clock)
@@ -252,7 +258,12 @@ def _with_another_search(
 
 
 def _scorer(
-    path: PlanningPath, setup: PlanningSetup, d: LoadDirections, scores: CandidateScores, options: PlanOptions
+    path: PlanningPath,
+    setup: PlanningSetup,
+    d: LoadDirections,
+    scores: CandidateScores,
+    options: PlanOptions,
+    pricing: TolerancePricing | None,
 ) -> Callable[[JointAssignment], ScoredAssignment]:
     """Return a function that computes cost and objective of an assignment."""
 
@@ -262,7 +273,10 @@ def _scorer(
         cost[ok] = compute_configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
         crowded = compute_path_crowding(path, setup.collision, assignment.q, options)
         x, v = setup.in_rad(path, assignment.q), setup.velocity
-        value = compute_objective(path, cost, x, assignment.phi, scores.scale, v, options, crowded, scores.elsewhere)
+        price = 0.0 if pricing is None else pricing.price_assignment(setup.cell, assignment.q)
+        value = compute_objective(
+            path, cost, x, assignment.phi, scores.scale, v, options, crowded, scores.elsewhere, price
+        )
         return ScoredAssignment(assignment, cost, value)
 
     return scored
@@ -449,7 +463,11 @@ def _grid_objective(
         crowded = np.interp(np.arange(len(path.index)), st, near)
     x = setup.in_rad(path, plain.seed)
     v = setup.velocity
-    objective = compute_objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere)
+    price = 0.0
+    if scores.place_price is not None:
+        vertices = scores.place_price[rows, choice.rotation, choice.branch]
+        price = float(vertices[~choice.dropped].sum())
+    objective = compute_objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere, price)
     crossed = compute_worst_index(
         scores.raw, path.counted[st], find_hidden_points(path), choice.rotation, choice.branch
     )

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.numerics.array_types import Array
+from machopt.planning.error_probability.model_discrepancy import NINETY, DiscrepancyModel
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.uncertainty.model_discrepancy import NINETY, build_discrepancy_model
 from machopt.planning.uncertainty.stiffness_uncertainty import build_compliance_covariance
 
 Interval = tuple[float, float]
@@ -45,7 +45,11 @@ def split_deflection(plan: Plan, row: int) -> DeflectionSplit | None:
     rest = bend - along * axis
     across = float(np.linalg.norm(rest))
     spread = build_compliance_covariance(plan)
-    whole = spread.known and build_discrepancy_model(plan.setup) is None and (d.unsure is None or not d.unsure.shape[1])
+    whole = (
+        spread.known
+        and DiscrepancyModel.of(plan.setup.elasticity) is None
+        and (d.unsure is None or not d.unsure.shape[1])
+    )
 
     def interval(value: float, direction: Array) -> Interval | None:
         if not whole:

@@ -12,6 +12,7 @@ from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.compensation.expected_removal import DeflectionRemoval, predict_removals
 from machopt.planning.compensation.shifted_path import compute_residual
+from machopt.planning.error_probability.model_discrepancy import NINETY
 from machopt.planning.optimality_certificate import compute_certificate, find_external_axis_bound
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
@@ -20,7 +21,6 @@ from machopt.planning.plan_output.deflection_components import split_deflection
 from machopt.planning.plan_output.infeasibility_reasons import describe_remedy
 from machopt.planning.plan_output.point_table import PointResults, find_reason
 from machopt.planning.retiming.slowdowns import FeedSlowdown
-from machopt.planning.uncertainty.model_discrepancy import NINETY
 from machopt.planning.uncertainty.position_error import predict_position_error
 from machopt.planning.uncertainty.stiffness_uncertainty import IndexGain
 

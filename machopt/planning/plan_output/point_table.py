@@ -13,9 +13,9 @@ from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.process_columns import ProcessSummary
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
+from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel, compute_reported_std
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, explain_points
-from machopt.planning.uncertainty.model_discrepancy import build_discrepancy_model, compute_reported_std
 from machopt.planning.uncertainty.stiffness_uncertainty import (
     build_compliance_covariance,
     compute_carrier_sensitivity,
@@ -153,7 +153,7 @@ def _uncertainty(
     """Return the standard uncertainty of the deflection in m and of the axial stiffness in N/m, (N,) each; None if
     unknown.
     """
-    spread, doubt = build_compliance_covariance(plan), build_discrepancy_model(plan.setup)
+    spread, doubt = build_compliance_covariance(plan), DiscrepancyModel.of(plan.setup.elasticity)
     if not spread.known:
         return None, None
     bend_std, axial_std = np.full(len(rows), np.nan), np.full(len(rows), np.nan)

@@ -100,6 +100,5 @@ def vertex_price(terms: ObjectiveTerms, candidates: CandidateGrid, scores: Candi
     preference_price = terms.liked(candidates.phi_at().T).T[:, :, None]
     if scores.crowded is not None:
         preference_price = preference_price + terms.weights.clearance * scores.crowded
-    return np.ascontiguousarray(
-        compute_node_cost(cost, preference_price, terms.weights.mean) * terms.share[:, None, None]
-    )
+    price = compute_node_cost(cost, preference_price, terms.weights.mean) * terms.share[:, None, None]
+    return np.ascontiguousarray(price if scores.place_price is None else price + scores.place_price)

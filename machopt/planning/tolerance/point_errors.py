@@ -12,15 +12,23 @@ from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.process_columns import ERROR_NAMES, OUTCOMES
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.planning.pipeline.plan import Plan
-from machopt.planning.pipeline.planning_setup import ScoredAssignment
-from machopt.planning.tolerance.draws import (
+from machopt.planning.error_probability.draws import (
     HOLE_DRAWS,
     SURFACE_DRAWS,
     UncertaintyDraws,
     build_draws,
     has_load_spread,
 )
+from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
+from machopt.planning.error_probability.targets import (
+    HoleTargets,
+    SurfaceTargets,
+    compute_tip_length,
+    list_hole_targets,
+    list_surface_targets,
+)
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.error_causes import compute_contributions, name_largest
 from machopt.planning.tolerance.hole_errors import (
     ENTRY,
@@ -32,7 +40,6 @@ from machopt.planning.tolerance.hole_errors import (
     compute_nominal_hole_errors,
     draw_hole_errors,
 )
-from machopt.planning.tolerance.stiffness_spread import StiffnessSpread
 from machopt.planning.tolerance.surface_errors import (
     BLOCK,
     SurfaceErrorModel,
@@ -41,7 +48,6 @@ from machopt.planning.tolerance.surface_errors import (
     compute_surface_probability,
     draw_surface_errors,
 )
-from machopt.planning.tolerance.targets import HoleTargets, SurfaceTargets, list_hole_targets, list_surface_targets
 from machopt.process.binding.point_loads import PointLoads
 
 LOW, HIGH = 0.05, 0.95  # quantiles of the intervals
@@ -110,10 +116,7 @@ class _ErrorTable:
 
     def build(self) -> PointErrors:
         cutter = self.plan.setup.cell.tool.cutter
-        tip = 0.0
-        if cutter is not None and cutter.point_angle is not None:
-            tip = 0.5 * cutter.diameter / float(np.tan(0.5 * cutter.point_angle))
-        holes = list_hole_targets(self.process, self.toolpath, self.loads, tip)
+        holes = list_hole_targets(self.process, self.toolpath, self.loads, compute_tip_length(cutter))
         if len(holes.row):
             self._add_holes(holes)
         surfaces = list_surface_targets(self.process, self.toolpath, self.loads, cutter)

@@ -13,13 +13,13 @@ import numpy as np
 
 from machopt.data_types.process import CuttingProcess
 from machopt.numerics.array_types import Array
+from machopt.planning.error_probability.draws import UncertaintyDraws
+from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
+from machopt.planning.error_probability.targets import SurfaceTargets
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.arm_accuracy import PositionScatter, compute_position_scatter
-from machopt.planning.tolerance.draws import UncertaintyDraws
 from machopt.planning.tolerance.error_columns import TargetPoses, compute_twist_columns, locate_poses
-from machopt.planning.tolerance.stiffness_spread import StiffnessSpread
-from machopt.planning.tolerance.targets import SurfaceTargets
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
 
 BLOCK = 512  # points at a time

@@ -9,8 +9,8 @@ cell with the same error. To first order a result y scatters by
 Two plans of a path share the same compliances, so most of the error cancels in their gain
 G = 1 − mean(c₁)/mean(c₂), whose gradient is −∂mean₁/mean₂ + mean₁ ∂mean₂/mean₂². Where the file states its model
 discrepancy (``discrepancy``), that replaces the constant model's covariance
-(:mod:`machopt.planning.uncertainty.model_discrepancy`). Otherwise the parameters of ``terms`` have no uncertainty in
-the file and count as exact.
+(:mod:`machopt.planning.error_probability.model_discrepancy`). Otherwise the parameters of ``terms`` have no
+uncertainty in the file and count as exact.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from machopt.data_types.plan_options import StiffnessIndex
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.stiffness_index import LoadDirections, compute_load_directions
-from machopt.planning.pipeline.plan import Plan
-from machopt.planning.pipeline.planning_setup import ScoredAssignment, fix_external_axes
-from machopt.planning.uncertainty.model_discrepancy import (
+from machopt.planning.error_probability.model_discrepancy import (
     NINETY,
-    build_discrepancy_model,
+    DiscrepancyModel,
     compute_reported_std,
     compute_unshared_variance,
 )
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import ScoredAssignment, fix_external_axes
 from machopt.stiffness.arm_stiffness import ArmElasticity, find_grid_cells
 
 ROWS = 4096  # planning points per block: the discrepancy has dozens of columns
@@ -340,7 +340,7 @@ def _points(plan: Plan, scored: ScoredAssignment) -> UncertainCost:
     """Cost of each planning point that is cut, zero elsewhere."""
     P, index = len(plan.path.index), plan.scores.index
     rows = np.flatnonzero(plan.path.counted & (scored.assignment.reason == InfeasibilityReason.OK))
-    elasticity, doubt = plan.setup.elasticity, build_discrepancy_model(plan.setup)
+    elasticity, doubt = plan.setup.elasticity, DiscrepancyModel.of(plan.setup.elasticity)
     by_springs, own = np.zeros((P, 6)), np.zeros(P)
     by_doubt = None if doubt is None else np.zeros((P, len(doubt.ways)))
     carriers = np.zeros((P, 0 if plan.directions.unsure is None else plan.directions.unsure.shape[1]))

@@ -29,6 +29,7 @@ NOT_RECOMPUTED = (
     "objective.cam_default",
     "objective.jiao2022",
     "objective.grid",
+    "objective.chosen.tolerance",
     "objective.search.sequence",
     "objective.search.lower_bound",
     "objective.search.external",

@@ -73,7 +73,10 @@ def check_objective(t: ResultComparison) -> Iterable[str]:
             + w.feed * require_number("feed", o.feed)
             + require_number("preferred", o.preferred)
             + w.clearance * require_number("clearance", o.clearance)
+            + require_number("tolerance", o.tolerance)
         )
+        if t.options.objective != "tolerance":
+            yield from check_equal(f"objective.{name}.tolerance", o.tolerance, 0.0)
         yield from check_close(f"objective.{name}.total", o.total, total, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE)
         if isinstance(o, ChoiceObjectiveSection) and not 0.0 <= o.feasible_share <= 1.0:
             yield f"objective.{name}.feasible_share is {format_json_value(o.feasible_share)}, not a share"

@@ -19,7 +19,7 @@ and two motions share it by how near their poses are, exp(−Δ²/2) with Δ the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,6 @@ from machopt.numerics.array_types import Array
 from machopt.planning.cost.stiffness_index import LoadDirections
 from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState
 from machopt.stiffness.discrepancy_columns import DiscrepancyColumns
-
-if TYPE_CHECKING:
-    from machopt.planning.pipeline.planning_setup import PlanningSetup
 
 NINETY = 1.6448536269514722  # half-width of the 90 % interval of a normal distribution, in σ
 NEAR = 0.5  # rad; correlation length between poses: shorter variations would be visible in readings
@@ -202,15 +199,6 @@ def compute_unshared_variance(q: Array, other: Array, weight: Array) -> float:
     turned = np.arctan2(np.sin(q[rows] - other[rows]), np.cos(q[rows] - other[rows]))
     distance = float(weight[rows] @ np.linalg.norm(turned, axis=1)) / max(float(weight[rows].sum()), 1e-300)
     return float(1.0 - np.exp(-0.5 * (distance / NEAR) ** 2))
-
-
-def build_discrepancy_model(setup: PlanningSetup) -> DiscrepancyModel | None:
-    """Return the discrepancy model of a setup; None where its stiffness file has none.
-
-    Args:
-        setup: planning setup of the cell.
-    """
-    return DiscrepancyModel.of(setup.elasticity)
 
 
 def compute_half_width(shift: Array, sigma: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.numerics.array_types import Array
-from machopt.planning.tolerance.stiffness_spread import StiffnessSpread
+from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 
 HOLE_DRAWS = 8192
 SURFACE_DRAWS = 1024  # position noise is integrated exactly there

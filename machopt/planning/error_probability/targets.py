@@ -55,12 +55,7 @@ def list_hole_targets(process: CuttingProcess, toolpath: Toolpath, loads: PointL
         tip: m, point length of the drill.
     """
     holes = [h for h in loads.holes if process.operations[h.operation].tolerance.is_given]
-    rows = [h.rows[h.is_cutting] for h in holes]
-    largest = [
-        int(mine[np.argmax(loads.force[mine, 2])]) if len(mine) else h.deepest
-        for h, mine in zip(holes, rows, strict=True)
-    ]
-    at = np.array(largest, np.intp)
+    at = np.array([_find_strongest(h, loads) for h in holes], np.intp)
     return HoleTargets(
         operation=np.array([h.operation for h in holes], np.intp),
         row=np.array([h.deepest for h in holes], np.intp),
@@ -71,6 +66,23 @@ def list_hole_targets(process: CuttingProcess, toolpath: Toolpath, loads: PointL
         force=loads.force[at, :2],
         clamp=np.array([process.operations[h.operation].clamp for h in holes], float),
     )
+
+
+def compute_tip_length(cutter: CutterGeometry | None) -> float:
+    """Return the point length of a drill in m; 0 where its point angle is not stated.
+
+    Args:
+        cutter: The cutter.
+    """
+    if cutter is None or cutter.point_angle is None:
+        return 0.0
+    return 0.5 * cutter.diameter / float(np.tan(0.5 * cutter.point_angle))
+
+
+def _find_strongest(hole: DrilledHole, loads: PointLoads) -> int:
+    """Return the toolpath point of the stroke with the largest thrust."""
+    rows = hole.rows[hole.is_cutting]
+    return int(rows[np.argmax(loads.force[rows, 2])]) if len(rows) else hole.deepest
 
 
 def _find_index(hole: DrilledHole, depth: float) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.numerics.array_types import Array
-from machopt.planning.uncertainty.model_discrepancy import DiscrepancyModel
+from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
 from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState, find_grid_cells
 
 SpreadKind = Literal["discrepancy", "covariance", "grid", "percent", "unknown"]
