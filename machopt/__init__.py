@@ -1,4 +1,4 @@
-"""machopt: how an industrial robot holds itself while it drills and mills.
+"""machopt: plan milling and drilling with an industrial robot so that it deflects little.
 
 Pipeline of the main job (``machopt optimize CELL TOOLPATH -o OUT``)::
 

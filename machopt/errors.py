@@ -23,7 +23,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from machopt.spelling_suggestions import find_typo, suggest_word
@@ -54,8 +54,20 @@ class InputError(MachoptError):
         self, message: str, *, file: Path | str | None = None, where: str | None = None, key: str = ""
     ) -> None:
         self.file, self.where, self.reason, self.key = file, where, message, key
-        place = ": ".join(str(p) for p in (file, where) if p is not None)
-        super().__init__(f"{place}: {message}" if place else message)
+        super().__init__(self._format())
+
+    def rename_options(self, rename: Callable[[str], str]) -> None:
+        """Change the names of options in the message, where the caller knows them by others.
+
+        Args:
+            rename: returns a text with the other names.
+        """
+        self.where, self.reason = None if self.where is None else rename(self.where), rename(self.reason)
+        self.args = (self._format(),)
+
+    def _format(self) -> str:
+        place = ": ".join(str(p) for p in (self.file, self.where) if p is not None)
+        return f"{place}: {self.reason}" if place else self.reason
 
 
 class OptionError(InputError):
@@ -63,16 +75,18 @@ class OptionError(InputError):
 
     Attributes:
         option: its name as typed on the command line, e.g. ``--max-load-N``.
-        argument: its name in Python, e.g. ``max_load_N``.
+        argument: its name in Python, e.g. ``max_load_N``; errors of API functions name it in their text too.
     """
 
-    @property
-    def option(self) -> str:
-        return self.where or ""
+    def __init__(
+        self, message: str, *, file: Path | str | None = None, where: str | None = None, key: str = ""
+    ) -> None:
+        super().__init__(message, file=file, where=where, key=key)
+        self.option = where or ""
 
     @property
     def argument(self) -> str:
-        return self.option.removeprefix("--").replace("-", "_")
+        return (self.where or "").removeprefix("--").replace("-", "_")
 
 
 class UnknownOptionError(InputError):

@@ -19,9 +19,12 @@ from output_damage.damage_case import CELLS, HEADER, PASS
 
 import machopt
 import machopt.api
+from machopt.api.argument_names import RENAMED as RENAMED_OPTIONS
+from machopt.api.argument_names import replace_option_names
 from machopt.api.request_options import NON_OPTION_ARGUMENTS, build_request, list_option_names
 from machopt.cli import _build_parser
-from machopt.errors import UnknownOptionError
+from machopt.commands.plan_poses.run import run_plan_poses
+from machopt.errors import OptionError, UnknownOptionError
 from machopt.measurement.design.request import PosesRequest
 from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.measurement.identification.request import IdentifyRequest
@@ -138,6 +141,42 @@ def test_an_option_that_is_none_is_answered_with_the_nearest() -> None:
     with pytest.raises(machopt.InputError, match=r"no cell\.yaml"):
         machopt.Cell.load(CELLS)
     assert set(NON_OPTION_ARGUMENTS) >= {"cell", "out"}
+
+
+def test_errors_name_arguments_where_the_command_line_names_options(tmp_path: Path) -> None:
+    """The same fault, seen from Python and from a terminal."""
+    with pytest.raises(OptionError) as found:
+        machopt.plan_poses(KR500, weights_kg=[20], min_kci=2.0)
+    assert (found.value.where, found.value.argument, found.value.option) == ("min_kci", "min_kci", "--min-kci")
+    assert "--" not in str(found.value)
+    with pytest.raises(machopt.InputError) as found:
+        machopt.plan_poses(KR500, anchors_mm=[[1, 2, 3]])
+    assert str(found.value).startswith("anchors_mm: ")
+    assert "pull_N=200,500" in str(found.value)
+    assert "--" not in str(found.value)
+    with pytest.raises(machopt.InputError) as typed:
+        run_plan_poses(PosesRequest(cell=KR500, out=tmp_path / "out", anchors_mm=((1.0, 2.0, 3.0),)))
+    assert typed.value.where == "--anchors"
+    assert "--pull-N 200,500" in str(typed.value)
+    with pytest.raises(OptionError) as found:
+        machopt.Toolpath.read(CELLS.parent / "toolpaths" / "plain.csv", unit="furlong")
+    assert found.value.where == "unit"
+
+
+@pytest.mark.parametrize(
+    ("text", "renamed"),
+    [
+        ("--pull-N 200,500 would work", "pull_N=200,500 would work"),
+        ("--set force_N={axial: 200} as in the run", "force_N={axial: 200} as in the run"),
+        ("without --toolpath and --force-N it would work", "without toolpath and force_N it would work"),
+        ("with --fit and --post", "with terms and posts"),
+        ("a table --- or -- a line", "a table --- or -- a line"),
+        ("--tool-axis=+z", "tool_axis=+z"),
+        ("--x-mm -300 300 would work", "x_mm=-300 300 would work"),
+    ],
+)
+def test_options_in_a_message_become_arguments(text: str, renamed: str) -> None:
+    assert replace_option_names(text, RENAMED_OPTIONS) == renamed
 
 
 def test_values_are_taken_in_any_form() -> None:

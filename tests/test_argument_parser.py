@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
+import re
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
@@ -10,6 +13,7 @@ import pytest
 
 from machopt.cli import _build_parser, main
 from machopt.cli.argument_errors import list_commands, list_options
+from machopt.cli.help_pages import PAGES, ArrangedParser
 from machopt.cli.shell_completion import build_completion_script
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
@@ -80,9 +84,36 @@ def test_every_command_takes_what_the_contract_calls_common() -> None:
     assert len(commands) == 12
 
 
+def _list_shown_options(page: str) -> list[str]:
+    """The long options that have a line of their own on a help page."""
+    return re.findall(r"(?m)^  (?:-\w(?: \S+)?, )?(--[\w-]+)", page)
+
+
+@pytest.mark.parametrize("name", sorted(PAGES))
+def test_help_shows_the_main_options_and_the_advanced_page_the_rest(name: str) -> None:
+    parser = list_commands(_build_parser())[name]
+    assert isinstance(parser, ArrangedParser)
+    first, second = _list_shown_options(parser.format_help()), _list_shown_options(parser.format_advanced_help())
+    offered = {a.option_strings[-1] for a in parser._actions if a.option_strings and a.help != argparse.SUPPRESS}
+    assert sorted(first + second) == sorted(offered - {"--help-advanced"})
+    assert len(first) <= 20
+    assert {option for _, options in PAGES[name].groups for option in options} <= set(first)
+    (example,) = re.findall(r"(?m)^example:\n  (.*)$", parser.format_help())
+    assert _build_parser().parse_args(shlex.split(example)[1:]).command == name
+
+
+@pytest.mark.parametrize("page", ["--help", "--help-advanced"])
+def test_help_is_printed_though_nothing_else_is_given(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["optimize", page])
+    assert end.value.code == 0
+    assert "machopt optimize" in capsys.readouterr().out
+
+
 def test_options_without_effect_are_not_offered() -> None:
     """They are accepted, since scripts pass them to every command; no help and no completion shows them."""
-    offered = {name: parser.format_help() for name, parser in list_commands(_build_parser()).items()}
+    parsers = list_commands(_build_parser())
+    offered = {name: p.format_help() + p.format_advanced_help() for name, p in parsers.items() if name in PAGES}
     assert {name for name, text in offered.items() if "--jobs" in text} == {"batch", "place"}
     assert "--seed" not in offered["validate"]
     assert "--seed" in offered["identify"]

@@ -274,6 +274,8 @@ def test_every_command_with_an_output_has_force(capsys: pytest.CaptureFixture[st
     ):
         with pytest.raises(SystemExit, match="0"):
             main([command, "--help"])
+        with pytest.raises(SystemExit, match="0"):
+            main([command, "--help-advanced"])
         assert "--force " in capsys.readouterr().out.replace("\n", " "), command
     with pytest.raises(SystemExit, match="2"):
         main(["map", str(CELL), "-o", "x", "--force=0,0,1"])

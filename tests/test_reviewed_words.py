@@ -87,8 +87,9 @@ def test_words_that_move_are_not_on_the_list(word: int) -> None:
 
 
 def _help(command: str, capsys: pytest.CaptureFixture[str]) -> str:
-    with pytest.raises(SystemExit):
-        main([command, "--help"])
+    for page in ("--help", "--help-advanced"):
+        with pytest.raises(SystemExit):
+            main([command, page])
     return capsys.readouterr().out
 
 

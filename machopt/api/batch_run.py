@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Unpack
 
+from machopt.api.argument_names import use_argument_names
 from machopt.api.option_types import BatchOptions
 from machopt.api.request_options import build_request, convert_to_path, convert_to_paths
 from machopt.api.result_saving import Named
@@ -13,6 +14,7 @@ from machopt.batch.run import run_batch
 from machopt.data_types.documents.batch_document import BatchDocument
 
 
+@use_argument_names(jobs="workers")
 def batch(
     jobs: Named | Iterable[Named],
     out: Named,

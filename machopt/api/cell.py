@@ -10,6 +10,7 @@ from typing import Unpack
 
 import numpy as np
 
+from machopt.api.argument_names import use_argument_names
 from machopt.api.option_types import NewCellOptions
 from machopt.api.request_options import build_request, convert_to_path, convert_to_paths
 from machopt.cell.cell_reader import load_cell
@@ -34,6 +35,7 @@ class Cell:
     files: tuple[ManifestFile, ...]  # what was read, by hash
 
     @classmethod
+    @use_argument_names()
     def load(
         cls,
         path: str | os.PathLike[str],
@@ -69,6 +71,7 @@ class Cell:
         return cls(folder, cell, allow_external, own, list_cell_inputs(cell))
 
     @classmethod
+    @use_argument_names()
     def new(cls, robot: str | os.PathLike[str], out: str | os.PathLike[str], **options: Unpack[NewCellOptions]) -> Cell:
         """Write a new cell folder from a robot's URDF or xacro file, as ``machopt init`` does, and load it.
 
@@ -91,6 +94,7 @@ class Cell:
         )
         return cls.load(out)
 
+    @use_argument_names()
     def validate(self, *, picture: str | os.PathLike[str] | None = None) -> tuple[CellRemark, ...]:
         """Everything wrong or odd about the cell as it lies in its folder, errors first: ``machopt validate``.
 

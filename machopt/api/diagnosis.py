@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Unpack
 
+from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell
 from machopt.api.figure import Figure
 from machopt.api.option_types import DiagnoseOptions
@@ -62,6 +63,7 @@ class Diagnosis:
     def warnings(self) -> tuple[str, ...]:
         return tuple(self.result.warnings)
 
+    @use_argument_names()
     def save(self, out: Named, *, force: bool = False) -> Path | None:
         """Write what ``machopt diagnose`` writes; returns its stiffness.yaml, None where nothing elastic was fitted.
 
@@ -80,6 +82,7 @@ class Diagnosis:
         return f"<Diagnosis of {self._made.cell.name!r}: {self.verdict}, {len(self.findings)} findings>"
 
 
+@use_argument_names(effects="terms")
 def diagnose(
     cell: Cell | Named,
     recordings: Named | Iterable[Named],

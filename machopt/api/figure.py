@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from machopt.api.argument_names import use_argument_names
 from machopt.errors import InputError
 from machopt.output.single_file import write_text_file
 
@@ -16,6 +17,7 @@ class Figure:
 
     svg: str  # one SVG document without anything outside it
 
+    @use_argument_names()
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write the picture as an SVG file.
 

@@ -9,6 +9,7 @@ from typing import Unpack
 
 import numpy as np
 
+from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, load_cell_argument
 from machopt.api.option_types import IdentifyOptions
 from machopt.api.request_options import NOWHERE, build_request, convert_to_paths
@@ -43,6 +44,7 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         return tuple(self.result.warnings)
 
+    @use_argument_names()
     def save(self, out: Named, *, force: bool = False) -> Path:
         """Write what ``machopt identify`` writes; returns its stiffness.yaml, for :meth:`Cell.with_stiffness`.
 
@@ -60,6 +62,7 @@ class Identification:
         return f"<Identification of {self.cell.name!r} from {self.result.readings} readings>"
 
 
+@use_argument_names()
 def identify(
     cell: Cell | Named,
     recordings: Named | Iterable[Named],

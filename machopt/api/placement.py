@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import radians
 from typing import Any, Literal, Unpack
 
+from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, load_cell_argument
 from machopt.api.option_types import PlanOptionValues
 from machopt.api.request_options import NOWHERE, check_value_type, convert_to_path, convert_to_texts
@@ -55,6 +56,7 @@ class Placement:
         """Columns of ``places.csv``, one row for each placement, the cell's own first."""
         return Table(build_place_columns(self._found.site, self._found.siting))
 
+    @use_argument_names()
     def save(self, out: Named, *, force: bool = False) -> PlaceDocument:
         """Write what ``machopt place`` writes: the best as moved cells with whole verified plans.
 
@@ -79,6 +81,7 @@ def _list_toolpaths(toolpaths: object) -> list[Any]:
     return list(toolpaths)
 
 
+@use_argument_names()
 def place(
     cell: Cell | Named,
     toolpaths: Toolpath | Named | Iterable[Toolpath | Named],

@@ -11,6 +11,7 @@ from typing import Literal, Unpack
 
 import numpy as np
 
+from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, load_cell_argument
 from machopt.api.figure import Figure
 from machopt.api.option_types import PlanOptionValues
@@ -142,6 +143,7 @@ class Plan:
         """Pictures: ``figures.map()`` is the rotation map of the report."""
         return PlanFigures(self._made)
 
+    @use_argument_names()
     def verify(self) -> Verification:
         """Write the plan into a temporary folder, and verify every file of it against cell and toolpath.
 
@@ -158,6 +160,7 @@ class Plan:
             raise AssertionError("a motion was written and not checked")
         return found
 
+    @use_argument_names()
     def save(self, out: Named, *, force: bool = False) -> OptimizeDocument:
         """Write what ``machopt optimize`` writes: tables, programs, report, result.json, manifest.json.
 
@@ -194,6 +197,7 @@ class Plan:
         return f"<Plan for {len(self.toolpath)} points of {self.toolpath.path}: {self.verdict}>"
 
 
+@use_argument_names()
 def optimize(
     cell: Cell | Named,
     toolpath: Toolpath | Named,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Unpack
 
+from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, load_cell_argument
 from machopt.api.option_types import PlanPosesOptions
 from machopt.api.request_options import NOWHERE, build_request
@@ -48,6 +49,7 @@ class PosePlan:
     def warnings(self) -> tuple[str, ...]:
         return tuple(self.result.warnings)
 
+    @use_argument_names()
     def save(self, out: Named, *, force: bool = False) -> PosesDocument:
         """Write what ``machopt plan-poses`` writes; returns plan.json, typed.
 
@@ -65,6 +67,7 @@ class PosePlan:
         return f"<PosePlan for {self.cell.name!r}: {self.verdict}>"
 
 
+@use_argument_names()
 def plan_poses(
     cell: Cell | Named, *, progress: Progress = ignore_progress, **options: Unpack[PlanPosesOptions]
 ) -> PosePlan:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.api.argument_names import use_argument_names
 from machopt.errors import InputError, suggest_nearest_word
 from machopt.output.single_file import write_bytes_file
 
@@ -110,6 +111,7 @@ class Table(Mapping[str, NDArray[Any]]):
             ) from None
         return pyarrow.table({name: values.tolist() for name, values in self._columns.items()})
 
+    @use_argument_names()
     def write(self, file: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the table, as CSV or Parquet by the file's ending.
 

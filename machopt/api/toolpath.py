@@ -10,6 +10,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell
 from machopt.api.option_types import ReadingOptions
 from machopt.api.request_options import convert_to_path
@@ -30,6 +31,7 @@ class Toolpath:
     reading: Mapping[str, Any] = field(default_factory=dict)  # how it was read, for the manifest
 
     @classmethod
+    @use_argument_names()
     def read(
         cls, path: str | os.PathLike[str], *, cell: Cell | None = None, **reading: Unpack[ReadingOptions]
     ) -> Toolpath:

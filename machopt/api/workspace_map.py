@@ -10,6 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, load_cell_argument
 from machopt.api.figure import Figure
 from machopt.api.option_types import MapOptions
@@ -78,6 +79,7 @@ class Map:
     def warnings(self) -> tuple[str, ...]:
         return tuple(self.result.warnings)
 
+    @use_argument_names()
     def save(self, out: Named, *, force: bool = False) -> MapDocument:
         """Write what ``machopt map`` writes; returns map.json, typed.
 
@@ -95,6 +97,7 @@ class Map:
         return f"<Map of {self.cell.name!r}: {self.verdict}>"
 
 
+@use_argument_names()
 def map(cell: Cell | Named, *, progress: Progress = ignore_progress, **options: Unpack[MapOptions]) -> Map:
     """Stiffness and dexterity over workspace or joint space: ``machopt map``.
 

@@ -21,7 +21,8 @@ from machopt.cli import (
     toolpath_commands,
     view_command,
 )
-from machopt.cli.argument_errors import CommandParser, list_commands
+from machopt.cli.argument_errors import list_commands
+from machopt.cli.help_pages import ArrangedParser, arrange_help
 from machopt.cli.shared_options import add_common_options, warn_of_unused_options
 from machopt.errors import MachoptError
 from machopt.version import __version__
@@ -96,13 +97,13 @@ def _replace_closed_streams() -> None:
 
 
 def _build_parser() -> argparse.ArgumentParser:
-    parser = CommandParser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
+    parser = ArrangedParser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
     parser.add_argument("--version", action="version", version=f"machopt {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--quiet", action="store_true", help="print errors only")
-    common.add_argument("--json", action="store_true", help="print the result as one JSON object")
-    common.add_argument("--debug", action="store_true", help="show tracebacks")
+    common.add_argument("--quiet", action="store_true", help="print only errors")
+    common.add_argument("--json", action="store_true", help="print the result as a JSON object")
+    common.add_argument("--debug", action="store_true", help="show the Python traceback of an error")
     toolpath_commands.add_commands(commands, common)
     stiffness_commands.add_commands(commands, common)
     diagnose_command.add_commands(commands, common)
@@ -110,7 +111,8 @@ def _build_parser() -> argparse.ArgumentParser:
     batch_command.add_commands(commands, common)
     cell_commands.add_commands(commands, common)
     view_command.add_commands(commands, common)
-    for command in list_commands(parser).values():
+    for name, command in list_commands(parser).items():
         add_common_options(command)
+        arrange_help(name, command)
     shell_completion.add_commands(commands, parser)
     return parser

@@ -28,35 +28,48 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job = commands.add_parser(
         "batch",
         parents=[common, build_reading_parser()],
-        help="many cells × toolpaths × options, each job in a process of its own, resumable",
+        help="run many optimize jobs, each in a separate process; can be resumed",
     )
     job.add_argument(
         "toolpaths",
         nargs="+",
         metavar="JOBS",
-        help="folders of toolpaths, patterns in quotes ('parts/*.nc'), toolpath files, or lists of jobs (YAML, CSV)",
+        help="folders of toolpaths, patterns in quotes ('parts/*.nc'), toolpath files, or job lists (YAML, CSV)",
     )
-    add_shared_option(job, "--out", help="output folder; the same goes on where it stopped")
+    add_shared_option(job, "--out", help="output folder; the same command continues an interrupted batch")
     add_shared_option(job, "--force")
-    job.add_argument("--cell", type=Path, help="cell of toolpaths with no folder named cell beside or above them")
-    job.add_argument("--jobs", type=int, metavar="N", help="jobs at a time on this machine (one a core)")
-    job.add_argument("--scheduler", metavar="ADDRESS", help="use a running Dask scheduler, e.g. tcp://10.0.0.5:8786")
-    job.add_argument("--time-limit-s", type=float, default=3600.0, metavar="S", help="seconds a job may take (3600)")
-    job.add_argument("--memory-limit-mib", type=float, metavar="MIB", help="memory a job may use (an even share)")
-    job.add_argument("--keep-failed", action="store_true", help="do not try crashed and oversized jobs again")
-    job.add_argument("--compare", type=Path, metavar="OTHER_OUT", help="also say what differs from another batch")
+    job.add_argument(
+        "--cell", type=Path, help="cell for toolpaths without a folder named cell next to them or above them"
+    )
+    job.add_argument("--jobs", type=int, metavar="N", help="number of worker processes (default: one for each core)")
+    job.add_argument(
+        "--scheduler", metavar="ADDRESS", help="address of a running Dask scheduler, e.g. tcp://10.0.0.5:8786"
+    )
+    job.add_argument(
+        "--time-limit-s", type=float, default=3600.0, metavar="S", help="time limit of a job, s (default: 3600)"
+    )
+    job.add_argument(
+        "--memory-limit-mib",
+        type=float,
+        metavar="MIB",
+        help="memory limit of a job (default: an equal share of the memory)",
+    )
+    job.add_argument("--keep-failed", action="store_true", help="do not repeat jobs that crashed or exceeded a limit")
+    job.add_argument("--compare", type=Path, metavar="OTHER_OUT", help="also list the differences from another batch")
     add_shared_option(
         job,
         "--post",
-        help="robot program of every job: krl, rapid, fanuc, urscript, … or a template file; may be repeated "
-        "(the job's own post in a list, else this, else the cell's controller.post; without any no program)",
+        help="robot program of every job: krl, rapid, fanuc, urscript, … or a template file (default: the post of the "
+        "job list, else controller.post of the cell, else none); may be repeated",
     )
     add_shared_option(job, "--program-tolerance-mm")
     add_shared_option(job, "--tables")
-    add_shared_option(job, "--plan", help="planning options for all jobs as YAML")
-    add_shared_option(job, "--set", help="a planning option for all jobs")
-    add_shared_option(job, "--seed", type=int, default=None, help="of the random search around obstacles, for all jobs")
-    add_shared_option(job, "--allow-external", help="let cells use files outside their folders")
+    add_shared_option(job, "--plan", help="YAML file with planning options for all jobs")
+    add_shared_option(job, "--set", help="set a planning option for all jobs; may be repeated")
+    add_shared_option(
+        job, "--seed", type=int, default=None, help="seed of the random search around obstacles (default: 0)"
+    )
+    add_shared_option(job, "--allow-external", help="allow cells to use files outside their folders")
     add_shared_option(job, "--effects")
     job.set_defaults(run=_run_batch)
 

@@ -38,65 +38,111 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     from machopt.cell_setup.template.init_request import UNITS, InitRequest
 
     p = commands.add_parser(
-        "init", parents=[common, build_reading_parser()], help="a new cell from a robot's URDF or xacro file"
+        "init", parents=[common, build_reading_parser()], help="write a new cell from the URDF or xacro file of a robot"
     )
-    p.add_argument("robot", type=Path, help="URDF or xacro file; its packages beside it or above it")
+    p.add_argument("robot", type=Path, help="URDF or xacro file of the robot")
     add_shared_option(p, "--out", metavar="CELL", help="folder of the new cell")
-    p.add_argument("--ask", action="store_true", help="ask for the tool on the terminal; without it nothing is asked")
-    p.add_argument("--name", help="of the cell (the robot file's)")
-    p.add_argument("--base-link", metavar="LINK", help="(base_link, or what bears the first joint)")
+    p.add_argument("--ask", action="store_true", help="ask for the data of the tool on the terminal")
+    p.add_argument("--name", help="name of the cell (default: that of the robot file)")
+    p.add_argument(
+        "--base-link",
+        metavar="LINK",
+        help="first link of the robot (default: base_link, or the parent of the first joint)",
+    )
     add_shared_option(p, "--package")
     add_shared_option(p, "--xacro-arg")
     add_shared_option(
-        p, "--allow-external", help="let a xacro file read files outside of its package and those it names"
+        p, "--allow-external", help="allow a xacro file to read files outside its package and the packages it names"
     )
-    p.add_argument("--flange-link", metavar="LINK", help="(tool0, flange, or the last link)")
+    p.add_argument(
+        "--flange-link",
+        metavar="LINK",
+        help="link to which the tool is mounted (default: tool0, flange, or the last link)",
+    )
     tool = p.add_argument_group("tool")
     tool.add_argument(
-        "--tool-length-mm", type=float, help="flange to TCP, the way the flange looks (a tenth of the arm, 80 to 200)"
+        "--tool-length-mm",
+        type=float,
+        help="distance from flange to TCP along the flange axis (default: a tenth of the reach, 80 to 200)",
     )
     tool.add_argument(
         "--tool-angle-deg",
         type=float,
         choices=(0.0, 45.0, 90.0),
         metavar="0|45|90",
-        help="between spindle and flange axis (45 where no other option states the tool's place, else 0)",
+        help="angle between spindle and flange axis (default: 45 if no other option states where the tool is, else 0)",
     )
     tool.add_argument(
-        "--tcp-mm", type=_parse_floats, metavar="X,Y,Z", help="TCP in the flange link, instead of a length"
+        "--tcp-mm",
+        type=_parse_floats,
+        metavar="X,Y,Z",
+        help="position of the TCP in the flange link, instead of a length",
     )
-    tool.add_argument("--tcp-rpy-deg", type=_parse_floats, metavar="R,P,Y", help="(z the way the flange looks)")
-    _add_number_option(tool, "--tool-mass-kg", InitRequest.tool_mass_kg, "spindle, holder and cutter")
-    tool.add_argument("--tool-mesh", type=Path, metavar="FILE", help="its body, in the flange link (a cylinder)")
-    _add_number_option(tool, "--cutter-diameter-mm", InitRequest.cutter_diameter_mm, "of the cutter")
-    _add_number_option(tool, "--cutter-length-mm", InitRequest.cutter_length_mm, "of the cutter")
+    tool.add_argument(
+        "--tcp-rpy-deg",
+        type=_parse_floats,
+        metavar="R,P,Y",
+        help="orientation of the tool in the flange link (default: z along the flange axis)",
+    )
+    _add_number_option(tool, "--tool-mass-kg", InitRequest.tool_mass_kg, "mass of spindle, holder and cutter")
+    tool.add_argument(
+        "--tool-mesh", type=Path, metavar="FILE", help="mesh of the tool in the flange link (default: a cylinder)"
+    )
+    _add_number_option(tool, "--cutter-diameter-mm", InitRequest.cutter_diameter_mm, "diameter of the cutter")
+    _add_number_option(tool, "--cutter-length-mm", InitRequest.cutter_length_mm, "length of the cutter")
     p.add_argument(
-        "--mesh-unit", choices=tuple(UNITS), help="of --tool-mesh and --workpiece-mesh (mm where m would be too large)"
+        "--mesh-unit",
+        choices=tuple(UNITS),
+        help="unit of --tool-mesh and --workpiece-mesh (default: m, or mm where m would be too large)",
     )
     part = p.add_argument_group("workpiece")
-    part.add_argument("--toolpath", type=Path, metavar="FILE", help="put it where the arm reaches all of this path")
-    part.add_argument("--workpiece-mm", type=_parse_floats, metavar="X,Y,Z", help="CAM frame in world (in reach)")
     part.add_argument(
-        "--workpiece-rpy-deg", type=_parse_floats, metavar="R,P,Y", help="(0, or turned where it must be)"
+        "--toolpath", type=Path, metavar="FILE", help="place the workpiece where the robot reaches this whole toolpath"
     )
-    part.add_argument("--workpiece-mesh", type=Path, metavar="FILE", help="its body, in CAM coordinates")
+    part.add_argument(
+        "--workpiece-mm",
+        type=_parse_floats,
+        metavar="X,Y,Z",
+        help="position of the CAM frame in world (default: within reach)",
+    )
+    part.add_argument(
+        "--workpiece-rpy-deg",
+        type=_parse_floats,
+        metavar="R,P,Y",
+        help="orientation of the CAM frame in world (default: 0, or as the reach demands)",
+    )
+    part.add_argument("--workpiece-mesh", type=Path, metavar="FILE", help="mesh of the workpiece in CAM coordinates")
     arm = p.add_argument_group("arm")
-    arm.add_argument("--stiffness", type=Path, metavar="FILE", help="a stiffness.yaml (an estimate by the arm's size)")
-    arm.add_argument("--velocity-deg-s", type=_parse_floats, metavar="V1,…,V6", help="joint velocities (the URDF's)")
-    arm.add_argument("--post", default=InitRequest.post, help="robot program to write: krl, rapid, fanuc, …")
+    arm.add_argument(
+        "--stiffness",
+        type=Path,
+        metavar="FILE",
+        help="stiffness.yaml to use (default: an estimate from the size of the robot)",
+    )
+    arm.add_argument(
+        "--velocity-deg-s",
+        type=_parse_floats,
+        metavar="V1,…,V6",
+        help="largest joint velocities (default: those of the URDF)",
+    )
+    arm.add_argument(
+        "--post", default=InitRequest.post, help="robot program that optimize writes: krl, rapid, fanuc, …"
+    )
     p.set_defaults(run=_run_init)
 
-    look = commands.add_parser("validate", parents=[common], help="everything wrong or odd about a cell; a picture")
+    look = commands.add_parser("validate", parents=[common], help="list errors and warnings of a cell, and draw it")
     add_shared_option(look, "cell")
     add_shared_option(look, "--allow-external")
-    look.add_argument("--picture", type=Path, metavar="FILE.svg", help="draw the cell at home from three sides")
+    look.add_argument(
+        "--picture", type=Path, metavar="FILE.svg", help="draw the cell in its home position in three views"
+    )
     add_shared_option(look, "--force")
     add_shared_option(look, "--effects")
     look.set_defaults(run=_run_validate)
 
 
 def _add_number_option(group: Any, option: str, default: float, what: str) -> None:
-    group.add_argument(option, type=float, default=default, help=f"{what} ({default:g})")
+    group.add_argument(option, type=float, default=default, help=f"{what} (default: {default:g})")
 
 
 def _run_init(args: argparse.Namespace) -> int:

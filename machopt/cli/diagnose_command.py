@@ -32,36 +32,43 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         common: Parent parser with the options of every command.
     """
     p = commands.add_parser(
-        "diagnose", parents=[common], help="where model and recording differ, and which physics is missing"
+        "diagnose",
+        parents=[common],
+        help="find where the model differs from a recording and which physical effects explain it",
     )
     add_shared_option(p, "cell")
-    p.add_argument("recording", type=Path, nargs="+", help="recording folders (sessions or runs of the same robot)")
+    p.add_argument(
+        "recording", type=Path, nargs="+", help="recording folders, one for each session or run of the same robot"
+    )
     add_shared_option(p, "--out")
     add_shared_option(p, "--force")
     p.add_argument(
         "--channel",
         choices=("auto", "torque", "link", "tip"),
         default="auto",
-        help="what is predicted of a motion: joint torque, link-side against motor-side joints, or the tip's position",
+        help="quantity of a motion recording to compare: joint torque, difference of link-side and motor-side joint "
+        "positions, or TCP position (default: auto, by the columns of the recording)",
     )
-    p.add_argument("--toolpath", type=Path, metavar="FILE", help="say what the findings change for this toolpath")
-    add_shared_option(p, "--set", help="override a planning option, for the plans of --toolpath")
+    p.add_argument(
+        "--toolpath", type=Path, metavar="FILE", help="also report how the findings change the plan of this toolpath"
+    )
+    add_shared_option(p, "--set", help="set a planning option for the plans of --toolpath; may be repeated")
     p.add_argument(
         "--effects",
         type=Path,
         action="append",
         default=[],
         metavar="FILE.py",
-        help="effects of your own to try too; RUNS the code in FILE.py with your rights, so give only files "
-        "you trust; may be repeated",
+        help="Python file with your own effects to test as well; RUNS the code in FILE.py with your rights, so give "
+        "only files that you trust; may be repeated",
     )
     p.add_argument("--terms", dest="effects", type=Path, action="append", help=argparse.SUPPRESS)  # its name in 0.1
     p.add_argument(
         "--max-findings",
         type=parse_natural_number,
         metavar="N",
-        help="most effects named one by one (motions 3, others 6); measured poses that show effects at more than "
-        "four places at once are explained by all that predict unseen poses, however many, unless N is 1 or 2",
+        help="largest number of findings (default: 3 for motions, 6 for load tests and poses); does not limit the "
+        "explanation of measured poses with effects at more than four locations, unless N is 1 or 2",
     )
     add_shared_option(p, "--accept")
     add_shared_option(p, "--allow-external")

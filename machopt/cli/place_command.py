@@ -30,57 +30,86 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job = commands.add_parser(
         "place",
         parents=[common, build_reading_parser()],
-        help="where to put the workpiece (or the robot) so that the worst index over all toolpaths is best",
+        help="find the position of workpiece or robot with the smallest worst-case deflection over all toolpaths",
     )
     add_shared_option(job, "cell")
     job.add_argument(
-        "toolpaths", nargs="+", type=Path, metavar="TOOLPATH", help="CAM exports or point tables, one job each"
+        "toolpaths", nargs="+", type=Path, metavar="TOOLPATH", help="CAM files or point tables, one job each"
     )
-    add_shared_option(job, "--out", help="output folder; the same command goes on where it was stopped")
+    add_shared_option(job, "--out", help="output folder; the same command continues an interrupted search")
     add_shared_option(job, "--force")
     for name, reach, what in (
-        ("x-mm", 300, "shift along x of world"),
-        ("y-mm", 300, "shift along y of world"),
-        ("z-mm", 0, "shift along z of world"),
-        ("turn-deg", 0, "turn about the vertical through the middle of the toolpaths, or through base_link"),
+        ("x-mm", 300, "shift along x in world"),
+        ("y-mm", 300, "shift along y in world"),
+        ("z-mm", 0, "shift along z in world"),
+        ("turn-deg", 0, "rotation about the vertical axis through the centre of the toolpaths, or through base_link"),
     ):
-        told = f"{what}, least and greatest ({-reach} {reach})"
+        told = f"{what}, smallest and largest (default: {-reach} {reach})"
         default, ends = [-reach, reach], ("FROM", "TO")
         job.add_argument(f"--{name}", type=float, nargs=2, default=default, metavar=ends, help=told)
     job.add_argument(
-        "--places", type=parse_positive_integer, default=200, metavar="N", help="places to look at, at most (200)"
+        "--places",
+        type=parse_positive_integer,
+        default=200,
+        metavar="N",
+        help="largest number of positions to evaluate (default: 200)",
     )
     job.add_argument(
-        "--best", type=parse_positive_integer, default=3, metavar="N", help="places written as whole verified plans (3)"
+        "--best",
+        type=parse_positive_integer,
+        default=3,
+        metavar="N",
+        help="number of positions to plan, verify and write (default: 3)",
     )
     job.add_argument(
-        "--plans", type=parse_positive_integer, default=40, metavar="N", help="places to plan wholly, at most (40)"
+        "--plans",
+        type=parse_positive_integer,
+        default=40,
+        metavar="N",
+        help="largest number of positions with a full plan (default: 40)",
     )
-    job.add_argument("--minutes", type=float, default=10.0, metavar="MIN", help="begin no place after that (10)")
     job.add_argument(
-        "--jobs", type=parse_positive_integer, metavar="N", help="places at a time on this machine (one a core)"
+        "--minutes",
+        type=float,
+        default=10.0,
+        metavar="MIN",
+        help="start no further position after this time (default: 10)",
     )
     job.add_argument(
-        "--scheduler", metavar="ADDRESS", help="use the workers of a running Dask scheduler, e.g. tcp://10.0.0.5:8786"
+        "--jobs",
+        type=parse_positive_integer,
+        metavar="N",
+        help="number of worker processes (default: one for each core)",
     )
-    job.add_argument("--move", choices=("workpiece", "base"), default="workpiece", help="what moves (workpiece)")
+    job.add_argument(
+        "--scheduler", metavar="ADDRESS", help="address of a running Dask scheduler, e.g. tcp://10.0.0.5:8786"
+    )
+    job.add_argument(
+        "--move", choices=("workpiece", "base"), default="workpiece", help="what is moved (default: workpiece)"
+    )
     job.add_argument(
         "--carry",
         action="append",
         metavar="OBSTACLE",
-        help="obstacle that moves along; may be repeated (those that hold the workpiece, or the robot)",
+        help="obstacle that moves with the workpiece or robot (default: those that hold it); may be repeated",
     )
     job.add_argument(
-        "--stay", action="append", default=[], metavar="OBSTACLE", help="obstacle that stays though it holds what moves"
+        "--stay",
+        action="append",
+        default=[],
+        metavar="OBSTACLE",
+        help="obstacle that does not move although it holds the workpiece or robot; may be repeated",
     )
     add_shared_option(job, "--plan")
     add_shared_option(job, "--set")
     add_shared_option(
-        job, "--seed", type=int, default=None, help="of the random search around obstacles, at all places"
+        job, "--seed", type=int, default=None, help="seed of the random search around obstacles (default: 0)"
     )
     add_shared_option(job, "--tables")
     add_shared_option(
-        job, "--post", help="robot program for the best places; may be repeated (the cell's controller.post)"
+        job,
+        "--post",
+        help="robot program for the best positions (default: controller.post of the cell); may be repeated",
     )
     add_shared_option(job, "--effects")
     job.set_defaults(run=_run_place)

@@ -12,50 +12,52 @@ from machopt.errors import OptionError
 def build_reading_parser() -> argparse.ArgumentParser:
     """Return a parent parser with the options."""
     p = argparse.ArgumentParser(add_help=False)
-    p.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that does not say")
-    p.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
-    p.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in a file that has none")
+    p.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that states none")
+    p.add_argument(
+        "--machine", help="machine type that the rotary axes of the G-code are programmed for, e.g. table-ac, head-bc"
+    )
+    p.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in a file that programs none")
     p.add_argument(
         "--tool-axis",
         metavar="AXIS",
-        help="direction from tip to shank in the tool frame of robot programs and pose tables: -z (default), "
-        "--tool-axis=+z where the frame's z points into the spindle",
+        help="direction from tool tip to shank in the tool frame of robot programs and pose tables: -z (default), or "
+        "--tool-axis=+z where the z axis of that frame points into the spindle",
     )
     p.add_argument(
         "--offset",
         action="append",
         default=[],
         metavar="NAME=X,Y,Z",
-        help="where a further work offset of the program lies in its first one, mm, e.g. G55=100,0,0; may be repeated",
+        help="position of a second work offset in the frame of the first one, mm, e.g. G55=100,0,0; may be repeated",
     )
     p.add_argument(
         "--decimals",
         type=int,
         metavar="N",
-        help="G-code numbers without a decimal point count the N-th decimal (X0019685 is 1.9685 with 4); 0: as they "
-        "stand",
+        help="number of decimal places of G-code numbers without a decimal point: with 4, X0019685 is 1.9685; with 0, "
+        "X100 is 100",
     )
     p.add_argument(
         "--cycle-order",
         metavar="WORDS",
-        help="what numbers without a word in an APT CYCLE/ stand for (depth,clear,retract)",
+        help="meaning of the unnamed numbers of an APT CYCLE/ statement, e.g. depth,clear,retract",
     )
     p.add_argument(
         "--accept-unknown",
         action="append",
         default=[],
         metavar="WORD",
-        help="a word of the file that is not understood and moves neither points nor frames; without this option it "
-        "stops a plan; may be repeated",
+        help="ignore this unknown word of the file; only for words that move neither points nor frames (without this "
+        "option unknown words stop the planning); may be repeated",
     )
     p.add_argument(
         "--kind",
         choices=("path", "holes"),
-        help="what the rows of a point table without a column kind are: points of a path, or the bottoms of holes with "
-        "columns depth_mm (surface to row) and approach_mm (above the surface, where the feed starts)",
+        help="meaning of the rows of a point table without a column kind: points of a path, or bottoms of holes with "
+        "the columns depth_mm (below the surface) and approach_mm (start of the feed above the surface)",
     )
-    p.add_argument("--max-extent", type=float, metavar="MM", help="largest extent of a path that is believed (50000)")
-    p.add_argument("--strict", action="store_true", help="refuse words that are not understood, and files cut off")
+    p.add_argument("--max-extent", type=float, metavar="MM", help="largest plausible extent of a path (default: 50000)")
+    p.add_argument("--strict", action="store_true", help="treat unknown words and truncated files as errors")
     return p
 
 

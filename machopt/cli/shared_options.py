@@ -43,51 +43,62 @@ def parse_xacro_argument(text: str) -> tuple[str, str]:
 
 
 SHARED: dict[str, dict[str, Any]] = {
-    "cell": {"type": Path, "help": "cell folder or its cell.yaml"},
-    "toolpath": {"type": Path, "help": "CAM export or point table"},
+    "cell": {"type": Path, "help": "folder of the cell, or its cell.yaml"},
+    "toolpath": {"type": Path, "help": "CAM file or point table"},
     "--out": {"flags": ("-o",), "type": Path, "required": True, "help": "output folder"},
     "--force": {
         "dest": "overwrite",
         "action": "store_true",
-        "help": "replace output files that machopt did not write or that were edited since",
+        "help": "overwrite files that machopt did not write or that were edited since",
     },
-    "--allow-external": {"action": "store_true", "help": "let the cell use files outside its folder"},
+    "--allow-external": {"action": "store_true", "help": "allow the cell to use files outside its folder"},
     "--package": {
         "type": parse_package_argument,
         "action": "append",
         "default": [],
         "metavar": "NAME=FOLDER",
-        "help": "where a ROS package lies that the robot's file names (beside it or above it); may be repeated",
+        "help": "folder of a ROS package that the robot file names (default: searched next to the file and above it); "
+        "may be repeated",
     },
     "--xacro-arg": {
         "type": parse_xacro_argument,
         "action": "append",
         "default": [],
         "metavar": "NAME=VALUE",
-        "help": "value of an argument of a xacro file; may be repeated",
+        "help": "value of an argument of the xacro file; may be repeated",
     },
-    "--seed": {"type": parse_natural_number, "default": 0, "help": "same input and seed, same bytes"},
+    "--seed": {
+        "type": parse_natural_number,
+        "default": 0,
+        "help": "seed of the random numbers (default: 0); the same input and seed give the same files",
+    },
     "--jobs": {"type": parse_positive_integer, "default": 1, "metavar": "N", "help": argparse.SUPPRESS},
-    "--plan": {"type": Path, "metavar": "FILE", "help": "planning options as YAML"},
-    "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "help": "override a planning option"},
+    "--plan": {"type": Path, "metavar": "FILE", "help": "YAML file with planning options"},
+    "--set": {
+        "action": "append",
+        "default": [],
+        "metavar": "KEY=VALUE",
+        "help": "set a planning option (docs/reference.md lists them); may be repeated",
+    },
     "--post": {"action": "append", "default": [], "metavar": "POST"},
     "--program-tolerance-mm": {
         "type": float,
         "metavar": "MM",
-        "help": "how far straight lines between a program's points may leave the motion before a point is added (0.05)",
+        "help": "largest distance between the planned motion and the lines of the robot program; points are added "
+        "until it is met (default: 0.05 mm)",
     },
     "--tables": {
         "choices": KINDS,
         "default": "csv",
-        "help": "parquet: every table as Parquet, too, beside its CSV (csv)",
+        "help": "parquet: also write every table as a Parquet file (default: csv)",
     },
     "--effects": {
         "type": Path,
         "action": "append",
         "default": [],
         "metavar": "FILE.py",
-        "help": "effects of your own that stiffness.yaml or kinematics.yaml holds, as found by machopt diagnose "
-        "--effects FILE.py, or that EFFECT@LOCATION names; runs the code in that file; may be repeated",
+        "help": "Python file that defines your own effects (see docs/diagnose.md), needed where stiffness.yaml or "
+        "kinematics.yaml names one of them; runs the code in the file; may be repeated",
     },
     "--process": {
         "type": Path,
@@ -98,7 +109,7 @@ SHARED: dict[str, dict[str, Any]] = {
         "action": "append",
         "default": [],
         "metavar": "CODE",
-        "help": "take this error of the record as a warning",
+        "help": "report this error of the recording as a warning and continue; may be repeated",
     },
 }
 """Name → keywords of argparse; ``flags`` are further names."""

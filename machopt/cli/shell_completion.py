@@ -39,7 +39,9 @@ def add_commands(commands: Commands, whole: argparse.ArgumentParser) -> None:
         commands: The sub-parsers of the main parser.
         whole: The main parser with all commands.
     """
-    p = commands.add_parser("completion", help='completion for a shell: eval "$(machopt completion bash)"')
+    p = commands.add_parser(
+        "completion", help='print the completion script of a shell: eval "$(machopt completion bash)"'
+    )
     p.add_argument("shell", choices=("bash", "zsh", "fish"))
     p.set_defaults(run=lambda args: _print_completion(args.shell, whole), debug=False)
 

@@ -34,41 +34,55 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     add_shared_option(cell, "--jobs")
     add_shared_option(cell, "--tables")
     parents = [common, cell]
-    _add_identify(
-        commands.add_parser("identify", parents=parents, help="joint stiffness from load–deflection readings")
+    _add_identify(commands.add_parser("identify", parents=parents, help="identify joint stiffness from load tests"))
+    _add_poses(commands.add_parser("plan-poses", parents=parents, help="choose poses and loads for a measurement"))
+    _add_map(
+        commands.add_parser("map", parents=parents, help="compute stiffness and dexterity over positions and postures")
     )
-    _add_poses(commands.add_parser("plan-poses", parents=parents, help="which poses and loads to measure"))
-    _add_map(commands.add_parser("map", parents=parents, help="stiffness and dexterity over places and postures"))
 
 
 def _add_identify(p: argparse.ArgumentParser) -> None:
-    p.add_argument("recording", type=Path, nargs="+", help="recording folders (sessions of the same robot)")
+    p.add_argument("recording", type=Path, nargs="+", help="recording folders, one for each session of the same robot")
     p.add_argument(
         "--model",
         choices=("auto", "constant", "grid"),
         default="auto",
-        help="auto takes a stiffness per grid cell only where it predicts unseen poses clearly better",
+        help="one stiffness for each joint (constant), or one for each cell of a workspace grid (grid); auto (default) "
+        "takes the grid only where it predicts held-out poses better",
     )
-    p.add_argument("--grid-cell-mm", type=float, default=300.0, help="edge of a grid cell (300)")
-    p.add_argument("--grid-origin-mm", type=_parse_floats, metavar="X,Y,Z", help="lowest corner in base_link")
-    p.add_argument("--grid-shape", type=_parse_integers, metavar="NX,NY,NZ", help="cells along x, y, z")
+    p.add_argument("--grid-cell-mm", type=float, default=300.0, help="edge length of a grid cell (default: 300)")
+    p.add_argument(
+        "--grid-origin-mm",
+        type=_parse_floats,
+        metavar="X,Y,Z",
+        help="corner of the grid with the smallest coordinates, in base_link",
+    )
+    p.add_argument(
+        "--grid-shape", type=_parse_integers, metavar="NX,NY,NZ", help="number of grid cells along x, y and z"
+    )
     p.add_argument(
         "--fit",
         action="append",
         default=[],
         metavar="EFFECT@LOCATION",
-        help="physics to fit beside the joints, e.g. link_compliance@link:4; parameters in braces",
+        help="also fit this effect, e.g. link_compliance@link:4; parameters in braces; may be repeated",
     )
     p.add_argument(
         "--geometric",
         action="store_true",
-        help="at the loaded equilibrium with the arm's weight (dumas2011 eqs. 6–10), and K_C in stiffness.yaml; "
-        "without it, K_C of the load alone is counted where it matters",
+        help="fit at the loaded equilibrium with the weight of the robot (dumas2011 eqs. 6–10), and write K_C into "
+        "stiffness.yaml (default: K_C of the load alone, where it matters)",
     )
-    p.add_argument("--plain", action="store_true", help="unweighted least squares of dumas2011 eq. 26")
-    p.add_argument("--keep-outliers", action="store_true", help="no reading is put aside")
-    p.add_argument("--level", type=float, default=90.0, metavar="PERCENT", help="of the intervals (90)")
-    p.add_argument("--no-studies", action="store_true", help="leave out subsets and repeated measurement errors")
+    p.add_argument("--plain", action="store_true", help="use unweighted least squares (dumas2011 eq. 26)")
+    p.add_argument("--keep-outliers", action="store_true", help="do not exclude outliers")
+    p.add_argument(
+        "--level", type=float, default=90.0, metavar="PERCENT", help="confidence level of the intervals (default: 90)"
+    )
+    p.add_argument(
+        "--no-studies",
+        action="store_true",
+        help="skip the studies with subsets of the readings and with simulated measurement errors",
+    )
     add_shared_option(p, "--accept")
     add_shared_option(p, "--effects")
     p.set_defaults(run=_run_identify)
@@ -149,89 +163,167 @@ def _convert_null_to_nan(value: float | None) -> float:
 def _add_poses(p: argparse.ArgumentParser) -> None:
     n, real = int, float
     size = p.add_argument_group("how much to measure")
-    size.add_argument("--poses", type=n, default=10, help="poses to measure (10)")
-    size.add_argument("--loads", type=n, default=2, help="different loads at each pose (2)")
-    size.add_argument("--cycles", type=n, default=2, help="rounds over all poses (2)")
-    size.add_argument("--target-percent", type=real, default=5.0, help="say how many poses bring every joint there (5)")
+    size.add_argument("--poses", type=n, default=10, help="number of poses (default: 10)")
+    size.add_argument("--loads", type=n, default=2, help="number of different loads at each pose (default: 2)")
+    size.add_argument("--cycles", type=n, default=2, help="number of repetitions of all poses and loads (default: 2)")
+    size.add_argument(
+        "--target-percent",
+        type=real,
+        default=5.0,
+        help="report how many poses give every joint stiffness this standard deviation, percent (default: 5)",
+    )
     size.add_argument(
         "--external",
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="where a rail or positioner stands, mm or deg (at home); may be repeated",
+        help="value of a rail or positioner joint, mm or deg (default: home); may be repeated",
     )
     loads = p.add_argument_group("loads")
-    loads.add_argument("--weights-kg", type=_parse_floats, metavar="A,B", help="masses that can be hung")
-    loads.add_argument("--pull-N", type=_parse_floats, metavar="A,B", help="forces of ropes or horizontal pulls")
-    loads.add_argument("--pull-directions", type=n, default=8, help="horizontal directions without anchors (8)")
+    loads.add_argument("--weights-kg", type=_parse_floats, metavar="A,B", help="available weights, kg")
+    loads.add_argument("--pull-N", type=_parse_floats, metavar="A,B", help="available pulling forces, N")
+    loads.add_argument(
+        "--pull-directions",
+        type=n,
+        default=8,
+        help="number of horizontal pulling directions where no anchors are given (default: 8)",
+    )
     loads.add_argument(
         "--anchors",
         type=_parse_floats,
         action="append",
         default=[],
         metavar="X,Y,Z",
-        help="where a rope can be tied, world, mm; may be repeated",
+        help="point to which a rope can be tied, in world, mm; may be repeated",
     )
     loads.add_argument(
         "--arms-mm",
         type=_parse_floats,
         default=(0.0, 200.0),
         metavar="A,B",
-        help="lever arms across the tool; 0 is the TCP (0,200)",
+        help="lever arms of the load across the tool axis, mm; 0 is the TCP (default: 0,200)",
     )
-    loads.add_argument("--max-load-N", type=real, help="rated load")
-    loads.add_argument("--max-torque-Nm", type=_parse_floats, metavar="T1,…,T6", help="joint torque of the load alone")
-    loads.add_argument("--max-deflection-mm", type=real, default=5.0, help="largest expected deflection (5)")
-    loads.add_argument("--min-signal", type=real, default=5.0, help="least deflection, in sigmas of a reading (5)")
-    job = p.add_argument_group(
-        "the job that the arm is measured for: two sizes of each load, and joints turned both ways"
+    loads.add_argument("--max-load-N", type=real, help="largest load, N (default: no limit)")
+    loads.add_argument(
+        "--max-torque-Nm", type=_parse_floats, metavar="T1,…,T6", help="largest joint torques due to the load alone"
     )
-    job.add_argument("--toolpath", type=Path, metavar="FILE", help="CAM export or point table, with the plan's force_N")
-    job.add_argument("--force-N", type=_parse_floats, metavar="LOW,HIGH", help="least and largest process force")
-    add_shared_option(job, "--set", help="override a planning option, for the plan of --toolpath")
-    gauge = p.add_argument_group("measuring")
+    loads.add_argument("--max-deflection-mm", type=real, default=5.0, help="largest expected deflection (default: 5)")
+    loads.add_argument(
+        "--min-signal",
+        type=real,
+        default=5.0,
+        help="smallest expected deflection, in standard deviations of a reading (default: 5)",
+    )
+    job = p.add_argument_group("the job that the robot is measured for")
+    job.add_argument(
+        "--toolpath", type=Path, metavar="FILE", help="toolpath of the job; its loads are those of force_N"
+    )
+    job.add_argument(
+        "--force-N",
+        type=_parse_floats,
+        metavar="LOW,HIGH",
+        help="smallest and largest process force, N; each load is then measured at two sizes",
+    )
+    add_shared_option(job, "--set", help="set a planning option for the plan of --toolpath; may be repeated")
+    gauge = p.add_argument_group("instrument")
     gauge.add_argument(
         "--sensor",
         choices=("tracker", "tracker3", "dial"),
         default="tracker",
-        help="laser tracker with one target, with three (rotations too), or three dial gauges",
+        help="laser tracker with one target (default) or with three targets (measures rotations too), or three dial "
+        "gauges",
     )
-    gauge.add_argument("--displacement-mm", type=real, help="1 sigma of one coordinate (0.012, dial 0.005)")
-    gauge.add_argument("--targets-mm", type=real, default=200.0, help="targets' distance from the TCP, tracker3 (200)")
-    gauge.add_argument("--cycle-mm", type=real, default=0.015, help="error shared by a load cycle (0.015)")
-    gauge.add_argument("--pose-mm", type=real, default=0.03, help="error shared by a pose (0.03)")
-    gauge.add_argument("--force-percent", type=real, default=0.75, help="error of the load (0.75)")
-    gauge.add_argument("--tracker", type=_parse_floats, metavar="X,Y,Z", help="tracker position, world, mm")
-    gauge.add_argument("--tracker-range-mm", type=real, default=15000.0, help="farthest target (15000)")
-    gauge.add_argument("--tracker-angle-deg", type=real, default=45.0, help="least angle of sight to the flange (45)")
+    gauge.add_argument(
+        "--displacement-mm", type=real, help="standard deviation of one coordinate (default: 0.012, dial gauge 0.005)"
+    )
+    gauge.add_argument(
+        "--targets-mm", type=real, default=200.0, help="distance of the three targets from the TCP (default: 200)"
+    )
+    gauge.add_argument(
+        "--cycle-mm",
+        type=real,
+        default=0.015,
+        help="standard deviation of the error common to a load cycle (default: 0.015)",
+    )
+    gauge.add_argument(
+        "--pose-mm", type=real, default=0.03, help="standard deviation of the error common to a pose (default: 0.03)"
+    )
+    gauge.add_argument(
+        "--force-percent", type=real, default=0.75, help="standard deviation of the load (default: 0.75)"
+    )
+    gauge.add_argument("--tracker", type=_parse_floats, metavar="X,Y,Z", help="position of the tracker in world, mm")
+    gauge.add_argument(
+        "--tracker-range-mm",
+        type=real,
+        default=15000.0,
+        help="largest distance of a target from the tracker (default: 15000)",
+    )
+    gauge.add_argument(
+        "--tracker-angle-deg",
+        type=real,
+        default=45.0,
+        help="smallest angle between line of sight and flange (default: 45)",
+    )
     posture = p.add_argument_group("postures")
-    posture.add_argument("--min-kci", type=real, default=0.1, help="least dexterity (0.1; zhang2025: 0.45)")
-    posture.add_argument("--max-nu-p", type=real, default=0.05, help="most K_C may change the translation (0.05)")
-    posture.add_argument("--max-nu-r-deg", type=real, default=0.05, help="most K_C may change a rotation (0.05)")
-    posture.add_argument("--clearance-mm", type=real, default=20.0, help="to everything (20)")
-    posture.add_argument("--limit-margin-deg", type=real, default=5.0, help="to joint limits (5)")
-    posture.add_argument("--floor-mm", type=real, default=300.0, help="least height of the TCP in world (300)")
-    posture.add_argument("--ceiling-mm", type=real, default=2500.0, help="greatest height of the TCP in world (2500)")
     posture.add_argument(
-        "--box-mm", type=_parse_floats, metavar="X0,Y0,Z0,X1,Y1,Z1", help="where the TCP may be, world"
+        "--min-kci", type=real, default=0.1, help="smallest dexterity index (default: 0.1; zhang2025 uses 0.45)"
     )
-    posture.add_argument("--without-workpiece", action="store_true", help="the workpiece is not there")
-    posture.add_argument("--no-collision", action="store_true", help="do not check collisions")
+    posture.add_argument(
+        "--max-nu-p",
+        type=real,
+        default=0.05,
+        help="largest relative change of the translation due to K_C (default: 0.05)",
+    )
+    posture.add_argument(
+        "--max-nu-r-deg", type=real, default=0.05, help="largest change of a rotation due to K_C (default: 0.05)"
+    )
+    posture.add_argument(
+        "--clearance-mm", type=real, default=20.0, help="smallest clearance to all bodies (default: 20)"
+    )
+    posture.add_argument(
+        "--limit-margin-deg", type=real, default=5.0, help="smallest distance from a joint limit (default: 5)"
+    )
+    posture.add_argument(
+        "--floor-mm", type=real, default=300.0, help="smallest height of the TCP in world (default: 300)"
+    )
+    posture.add_argument(
+        "--ceiling-mm", type=real, default=2500.0, help="largest height of the TCP in world (default: 2500)"
+    )
+    posture.add_argument(
+        "--box-mm", type=_parse_floats, metavar="X0,Y0,Z0,X1,Y1,Z1", help="box in world that must contain the TCP"
+    )
+    posture.add_argument("--without-workpiece", action="store_true", help="plan without the workpiece")
+    posture.add_argument("--no-collision", action="store_true", help="skip the collision check")
     search = p.add_argument_group("search")
     search.add_argument(
-        "--fit", dest="terms", action="append", default=[], metavar="EFFECT@LOCATION", help="terms to identify too"
+        "--fit",
+        dest="terms",
+        action="append",
+        default=[],
+        metavar="EFFECT@LOCATION",
+        help="effect that the measurement shall also identify",
     )
     search.add_argument("--terms", action="append", help=argparse.SUPPRESS)  # its name in 0.1
     search.add_argument(
         "--discriminate",
         type=Path,
         metavar="OUT_OF_DIAGNOSE",
-        help="tell apart what this diagnosis could not; as many poses and rounds as that takes, and as asked for",
+        help="output folder of diagnose: measure so that the explanations it left open can be separated",
     )
-    search.add_argument("--prior", type=_parse_floats, metavar="K1,…,K6", help="rough stiffness, N·m/rad (the cell's)")
-    search.add_argument("--prior-factor", type=real, default=1.0, help="the prior may be wrong by this factor (1)")
-    search.add_argument("--candidates", type=n, default=2000, help="poses to choose from (2000)")
-    search.add_argument("--starts", type=n, default=2, help="starts of the search (2)")
+    search.add_argument(
+        "--prior",
+        type=_parse_floats,
+        metavar="K1,…,K6",
+        help="approximate joint stiffness, N·m/rad (default: that of the cell)",
+    )
+    search.add_argument(
+        "--prior-factor",
+        type=real,
+        default=1.0,
+        help="factor by which the approximate stiffness may be wrong (default: 1)",
+    )
+    search.add_argument("--candidates", type=n, default=2000, help="number of candidate poses (default: 2000)")
+    search.add_argument("--starts", type=n, default=2, help="number of random starts of the search (default: 2)")
     add_shared_option(p, "--effects")
     p.set_defaults(run=_run_plan_poses)
 
@@ -248,19 +340,23 @@ def _run_plan_poses(args: argparse.Namespace) -> int:
 
 def _add_map(p: argparse.ArgumentParser) -> None:
     where = p.add_argument_group("where")
-    where.add_argument("--slice", choices=("xy", "xz", "yz"), help="a plane of the frame (default xz)")
-    where.add_argument("--at", type=float, metavar="MM", help="where the slice lies on its normal (0)")
-    where.add_argument("--volume", action="store_true", help="a box instead of a slice")
-    where.add_argument("--joints", metavar="A[,B]", help="one or two joints varied, the others fixed")
-    where.add_argument("--q", help="with --joints: six degrees, or a4=45,a5=45; the rest at home")
-    where.add_argument("--line", metavar="X,Y,Z:X,Y,Z", help="straight path of the TCP, mm, the tool not turning")
+    where.add_argument("--slice", choices=("xy", "xz", "yz"), help="plane of the map (default: xz)")
+    where.add_argument("--at", type=float, metavar="MM", help="position of the plane along its normal (default: 0)")
+    where.add_argument("--volume", action="store_true", help="map a box instead of a plane")
+    where.add_argument("--joints", metavar="A[,B]", help="vary one or two joints and keep the others fixed")
+    where.add_argument(
+        "--q", help="joint values of --joints in degrees: six numbers, or a4=45,a5=45 with the others at home"
+    )
+    where.add_argument(
+        "--line", metavar="X,Y,Z:X,Y,Z", help="straight line of the TCP, mm, with a constant tool orientation"
+    )
     where.add_argument(
         "--range",
         action="append",
         default=[],
         dest="ranges",
         metavar="AXIS=LOW:HIGH",
-        help="mm or degrees; default what the arm reaches, or the joint limits",
+        help="range of an axis, mm or degrees (default: the reach, or the joint limits)",
     )
     where.add_argument(
         "--step",
@@ -268,27 +364,63 @@ def _add_map(p: argparse.ArgumentParser) -> None:
         default=[],
         dest="steps",
         metavar="[AXIS=]STEP",
-        help="mm or degrees; default a step for a map of seconds",
+        help="grid step, mm or degrees (default: chosen for a computing time of seconds)",
     )
-    where.add_argument("--frame", choices=("base", "world", "workpiece"), default="base", help="of places and axes")
+    where.add_argument(
+        "--frame",
+        choices=("base", "world", "workpiece"),
+        default="base",
+        help="frame of positions and axes (default: base)",
+    )
     tool = p.add_argument_group("posture")
-    tool.add_argument("--tool-axis", default="0,0,1", metavar="I,J,K", help="tip to shank (0,0,1: tool points down)")
-    tool.add_argument("--gamma", type=float, default=0.0, metavar="DEG", help="given rotation about the tool axis (0)")
-    tool.add_argument("--rotation-step", type=float, default=20.0, metavar="DEG", help="rotations tried (20)")
-    tool.add_argument("--fixed-rotation", action="store_true", help="only the given rotation")
-    tool.add_argument("--pick", default="best", help="branch: best, worst, home or a number (best)")
-    tool.add_argument("--by", metavar="FIELD", help="what best means (deflection under a load, else k_min)")
-    tool.add_argument("--collision", choices=("none", "self", "cell"), default="self", help="what may not touch (self)")
-    load = p.add_argument_group("quantities")
-    load.add_argument(
-        "--load-N", dest="force", metavar="FX,FY,FZ", help="force on the tool in N, for deflection and K_C"
+    tool.add_argument(
+        "--tool-axis",
+        default="0,0,1",
+        metavar="I,J,K",
+        help="direction from tool tip to shank (default: 0,0,1, the tool points down)",
     )
-    load.add_argument("--wrench", metavar="FX,…,MZ", help="load in N and N·m")
-    load.add_argument("--load-axes", choices=("frame", "tool"), default="frame", help="of the load (frame)")
-    load.add_argument("--length", type=float, metavar="MM", help="characteristic length (computed)")
-    load.add_argument("--measured", type=Path, metavar="FILE", help="measured stiffness, shown beside the model")
-    load.add_argument("--power", type=float, default=2.0, help="of inverse distance weighting (2)")
-    load.add_argument("--neighbours", type=int, help="of inverse distance weighting (all)")
+    tool.add_argument(
+        "--gamma", type=float, default=0.0, metavar="DEG", help="redundancy angle about the tool axis (default: 0)"
+    )
+    tool.add_argument(
+        "--rotation-step",
+        type=float,
+        default=20.0,
+        metavar="DEG",
+        help="step between the redundancy angles that are tried (default: 20)",
+    )
+    tool.add_argument("--fixed-rotation", action="store_true", help="use only the angle of --gamma")
+    tool.add_argument(
+        "--pick", default="best", help="branch of the inverse kinematics: best, worst, home or a number (default: best)"
+    )
+    tool.add_argument(
+        "--by",
+        metavar="FIELD",
+        help="field of the map that defines the best branch (default: deflection with a load, else k_min)",
+    )
+    tool.add_argument(
+        "--collision",
+        choices=("none", "self", "cell"),
+        default="self",
+        help="collisions that are checked: none, self (robot and tool), cell (all bodies) (default: self)",
+    )
+    load = p.add_argument_group("quantities")
+    load.add_argument("--load-N", dest="force", metavar="FX,FY,FZ", help="force on the tool, for deflection and K_C")
+    load.add_argument("--wrench", metavar="FX,…,MZ", help="force and moment on the tool, N and N·m")
+    load.add_argument(
+        "--load-axes",
+        choices=("frame", "tool"),
+        default="frame",
+        help="axes in which the load is given (default: frame)",
+    )
+    load.add_argument("--length", type=float, metavar="MM", help="characteristic length (default: computed)")
+    load.add_argument(
+        "--measured", type=Path, metavar="FILE", help="table of measured stiffness, compared with the model"
+    )
+    load.add_argument("--power", type=float, default=2.0, help="power of the inverse distance weighting (default: 2)")
+    load.add_argument(
+        "--neighbours", type=int, help="number of neighbours of the inverse distance weighting (default: all)"
+    )
     add_shared_option(p, "--plan", dest="plan_file")
     add_shared_option(p, "--set", dest="overrides")
     add_shared_option(p, "--effects")

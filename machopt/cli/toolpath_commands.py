@@ -46,51 +46,61 @@ def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning:
     job = commands.add_parser(
         "optimize",
         parents=[common, build_reading_parser(), planning],
-        help="the main job: the stiffest smooth trajectory for a toolpath",
+        help="plan the robot motion of a toolpath with the smallest deflection",
     )
     add_shared_option(job, "cell")
     add_shared_option(job, "toolpath")
     add_shared_option(job, "--out")
     add_shared_option(job, "--force")
-    job.add_argument("--method", choices=("global", "jiao2022", "default"))
-    job.add_argument("--index", choices=("auto", "deflection", "stiffness", "jiao2022"))
+    job.add_argument(
+        "--method",
+        choices=("global", "jiao2022", "default"),
+        help="global: shortest path over all configurations (default); jiao2022: greedy choice of that paper; default: "
+        "the rotation of the CAM file",
+    )
+    job.add_argument(
+        "--index",
+        choices=("auto", "deflection", "stiffness", "jiao2022"),
+        help="quantity to minimise: deflection under force_N, or compliance along the tool axis and across it "
+        "(default: auto, deflection where force_N is given)",
+    )
     job.add_argument(
         "--objective",
         choices=("index", "tolerance"),
-        help="tolerance: fewest points out of the tolerances of process.yaml first, then the index (index)",
+        help="tolerance: fewest points out of the tolerances of process.yaml first, then the index (default: index)",
     )
     job.add_argument(
-        "--allow-gaps", action="store_true", default=None, help="plan the rest where points are unreachable"
+        "--allow-gaps", action="store_true", default=None, help="plan the remaining points where some are unreachable"
     )
     job.add_argument(
         "--compensate",
         action="store_true",
         default=None,
-        help="shift the commanded path against the deflection predicted under force_N",
+        help="shift the commanded path by the deflection predicted under force_N, in the opposite direction",
     )
     add_shared_option(
         job,
         "--post",
-        help="robot program to write: krl, rapid, fanuc, urscript, val3, jbi, csv, json, ros, … or a template file; "
-        "may be repeated (the cell's controller.post; without either no robot program is written)",
+        help="robot program to write: krl, rapid, fanuc, urscript, val3, jbi, csv, json, ros, … or a template file "
+        "(default: controller.post of the cell, else none); may be repeated",
     )
     add_shared_option(job, "--program-tolerance-mm")
     job.add_argument(
         "--map-collisions",
         choices=("chosen", "full"),
         default="chosen",
-        help="full: for the report's map, look for collisions of every configuration, for half a minute at most "
-        "(chosen: only what the choice had to look at)",
+        help="configurations whose collisions the map of the report shows: those that the search checked (chosen, "
+        "default), or all of them (full, at most 30 s more)",
     )
     job.add_argument(
         "--front",
         action="store_true",
-        help="plan up to five times more, with other weights and clearance: stiffness against cycle time, joint "
-        "travel and clearance: front.csv, and a section of the report",
+        help="also compute up to five plans with other weights and clearances, to compare stiffness with cycle time, "
+        "joint travel and clearance (front.csv and a section of the report)",
     )
     add_shared_option(job, "--tables")
-    job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
-    add_shared_option(job, "--seed", default=None, help="of the random search around obstacles")
+    job.add_argument("--sample-ms", type=float, help="time between the samples of trajectory.csv, ms (default: 12)")
+    add_shared_option(job, "--seed", default=None, help="seed of the random search around obstacles (default: 0)")
     add_shared_option(job, "--jobs")
     add_shared_option(job, "--effects")
     add_shared_option(job, "--process")
@@ -101,13 +111,17 @@ def _add_inspect(commands: Commands, common: argparse.ArgumentParser) -> None:
     look = commands.add_parser(
         "inspect",
         parents=[common, build_reading_parser()],
-        help="what a CAM file holds: points, operations, feeds, words not understood; or a cell or robot: joints, "
-        "limits and who sets them, mounting, pairs that may touch",
+        help="list the content of a CAM file (points, operations, feeds, unknown words) or of a cell or robot (joints, "
+        "limits, mounting, ignored collision pairs)",
     )
-    look.add_argument("file", type=Path)
-    look.add_argument("--html", type=Path, metavar="OUT.html", help="write a page with pictures of the path")
+    look.add_argument("file", type=Path, help="toolpath file, cell folder, URDF or xacro file")
+    look.add_argument("--html", type=Path, metavar="OUT.html", help="write a page with pictures of the toolpath")
     add_shared_option(look, "--force")
-    look.add_argument("--cell", type=Path, help="cell whose robot a program with joint positions was written for")
+    look.add_argument(
+        "--cell",
+        type=Path,
+        help="cell whose robot the program was written for; needed for programs with joint positions",
+    )
     add_shared_option(look, "--allow-external")
     add_shared_option(look, "--package")
     add_shared_option(look, "--xacro-arg")
@@ -119,10 +133,10 @@ def _add_verify(commands: Commands, common: argparse.ArgumentParser, planning: a
     check = commands.add_parser(
         "verify",
         parents=[common, build_reading_parser(), planning],
-        help="re-check an exported trajectory with independent code",
+        help="check an output folder of optimize with independent code",
     )
-    add_shared_option(check, "cell", help=None)
-    add_shared_option(check, "toolpath", help=None)
+    add_shared_option(check, "cell")
+    add_shared_option(check, "toolpath")
     check.add_argument("out", type=Path, help="output folder of optimize")
     add_shared_option(check, "--effects")
     add_shared_option(check, "--process")

@@ -26,27 +26,31 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     p = commands.add_parser(
         "view",
         parents=[common, build_reading_parser()],
-        help="3-D review and re-planning in a browser on this machine: pin, forbid, prefer, choose branches",
+        help="show a plan in 3-D in a local browser, change its constraints and plan again",
     )
     p.add_argument(
         "places",
         type=Path,
         nargs="+",
         metavar="OUT | CELL [TOOLPATH]",
-        help="an output folder of optimize (its cell and toolpath are found by their hashes, or given behind it), or a "
-        "cell to look at; with a toolpath it is planned and can be steered",
+        help="output folder of optimize (its cell and toolpath are found by their hashes, or given after it), or a "
+        "cell; with a toolpath the cell is planned and can be steered",
     )
     add_shared_option(p, "--plan")
     add_shared_option(p, "--set")
-    add_shared_option(p, "--seed", default=None, help="of the random search around obstacles")
+    add_shared_option(p, "--seed", default=None, help="seed of the random search around obstacles (default: 0)")
     add_shared_option(p, "--allow-external")
-    p.add_argument("--port", type=parse_port, default=0, help="of 127.0.0.1 (any that is free)")
+    p.add_argument("--port", type=parse_port, default=0, help="port on 127.0.0.1 (default: any free port)")
     p.add_argument(
-        "--save", type=Path, default=Path("plan.yaml"), metavar="FILE", help="where the page saves the plan (plan.yaml)"
+        "--save",
+        type=Path,
+        default=Path("plan.yaml"),
+        metavar="FILE",
+        help="file in which the page saves the planning options (default: plan.yaml)",
     )
     add_shared_option(p, "--force")
-    p.add_argument("--open", action="store_true", help="open the page in the browser of the system")
-    p.add_argument("--as-it-is", action="store_true", help="of OUT: show the report, plan nothing")
+    p.add_argument("--open", action="store_true", help="open the page in the default browser")
+    p.add_argument("--as-it-is", action="store_true", help="show the report of the output folder without planning")
     add_shared_option(p, "--effects")
     p.set_defaults(run=_run_view)
 
