@@ -204,7 +204,8 @@ def test_a_law_of_one_s_own_is_named_where_it_is_true_and_nowhere_else(tmp_path:
     recorded(tmp_path / "rec", pulled, poses=16)
     result = run(tmp_path / "out", tmp_path / "rec", "--effects", str(law))
     assert (result["findings"][0]["effect"], result["findings"][0]["location"]) == ("cable_bundle", "joint:3")
-    assert result["verdict"] == "explained"
+    assert result["verdict"] == "partly_explained"  # no model file can state it, and the error is that of the files
+    assert result["final"]["heldout_rmse"] == pytest.approx(result["baseline"]["heldout_rmse"], rel=0.05)
     recorded(tmp_path / "null")
     result = run(tmp_path / "none", tmp_path / "null", "--effects", str(law))
     assert "cable_bundle" not in {f["effect"] for f in result["findings"]}

@@ -31,7 +31,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import (
 )
 from machopt.measurement.diagnosis.outputs.diagnosis_document import build_diagnosis_document, format_rows_location
 from machopt.measurement.diagnosis.request import DiagnoseRequest
-from machopt.measurement.diagnosis.verdict.verdict_text import format_verdict
+from machopt.measurement.diagnosis.verdict.verdict_rules import apply_verdict_rules
 from machopt.output import write_json
 from machopt.report.charts.diagnosis_charts import (
     build_axis_chart,
@@ -204,16 +204,16 @@ def test_strip_gathers_what_concerns_the_record() -> None:
 def of_the_record(explained: float) -> DiagnosisResult:
     """Only the record is found at fault: nothing of the machine is drawn as an after."""
     d = replace(made_up.three(), findings=(made_up.frame(),), verdict="partly_explained", explained=explained)
-    d = replace(d, mismatch_p=np.nan)
-    return replace(d, sentence=format_verdict(d))
+    return apply_verdict_rules(replace(d, mismatch_p=np.nan))
 
 
-def test_a_record_put_right_that_closes_nothing_is_not_called_an_explanation() -> None:
+def test_a_corrected_record_that_closes_nothing_is_not_called_an_explanation() -> None:
     d = of_the_record(0.0)
-    assert d.sentence.startswith("Not explained, though the record is put right")
+    assert d.verdict == "unexplained"
+    assert d.sentence.startswith("Unexplained, with the record corrected")
     assert "→" not in d.sentence
     text = read(d).text
-    assert "RECORD PUT RIGHT, MISMATCH NOT EXPLAINED" in text
+    assert "NOT EXPLAINED" in text
     assert "EXPLAINED IN PART" not in text
     assert "Held-out error before" not in text
     assert "of what the record put right leaves" in text
@@ -346,7 +346,7 @@ def test_json_is_what_the_contract_says() -> None:
     assert got["baseline"]["heldout_rmse"] == 0.061
     assert got["baseline"]["noise_floor"] == 0.022
     assert got["baseline"]["repeatable_rmse"] == 0.057
-    assert got["final"] == {"heldout_rmse": 0.0423, "explained_share": None, "repeatable_rmse": None}
+    assert got["final"] == {"rmse": None, "heldout_rmse": 0.0423, "explained_share": None, "repeatable_rmse": None}
     assert got["mismatch"][0] == {"axis": "joint:3", "share": 0.78, "note": "on load reversal", "kind": "machine"}
     first, second, _ = got["findings"]
     assert first["one_of"] == [["joint_hysteresis", "joint:3"]]

@@ -76,12 +76,12 @@ def write_stiffness_file(folder: Path, stiffness: ArmStiffness | None) -> None:
 
 
 def list_kinematic_corrections(d: DiagnosisResult) -> tuple[KinematicCorrection, ...]:
-    """Return the kinematic corrections among the findings.
+    """Return the kinematic corrections that are written, named or not.
 
     Args:
         d: The diagnosis.
     """
-    return tuple(f.correction for f in d.findings if isinstance(f.correction, KinematicCorrection))
+    return tuple(f.correction for f in (*d.findings, *d.unnamed) if isinstance(f.correction, KinematicCorrection))
 
 
 def write_kinematics_file(folder: Path, cell: Cell, d: DiagnosisResult) -> None:

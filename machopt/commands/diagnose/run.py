@@ -24,6 +24,7 @@ from machopt.measurement.diagnosis.outputs.model_assessment import assess_writte
 from machopt.measurement.diagnosis.outputs.model_uncertainty import add_model_uncertainty
 from machopt.measurement.diagnosis.outputs.plausible_corrections import diagnose_with_plausible_corrections
 from machopt.measurement.diagnosis.request import DiagnoseRequest, check_diagnose_request
+from machopt.measurement.diagnosis.verdict.verdict_rules import apply_verdict_rules
 from machopt.measurement.recording import load_recording, load_recordings
 from machopt.options.plan_option_reader import load_options
 from machopt.output import write_output_folder
@@ -109,6 +110,9 @@ def compute_diagnosis(
         assessed = assess_written_model(cell, found, made)
         found = replace(found, diagnosis=state_written_errors(found.diagnosis, assessed))
     made = replace(made, after=add_model_uncertainty(cell, found, made.after))
+    if moving:  # noise of a motion is what changes from sample to sample, whatever the model
+        found = replace(found, diagnosis=replace(found.diagnosis, measured_noise=found.diagnosis.noise_floor))
+    found = replace(found, diagnosis=apply_verdict_rules(found.diagnosis))
     d = add_withheld_notes(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
     if request.toolpath is not None and made.after is not None and made.before is not None:
         progress("what it changes for the toolpath")

@@ -23,10 +23,14 @@ ConfidenceInterval = tuple[Known, Known]
 
 
 class BaselineErrorsSection(DocumentModel):
-    """The nominal structure refitted; errors in ``rmse_unit``."""
+    """The nominal structure refitted; errors in ``rmse_unit``.
+
+    ``measured_noise`` is that of replicates or the stated uncertainty; null where only residuals show noise.
+    """
 
     heldout_rmse: Known
     noise_floor: Known
+    measured_noise: Known
     repeatable_rmse: Known
     p_value: Known
 
@@ -263,6 +267,7 @@ class DiagnosisDocument(DocumentModel):
     final: FinalErrorsSection
     mismatch: tuple[MismatchShareEntry, ...]
     findings: tuple[FindingEntry, ...]
+    unnamed_corrections: tuple[CorrectionSection, ...]
     detection_limits: tuple[DetectionLimitEntry, ...]
     not_testable: tuple[NotTestableEntry, ...]
     next_experiment: Text

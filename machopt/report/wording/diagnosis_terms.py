@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from machopt.effects.effect_wording import format_effect_at_place, join_with_commas
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, EstimatedValue, MismatchShare
-from machopt.measurement.diagnosis.verdict.verdict_text import has_record_findings_only, is_mismatch_closed
+from machopt.measurement.diagnosis.verdict.verdict_text import has_record_findings_only
 
 SMALL_LENGTH_MM = 0.5  # below it a length reads better in µm
 
@@ -41,8 +41,6 @@ def describe_verdict(d: DiagnosisResult) -> tuple[str, str]:
         d: The diagnosis.
     """
     badge, tone = VERDICTS[d.verdict]
-    if d.verdict == "partly_explained" and has_record_findings_only(d) and not is_mismatch_closed(d):
-        return "RECORD PUT RIGHT, MISMATCH NOT EXPLAINED", "bad"
     if tone == "good" and any(f.record for f in d.findings):
         return f"{badge}: CHECK THE RECORD", "warn"
     return badge, tone

@@ -213,9 +213,12 @@ class DiagnosisResult:
     outliers: Ints  # 1-based data rows
     axes: Mapping[str, Array] = field(default_factory=dict)  # (N,) labels for the report
     tried: int = 0  # hypotheses × shapes
+    measured_noise: float = float("nan")  # noise by replicates or as stated, report unit; NaN: only from residuals
+    unnamed: tuple[Finding, ...] = ()  # kinematic corrections that are written, and too uncertain to be named
     rmse: float = float("nan")  # rmse per coordinate of the used readings with the findings, fitted to all of them
     record_change: RecordChange | None = None  # None: no channel of readings at rest
     folds: tuple[FoldFit, ...] = ()
+    unwritten: tuple[EffectLocation, ...] = ()  # findings that no model file can state
     fitted_findings: tuple[EffectLocation, ...] = ()  # the findings that ``FoldFit.corrections`` belong to
     next_experiment: str = ""
     notes: tuple[str, ...] = ()

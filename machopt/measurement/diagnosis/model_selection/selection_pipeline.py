@@ -60,6 +60,7 @@ class DiagnosisOptions:
 
     max_effects: int = 3  # most effects of forward selection
     predicted: str = ""  # name of the channel in texts
+    is_static: bool = False  # readings at rest: stiffness.yaml and kinematics.yaml state the whole model
     progress: Callable[[str], None] = lambda _: None
 
 
@@ -107,6 +108,7 @@ class _ValidatedFindings:
     findings: tuple[Finding, ...]  # with K_C, where the recording shows it
     withdrawn: tuple[Finding, ...]  # findings that do not improve held-out predictions
     geometric_stiffness: GeometricStiffnessFinding | None
+    fitted: tuple[Finding, ...]  # findings with coefficients, without K_C
     written: tuple[SelectedEffect, ...]  # effects of the final model, fitted without forms that no file states
     uncatalogued: tuple[SelectedEffect, ...]  # selected forms that are no effect of the catalogue
     residual_before: Array  # held-out residuals without findings
@@ -137,7 +139,7 @@ class _VerdictReason:
 def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.random.Generator) -> DiagnosisResult:
     """Build the result of a finished search; the columns of all laws are released before the validation."""
     options.progress("rivals and intervals")
-    validated = _validate_findings(state, rng)
+    validated = _validate_findings(state, options.is_static, rng)
     judged = _select_verdict(state, validated, rng)
     shares = _locate_mismatch(state, validated, judged.verdict)
     options.progress("detection limits")
@@ -161,7 +163,8 @@ def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.rand
         rmse=holdout_residuals.compute_rmse(state.problem, validated.final.residual, state.used_rows),
         record_change=fold_fits.compute_record_change(state, validated.written),
         folds=fold_fits.fit_every_fold(state, validated.written),
-        fitted_findings=tuple(c.whitened.hypothesis.name for c in validated.written),
+        fitted_findings=(fitted := tuple(c.whitened.hypothesis.name for c in validated.written)),
+        unwritten=tuple(n for f in validated.fitted if (n := (f.effect, f.location)) not in fitted),
     )
     more = base_model_notes.describe_refitted_values(coefficients)
     result = replace(result, notes=(*result.notes, *more))
@@ -187,6 +190,7 @@ def _build_diagnosis_result(
         unit=problem.families[0].unit,
         heldout_before=holdout_residuals.compute_rmse(problem, before, used),
         noise_floor=holdout_residuals.compute_noise_floor(problem, state.noise, used),
+        measured_noise=instrument_uncertainty_check.compute_measured_noise(problem, state.noise, used),
         repeatable=factor * float(np.sqrt(validated.power)),
         mismatch_p=validated.mismatch_before.p_value,
         heldout_after=holdout_residuals.compute_rmse(problem, after, used),
@@ -211,14 +215,16 @@ def _build_diagnosis_result(
     )
 
 
-def _validate_findings(state: SearchState, rng: np.random.Generator) -> _ValidatedFindings:
+def _validate_findings(state: SearchState, is_static: bool, rng: np.random.Generator) -> _ValidatedFindings:
     """Return the findings that improve held-out predictions, those that do not, and the repeatable mismatch."""
     problem, used = state.problem, state.used_rows
     named = [k for k, c in enumerate(state.chosen) if c.whitened.hypothesis.is_in_catalogue]
     nameless = tuple(c for c in state.chosen if not c.whitened.hypothesis.is_in_catalogue)
-    written = tuple(state.chosen[k] for k in named)
-    written = fold_fits.refit_at_shapes(state, written) if nameless and written else written
-    plain, final = state.fit_effects(()), state.fit_effects(written)
+    stated = [k for k in named if not is_static or fold_fits.is_stated_by_files(state.chosen[k])]
+    written = tuple(state.chosen[k] for k in stated)
+    written = fold_fits.refit_at_shapes(state, written) if len(stated) < len(state.chosen) and written else written
+    values = [written[stated.index(k)] if k in stated else state.chosen[k] for k in named]
+    plain, final = state.fit_effects(()), state.fit_effects(values)
     before, after = plain.heldout(), final.heldout()
     known = find_geometric_stiffness(state)
     if known is not None:  # K_C is part of the model: without it the mismatch would have been larger
@@ -231,7 +237,7 @@ def _validate_findings(state: SearchState, rng: np.random.Generator) -> _Validat
     )
     power = max(there.power, 0.0)
     real = _is_mismatch_relevant(state, there, power)
-    findings = [_build_finding(state, k, effect) for k, effect in zip(named, written, strict=True)]
+    findings = [_build_finding(state, k, effect) for k, effect in zip(named, values, strict=True)]
     withdrawn = list[Finding]()
     beside = (before, after)
     if nameless:
@@ -239,12 +245,14 @@ def _validate_findings(state: SearchState, rng: np.random.Generator) -> _Validat
     if findings and real and not holdout_residuals.is_better_predicted(problem, *beside, used):
         findings, withdrawn, written = [], findings, ()
         after, final, rest = before, plain, there
+    fitted = tuple(findings)
     if known is not None:
         findings.append(known.finding)
     return _ValidatedFindings(
         findings=tuple(findings),
         withdrawn=tuple(withdrawn),
         geometric_stiffness=known,
+        fitted=fitted,
         written=written,
         uncatalogued=nameless,
         residual_before=before,

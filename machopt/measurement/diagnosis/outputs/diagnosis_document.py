@@ -93,6 +93,7 @@ def build_diagnosis_document(
         baseline=BaselineErrorsSection(
             heldout_rmse=d.heldout_before,
             noise_floor=d.noise_floor,
+            measured_noise=d.measured_noise,
             repeatable_rmse=d.repeatable,
             p_value=d.mismatch_p,
         ),
@@ -101,6 +102,7 @@ def build_diagnosis_document(
         ),
         mismatch=tuple(MismatchShareEntry(axis=s.axis, share=s.share, note=s.note, kind=s.kind) for s in d.mismatch),
         findings=tuple(_build_finding_entry(f) for f in d.findings),
+        unnamed_corrections=tuple(c for f in d.unnamed if (c := _build_correction_entry(f.correction)) is not None),
         detection_limits=tuple(DetectionLimitEntry.from_fields(x) for x in d.limits if np.isfinite(x.value)),
         not_testable=(
             *(NotTestableEntry(effect=u.effect, location=u.location, reason=u.reason) for u in d.untestable),

@@ -60,7 +60,7 @@ class LoadTestDiagnosis:
         equations = _LoadTestEquations(self, T_flange_tcp, self._known)
         problem, catalogue = equations.build(None)
         check_enough_readings(problem, self.recording)
-        options = replace(self.options, predicted="load tests")
+        options = replace(self.options, predicted="load tests", is_static=True)
         rng = np.random.default_rng(self.seed)
         return selection_pipeline.diagnose_problem(problem, catalogue, options, rng, equations.rebuild), problem
 

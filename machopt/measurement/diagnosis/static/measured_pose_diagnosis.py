@@ -51,7 +51,7 @@ class MeasuredPoseDiagnosis:
         self._fixed_springs = frozenset[int]()
         self._problem, catalogue = self._build(None, NO_LINEARISATION)
         check_enough_readings(self._problem, self.recording)
-        options = replace(self.options, predicted="poses")
+        options = replace(self.options, predicted="poses", is_static=True)
         result = selection_pipeline.diagnose_problem(self._problem, catalogue, options, self._rng, self._rebuild)
         return result, self._problem
 

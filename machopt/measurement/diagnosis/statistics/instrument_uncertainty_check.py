@@ -48,6 +48,28 @@ class ExcessNoise:
         return weaken_verdict(verdict)
 
 
+def compute_measured_noise(problem: DiagnosisProblem, noise: ReplicateNoise, used: Flags) -> float:
+    """Compute the noise of the first family that does not depend on the model.
+
+    Args:
+        problem: Regression problem.
+        noise: Estimated noise.
+        used: (N,) True for readings that are used.
+
+    Returns:
+        rmse per coordinate in the family's report unit, by replicates or as the recording states it; NaN without both.
+    """
+    if noise.replicated:
+        return holdout_residuals.compute_noise_floor(problem, noise, used)
+    family = problem.families[0]
+    if not family.stated_uncertainty:
+        return float("nan")
+    gain = 0.0
+    if problem.scale is not None:
+        gain = thresholds.PROOF.gain_doubt * compute_rms(problem.scale[used][:, list(family.columns)])
+    return family.factor * float(np.hypot(family.stated_uncertainty, gain))
+
+
 def check_stated_uncertainty(
     problem: DiagnosisProblem, residual: Array, noise: ReplicateNoise, used: Flags
 ) -> ExcessNoise | None:

@@ -132,6 +132,15 @@ class ProofThresholds:
     )
     gain_doubt: float = _set(0.02, "of the displacement under load, that a force may be wrong by", JUDGEMENT)
     concentrated: float = _set(1.35, "power of a bin per the mean before it is worth a word", JUDGEMENT)
+    most_closed: float = _set(
+        0.5, "share of the repeatable mismatch that is most of it: the contract of the verdict `explained`", JUDGEMENT
+    )
+    named_gain: float = _set(
+        0.02,
+        "of the error that all corrections take and of the error that is left: a correction that takes less of both is "
+        "written and not named",
+        JUDGEMENT,
+    )
     closes: float = _set(
         0.005, "share of the mismatch closed, of which less is written as 0 % and closes nothing", JUDGEMENT
     )

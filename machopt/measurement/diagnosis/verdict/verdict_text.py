@@ -30,40 +30,38 @@ def format_verdict(d: DiagnosisResult) -> str:
         put_right = "; ".join(f"{_format_finding(f)}" for f in d.findings)
         return (
             f"Consistent{f' once the record is put right ({put_right})' if put_right else ''}: the refitted model "
-            f"leaves {after}, noise alone {format_error_size(d.noise_floor, d.unit)}; nothing that comes back "
+            f"leaves {after}, {_format_noise(d)}; nothing that comes back "
             f"in repeats is left "
             "to explain." + (f" Refitted for that, and stated nowhere: {there}." if there else "")
         )
-    twins = math.isfinite(d.mismatch_p)
-    left = (
-        f"{format_error_size(d.repeatable, d.unit)} of it "
-        f"{'comes back in repeats' if twins else 'is more than the noise'}"
-    )
+    size = format_error_size(d.repeatable, d.unit)
+    if math.isfinite(d.mismatch_p):
+        left = f"{size} of it comes back in repeats"
+    elif d.measured_noise > 0.0:
+        left = f"{size} of it is more than the noise"
+    else:
+        left = "nothing was measured twice, so part of it may be noise"
     if d.verdict == "unexplained":
         places = list(dict.fromkeys(format_place(s.axis) for s in d.mismatch if s.kind == "machine"))
         where = ", ".join(places[:MOST_PLACES]) + (" …" if len(places) > MOST_PLACES else "")
         # without the interval of the note: it is in SI, the report states it in file units
         told = (f"; in the data {100 * s.share:.0f} % gathers along {s.axis}" for s in d.mismatch if s.kind == "data")
         data = next(told, "")
+        corrected = "; ".join(_format_finding(f) for f in d.findings)
+        if corrected:
+            error = f"{format_error_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"
         return (
-            f"Unexplained: the refitted model leaves {error}; {left}, and no law of the catalogue explains it. Nearest "
-            f"places: {where or 'none'}{data}."
+            f"Unexplained{f', with the record corrected ({corrected})' if corrected else ''}: the refitted model "
+            f"leaves {error}; {left}, and no law of the catalogue explains it. Nearest places: {where or 'none'}{data}."
+            + _describe_unnamed_corrections(d)
         )
     parts = [_format_finding(f) for f in d.findings]
-    if (
-        d.verdict == "partly_explained" and has_record_findings_only(d) and not is_mismatch_closed(d)
-    ):  # corrected faults are not part of the remaining mismatch
-        return (
-            f"Not explained, though the record is put right: {'; '.join(parts)}. The refitted model leaves "
-            f"{format_error_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw (noise "
-            f"{format_error_size(d.noise_floor, d.unit)}), and no law of the catalogue explains it."
-        )
     head = "Explained" if d.verdict == "explained" else "Partly explained"
     open_ = sorted({format_effect_in_sentence(*n) for f in d.findings for n in f.one_of[1:]})
     return (
         f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: "
         f"{format_error_size(d.heldout_before, d.unit)} → "
-        f"{format_error_size(d.heldout_after, d.unit)} (noise {format_error_size(d.noise_floor, d.unit)})"
+        f"{format_error_size(d.heldout_after, d.unit)} ({_format_noise(d)})"
         + (f", {100 * d.explained:.0f} % of the mismatch closed. " if d.explained > 0 else ". ")
         + (
             f"These data cannot exclude {', '.join(open_[:4])}{' …' if len(open_) > 4 else ''}."
@@ -74,15 +72,42 @@ def format_verdict(d: DiagnosisResult) -> str:
     )
 
 
-def _describe_remaining_mismatch(d: DiagnosisResult) -> str:
-    """Describe the repeatable remainder of a nearly complete explanation."""
-    if d.verdict != "explained" or not d.repeatable_after > thresholds.PROOF.left_over * d.noise_floor:
+def _format_noise(d: DiagnosisResult) -> str:
+    """Return the noise that the model does not influence; residuals of a model are no measure of noise."""
+    if not d.measured_noise > 0.0:
+        return "noise not measured"
+    return f"noise {format_error_size(d.measured_noise, d.unit)}"
+
+
+def _describe_unnamed_corrections(d: DiagnosisResult) -> str:
+    if not d.unnamed:
         return ""
     return (
-        f" {format_error_size(d.repeatable_after, d.unit)} still comes back in repeats: the law is not quite "
-        f"this one, or "
-        "something else is there too."
+        f" kinematics.yaml holds {len(d.unnamed)} correction{'s' if len(d.unnamed) > 1 else ''} that cannot be named, "
+        f"with which the files leave {format_error_size(d.heldout_after, d.unit)}."
     )
+
+
+def _describe_remaining_mismatch(d: DiagnosisResult) -> str:
+    """Describe how much mismatch remains, and where."""
+    after, noise = d.heldout_after, d.measured_noise if d.measured_noise > 0.0 else d.noise_floor
+    if d.verdict == "explained":
+        if not d.repeatable_after > thresholds.PROOF.left_over * noise:
+            return ""
+        return (
+            f" {format_error_size(d.repeatable_after, d.unit)} still comes back in repeats: the law is not quite this "
+            "one, or something else is there too."
+        )
+    replicated = math.isfinite(d.mismatch_p)
+    left = d.repeatable_after if replicated and d.repeatable_after > 0.0 else math.sqrt(max(after**2 - noise**2, 0.0))
+    if not left > 0.0:
+        return ""
+    named = {f.location for f in d.findings}
+    places = [format_place(s.axis) for s in d.mismatch if s.kind == "machine" and s.axis not in named]
+    data = [s.axis for s in d.mismatch if s.kind == "data"]
+    where = f", nearest to {', '.join(places[:3])}" if places else ""
+    where += f", mostly along {data[0]} of the data" if data else ""
+    return f" {format_error_size(left, d.unit)} remains unexplained{where}."
 
 
 def has_record_findings_only(d: DiagnosisResult) -> bool:

@@ -23,6 +23,20 @@ from machopt.numerics.array_types import Array
 RECORD_FAMILIES = ("sensor", "environment")  # families of laws that change the reading and not the arm
 
 
+def is_stated_by_files(c: SelectedEffect) -> bool:
+    """Return whether model files or corrected readings can state an effect of readings at rest.
+
+    Args:
+        c: Selected effect.
+
+    Returns:
+        False for laws that have no entry in a file: those of a user, for example.
+    """
+    h, shape = _get_law(c)
+    x = c.scored.x * c.whitened.unit[c.scored.shape]
+    return h.family in RECORD_FAMILIES or h.correction(x, shape) is not None
+
+
 def fit_every_fold(state: SearchState, chosen: Sequence[SelectedEffect]) -> tuple[FoldFit, ...]:
     """Fit base and effects without each fold, with the bounds of base unknowns and laws.
 
