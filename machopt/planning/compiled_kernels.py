@@ -90,7 +90,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
 )
 
 
-MORE = (  # needed by some plans only: other arms, as-built geometry, external joints, gouges
+MORE = (  # needed by some plans only: other arms, as-built geometry, external joints, gouges, stability of milling
     ("kinematics.inverse.three_parallel_axes", "_solve_all", f"UniTuple(UniTuple(f8,3),13),UniTuple(f8,9),{_F3},{_F3}"),
     ("kinematics.inverse.newton_iteration", "solve_from_rough_starts", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_F2},i8"),
     ("kinematics.inverse.newton_iteration", "remove_duplicate_solutions", f"{_F2},{_I1},{_F1},i8,i8,f8"),
@@ -98,6 +98,11 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     ("kinematics.inverse.as_built_solver", "refine_branches", f"{_F2},{_F2},{_F2},{_F3},{_F3}"),
     ("kinematics.inverse.grid_solver", "_label_branches", "f8[:,:,:,::1],f8[:,:,:,::1],f8"),
     ("kinematics.product_of_exponentials", "compute_chain_motions", f"{_F2},{_F2},b1[::1],{_F2},f8[:,:,:,::1],{_F3}"),
+    (
+        "process.stability.depth_limit_kernels",
+        "find_depth_limits",
+        f"{_F1},UniTuple(b1,3),f8,{_F2},{_F2},{_F3},{_F3},{_F1},{_F1},{_I1}",
+    ),
     (
         "planning.external_axes.moving_axis_kernels",
         "compute_transition_costs",
