@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.planning.pipeline.plan import Plan
 from machopt.planning.error_probability.model_discrepancy import compute_reported_std
+from machopt.planning.pipeline.plan import Plan
 from machopt.planning.uncertainty.stiffness_uncertainty import _points, build_compliance_covariance
 
 

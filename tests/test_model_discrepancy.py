@@ -28,13 +28,13 @@ from machopt.measurement.identification.assessment.model_discrepancy import (
 from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
 from machopt.planning.compensation.added_points import compensate_plan
 from machopt.planning.compensation.expected_removal import predict_removals
-from machopt.planning.plan_output.infeasibility_reasons import list_hints
 from machopt.planning.error_probability.model_discrepancy import (
     NINETY,
     DiscrepancyModel,
     compute_half_width,
     compute_reported_std,
 )
+from machopt.planning.plan_output.infeasibility_reasons import list_hints
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.discrepancy_columns import (
     CURVE_SMOOTHING,
