@@ -50,7 +50,10 @@ PAGES: dict[str, HelpPage] = {
     "optimize": HelpPage(
         (
             ("the toolpath file", ("--unit", "--feed", "--machine", "--offset")),
-            ("the plan", ("--set", "--plan", "--method", "--index", "--compensate", "--allow-gaps")),
+            (
+                "the plan",
+                ("--set", "--plan", "--process", "--objective", "--method", "--index", "--compensate", "--allow-gaps"),
+            ),
             ("robot program", ("--post", "--program-tolerance-mm")),
             ("output", ("--out", "--force", "--front", "--json", "--quiet")),
         ),

@@ -66,6 +66,24 @@ class RigidBodyDynamics:
             out[k] = pin.rnea(self.model, data, q[k], v[k], a[k])
         return out
 
+    def compute_mass_matrix(self, q: Array) -> Array:
+        """Return the mass matrix, (N, n, n) kg·m², without the rotors.
+
+        Args:
+            q: (N, n) rad or m.
+
+        Source:
+            Composite rigid bodies, Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 6.
+        """
+        import pinocchio as pin
+
+        data = self.model.createData()
+        out = np.empty((len(q), self.joints, self.joints))
+        for k in range(len(q)):
+            upper = np.triu(pin.crba(self.model, data, q[k]))
+            out[k] = upper + np.triu(upper, 1).T
+        return out
+
     def compute_own_inertia(self, q: Array) -> Array:
         """Return the diagonal of the mass matrix, (N, n) kg·m²: inertia of the arm at each joint.
 
@@ -130,10 +148,10 @@ class MissingInertiaError(InputError):
 
 
 def load_dynamics(cell: Cell) -> RigidBodyDynamics:
-    """Read the chain of the cell's arm joints with its inertias, gravity along −z of world, tool as a point mass.
+    """Read the chain of the cell's arm joints with its inertias and those of the tool, gravity along −z of world.
 
-    A cell has no rotational inertia of the tool about its own centre. It is zero here and can be identified
-    (``compute_regressors``).
+    Where the cell states no ``tool.inertia_kg_m2``, the tool's inertia about its own centre is zero here. It can be
+    identified (``compute_regressors``).
 
     Args:
         cell: robot cell.
@@ -173,7 +191,11 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
     at = flange.placement
     if cell.tool.mass > 0.0:
         model.inertias[model.nv] = model.inertias[model.nv] + at.act(
-            pin.Inertia(cell.tool.mass, np.asarray(cell.tool.com, float), np.zeros((3, 3)))
+            pin.Inertia(
+                cell.tool.mass,
+                np.asarray(cell.tool.com, float),
+                np.zeros((3, 3)) if cell.tool.inertia is None else np.array(cell.tool.inertia, float),
+            )
         )
     # the chain's root may differ from base_link; base_link is not attached to a moving joint
     R_root_world = base.placement.rotation @ cell.T_world_base[:3, :3].T

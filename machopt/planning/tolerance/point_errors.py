@@ -76,7 +76,12 @@ class PointErrors:
 
 
 def compute_point_errors(
-    plan: Plan, toolpath: Toolpath, loads: PointLoads, chosen: ScoredAssignment | None = None
+    plan: Plan,
+    toolpath: Toolpath,
+    loads: PointLoads,
+    chosen: ScoredAssignment | None = None,
+    *,
+    wall_force: Array,
 ) -> PointErrors:
     """Return errors and probabilities of an assignment.
 
@@ -85,8 +90,11 @@ def compute_point_errors(
         toolpath: Its toolpath, with the operations of the process.
         loads: The loads of its points.
         chosen: An assignment along its path; None: the choice of the plan.
+        wall_force: (N,) N along axis × travel at the moment the wall is made, which bends the tool.
     """
-    return _ErrorTable(plan, toolpath, loads, plan.chosen if chosen is None else chosen).build()
+    table = _ErrorTable(plan, toolpath, loads, plan.chosen if chosen is None else chosen)
+    table.wall_force = wall_force
+    return table.build()
 
 
 def find_outcome(probability: float, quantile: float) -> str:
@@ -113,6 +121,7 @@ class _ErrorTable:
         self.outcome, self.cause = [""] * n, [""] * n
         self.variance = {name: np.full(n, np.nan) for name in ("stiffness", "force", "position")}
         self.why: dict[int, str] = {}
+        self.wall_force = np.zeros(n)
 
     def build(self) -> PointErrors:
         cutter = self.plan.setup.cell.tool.cutter
@@ -196,8 +205,9 @@ class _ErrorTable:
     # --- milled points ----------------------------------------------------------------------------------------------
 
     def _add_surfaces(self, surfaces: SurfaceTargets) -> None:
-        tool_force = np.zeros(len(self.toolpath))
-        model = build_surface_model(self.plan, self.chosen, self.process, surfaces, self.loads, self.spread, tool_force)
+        model = build_surface_model(
+            self.plan, self.chosen, self.process, surfaces, self.loads, self.spread, self.wall_force
+        )
         draws = build_draws(self.spread, SURFACE_DRAWS)
         for first in range(0, len(surfaces.row), BLOCK):
             self._add_surface_block(model, slice(first, min(first + BLOCK, len(surfaces.row))), draws)

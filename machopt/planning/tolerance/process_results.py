@@ -15,6 +15,7 @@ from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes
 from machopt.planning.plan_output.point_table import PointResults
+from machopt.planning.tolerance.cutting_dynamics import CuttingDynamics, compute_cutting_dynamics
 from machopt.planning.tolerance.point_errors import PointErrors, compute_point_errors, list_tolerance_rows
 from machopt.process.binding.job_binding import compute_loads
 from machopt.process.binding.point_loads import PointLoads
@@ -37,9 +38,10 @@ def add_process_results(
     loads = compute_loads(plan.setup.cell, toolpath, find_driven_feed(toolpath, timeline))
     if process is None or loads is None:
         return points
-    found = compute_point_errors(plan, toolpath, loads)
-    columns = _build_columns(toolpath, loads, found)
-    summary = _summarise(process, plan, toolpath, loads, found)
+    dynamics = compute_cutting_dynamics(plan, toolpath, loads)
+    found = compute_point_errors(plan, toolpath, loads, wall_force=dynamics.wall_force)
+    columns = _build_columns(toolpath, loads, found, dynamics)
+    summary = _summarise(process, plan, toolpath, loads, found, dynamics)
     return replace(points, table=replace(points.table, process=columns), process=(summary,))
 
 
@@ -61,13 +63,14 @@ def find_driven_feed(toolpath: Toolpath, timeline: MotionTimeline | None) -> Arr
     return np.where(np.isnan(toolpath.feed), np.nan, np.fmin(reached, toolpath.feed))
 
 
-def _build_columns(toolpath: Toolpath, loads: PointLoads, found: PointErrors) -> ProcessColumns:
-    n = len(toolpath)
-    empty = np.full(n, np.nan)
+def _build_columns(
+    toolpath: Toolpath, loads: PointLoads, found: PointErrors, dynamics: CuttingDynamics
+) -> ProcessColumns:
+    empty = np.full(len(toolpath), np.nan)
     return ProcessColumns(
         force=loads.force,
         moment=loads.moment,
-        peak_force=empty,
+        peak_force=dynamics.peak_force,
         ae=loads.ae,
         ap=loads.ap,
         entry_angle=loads.entry_angle,
@@ -80,27 +83,32 @@ def _build_columns(toolpath: Toolpath, loads: PointLoads, found: PointErrors) ->
         p_in_deflection_only=found.p_in_deflection_only,
         outcome=found.outcome,
         cause=found.cause,
-        f1=empty,
-        depth_limit=empty,
-        chatter=("",) * n,
+        f1=dynamics.f1,
+        depth_limit=dynamics.depth_limit,
+        chatter=dynamics.chatter,
         feed_max=empty,
     )
 
 
 def _summarise(
-    process: CuttingProcess, plan: Plan, toolpath: Toolpath, loads: PointLoads, found: PointErrors
+    process: CuttingProcess,
+    plan: Plan,
+    toolpath: Toolpath,
+    loads: PointLoads,
+    found: PointErrors,
+    dynamics: CuttingDynamics,
 ) -> ProcessSummary:
     return ProcessSummary(
-        before=_count_before(plan, toolpath, loads),
+        before=_count_before(plan, toolpath, loads, dynamics.wall_force),
         after=found.count_outcomes(),
         tolerances=_summarise_operations(process, toolpath, found),
         variance_shares=_compute_variance_shares(found),
         sources=_list_sources(process, plan, toolpath),
-        validity=(*loads.notes, *_list_limits_of_validity(process, plan, toolpath, found)),
+        validity=(*loads.notes, *dynamics.notes, *_list_limits_of_validity(process, plan, toolpath, found)),
     )
 
 
-def _count_before(plan: Plan, toolpath: Toolpath, loads: PointLoads) -> dict[str, dict[str, int]]:
+def _count_before(plan: Plan, toolpath: Toolpath, loads: PointLoads, wall_force: Array) -> dict[str, dict[str, int]]:
     """Return the outcomes of the baselines, whose external joints are at home."""
     home = plan.setup.cell.external_home
     path = plan.path if not len(home) else fix_external_axes(plan.path, home)
@@ -108,7 +116,10 @@ def _count_before(plan: Plan, toolpath: Toolpath, loads: PointLoads) -> dict[str
         path = replace(path, position=path.position - plan.compensation.offset)
     bare = replace(plan, path=path, compensation=None)
     pairs = (("cam_default", plan.cam_default), ("jiao2022", plan.jiao2022))
-    return {name: compute_point_errors(bare, toolpath, loads, chosen).count_outcomes() for name, chosen in pairs}
+    return {
+        name: compute_point_errors(bare, toolpath, loads, chosen, wall_force=wall_force).count_outcomes()
+        for name, chosen in pairs
+    }
 
 
 def _summarise_operations(
