@@ -72,7 +72,7 @@ def test_the_range_of_chip_thickness_is_given_or_said_to_be_assumed() -> None:
 
 def test_what_the_table_does_not_have_is_an_error() -> None:
     for find in (find_drilling_coefficients, find_milling_coefficients):
-        with pytest.raises(CuttingInputError, match="valid: .*al7075"):
+        with pytest.raises(CuttingInputError, match=r"valid: .*al7075"):
             find("al7057")
     with pytest.raises(CuttingInputError, match="no drilling coefficients"):
         find_drilling_coefficients("22")  # a bare number may mean anything
