@@ -145,6 +145,19 @@ def test_a_walk_from_the_command_to_a_price_of_a_plan_crosses_eight_files() -> N
     assert "w.clearance" in (PACKAGE / files[-1]).read_text(encoding="utf-8")
 
 
+def test_walks_name_functions_that_exist(sources: dict[Path, SourceFile]) -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"(?m)^\| \d+ ?•? \| `([\w/]+\.py)` \| (`[^|]*`) \|", text)
+    assert len(rows) > 35
+    missing = [
+        (file, name)
+        for file, names in rows
+        for name in re.findall(r"`(\w+)`", names)
+        if name not in {node.name for node in list_definitions(sources[PACKAGE / file].tree.body)}
+    ]
+    assert missing == []
+
+
 def test_commands_hold_no_science(sources: dict[Path, SourceFile]) -> None:
     """They load, call and write: what is longer does more than that, or says why."""
     folder = PACKAGE / "commands"

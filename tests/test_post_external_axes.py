@@ -15,10 +15,10 @@ from machopt.data_types.robot_program import LIN, PTP, ExternalAxisMap, RobotCon
 from machopt.data_types.toolpath import MoveKind
 from machopt.errors import InputError
 from machopt.kinematics.robot import load_robot
+from machopt.programs.maker_registry import find_language
 from machopt.programs.program_reader import ParsedProgram, read_program
 from machopt.programs.program_writer import list_assumptions, write_program
 from machopt.verification.folder.programs.frames_and_axes import (
-    COUPLED_FRAME_FORMATS,
     compute_workpiece_frame,
     convert_external_joints,
     find_wrong_frames,
@@ -104,7 +104,7 @@ def test_values_and_frames_come_back(tmp_path: Path, post: str, kind: str) -> No
     unit = np.where(cell.external_prismatic, 1e3, 180.0 / np.pi)
     np.testing.assert_allclose(found * unit, p.external * unit, atol=PRINTED, rtol=0)
     given = compute_workpiece_frame(parsed, cell, arm, c, p.external[0])
-    rides = parsed.dialect in COUPLED_FRAME_FORMATS and kind != "rail"
+    rides = find_language(parsed.dialect).couples_frames and kind != "rail"
     assert find_wrong_frames(parsed, c, given, cell.tool.T_flange_tcp, rides=rides) == []
     if parsed.has_pose.any():
         lines = parsed.has_pose

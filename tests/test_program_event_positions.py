@@ -11,8 +11,8 @@ from machopt.data_types.program_in_cell import ProgramInCell
 from machopt.data_types.robot_program import LIN, PTP
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathEvent, ToolpathOperation
 from machopt.numerics.array_types import Array
+from machopt.programs.checking.printed_precision import compute_last_digit
 from machopt.verification.folder.programs.frames_and_axes import compute_toolpath_index
-from machopt.verification.folder.programs.printed_precision import compute_last_digit
 from machopt.verification.programs.cam_comparison import (
     LINE_TIE_M,
     ExpectedCuts,

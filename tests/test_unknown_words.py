@@ -15,7 +15,12 @@ from toolpath_file_samples import CAMWORKS, CATIA, CREO, DIN_ISO, FANUC, HEIDENH
 import machopt
 from machopt.cli import main
 from machopt.errors import InputError
-from machopt.programs.reading import harmless_words as programs_reviewed
+from machopt.programs.abb import harmless_words as abb_words
+from machopt.programs.fanuc import harmless_words as fanuc_words
+from machopt.programs.kuka import harmless_words as kuka_words
+from machopt.programs.staubli import harmless_words as staubli_words
+from machopt.programs.universal_robots import harmless_words as universal_robots_words
+from machopt.programs.yaskawa import harmless_words as yaskawa_words
 from machopt.toolpath.readers import harmless_words
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.toolpath.unknown_words import refuse_unknown_words
@@ -156,8 +161,8 @@ DIALECTS = {
         ),
         ("PTP", "LIN"),
         (
-            *(f"{name}=1" for name in sorted(programs_reviewed.KRL_VARIABLES) if name != "$VEL"),
-            *(f"{name}(1)" for name in sorted(programs_reviewed.KRL_CALLS)),
+            *(f"{name}=1" for name in sorted(kuka_words.KRL_VARIABLES) if name != "$VEL"),
+            *(f"{name}(1)" for name in sorted(kuka_words.KRL_CALLS)),
             '$LOOP_MSG[]="Hello"',
             'configFileName[]="C:\\x.cfg"',
             "$OUT[3]=TRUE",
@@ -177,7 +182,7 @@ DIALECTS = {
             lambda w: f"IF DI1=1 {w};",
         ),
         ("MoveJ", "MoveL"),
-        tuple(f"{w};" for w in sorted(programs_reviewed.RAPID) if w not in ("VELSET", "SPEEDREFRESH")),
+        tuple(f"{w};" for w in sorted(abb_words.RAPID) if w not in ("VELSET", "SPEEDREFRESH")),
     ),
     "fanuc": Dialect(
         TP,
@@ -188,7 +193,7 @@ DIALECTS = {
             lambda w: f"9: ${w}[1]=5 ;",
         ),
         ("3:J", "4:L", "5:L"),
-        tuple(f"9: {w}1] ;" if w.endswith("[") else f"9: {w} ;" for w in sorted(programs_reviewed.FANUC)),
+        tuple(f"9: {w}1] ;" if w.endswith("[") else f"9: {w} ;" for w in sorted(fanuc_words.FANUC)),
     ),
     "urscript": Dialect(
         SCRIPT,
@@ -198,7 +203,7 @@ DIALECTS = {
             lambda w: f"if True:\n{w.lower()}(1)\nend",
         ),
         ("movej", "movel"),
-        tuple(f"{w}(1)" for w in sorted(programs_reviewed.URSCRIPT) if w != "return"),
+        tuple(f"{w}(1)" for w in sorted(universal_robots_words.URSCRIPT) if w != "return"),
     ),
     "jbi": Dialect(
         JBI,
@@ -208,7 +213,7 @@ DIALECTS = {
             lambda w: f"MOVL C00001 V=10.0 {w}",
         ),
         ("MOVJ", "MOVL"),
-        tuple(f"{w} B001 1" for w in sorted(programs_reviewed.JBI) if w != "END"),
+        tuple(f"{w} B001 1" for w in sorted(yaskawa_words.JBI) if w != "END"),
     ),
     "val3": Dialect(
         VAL3,
@@ -218,7 +223,7 @@ DIALECTS = {
             lambda w: f"call {w.lower()}()",
         ),
         ("movej", "movel"),
-        (*(f"{w}()" for w in sorted(programs_reviewed.VAL3)), "n=3", "n[0]=n+1"),
+        (*(f"{w}()" for w in sorted(staubli_words.VAL3)), "n=3", "n[0]=n+1"),
     ),
 }
 NOT_UNKNOWN = {"urscript": 1}  # forms that assign

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli.effects_notice import warn_of_effect_code
+from machopt.cli.option_values import parse_floats
 from machopt.cli.progress_display import print_result
 from machopt.cli.reading_options import build_reading_parser, convert_reading_options
 from machopt.cli.shared_options import add_shared_option
-from machopt.cli.stiffness_commands import _parse_floats
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -74,13 +74,13 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     tool.add_argument(
         "--tcp-mm",
-        type=_parse_floats,
+        type=parse_floats,
         metavar="X,Y,Z",
         help="position of the TCP in the flange link, instead of a length",
     )
     tool.add_argument(
         "--tcp-rpy-deg",
-        type=_parse_floats,
+        type=parse_floats,
         metavar="R,P,Y",
         help="orientation of the tool in the flange link (default: z along the flange axis)",
     )
@@ -101,13 +101,13 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     part.add_argument(
         "--workpiece-mm",
-        type=_parse_floats,
+        type=parse_floats,
         metavar="X,Y,Z",
         help="position of the CAM frame in world (default: within reach)",
     )
     part.add_argument(
         "--workpiece-rpy-deg",
-        type=_parse_floats,
+        type=parse_floats,
         metavar="R,P,Y",
         help="orientation of the CAM frame in world (default: 0, or as the reach demands)",
     )
@@ -121,7 +121,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     arm.add_argument(
         "--velocity-deg-s",
-        type=_parse_floats,
+        type=parse_floats,
         metavar="V1,…,V6",
         help="largest joint velocities (default: those of the URDF)",
     )

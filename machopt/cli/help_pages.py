@@ -81,7 +81,7 @@ PAGES: dict[str, HelpPage] = {
             ("the recording", ("--accept", "--keep-outliers")),
             OUTPUT,
         ),
-        "machopt identify cells/cutting_cobot cells/cutting_cobot/recordings/jiao2022_table3 -o out/identified",
+        "machopt identify cells/cutting_cobot cells/cutting_cobot/recordings/tian2025_table2 -o out/identified",
     ),
     "diagnose": HelpPage(
         (

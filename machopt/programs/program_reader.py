@@ -5,78 +5,21 @@ They share no code with the writers in :mod:`machopt.programs.program_writer`.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from importlib import import_module
+from dataclasses import replace
 from pathlib import Path
 
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import FileFormatError
 from machopt.file_formats.source_file import ReadOptions, SourceFile, decode_source, read_bytes
+from machopt.programs.maker_contract import ProgramLanguage
+from machopt.programs.maker_registry import list_languages
 from machopt.programs.program_to_toolpath import ProgramRobot, convert_to_toolpath
 from machopt.programs.reading.parsed_program import ParsedProgram
 
 __all__ = ["ParsedProgram", "ProgramRobot", "is_program", "is_program_file", "read_program", "read_program_as_toolpath"]
 
 _HEAD_LINES = 400
-
-
-def _compile_pattern(pattern: str) -> re.Pattern[str]:
-    return re.compile(pattern, re.MULTILINE)
-
-
-@dataclass(frozen=True)
-class _ProgramLanguage:
-    """A language, how it is known, and its reader, which alone is loaded."""
-
-    name: str
-    known_by: re.Pattern[str]
-    module: str  # the maker's package below machopt.programs
-    function: str
-
-    def read(self, source: SourceFile, options: ReadOptions, pulses_per_deg: Sequence[float] | None) -> ParsedProgram:
-        reader = getattr(import_module(f"machopt.programs.{self.module}.reader"), self.function)
-        pulses = () if self.module != "yaskawa" or pulses_per_deg is None else (tuple(pulses_per_deg),)
-        parsed: ParsedProgram = reader(source, options.arc_tolerance, options.strict, *pulses)
-        return parsed
-
-
-_READERS = (  # the first that fits: VAL3 holds movej( and movel( as URScript does
-    _ProgramLanguage("Staubli VAL3", _compile_pattern(r"staubli\.com/robotics/VAL3"), "staubli", "read_val3"),
-    _ProgramLanguage(
-        "URScript",
-        _compile_pattern(r"^\s*(?:def|thread)\s+\w+\(.*\)\s*:|^\s*(?:movej|movel|movep|servoj)\("),
-        "universal_robots",
-        "read_urscript",
-    ),
-    _ProgramLanguage(
-        "KUKA KRL",
-        _compile_pattern(r"(?i)^\s*(?:&ACCESS|(?:GLOBAL\s+)?DEF\s+\w+\s*\(|DEFDAT\s+\w+)"),
-        "kuka",
-        "read_krl",
-    ),
-    _ProgramLanguage(
-        "ABB RAPID",
-        _compile_pattern(r"(?i)^\s*(?:%%%|MODULE\s+\w+|(?:LOCAL\s+)?PROC\s+\w+\s*\()"),
-        "abb",
-        "read_rapid",
-    ),
-    _ProgramLanguage("FANUC", _compile_pattern(r"^\s*/PROG\b"), "fanuc", "read_fanuc"),
-    _ProgramLanguage("Yaskawa", _compile_pattern(r"^\s*/JOB\b"), "yaskawa", "read_jbi"),
-    _ProgramLanguage(
-        "program table",
-        _compile_pattern(r"^# machopt_program\b|^item,.*\bq1_deg\b"),
-        "generic_tables",
-        "read_csv_program",
-    ),
-    _ProgramLanguage(
-        "program JSON", _compile_pattern(r'\A\s*\{\s*"machopt_program"'), "generic_tables", "read_json_program"
-    ),
-    _ProgramLanguage(
-        "ROS JointTrajectory", _compile_pattern(r'^"?joint_names"?\s*:|^\s*\{.*"joint_names"\s*:'), "ros", "read_ros"
-    ),
-)
 
 
 def is_program(source: SourceFile) -> bool:
@@ -115,11 +58,13 @@ def read_program(
     """
     options = options or ReadOptions()
     source = _read_source(Path(path))
-    reader = _select_language(source)
-    if reader is None:
-        known = ", ".join(language.name for language in _READERS)
+    language = _select_language(source)
+    if language is None:
+        known = ", ".join(language.name for language in list_languages())
         raise source.build_error(f"is not recognised as a robot program; readable are {known}")
-    return reader.read(source, options, pulses_per_deg)
+    pulses = (tuple(pulses_per_deg),) if language.reads_pulses and pulses_per_deg is not None else ()
+    parsed: ParsedProgram = language.load(language.reader)(source, options.arc_tolerance, options.strict, *pulses)
+    return parsed
 
 
 def read_program_as_toolpath(
@@ -150,6 +95,6 @@ def _read_source(path: Path) -> SourceFile:
     return decode_source(path, data)
 
 
-def _select_language(source: SourceFile) -> _ProgramLanguage | None:
+def _select_language(source: SourceFile) -> ProgramLanguage | None:
     head = "\n".join(source.lines[:_HEAD_LINES])
-    return next((language for language in _READERS if language.known_by.search(head)), None)
+    return next((language for language in list_languages() if language.known_by.search(head)), None)

@@ -14,11 +14,11 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.file_formats.source_file import TOOL_AXES, ReadOptions, SourceFile
 from machopt.numerics.array_types import Array
 from machopt.path_building.point_collector import PathBuilder
+from machopt.programs.maker_registry import find_language
 from machopt.programs.reading.joint_conversion import compute_urdf_joints
 from machopt.programs.reading.parsed_program import LINEAR, ParsedProgram
 from machopt.programs.reading.rotation_conventions import invert_pose
 
-URDF_JOINTS = ("csv", "json", "ros")  # dialects whose angles no joint map touches
 SAME_PLACE = 1e-4  # m; frames farther apart are reported
 
 
@@ -42,13 +42,14 @@ class ProgramRobot:
             Poses (M, 4, 4) in base_link, m.
         """
         c, axes = self.controller, program.axes_deg[rows]
-        m = None if program.dialect in URDF_JOINTS else c.joint_map
+        own = find_language(program.dialect).uses_urdf_joints
+        m = None if own else c.joint_map
         q = np.radians(axes) if m is None else compute_urdf_joints(axes, m.sign, m.offset_deg, m.coupling)
         T = np.empty((len(rows), 4, 4))
         for number in np.unique(program.tool[rows]).tolist():
             mine = program.tool[rows] == number
             tool = program.tools[number].T
-            if tool is not None and c.T_flange_mount is not None and program.dialect not in URDF_JOINTS:
+            if tool is not None and c.T_flange_mount is not None and not own:
                 tool = c.T_flange_mount @ tool
             T[mine] = self.fk(q[mine], self.T_flange_tcp if tool is None else tool)
         return T
@@ -64,7 +65,7 @@ class ProgramRobot:
             Frame (4, 4) in base_link, m.
         """
         root = self.controller.T_base_root
-        return T_root_frame if root is None or dialect in URDF_JOINTS else root @ T_root_frame
+        return T_root_frame if root is None or find_language(dialect).uses_urdf_joints else root @ T_root_frame
 
 
 def convert_to_toolpath(
@@ -216,7 +217,7 @@ def _describe_missing_cut(program: ParsedProgram, known: NDArray[np.bool_], robo
     linear = int((program.move == MoveKind.CUT).sum())
     if not linear:
         return f"holds {len(program)} joint moves and no linear one: there is no path to plan anew"
-    if np.isnan(program.axes_deg).all() and program.dialect == "jbi":
+    if np.isnan(program.axes_deg).all() and find_language(program.dialect).reads_pulses:
         return (
             f"holds {linear} linear moves to positions in encoder pulses; a cell with controller.pulses_per_deg would "
             "tell their angles"

@@ -17,13 +17,7 @@ from anyascii import anyascii
 
 from machopt.data_types.robot_program import RobotController, RobotProgram
 from machopt.errors import InputError, PostError, suggest_nearest_word
-from machopt.programs.abb import post as abb_post
-from machopt.programs.fanuc import post as post_module
-from machopt.programs.generic_tables import post as generic_tables_post
-from machopt.programs.kuka import post as kuka_post
-from machopt.programs.ros import post as ros_post
-from machopt.programs.staubli import post as staubli_post
-from machopt.programs.universal_robots import post as universal_robots_post
+from machopt.programs.maker_registry import list_template_languages
 from machopt.programs.writing.blend_zones import BlendZones
 from machopt.programs.writing.external_axes import list_external_assumptions
 from machopt.programs.writing.feed_model import FeedModelResult, compute_program_feed
@@ -45,7 +39,6 @@ from machopt.programs.writing.template_fields import (
     list_common_notes,
 )
 from machopt.programs.writing.text_comparison import mark_coordinates
-from machopt.programs.yaskawa import post as yaskawa_post
 
 __all__ = [
     "FeedModelResult",
@@ -60,18 +53,6 @@ __all__ = [
     "render_expected_text",
     "write_program",
 ]
-
-MAKER_RULES = {
-    "krl": kuka_post.DIALECT,
-    "rapid": abb_post.DIALECT,
-    "fanuc": post_module.DIALECT,
-    "urscript": universal_robots_post.DIALECT,
-    "val3": staubli_post.DIALECT,
-    "jbi": yaskawa_post.DIALECT,
-    "table": generic_tables_post.DIALECT,
-    "ros": ros_post.DIALECT,
-}
-
 
 SILENT = {
     "spindle_on": "starts no spindle",
@@ -121,9 +102,10 @@ def write_program(
             f"{name!r} is no program name for {keys.title}: {keys.name.pattern}, {keys.name.length} characters at most",
             where="name",
         )
-    if keys.dialect not in MAKER_RULES:
+    if keys.dialect not in list_template_languages():
         raise PostError(
-            f"no dialect is named {keys.dialect!r}; {suggest_nearest_word(keys.dialect, list(MAKER_RULES))}",
+            f"no dialect is named {keys.dialect!r}; "
+            f"{suggest_nearest_word(keys.dialect, list(list_template_languages()))}",
             file=loaded.origin,
             where="dialect",
         )
@@ -132,7 +114,7 @@ def write_program(
     except InputError as problem:
         named = problem.file is not None or isinstance(problem, MissingControllerKeyError)
         why = (
-            MAKER_RULES[keys.dialect].absent.get(problem.name) if isinstance(problem, MissingFieldValueError) else None
+            _load_rules(keys.dialect).absent.get(problem.name) if isinstance(problem, MissingFieldValueError) else None
         )
         raise PostError(
             why or problem.reason, file=problem.file if named else loaded.origin, where=problem.where
@@ -216,7 +198,7 @@ def estimate_program_feed(
     loaded = load_post(post)
     if loaded.keys.samples:
         return None
-    dialect = MAKER_RULES[loaded.keys.dialect]
+    dialect = _load_rules(loaded.keys.dialect)
     job = PostJob.of(program, controller, compute_part_length(loaded, controller))
     passing = dialect.passing(job, loaded.list_used_fields)
     distance = passing.distance
@@ -239,7 +221,7 @@ def list_assumptions(program: RobotProgram, post: str | Path, controller: RobotC
     """
     loaded = load_post(post)
     job = PostJob.of(program, controller)
-    return tuple(_list_assumptions(job, loaded.list_used_fields, MAKER_RULES[loaded.keys.dialect]))
+    return tuple(_list_assumptions(job, loaded.list_used_fields, _load_rules(loaded.keys.dialect)))
 
 
 def _list_assumptions(job: PostJob, used: frozenset[str], dialect: MakerRules) -> list[str]:
@@ -263,7 +245,7 @@ def list_unstarted_events(
         One sentence each, with the key of the cell that would make it a line of the program.
     """
     loaded = post if isinstance(post, PostTemplate) else load_post(post)
-    lines = controller.lines if MAKER_RULES[loaded.keys.dialect].maker else {}
+    lines = controller.lines if _load_rules(loaded.keys.dialect).maker else {}
     own = {*lines, *(item for items in loaded.blocks.values() if "ptp" in items for item in items)}
     out: dict[str, str] = {}
     for event in program.events:
@@ -283,7 +265,7 @@ def _build_engine(
     said: Mapping[str, Sequence[object]] | None = None,
     zone: BlendZones | None = None,
 ) -> TemplateEngine:
-    dialect = MAKER_RULES[post.keys.dialect]
+    dialect = _load_rules(post.keys.dialect)
     if not dialect.coupled:
         program = replace(program, T_carrier_workpiece=None)
     if not dialect.maker:
@@ -304,3 +286,9 @@ def _build_engine(
     return TemplateEngine(
         post=post, job=job, name=name, columns=columns, values=values, notes=notes, own_lines=dialect.maker
     )
+
+
+def _load_rules(dialect: str) -> MakerRules:
+    language = list_template_languages()[dialect]
+    rules: MakerRules = language.load(language.rules)
+    return rules

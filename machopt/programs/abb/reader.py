@@ -9,6 +9,7 @@ import itertools
 import math
 
 from machopt.file_formats.source_file import SourceFile
+from machopt.programs.abb.harmless_words import RAPID
 from machopt.programs.abb.program_data import DEEPEST, ENDINGS, RapidData
 from machopt.programs.abb.rapid_syntax import (
     BLOCKS,
@@ -24,7 +25,6 @@ from machopt.programs.abb.rapid_syntax import (
 )
 from machopt.programs.abb.rapid_syntax import list_external_axes as externals
 from machopt.programs.reading.called_files import find_called_file
-from machopt.programs.reading.harmless_words import RAPID
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import build_pose_matrix, convert_quaternion

@@ -12,9 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from machopt.data_types.robot_program import LIN
-from machopt.errors import PostError
 from machopt.numerics.array_types import Array
+from machopt.programs.writing.coarse_feeds import SLOWEST, check_slowest_feed
 from machopt.programs.writing.feed_model import compute_line_acceleration
 from machopt.programs.writing.maker_rules import CornerPassing, MakerRules
 from machopt.programs.writing.orientation_angles import convert_to_abc_deg
@@ -22,7 +21,6 @@ from machopt.programs.writing.post_errors import MissingControllerKeyError
 from machopt.programs.writing.template_fields import PostJob
 
 PRINTED = 4
-SLOWEST = 1e-4  # m/s: speeds are printed in tenths of mm/s
 
 
 def compute_turn_number(axis_deg: Array) -> Array:
@@ -116,22 +114,6 @@ def _list_assumptions(job: PostJob, used: frozenset[str]) -> Sequence[str]:
     if c.joint_map is None or not np.any(c.joint_map.coupling[2]):
         out.append("J3 is not coupled to J2 in the cell's joint_map: right only where this robot counts it so")
     return out
-
-
-def check_slowest_feed(job: PostJob) -> None:
-    """Refuse a feed that would be printed as another value.
-
-    Args:
-        job: Program, controller, axis values and blend zones.
-
-    Raises:
-        PostError: a feed is below a tenth of a mm/s.
-    """
-    least = np.nanmin(job.program.feed) if (job.program.kind == LIN).any() else 1.0
-    if least < SLOWEST:
-        raise PostError(
-            f"a feed of {least * 6e4:.3g} mm/min cannot be written: the format has steps of 6 mm/min", where="post"
-        )
 
 
 def _format_frame(name: str, T: Array) -> str:

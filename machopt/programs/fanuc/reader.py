@@ -10,8 +10,9 @@ import numpy as np
 from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
 from machopt.programs.fanuc.file_sections import FanucFile, FanucPosition, split_sections
+from machopt.programs.fanuc.harmless_words import FANUC
 from machopt.programs.reading.called_files import find_called_file
-from machopt.programs.reading.harmless_words import FANUC, compile_beginning_pattern
+from machopt.programs.reading.harmless_words import compile_beginning_pattern
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import STANDING_TOOL, ProgramBuilder, parse_number
 from machopt.programs.reading.rotation_conventions import (

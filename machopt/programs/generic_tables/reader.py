@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
 
 from machopt.file_formats.csv_text_escaping import unescape_formula_text
 from machopt.file_formats.source_file import SourceFile
+from machopt.programs.reading.json_programs import parse_json_object
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import ProgramBuilder, parse_number
 from machopt.programs.reading.rotation_conventions import Rows, build_pose_matrix, convert_quaternion
@@ -114,32 +114,6 @@ def read_json_program(source: SourceFile, arc_tolerance: float, strict: bool = F
                 row |= {f"e{k}": t for k, t in enumerate(texts, 1)}
         _read_row(out, row, n + 1)
     return out.build()
-
-
-def parse_json_object(out: ProgramBuilder, source: SourceFile) -> Mapping[str, object]:
-    """Parse the file as one JSON object.
-
-    Args:
-        out: Program builder, for errors.
-        source: Lines of the file, with its path and the builder of its errors.
-
-    Returns:
-        The object.
-
-    Raises:
-        InputError: the file is no JSON object.
-    """
-    try:
-        value = json.loads("\n".join(source.lines), parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as problem:
-        raise out.error(f"is not JSON: {str(problem)[:120]}") from None
-    if not isinstance(value, dict):
-        raise out.error("is JSON, but no object")
-    return value
-
-
-def _refuse_constant(word: str) -> float:
-    raise ValueError(f"{word} is no JSON number")
 
 
 def _read_row(out: ProgramBuilder, row: Mapping[str, str], line: int) -> None:

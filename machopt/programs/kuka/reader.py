@@ -16,11 +16,11 @@ from machopt.programs.kuka.expression_values import (
     try_evaluate,
 )
 from machopt.programs.kuka.file_routines import OPENS, KrlLine, KrlRoutine, get_first_word, read_krl_module
+from machopt.programs.kuka.harmless_words import KRL_CALLS, KRL_STATEMENTS, KRL_VARIABLES
 from machopt.programs.kuka.move_statements import KrlMoves
 from machopt.programs.kuka.move_targets import POSE, build_pose
 from machopt.programs.kuka.statement_patterns import MOVE, SWITCHES, TYPES, WITHOUT_EFFECT, is_harmless_statement
 from machopt.programs.reading.called_files import find_called_file, find_sibling_files, try_read_source
-from machopt.programs.reading.harmless_words import KRL_CALLS, KRL_STATEMENTS, KRL_VARIABLES
 from machopt.programs.reading.parsed_program import ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import MOST_MOVES, STANDING_TOOL, ProgramBuilder
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from machopt.programs.kuka.file_routines import OPENS, get_first_word
-from machopt.programs.reading.harmless_words import KRL_STATEMENTS
+from machopt.programs.kuka.harmless_words import KRL_STATEMENTS
 
 MOVE = re.compile(r"((?:S?(?:PTP|LIN|CIRC)|SPL)(?:_REL)?)\s*(?=[\s{])(.*)", re.IGNORECASE)
 WITHOUT_EFFECT = re.compile(

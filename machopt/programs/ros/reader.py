@@ -10,8 +10,8 @@ from collections.abc import Mapping
 
 from machopt.errors import FileFormatError
 from machopt.file_formats.source_file import SourceFile
-from machopt.programs.generic_tables.reader import parse_json_object
 from machopt.programs.reading.called_files import try_read_source
+from machopt.programs.reading.json_programs import parse_json_object
 from machopt.programs.reading.parsed_program import ParsedProgram
 from machopt.programs.reading.program_builder import ProgramBuilder
 

@@ -14,10 +14,10 @@ from machopt.errors import FileFormatError
 from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
 from machopt.programs.reading.called_files import find_sibling_files, try_read_source
-from machopt.programs.reading.harmless_words import VAL3, VAL3_TYPES
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import ProgramBuilder, parse_number
 from machopt.programs.reading.rotation_conventions import build_pose_matrix, compute_moving_xyz_rotation
+from machopt.programs.staubli.harmless_words import VAL3, VAL3_TYPES
 
 _ITEM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\[\s*(\d+)\s*\])?\s*")
 _CALL = re.compile(r"(?:\w+\s*=\s*)?(?:call\s+)?([A-Za-z_]\w*)\s*\((.*)\)")

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from machopt.file_formats.source_file import SourceFile
-from machopt.programs.reading.harmless_words import URSCRIPT
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import build_pose_matrix
@@ -20,6 +19,7 @@ from machopt.programs.universal_robots.expression_values import (
     evaluate_expression,
     parse_arguments,
 )
+from machopt.programs.universal_robots.harmless_words import URSCRIPT
 
 _DEF = re.compile(r"(def|thread)\s+(\w+)\s*\((.*)\)\s*:")
 _ASSIGN = re.compile(r"(?:global\s+|local\s+)?([A-Za-z_]\w*)\s*=(?!=)\s*(.+)")

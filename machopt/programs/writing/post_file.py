@@ -7,7 +7,6 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import Literal
 
@@ -17,9 +16,9 @@ from machopt.data_types.robot_program import EVENT_LINES
 from machopt.errors import InputError, PostError, suggest_nearest_word
 from machopt.file_formats.file_reading import TEMPLATE, read_text
 from machopt.file_formats.strict_yaml import StrictSchema, YamlDocument, validate_document
+from machopt.programs.maker_registry import list_templates
 from machopt.programs.writing.template_language import TextTemplate, compile_template
 
-_TEMPLATES = "machopt.programs"
 ALIASES = {"ros": "ros_yaml"}
 ITEMS = (
     "call",
@@ -112,8 +111,7 @@ class PostTemplate:
 
 def list_post_names() -> tuple[str, ...]:
     """The posts that come with machopt."""
-    folder = resources.files(_TEMPLATES) / "templates"
-    return tuple(sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml")))
+    return tuple(list_templates())
 
 
 def read_post_text(name: str) -> str:
@@ -133,7 +131,7 @@ def read_post_text(name: str) -> str:
         raise PostError(
             f"no post is named {name!r}; {suggest_nearest_word(name, [*list_post_names(), *ALIASES])}", where="post"
         )
-    return (resources.files(_TEMPLATES) / "templates" / f"{name}.toml").read_text(encoding="utf-8")
+    return list_templates()[name].read_text(encoding="utf-8")
 
 
 def load_post(post: str | Path) -> PostTemplate:

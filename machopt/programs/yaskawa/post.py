@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.programs.fanuc.post import check_slowest_feed
+from machopt.programs.writing.coarse_feeds import check_slowest_feed
 from machopt.programs.writing.external_axes import build_external_fields
 from machopt.programs.writing.maker_rules import CornerPassing, MakerRules
 from machopt.programs.writing.post_errors import MissingControllerKeyError

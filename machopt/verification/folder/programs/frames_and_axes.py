@@ -8,8 +8,8 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.robot_program import ExternalAxisMap, RobotController
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
+from machopt.programs.maker_registry import find_language
 from machopt.programs.program_reader import ParsedProgram
-from machopt.programs.program_to_toolpath import URDF_JOINTS
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.tables.exported_tables import ExportedMotion
 
@@ -44,10 +44,6 @@ def compute_toolpath_index(motion: ExportedMotion, at: Array, toolpath: Toolpath
     return np.where(np.isfinite(at), value, np.nan)
 
 
-COUPLED_FRAME_FORMATS = ("krl", "rapid", "fanuc", "jbi")  # the controller moves base frames with rail and positioner
-VISIBLE_COUPLING_FORMATS = ("krl", "rapid")  # of these, programs that show it
-
-
 def convert_external_joints(
     parsed: ParsedProgram, cell: Cell, arm: UrdfKinematics, controller: RobotController
 ) -> tuple[Array, int]:
@@ -67,23 +63,23 @@ def convert_external_joints(
     ]
     drives = [controller.external.get(name, ExternalAxisMap()) for name in cell.external_joints]
     numbers = [drive.number or k for k, drive in enumerate(drives, start=1)]
-    own = parsed.dialect in URDF_JOINTS
+    language = find_language(parsed.dialect)
     order = sorted(range(len(numbers)), key=numbers.__getitem__)
-    if parsed.dialect in ("krl", "rapid"):
+    if language.external_order == "number":
         place = {k: numbers[k] - 1 for k in order}
-    elif own:
+    elif language.external_order == "cell":
         place = {k: k for k in order}
     else:  # the group that carries the robot, then the one that carries the part
         groups = [k for k in order if not rides[k]] + [k for k in order if rides[k]]
-        place = {k: n for n, k in enumerate(order if parsed.dialect == "val3" else groups)}
+        place = {k: n for n, k in enumerate(order if language.external_order == "ascending" else groups)}
     out = np.full((len(parsed), len(numbers)), np.nan)
     for k, column in place.items():
         if column >= parsed.external.shape[1]:
             continue
         values, scale = parsed.external[:, column], 1e-3 if cell.external_prismatic[k] else np.pi / 180.0
-        if parsed.dialect == "ros":
+        if language.external_in_si:
             scale = 1.0
-        if not own:
+        if not language.uses_urdf_joints:
             pulsed = np.array([_is_in_pulses(words.get("external"), column) for words in parsed.configuration])
             values = np.where(pulsed, values / (drives[k].pulses or np.nan), values)
             values = (values - drives[k].offset) * drives[k].sign
@@ -111,14 +107,16 @@ def compute_workpiece_frame(
         controller: The robot controller.
         external: (E,) positions of the external joints, rad or m.
     """
-    own = parsed.dialect in URDF_JOINTS  # of the URDF, whatever the cell says of its controller
-    if cell.external_joints and parsed.dialect in COUPLED_FRAME_FORMATS:
+    language = find_language(parsed.dialect)
+    if cell.external_joints and language.couples_frames:
         if arm.list_moving_joints(arm.workpiece_placement):
             return cell.workpiece.T_link_workpiece
         world = arm.compute_placements(np.zeros((1, 6)), external[None])[0, arm.workpiece_placement]
         return world if controller.T_world_root is None else np.asarray(np.linalg.inv(controller.T_world_root) @ world)
     T = arm.T_base_workpiece(external[None])[0]
-    return T if own or controller.T_base_root is None else np.asarray(np.linalg.inv(controller.T_base_root) @ T)
+    if language.uses_urdf_joints or controller.T_base_root is None:
+        return np.asarray(T)
+    return np.asarray(np.linalg.inv(controller.T_base_root) @ T)
 
 
 def find_wrong_frames(
@@ -133,10 +131,10 @@ def find_wrong_frames(
         T_flange_tcp: (4, 4) pose of the TCP in the flange.
         rides: A positioner carries the workpiece.
     """
-    own = parsed.dialect in URDF_JOINTS
-    mount = np.eye(4) if own or controller.T_flange_mount is None else controller.T_flange_mount
+    language = find_language(parsed.dialect)
+    mount = np.eye(4) if language.uses_urdf_joints or controller.T_flange_mount is None else controller.T_flange_mount
     pose, wrong = parsed.has_pose, []
-    for k in np.unique(parsed.base[pose]) if parsed.dialect in VISIBLE_COUPLING_FORMATS else ():
+    for k in np.unique(parsed.base[pose]) if language.shows_coupling else ():
         frame = parsed.bases[k]
         if bool(frame.rides_on) != rides:
             state = f"moves with {frame.rides_on}" if frame.rides_on else "stands still"

@@ -27,14 +27,14 @@ from machopt.kinematics.controller_posture import compute_controller_posture
 from machopt.kinematics.inverse.solver import refine_by_newton
 from machopt.kinematics.robot import Robot, load_robot
 from machopt.numerics.array_types import Array
+from machopt.programs.checking.configuration_check import find_first_difference
+from machopt.programs.checking.printed_precision import compute_target_step
+from machopt.programs.maker_registry import find_language, load_checks
 from machopt.programs.program_reader import ParsedProgram, is_program_file, read_program
-from machopt.programs.program_to_toolpath import URDF_JOINTS
-from machopt.programs.reading.configuration_check import find_first_difference
 from machopt.programs.reading.joint_conversion import compute_urdf_joints
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.verification.checks import CheckName, VerificationCheck, VerificationInformation, build_file_check
 from machopt.verification.folder.programs.frames_and_axes import (
-    COUPLED_FRAME_FORMATS,
     compute_toolpath_index,
     compute_workpiece_frame,
     convert_external_joints,
@@ -42,7 +42,6 @@ from machopt.verification.folder.programs.frames_and_axes import (
     find_wrong_frames,
 )
 from machopt.verification.folder.programs.post_lookup import select_controller
-from machopt.verification.folder.programs.printed_precision import compute_target_step
 from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
 from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
 from machopt.verification.motion.checks.compensation_shift import compute_commanded_corners
@@ -57,7 +56,6 @@ from machopt.verification.tables.exported_tables import ExportedMotion, read_com
 
 ENCODER_TOLERANCE_PULSES = 3.0  # of an encoder: joints may be off by that much, by rounding and by coupling
 REACH_M = 5.0  # m: what a joint's last digit is worth there
-COARSE_SPEED_STEP = 5.1e-5  # m/s: FANUC and Yaskawa print tenths of mm/s
 JOINT_TOLERANCE_RAD = 1e-8  # rad: places ten metres away by a tenth of a micrometre
 FRAME_TOLERANCE = 1e-6  # m, and of a rotation's entries: both are printed to nine decimals of a degree
 BLOCK_ROWS = 20_000  # targets worked out at once
@@ -281,7 +279,7 @@ class _ComparisonContext:
     def _convert_to_cell_frames(self, name: str, parsed: ParsedProgram, controller: RobotController) -> ProgramInCell:
         """Joints of the URDF; poses of joint targets by forward kinematics."""
         m = controller.joint_map
-        mapped = m is not None and parsed.dialect not in URDF_JOINTS
+        mapped = m is not None and not find_language(parsed.dialect).uses_urdf_joints
         axes = parsed.axes_deg
         q = (
             compute_urdf_joints(axes, m.sign, m.offset_deg, m.coupling)
@@ -302,7 +300,7 @@ class _ComparisonContext:
         pulses = controller.pulses_per_deg
         coarse = (
             float(np.radians(ENCODER_TOLERANCE_PULSES / np.abs(pulses).min()))
-            if pulses is not None and parsed.dialect == "jbi"
+            if pulses is not None and find_language(parsed.dialect).reads_pulses
             else 0.0
         )
         steps = np.array([float(c["step_s"]) if "step_s" in c else np.nan for c in parsed.configuration])  # type: ignore[arg-type]
@@ -326,7 +324,7 @@ class _ComparisonContext:
             line=parsed.line,
             time=time,
             is_streamed=streamed,
-            feed_step=COARSE_SPEED_STEP if parsed.dialect in ("fanuc", "jbi") else 1e-6,
+            feed_step=find_language(parsed.dialect).feed_step,
             place_step=self.tolerance.position if streamed else coarse * REACH_M,
             joint_step=coarse * 6.0,
             target_step=0.0 if streamed else compute_target_step(parsed, REACH_M),
@@ -337,7 +335,7 @@ class _ComparisonContext:
     ) -> list[VerificationCheck]:
         """Check frames, configuration and unknown words."""
         given = compute_workpiece_frame(parsed, self.cell, self.arm, controller, self.motion.external[0])
-        coupled = parsed.dialect in COUPLED_FRAME_FORMATS and bool(
+        coupled = find_language(parsed.dialect).couples_frames and bool(
             self.arm.list_moving_joints(self.arm.workpiece_placement)
         )
         wrong = find_wrong_frames(parsed, controller, given, self.cell.tool.T_flange_tcp, rides=coupled)
@@ -354,7 +352,7 @@ class _ComparisonContext:
         )
         standing = compute_controller_posture(robot, q, controller)
         told, first = find_first_difference(
-            parsed.dialect,
+            load_checks(parsed.dialect),
             parsed.configuration,
             convert_to_controller_axes(q, controller),
             standing,

@@ -17,6 +17,7 @@ from machopt.errors import InputError
 from machopt.kinematics.controller_posture import compute_controller_posture
 from machopt.kinematics.robot import load_robot
 from machopt.numerics.array_types import Array
+from machopt.programs.maker_registry import find_language, load_checks
 from machopt.programs.program_reader import ParsedProgram
 from machopt.programs.program_writer import load_post, render_expected_text
 from machopt.programs.writing.blend_zones import compute_blend_zones
@@ -79,14 +80,14 @@ class RewrittenProgram:
             )
         )
         blend = np.where(np.isfinite(parsed.blend), parsed.blend, law.distance)
-        columns = _list_printed_columns(parsed)
+        columns = load_checks(parsed.dialect).copy_printed_columns(parsed.configuration)
         try:
             texts = render_expected_text(
                 Path(name).stem, program, post, controller, said=columns, zone=replace(law, distance=blend)
             )
         except InputError as problem:
             return [*checks, build_failed_program_check(name, "wording", str(problem.reason))]
-        folder = Path(name).parent if parsed.dialect != "val3" else Path(name).parent.parent
+        folder = Path(name).parents[find_language(parsed.dialect).parent_levels]
         wanted = {(folder / f).as_posix(): text for f, text in texts.items()}
         if set(wanted) != set(files):
             odd = sorted(set(wanted) ^ set(files))
@@ -179,18 +180,3 @@ def build_failed_program_check(file: str, what: str, text: str) -> VerificationC
         text: What is wrong.
     """
     return build_file_check(file, what, False, float("nan"), 0.0, "", text)
-
-
-def _list_printed_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:
-    """Return columns as the program has them whose last digit depends on rounding; their law is checked separately."""
-    words = parsed.configuration
-    if parsed.dialect == "fanuc":
-        cnt = [int(w.get("cnt", 0)) for w in words]  # type: ignore[call-overload]
-        return {"cnt": cnt, "continuous": [n > 0 for n in cnt]}
-    if parsed.dialect == "jbi":
-        rconf = [w.get("rconf") for w in words]
-        return {
-            "pl": [int(w.get("pl", 0)) for w in words],  # type: ignore[call-overload]
-            "rconf": [",".join(map(str, r)) if isinstance(r, tuple) else "" for r in rconf],
-        }
-    return {}

@@ -1,0 +1,1 @@
+"""Words of a program that are recomputed from its motion, to check them; used by the verification alone."""

@@ -1,0 +1,19 @@
+"""Checks of KUKA programs: S and T of targets."""
+
+from __future__ import annotations
+
+from machopt.programs.checking.program_checks import ArmPosture, ProgramChecks, Words
+
+
+def _compare_words(said: Words, posture: ArmPosture) -> list[bool]:
+    out: list[bool] = []
+    turn, status = said.get("T"), said.get("S")
+    if isinstance(turn, int):
+        out += [bool(turn >> k & 1) in posture.is_negative[k] for k in range(6)]
+    if isinstance(status, int) and posture.wrist_behind is not None:
+        out += [bool(status & 1) == posture.wrist_behind, bool(status & 2) == posture.elbow_up]
+        out.append(bool(status & 4) in posture.is_negative[4])
+    return out
+
+
+CHECKS = ProgramChecks(compare_words=_compare_words)

@@ -1,0 +1,20 @@
+"""Checks of Stäubli programs: configuration words of points."""
+
+from __future__ import annotations
+
+from machopt.programs.checking.program_checks import ArmPosture, ProgramChecks, Words
+
+
+def _compare_words(said: Words, posture: ArmPosture) -> list[bool]:
+    if "wrist" not in said:
+        return []
+    out = [
+        (said["wrist"] == "wnegative") in posture.is_negative[4],
+        (said.get("elbow") == "enegative") in posture.is_negative[2],
+    ]
+    if posture.wrist_behind is not None:
+        out.append(said.get("shoulder") == ("righty" if posture.wrist_behind else "lefty"))
+    return out
+
+
+CHECKS = ProgramChecks(compare_words=_compare_words)
