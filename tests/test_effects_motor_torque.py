@@ -106,7 +106,7 @@ def test_a_wrong_gain_is_named_at_its_joint(tmp_path: Path, share: float) -> Non
     tau[:, 1] *= 1.0 + share
     found = diagnosed(recorded(t, q, v, tau + 1.0 * rng.normal(size=q.shape)), cell, "torque")[0]
     assert [(f.effect, f.location) for f in found.findings] == [("units", "column:tau2_Nm")]
-    low, high = found.findings[0].parameters["too_much"].ci95
+    low, high = found.findings[0].parameters["gain"].ci95
     assert low < 100.0 * share < high
 
 

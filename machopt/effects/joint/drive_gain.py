@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from machopt.effects.protocol import LawParameter, MotorLoading, Quantity, Shape
 from machopt.numerics.array_types import Array
 
@@ -50,12 +48,9 @@ class DriveGainError:
             seen: Torque, speed and acceleration of the joint in K samples.
 
         Returns:
-            ``gain`` (absolute) and ``too_much`` (signed), both in %.
+            ``gain`` in %, positive where the drive reads too much.
         """
-        return {
-            "gain": Quantity(100.0 * float(np.abs(values[0])), "%"),
-            "too_much": Quantity(100.0 * float(values[0]), "%"),
-        }
+        return {"gain": Quantity(100.0 * float(values[0]), "%")}
 
     def grid(self) -> tuple[Shape, ...]:
         return ((),)

@@ -142,7 +142,7 @@ class KinematicCoupling(JointAngleLawDefaults):
         return np.asarray(of, float)[..., None]
 
     def compute_max_slope(self, values: Array, shape: Array) -> float:
-        """Return the magnitude of the coupling ratio.
+        """Return the coupling ratio with its sign.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
@@ -175,7 +175,7 @@ class KinematicCoupling(JointAngleLawDefaults):
         Returns:
             ``ratio`` in rad/rad.
         """
-        return {"ratio": Quantity(abs(float(values[0])), "rad/rad")}
+        return {"ratio": Quantity(float(values[0]), "rad/rad")}
 
 
 @dataclass(frozen=True)

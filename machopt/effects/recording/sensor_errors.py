@@ -93,7 +93,7 @@ class ForceAxisGain(_SensorErrorDefaults):
         return np.concatenate([part, np.zeros_like(part)], axis=1)[:, :, None]
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        """Return the gain error and the axis.
+        """Return the gain error with its sign, and the axis: positive where the sensor reads too much.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
@@ -103,7 +103,7 @@ class ForceAxisGain(_SensorErrorDefaults):
             ``gain`` in % and ``axis`` (1 to 3).
         """
         x = float(values[0])
-        gain = abs(x / (1.0 - x)) if x < 0.9 else 9.0  # |g| of f_recorded = (1 + g) f
+        gain = x / (1.0 - x) if x < 0.9 else 9.0  # g of f_recorded = (1 + g) f
         return {"gain": Quantity(100.0 * gain, "%"), "axis": Quantity(float(shape[0]) + 1.0, "")}
 
     def grid(self) -> tuple[Shape, ...]:
@@ -136,17 +136,22 @@ class ForceAxisNonlinearity(_SensorErrorDefaults):
         return np.concatenate([part, np.zeros_like(part)], axis=1)[:, :, None]
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        """Return the growth of the gain error with the load, and the axis.
+        """Return the growth of the gain error with the load, with its sign, and the axis.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (2,) sensor axis (0, 1 or 2), and the symmetry flag.
 
         Returns:
-            ``gain_growth`` in %/kN and ``axis`` (1 to 3).
+            ``gain_growth`` in %/kN, ``axis`` (1 to 3), and ``alike`` (1 where both signs of the force have the same
+            error).
         """
-        gain = 1e5 * abs(float(values[0]))  # % a kN, to first order
-        return {"gain_growth": Quantity(gain, "%/kN"), "axis": Quantity(float(shape[0]) + 1.0, "")}
+        gain = 1e5 * float(values[0])  # % a kN, to first order
+        return {
+            "gain_growth": Quantity(gain, "%/kN"),
+            "axis": Quantity(float(shape[0]) + 1.0, ""),
+            "alike": Quantity(float(shape[1]), ""),
+        }
 
     def grid(self) -> tuple[Shape, ...]:
         return tuple((axis, alike) for alike in (0.0, 1.0) for axis in (0.0, 1.0, 2.0))
@@ -293,16 +298,19 @@ class LoadDirectionError(_SensorErrorDefaults):
         return np.concatenate([across, np.zeros_like(across)], axis=1)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        """Return the angle of the deviation.
+        """Return the angle of the deviation and its components along base_link.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
 
         Returns:
-            ``angle`` in deg.
+            Quantities in deg; the first one is the size of the effect.
         """
-        return {"angle": Quantity(float(np.degrees(np.linalg.norm(values))), "deg")}
+        return {
+            "angle": Quantity(float(np.degrees(np.linalg.norm(values))), "deg"),
+            **_describe_vector("askew", np.degrees(values), "deg"),
+        }
 
 
 @dataclass(frozen=True)
@@ -328,18 +336,20 @@ class TrackerFrameError(_SensorErrorDefaults):
         return compute_frame_motion_matrix(seen.position, seen.position.mean(axis=0))[:, : seen.displacement.shape[1]]
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        """Return the rotation and the translation of the frame.
+        """Return the rotation and the translation of the frame, with their components about and along base_link.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
 
         Returns:
-            ``angle`` in deg and ``shift`` in mm.
+            Quantities in deg and mm; the first one is the size of the effect.
         """
         return {
             "angle": Quantity(float(np.degrees(np.linalg.norm(values[3:]))), "deg"),
             "shift": Quantity(1e3 * float(np.linalg.norm(values[:3])), "mm"),
+            **_describe_vector("about", np.degrees(values[3:]), "deg"),
+            **_describe_vector("shift", 1e3 * values[:3], "mm"),
         }
 
 
