@@ -12,7 +12,7 @@ from machopt.process.stability.structural_modes import StructuralModes
 CRITICAL_AMPLIFICATION = 2.5  # below it a mode counts as well damped and needs no margin (API 617, 7th ed., 2.6.2.10)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ResonanceMeeting:
     """One excitation near one mode at one point."""
 
@@ -44,7 +44,16 @@ def find_resonances(modes: StructuralModes, spindle_rpm: float, teeth: int) -> l
         inside = _is_within_margin(ratio, zeta) & (f > 0.0)
         gain = _compute_amplification(ratio, zeta)
         for p, m in zip(*np.nonzero(inside), strict=True):
-            found.append(ResonanceMeeting(int(p), int(m), name, excitation, float(f[p, m]), float(gain[p, m])))
+            found.append(
+                ResonanceMeeting(
+                    point=int(p),
+                    mode=int(m),
+                    excitation=name,
+                    excitation_hz=excitation,
+                    mode_hz=float(f[p, m]),
+                    amplification=float(gain[p, m]),
+                )
+            )
     return sorted(found, key=lambda meeting: (meeting.point, meeting.mode, meeting.excitation_hz))
 
 
