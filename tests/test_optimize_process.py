@@ -1,4 +1,4 @@
-"""``machopt optimize`` with a process: forces, errors and outcomes in tables and result, verified and seen when damaged."""
+"""``machopt optimize`` with a process: forces, errors and outcomes in tables and result; damages are seen."""
 
 from __future__ import annotations
 

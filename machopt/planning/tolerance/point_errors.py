@@ -30,6 +30,7 @@ from machopt.planning.error_probability.targets import (
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.error_causes import compute_contributions, name_largest
+from machopt.planning.tolerance.feed_advice import FeedLimits, find_hole_feeds, find_surface_feeds
 from machopt.planning.tolerance.hole_errors import (
     ENTRY,
     EXIT,
@@ -68,6 +69,7 @@ class PointErrors:
     cause: tuple[str, ...]
     variance: Mapping[str, Array] = field(default_factory=dict)  # by stiffness, force, position: (N,) of the error
     unknown_because: Mapping[int, str] = field(default_factory=dict)  # toolpath point → what is missing
+    feed_max: Array  # (N,) m/s, largest feed that stays in tolerance; 0: none does; NaN: not known
 
     def count_outcomes(self) -> dict[str, int]:
         """Return how many points have each outcome."""
@@ -82,6 +84,7 @@ def compute_point_errors(
     chosen: ScoredAssignment | None = None,
     *,
     wall_force: Array,
+    with_feeds: bool = False,
 ) -> PointErrors:
     """Return errors and probabilities of an assignment.
 
@@ -91,9 +94,10 @@ def compute_point_errors(
         loads: The loads of its points.
         chosen: An assignment along its path; None: the choice of the plan.
         wall_force: (N,) N along axis × travel at the moment the wall is made, which bends the tool.
+        with_feeds: Find the largest feed of each point, too.
     """
     table = _ErrorTable(plan, toolpath, loads, plan.chosen if chosen is None else chosen)
-    table.wall_force = wall_force
+    table.wall_force, table.with_feeds = wall_force, with_feeds
     return table.build()
 
 
@@ -121,7 +125,7 @@ class _ErrorTable:
         self.outcome, self.cause = [""] * n, [""] * n
         self.variance = {name: np.full(n, np.nan) for name in ("stiffness", "force", "position")}
         self.why: dict[int, str] = {}
-        self.wall_force = np.zeros(n)
+        self.wall_force, self.feed_max, self.with_feeds = np.zeros(n), np.full(n, np.nan), False
 
     def build(self) -> PointErrors:
         cutter = self.plan.setup.cell.tool.cutter
@@ -142,6 +146,7 @@ class _ErrorTable:
             cause=tuple(self.cause),
             variance=self.variance,
             unknown_because=self.why,
+            feed_max=self.feed_max,
         )
 
     # --- holes ------------------------------------------------------------------------------------------------------
@@ -169,6 +174,13 @@ class _ErrorTable:
             self.p_in[row] = compute_hole_probability(model, h, full)
             self.outcome[row] = find_outcome(float(self.p_in[row]), self.process.quantile)
         self._add_hole_causes(model)
+        if self.with_feeds:
+            self._write_feeds(find_hole_feeds(self.plan, model, self.loads, draws))
+
+    def _write_feeds(self, found: FeedLimits) -> None:
+        """Write the feeds of points whose outcome is known."""
+        known = np.array([self.outcome[row] != "unknown" for row in found.rows], bool)
+        self.feed_max[found.rows[known]] = found.feed[known]
 
     def _write_hole(self, row: int, found: HoleDraws, columns: dict[str, Array]) -> None:
         columns["across"][row] = found.distance[0]
@@ -216,6 +228,8 @@ class _ErrorTable:
         words = name_largest(names, parts, model.columns[:, 0] + model.tool)
         for row, word in zip(surfaces.row.tolist(), words, strict=True):
             self.cause[row] = word
+        if self.with_feeds:
+            self._write_feeds(find_surface_feeds(self.plan, model, self.loads, self.spread, draws))
 
     def _add_surface_block(self, model: SurfaceErrorModel, some: slice, draws: UncertaintyDraws) -> None:
         rows = model.targets.row[some]

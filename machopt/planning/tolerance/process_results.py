@@ -39,8 +39,8 @@ def add_process_results(
     if process is None or loads is None:
         return points
     dynamics = compute_cutting_dynamics(plan, toolpath, loads)
-    found = compute_point_errors(plan, toolpath, loads, wall_force=dynamics.wall_force)
-    columns = _build_columns(toolpath, loads, found, dynamics)
+    found = compute_point_errors(plan, toolpath, loads, wall_force=dynamics.wall_force, with_feeds=True)
+    columns = _build_columns(loads, found, dynamics)
     summary = _summarise(process, plan, toolpath, loads, found, dynamics)
     return replace(points, table=replace(points.table, process=columns), process=(summary,))
 
@@ -63,10 +63,7 @@ def find_driven_feed(toolpath: Toolpath, timeline: MotionTimeline | None) -> Arr
     return np.where(np.isnan(toolpath.feed), np.nan, np.fmin(reached, toolpath.feed))
 
 
-def _build_columns(
-    toolpath: Toolpath, loads: PointLoads, found: PointErrors, dynamics: CuttingDynamics
-) -> ProcessColumns:
-    empty = np.full(len(toolpath), np.nan)
+def _build_columns(loads: PointLoads, found: PointErrors, dynamics: CuttingDynamics) -> ProcessColumns:
     return ProcessColumns(
         force=loads.force,
         moment=loads.moment,
@@ -86,7 +83,7 @@ def _build_columns(
         f1=dynamics.f1,
         depth_limit=dynamics.depth_limit,
         chatter=dynamics.chatter,
-        feed_max=empty,
+        feed_max=found.feed_max,
     )
 
 

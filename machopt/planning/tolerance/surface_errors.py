@@ -7,9 +7,11 @@ The error of one draw of stiffness, load and lost motion has the mean m over the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.data_types.process import CuttingProcess
 from machopt.numerics.array_types import Array
@@ -142,3 +144,21 @@ def compute_surface_probability(errors: Array, limit: Array, std: Array) -> Arra
 
     t, s = limit[:, None], np.maximum(std, 1e-12)[:, None]
     return np.asarray(np.mean(ndtr((t - errors) / s) - ndtr((-t - errors) / s), axis=1))
+
+
+def take_surface_targets(model: SurfaceErrorModel, rows: NDArray[np.intp]) -> SurfaceErrorModel:
+    """Return the error model of some of the points.
+
+    Args:
+        model: The error model.
+        rows: (n,) which of its points.
+    """
+    parts = {name: _take(getattr(model, name), rows) for name in ("targets", "poses", "scatter")}
+    arrays = {name: getattr(model, name)[rows] for name in ("normal", "twist", "columns", "tool", "offset", "local")}
+    return replace(model, **parts, **arrays)
+
+
+def _take(part: Any, rows: NDArray[np.intp]) -> Any:
+    """Return a dataclass of arrays with some of their rows."""
+    arrays = {f.name: getattr(part, f.name) for f in fields(part)}
+    return replace(part, **{name: a[rows] for name, a in arrays.items() if isinstance(a, np.ndarray)})

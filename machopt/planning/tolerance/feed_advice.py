@@ -1,0 +1,198 @@
+"""Largest feed at which each point with a tolerance still passes.
+
+The probability falls as the load grows. Of a hole the load is thrust and torque, which grow with the feed as
+f^(1 − mc) (the chisel edge with f): the largest thrust is found first, then its feed. Of a milled point the load is
+affine in the feed per tooth. A feed is searched within the chip thickness that the coefficients hold for; where they
+state none, up to ``WIDEST`` times the programmed feed. Zero: no feed suffices, because edge forces or the clamp alone
+are too much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.process import CuttingProcess, ProcessOperation
+from machopt.numerics.array_types import Array
+from machopt.planning.error_probability.draws import UncertaintyDraws
+from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.tolerance.error_columns import compute_twist_columns
+from machopt.planning.tolerance.hole_errors import HoleErrorModel, compute_hole_probability, draw_hole_errors
+from machopt.planning.tolerance.surface_errors import (
+    BLOCK,
+    SurfaceErrorModel,
+    compute_load_factors,
+    compute_surface_probability,
+    draw_surface_errors,
+    take_surface_targets,
+)
+from machopt.process.binding.cutting_tools import build_drilling_layers, build_drilling_tool, build_milling_cutter
+from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
+from machopt.process.drilling.feed_inversion import find_largest_feed
+from machopt.process.drilling.stroke_phases import build_drilling_stroke
+from machopt.process.milling.mean_force import compute_mean_load
+from machopt.process.milling.milling_cut import CutSide, MillingCut
+
+DRAWS = 512
+HALVINGS = 16
+WIDEST = 3.0  # times the programmed feed
+_SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
+
+
+@dataclass(frozen=True)
+class FeedLimits:
+    """Largest feeds."""
+
+    rows: NDArray[np.intp]  # (n,) toolpath points
+    feed: Array  # (n,) m/s; 0: no feed suffices
+
+
+def find_hole_feeds(plan: Plan, model: HoleErrorModel, loads: PointLoads, draws: UncertaintyDraws) -> FeedLimits:
+    """Return the largest feeds of holes.
+
+    Args:
+        plan: Plan of one tool.
+        model: Error model of the holes.
+        loads: Loads of the toolpath.
+        draws: Draws, of which the first ``DRAWS`` count.
+    """
+    some = _take_draws(draws)
+    targets = model.targets
+    feeds = np.full(len(targets.row), np.nan)
+    for h in range(len(targets.row)):
+        if not (model.poses[0].is_reached[h] and model.poses[1].is_reached[h]) or not targets.thrust[h] > 0:
+            continue
+        one = model.process.operations[targets.operation[h]]
+        if one.kind == "force":
+            continue
+        scale = _find_load_scale(model, h, some)
+        feeds[h] = _find_drilling_feed(plan, model.process, one, model, h, scale, loads)
+    return FeedLimits(targets.row, feeds)
+
+
+def _find_load_scale(model: HoleErrorModel, h: int, draws: UncertaintyDraws) -> float:
+    """Return by which factor thrust and torque may grow; 0 where the clamp alone is too much."""
+
+    def passes(scale: float) -> bool:
+        thrust, torque = model.targets.thrust.copy(), model.targets.torque.copy()
+        thrust[h], torque[h] = scale * thrust[h], scale * torque[h]
+        other = replace(model, targets=replace(model.targets, thrust=thrust, torque=torque))
+        found = draw_hole_errors(other, h, draws, position=True)
+        return compute_hole_probability(other, h, found) >= model.process.quantile
+
+    if not passes(0.0):
+        return 0.0
+    low, high = 0.0, WIDEST
+    if passes(high):
+        return high
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if passes(middle) else (low, middle)
+    return low
+
+
+def _find_drilling_feed(
+    plan: Plan,
+    process: CuttingProcess,
+    one: ProcessOperation,
+    model: HoleErrorModel,
+    h: int,
+    scale: float,
+    loads: PointLoads,
+) -> float:
+    if scale == 0.0:
+        return 0.0
+    row = int(model.targets.row[h])
+    tool = build_drilling_tool(plan.setup.cell.tool.cutter, one)
+    stroke = build_drilling_stroke(tool, build_drilling_layers(process, one))
+    depth = next(hole.depth for hole in loads.holes if hole.deepest == row)
+    thrust = scale * float(model.targets.thrust[h]) / compute_mean_wear(one)
+    per_turn = float(find_largest_feed(stroke, thrust, depth)[0])
+    return min(per_turn, WIDEST * float(loads.bite[row])) * float(loads.spindle_speed[row])
+
+
+def find_surface_feeds(
+    plan: Plan, model: SurfaceErrorModel, loads: PointLoads, spread: StiffnessSpread, draws: UncertaintyDraws
+) -> FeedLimits:
+    """Return the largest feeds of milled points.
+
+    Args:
+        plan: Plan of one tool.
+        model: Error model of the points.
+        loads: Loads of the toolpath.
+        spread: Random part of the stiffness.
+        draws: Draws, of which the first ``DRAWS`` count.
+    """
+    some = _take_draws(draws)
+    rows = model.targets.row
+    feeds = np.full(len(rows), np.nan)
+    for k in np.unique(model.targets.operation):
+        one = model.process.operations[k]
+        if one.kind != "milling":
+            continue
+        for code, side in _SIDES.items():
+            mine = np.flatnonzero((model.targets.operation == k) & (loads.side[rows] == code))
+            mine = mine[model.poses.is_reached[mine] & model.targets.is_known[mine]]
+            for first in range(0, len(mine), BLOCK):
+                block = mine[first : first + BLOCK]
+                cut = MillingCut(side, one.spindle)
+                feeds[block] = _find_milling_feeds(plan, model, loads, some, one, cut, block, spread)
+    return FeedLimits(rows, feeds)
+
+
+def _find_milling_feeds(
+    plan: Plan,
+    model: SurfaceErrorModel,
+    loads: PointLoads,
+    draws: UncertaintyDraws,
+    one: ProcessOperation,
+    cut: MillingCut,
+    block: NDArray[np.intp],
+    spread: StiffnessSpread,
+) -> Array:
+    coefficients = model.process.materials[one.material].milling
+    assert coefficients is not None
+    rows = model.targets.row[block]
+    cutter = build_milling_cutter(plan.setup.cell.tool.cutter)
+    ae, ap = float(loads.ae[rows[0]]), float(loads.ap[rows[0]])
+    load = compute_mean_load(coefficients, cutter, cut, ae, ap)
+    edge, slope = (compute_mean_wear(one) * part[0] for part in (load.edge, load.slope))
+    own = take_surface_targets(model, block)
+    per_load = [_project_load(plan, own, spread, part) for part in (edge, slope)]
+    least, largest = coefficients.h_range_m
+    bite = loads.bite[rows]
+    low, high = np.full(len(rows), least), np.minimum(np.full(len(rows), largest), WIDEST * bite)
+    high = np.maximum(high, low)
+
+    def passes(feed: Array) -> NDArray[np.bool_]:
+        columns = per_load[0] + per_load[1] * feed[:, None]
+        other = replace(own, columns=columns, tool=own.tool * feed / bite)
+        factor = compute_load_factors(other, slice(None), draws)
+        errors = draw_surface_errors(other, slice(None), draws, factor, position=True)
+        std = np.nan_to_num(other.scatter.std)
+        limit = np.full(len(rows), one.tolerance.surface)
+        return np.asarray(compute_surface_probability(errors, limit, std) >= model.process.quantile)
+
+    ok, widest = passes(low), passes(high)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        good = passes(middle)
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    found = np.where(widest, np.minimum(np.full(len(rows), largest), WIDEST * bite), low)
+    return np.where(ok, found * loads.spindle_speed[rows] * cutter.teeth, 0.0)
+
+
+def _take_draws(draws: UncertaintyDraws) -> UncertaintyDraws:
+    """Return the first draws."""
+    return replace(draws, **{f.name: getattr(draws, f.name)[:DRAWS] for f in fields(draws)})
+
+
+def _project_load(plan: Plan, model: SurfaceErrorModel, spread: StiffnessSpread, part: Array) -> Array:
+    """Return (n, 1 + R) the error along the normal by a part of the load: travel, normal, axial, torque."""
+    poses = model.poses
+    force = part[0] * poses.travel + part[1] * poses.normal + part[2] * poses.axis
+    twist = compute_twist_columns(plan, spread, poses, np.hstack([force, part[3] * poses.axis]))
+    return np.asarray(np.einsum("mi,mir->mr", model.normal, twist[:, :3]))
