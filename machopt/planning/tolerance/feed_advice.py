@@ -36,8 +36,8 @@ from machopt.process.drilling.stroke_phases import build_drilling_stroke
 from machopt.process.milling.mean_force import compute_mean_load
 from machopt.process.milling.milling_cut import CutSide, MillingCut
 
-DRAWS = 512
-HALVINGS = 16
+DRAWS = 256
+HALVINGS = 12
 WIDEST = 3.0  # times the programmed feed
 _SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 
@@ -167,13 +167,14 @@ def _find_milling_feeds(
     low, high = np.full(len(rows), least), np.minimum(np.full(len(rows), largest), WIDEST * bite)
     high = np.maximum(high, low)
 
+    factor = compute_load_factors(own, slice(None), draws)
+    std = np.nan_to_num(own.scatter.std)
+    limit = np.full(len(rows), one.tolerance.surface)
+
     def passes(feed: Array) -> NDArray[np.bool_]:
         columns = per_load[0] + per_load[1] * feed[:, None]
         other = replace(own, columns=columns, tool=own.tool * feed / bite)
-        factor = compute_load_factors(other, slice(None), draws)
         errors = draw_surface_errors(other, slice(None), draws, factor, position=True)
-        std = np.nan_to_num(other.scatter.std)
-        limit = np.full(len(rows), one.tolerance.surface)
         return np.asarray(compute_surface_probability(errors, limit, std) >= model.process.quantile)
 
     ok, widest = passes(low), passes(high)

@@ -84,7 +84,7 @@ def compute_point_errors(
     chosen: ScoredAssignment | None = None,
     *,
     wall_force: Array,
-    with_feeds: bool = False,
+    is_full: bool = False,
 ) -> PointErrors:
     """Return errors and probabilities of an assignment.
 
@@ -94,10 +94,10 @@ def compute_point_errors(
         loads: The loads of its points.
         chosen: An assignment along its path; None: the choice of the plan.
         wall_force: (N,) N along axis × travel at the moment the wall is made, which bends the tool.
-        with_feeds: Find the largest feed of each point, too.
+        is_full: Also find causes, variances and the largest feed of each point.
     """
     table = _ErrorTable(plan, toolpath, loads, plan.chosen if chosen is None else chosen)
-    table.wall_force, table.with_feeds = wall_force, with_feeds
+    table.wall_force, table.is_full = wall_force, is_full
     return table.build()
 
 
@@ -125,7 +125,7 @@ class _ErrorTable:
         self.outcome, self.cause = [""] * n, [""] * n
         self.variance = {name: np.full(n, np.nan) for name in ("stiffness", "force", "position")}
         self.why: dict[int, str] = {}
-        self.wall_force, self.feed_max, self.with_feeds = np.zeros(n), np.full(n, np.nan), False
+        self.wall_force, self.feed_max, self.is_full = np.zeros(n), np.full(n, np.nan), False
 
     def build(self) -> PointErrors:
         cutter = self.plan.setup.cell.tool.cutter
@@ -164,7 +164,8 @@ class _ErrorTable:
             why = self._find_missing(one, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT)))
             full = draw_hole_errors(model, h, draws, position=True)
             self._write_interval(row, full)
-            self._add_hole_variance(model, h, row, draws)
+            if self.is_full:
+                self._add_hole_variance(model, h, row, draws)
             if why:
                 self._mark_unknown(row, why)
                 self.p_deflection[row] = compute_hole_probability(
@@ -173,8 +174,8 @@ class _ErrorTable:
                 continue
             self.p_in[row] = compute_hole_probability(model, h, full)
             self.outcome[row] = find_outcome(float(self.p_in[row]), self.process.quantile)
-        self._add_hole_causes(model)
-        if self.with_feeds:
+        if self.is_full:
+            self._add_hole_causes(model)
             self._write_feeds(find_hole_feeds(self.plan, model, self.loads, draws))
 
     def _write_feeds(self, found: FeedLimits) -> None:
@@ -223,13 +224,14 @@ class _ErrorTable:
         draws = build_draws(self.spread, SURFACE_DRAWS)
         for first in range(0, len(surfaces.row), BLOCK):
             self._add_surface_block(model, slice(first, min(first + BLOCK, len(surfaces.row))), draws)
+        if not self.is_full:
+            return
         wrench = self._compute_surface_wrench(model)
         names, parts = compute_contributions(self.plan, model.poses, wrench, model.normal)
         words = name_largest(names, parts, model.columns[:, 0] + model.tool)
         for row, word in zip(surfaces.row.tolist(), words, strict=True):
             self.cause[row] = word
-        if self.with_feeds:
-            self._write_feeds(find_surface_feeds(self.plan, model, self.loads, self.spread, draws))
+        self._write_feeds(find_surface_feeds(self.plan, model, self.loads, self.spread, draws))
 
     def _add_surface_block(self, model: SurfaceErrorModel, some: slice, draws: UncertaintyDraws) -> None:
         rows = model.targets.row[some]
@@ -246,7 +248,8 @@ class _ErrorTable:
         p = compute_surface_probability(full, limit, np.nan_to_num(std))
         bare = draw_surface_errors(model, some, draws, factor, position=False)
         deflection = compute_surface_probability(bare, limit, np.zeros(len(rows)))
-        self._add_surface_variance(model, some, draws, std)
+        if self.is_full:
+            self._add_surface_variance(model, some, draws, std)
         for n, row in enumerate(rows.tolist()):
             one = self.process.operations[operations[n]]
             why = self._find_missing(one, std[n])

@@ -39,7 +39,7 @@ def add_process_results(
     if process is None or loads is None:
         return points
     dynamics = compute_cutting_dynamics(plan, toolpath, loads)
-    found = compute_point_errors(plan, toolpath, loads, wall_force=dynamics.wall_force, with_feeds=True)
+    found = compute_point_errors(plan, toolpath, loads, wall_force=dynamics.wall_force, is_full=True)
     columns = _build_columns(loads, found, dynamics)
     summary = _summarise(process, plan, toolpath, loads, found, dynamics)
     return replace(points, table=replace(points.table, process=columns), process=(summary,))

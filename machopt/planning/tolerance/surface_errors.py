@@ -101,14 +101,20 @@ def draw_surface_errors(
         model: The error model.
         rows: The points.
         draws: The draws.
-        factor: (n, D) factor of the load relative to nominal.
+        factor: (n, D) or (1, D) factor of the load relative to nominal.
         position: Include lost motion and pose of the part.
     """
-    out = factor * (model.columns[rows] @ draws.stiffness.T + model.tool[rows, None])
-    out += model.offset[rows, None] + model.local[rows, None] * draws.local[:, 0]
-    if not position:
-        return np.asarray(out)
+    out = model.columns[rows] @ draws.stiffness.T
+    if model.tool[rows].any():
+        out += model.tool[rows, None]
+    out *= factor
+    if model.offset[rows].any():
+        out += model.offset[rows, None]
+    if model.local[rows].any():
+        out += model.local[rows, None] * draws.local[:, 0]
     normal, scatter = model.normal[rows], model.scatter
+    if not position or not (scatter.lost_motion[rows].any() or scatter.pose_root[rows].any()):
+        return np.asarray(out)
     lost = np.einsum("mi,mij->mj", normal, scatter.lost_motion[rows, :3])
     pose = np.einsum("mi,mij->mj", normal, scatter.pose_root[rows, :3])
     decided = np.sum(lost * scatter.sides[rows], axis=1)
@@ -117,7 +123,7 @@ def draw_surface_errors(
 
 
 def compute_load_factors(model: SurfaceErrorModel, rows: slice, draws: UncertaintyDraws) -> Array:
-    """Return (n, D) the factor of the load of some points relative to nominal.
+    """Return (n, D) the factor of the load of some points relative to nominal; (1, D) where it is that of all.
 
     Args:
         model: The error model.
@@ -125,6 +131,9 @@ def compute_load_factors(model: SurfaceErrorModel, rows: slice, draws: Uncertain
         draws: The draws.
     """
     operation = model.targets.operation[rows]
+    if len(operation) and (operation == operation[0]).all():
+        one = model.process.operations[operation[0]]
+        return (draws.compute_load_factor(model.process, one) / compute_mean_wear(one))[None]
     out = np.ones((len(operation), len(draws)))
     for k in np.unique(operation):
         one = model.process.operations[k]

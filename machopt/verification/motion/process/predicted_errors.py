@@ -147,28 +147,38 @@ class _Predictor:
 
     def add_surfaces(self, out: PredictedErrors) -> None:
         rng = np.random.default_rng(SEED + 2)
-        for row in np.flatnonzero((self.toolpath.move == MoveKind.CUT) & (self.loads.operation >= 0)).tolist():
-            one = self.process.operations[self.loads.operation[row]]
-            if not np.isfinite(one.tolerance.surface) or not self.points.ok[row]:
+        for k, one in enumerate(self.process.operations):
+            if not np.isfinite(one.tolerance.surface):
                 continue
-            pose = self._pose(float(row))
-            normal = self._find_normal(one, row, pose)
-            f = self.loads.arm_force[row]
-            force = f[0] * pose.travel + f[1] * np.cross(pose.axis, pose.travel) + f[2] * pose.axis
-            wrench = np.r_[force, self.loads.moment[row] * pose.axis]
-            twist = _apply(pose, self.cell, wrench[None], None)[0]
-            out.normal[row] = normal @ (twist[:3] + pose.offset)
-            out.size[row] = np.linalg.norm(twist[:3])
-            cutter = self.cell.tool.cutter
-            rounded = cutter is not None and cutter.corner > 0
-            sigma = get_position_std(self.cell, one.tolerance.reference)
-            if self.compliances is None or not np.isfinite(sigma) or rounded or one.surface == "table":
-                continue
+            mine = (self.toolpath.move == MoveKind.CUT) & (self.loads.operation == k) & self.points.ok
+            rows = np.flatnonzero(mine)
             factor = draw_load_factors(self.process, one, rng)[0] / (0.5 * (one.wear[0] + one.wear[1]))
-            drawn = _apply(pose, self.cell, wrench[None], self.compliances) * factor[:, None]
-            moved = drawn + self._move_part(pose, self._draw_part(one, rng))
-            error = (moved[:, :3] + pose.offset) @ normal + sigma * rng.standard_normal(DRAWS)
-            out.p_in[row] = float(np.mean(np.abs(error) <= one.tolerance.surface))
+            part, noise = self._draw_part(one, rng), rng.standard_normal(DRAWS)
+            for row in rows.tolist():
+                self._add_surface(one, row, factor, part, noise, out)
+
+    def _add_surface(
+        self, one: ProcessOperation, row: int, factor: Array, part: Array, noise: Array, out: PredictedErrors
+    ) -> None:
+        pose = self._pose(float(row))
+        normal = self._find_normal(one, row, pose)
+        f = self.loads.arm_force[row]
+        force = f[0] * pose.travel + f[1] * np.cross(pose.axis, pose.travel) + f[2] * pose.axis
+        wrench = np.r_[force, self.loads.moment[row] * pose.axis]
+        twist = _apply(pose, self.cell, wrench[None], None)[0]
+        out.normal[row] = normal @ (twist[:3] + pose.offset)
+        out.size[row] = np.linalg.norm(twist[:3])
+        cutter = self.cell.tool.cutter
+        rounded = cutter is not None and cutter.corner > 0
+        sigma = get_position_std(self.cell, one.tolerance.reference)
+        if self.compliances is None or not np.isfinite(sigma) or rounded or one.surface == "table":
+            return
+        by_joint = (normal @ pose.J[:3]) * (wrench @ pose.J) * pose.joints  # error by each joint at nominal
+        rest = float(normal @ twist[:3] - by_joint.sum())
+        error = (self.compliances @ by_joint + rest) * factor + normal @ pose.offset + sigma * noise
+        if part.any():
+            error = error + self._move_part(pose, part)[:, :3] @ normal
+        out.p_in[row] = float(np.mean(np.abs(error) <= one.tolerance.surface))
 
     def _find_normal(self, one: ProcessOperation, row: int, pose: _Pose) -> Array:
         """Return the outward normal of the surface: away from the material."""
