@@ -77,7 +77,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         free = [p.plan for p in result.front if not p.dominated]
         lines.append(f"  front of {len(free)} plan{'s' * (len(free) > 1)} in front.csv: {', '.join(free)}")
         if any(p.dominated and p.plan == "as asked" for p in result.front):
-            lines.append("  another of them is nowhere worse than the plan as asked")
+            lines.append("  another of these plans is at least as good in every criterion as the requested plan")
     soft = result.worst_point
     if soft:
         if soft.deflection_mm is not None:
@@ -258,7 +258,7 @@ def _format_program_lines(result: OptimizeDocument) -> list[str]:
             lines.append(f"  program for {p.post} withheld: {p.withheld}")
             continue
         if c is None:
-            lines.append(f"  program {p.files[0]}: NOT CHECKED: in a language that no reader here knows")
+            lines.append(f"  program {p.files[0]}: NOT CHECKED: no reader for this language exists")
         else:
             state = f"reads back within {_convert_null_to_nan(c.positions_max_mm):.1g} mm"
             if p.differences:
