@@ -149,7 +149,7 @@ def _check_header(path: Path, header: list[str], expected: list[str]) -> None:
     missing = [name for name in expected if name not in header]
     unknown = [name for name in header if name not in expected]
     twice = sorted({name for name in header if header.count(name) > 1})
-    for what, names in (("is missing", missing), ("is unknown", unknown), ("stands twice", twice)):
+    for what, names in (("is missing", missing), ("is unknown", unknown), ("is given twice", twice)):
         if names:
             raise InputError(
                 f"column {', '.join(names)} {what}; expected {', '.join(expected)}", file=path, where="header"

@@ -62,11 +62,11 @@ def test_a_job_has_its_own_posts_else_those_of_the_list_else_those_of_the_comman
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("post: karel", r"line 2: post: no such post or template file: karel \(looked for .*karel\)"),
-        ("post: my.toml", r"line 2: post: no such post or template file: my\.toml \(looked for .*my\.toml\)"),
-        ("posts: [krl, krl]", r"line 2: posts\[1\]: krl stands twice; keep one"),
+        ("post: karel", r"line 2: post: no such post or template file: karel \(searched for .*karel\)"),
+        ("post: my.toml", r"line 2: post: no such post or template file: my\.toml \(searched for .*my\.toml\)"),
+        ("posts: [krl, krl]", r"line 2: posts\[1\]: krl is given twice; keep one"),
         ("posts: []", r"line 2: posts: "),
-        ("posts: [krl]\npost: krl", r"posts: post and posts stand together; keep one"),
+        ("posts: [krl]\npost: krl", r"posts: post and posts are both given; keep one"),
         ("jobs: [{toolpath: jobs/a.nc, post: krll}]", r"line 2: jobs\[0\]\.post: no such post .*did you mean 'krl'"),
     ],
 )

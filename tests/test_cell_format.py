@@ -162,7 +162,7 @@ def test_joints_that_nothing_drives_and_turns_beyond_the_search_are_told(folder:
     np.testing.assert_allclose(cell.limits.upper[5], 4 * np.pi)
     assert not [w for w in cell.warnings if "continuous" in w]  # it has the range that the warning would ask for
     expect(
-        " ".join(cell.notes), "nothing drives the joints grip", "of the range of a6 the planner uses -540 to 540 deg"
+        " ".join(cell.notes), "no motor drives the joints grip", "of the range of a6 the planner uses -540 to 540 deg"
     )
 
 
@@ -225,7 +225,7 @@ def test_rail_and_positioner_stand_behind_the_arm_as_listed(folder: Path) -> Non
     change(
         folder, ("external_joints: [turn]", "external_joints: [turn, rail]"), ("base_link: base", "base_link: floor")
     )
-    expect(refusal(folder), "'rail' stands between base_link 'floor' and the flange", "base_link would be 'base'")
+    expect(refusal(folder), "'rail' is between base_link 'floor' and the flange", "base_link would be 'base'")
     change(folder, ("base_link: floor", "base_link: base"), ("  link: table\n", ""))
     expect(refusal(folder), "joint 'turn' moves neither the flange nor the workpiece link")
 
@@ -387,7 +387,7 @@ URDFS = [
     (urdf().replace('lower="-3"', 'lower="3"', 1), ["joint 'a1'", "lower 3, upper 3", "lower < upper"]),
     (urdf().replace('<limit lower="-3" upper="3" velocity="9" effort="0"/>', "", 1), ["joint 'a1' has no <limit>"]),
     (urdf().replace('upper="3"', 'upper="nan"', 1), ["joint 'a1': upper is 'nan'", "finite"]),
-    (urdf().replace('name="a2"', 'name="a1"'), ["joint 'a1' stands twice"]),
+    (urdf().replace('name="a2"', 'name="a1"'), ["joint 'a1' is given twice"]),
     (urdf().replace('name="a2" type="revolute"', 'name="a2" type="hinge"'), ["joint 'a2' has type 'hinge'", "valid"]),
     (urdf().replace('<child link="l2"/>', '<child link="lx"/>'), ["joint 'a2' names the link 'lx'"]),
     (urdf().replace('<child link="l2"/>', '<child link="l1"/>'), ["'l1' hangs on two joints, 'a1' and 'a2'"]),

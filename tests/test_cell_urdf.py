@@ -38,7 +38,7 @@ DAMAGES = [  # what stands in the file, what it becomes (once), what the refusal
     ('value="190"', 'value="1e30"', ["1e+30 kg", "expected 0 to"]),
     ('value="190"', 'valeu="190"', ["unknown attribute 'valeu'", "did you mean 'value'?"]),
     ('<mass value="190"/>', "<mass>190</mass>", ["the text '190'"]),
-    ('<mass value="190"/>', '<mass value="190"/><mass value="1"/>', ["mass stands twice"]),
+    ('<mass value="190"/>', '<mass value="190"/><mass value="1"/>', ["mass is given twice"]),
     ("<inertial>", "<inertail>", ["<inertail>", "did you mean 'inertial'?"]),
     ('ixx="2" ', "", ["inertia of link 'l1' has no 'ixx'"]),
     ('izz="1"', 'izz="1,5"', ["izz is '1,5'"]),
@@ -58,7 +58,7 @@ DAMAGES = [  # what stands in the file, what it becomes (once), what the refusal
     (BOX, "<sphere/>", ["sphere of collision of link 'l1' has no 'radius'"]),
     (BOX, '<cylinder radius="0.1"/>', ["has no 'length'"]),
     (BOX, '<cylinder radius="0.1" length="inf"/>', ["'inf'", "finite"]),
-    (BOX, BOX + BOX, ["box stands twice"]),
+    (BOX, BOX + BOX, ["box is given twice"]),
     (BOX, BOX + '<sphere radius="1"/>', ["holds box, sphere", "expected one"]),
     (BOX, "", ["holds nothing", "expected one"]),
     (f"<geometry>{BOX}</geometry>", "", ["collision of link 'l1' has no <geometry>"]),
@@ -91,7 +91,7 @@ DAMAGES = [  # what stands in the file, what it becomes (once), what the refusal
     ('type="revolute"', 'type="hinge"', ["joint 'a1' has type 'hinge'", "valid: revolute"]),
     ('type="revolute"', "", ["joint 'a1' has type ''"]),
     ('<child link="l1"/>', '<child lnk="l1"/>', ["unknown attribute 'lnk'", "did you mean 'link'?"]),
-    ('<link name="l1">', '<link name="l2">', ["link 'l2' stands twice, first in line 2"]),
+    ('<link name="l1">', '<link name="l2">', ["link 'l2' is given twice, first in line 2"]),
     ('<link name="l1">', "<link>", ["a link has no 'name'"]),
     ('<link name="l1">', '<lnik name="l1">', ["<lnik> inside robot", "did you mean 'link'?"]),
     ('<joint name="a1"', '<jiont name="a1"', ["<jiont> inside robot", "did you mean 'joint'?"]),
@@ -114,7 +114,7 @@ def test_damages_are_refused_with_file_and_line(folder: Path, old: str, new: str
             end = text.index(f"</{tag}>", at)
             text = text[:end] + f"</{becomes}>" + text[end + len(tag) + 3 :]
     (folder / "robot.urdf").write_text(text.replace(old, new, 1))
-    if "stands twice, first" in parts[0]:
+    if "is given twice, first" in parts[0]:
         line = 10  # of the second link of that name
     elif "lower < upper" in parts:
         line = 4  # a range is judged where the cell names the URDF

@@ -550,7 +550,7 @@ def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
     table = read_poses_csv(folder / "poses.csv")
     assert pair["cycles_until_diagnose_excludes"] <= told["cycles"]  # by its own test, which six poses do not pass
     assert 6 < len(np.unique(table.pose)) <= MOST_POSES
-    assert "What it tells apart" in (folder / "report.html").read_text()
+    assert "Explanations it separates" in (folder / "report.html").read_text()
     assert "told apart" in done.message
 
 

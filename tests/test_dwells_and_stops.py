@@ -140,7 +140,7 @@ def test_the_verification_sees_where_and_how_long() -> None:
     short = driven(40)
     passed, why = verified(short / 0.01, short, dwell)
     assert not passed
-    assert "at point 1 the file dwells 0.6 s, and the motion stands there 0.480 s" in why
+    assert "at point 1 the file dwells 0.6 s, and the motion rests there 0.480 s" in why
     passed, why = verified(x / 0.01, x, ToolpathEvent(3, "dwell", "G4", 0.6))
     assert not passed
     assert "at point 2 the file dwells or stops, and the motion is not at rest there" in why

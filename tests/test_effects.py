@@ -343,7 +343,7 @@ def test_one_word_of_files_may_mean_an_elastic_and_a_kinematic_effect() -> None:
     assert registry.find_effect("joint_coupling") is elastic
     assert list_effects_and_locations()["joint_coupling"] == elastic.places
     assert registry.list_angle_effects_by_word()["joint_coupling"][0] is kinematic
-    with pytest.raises(ValueError, match="'joint_coupling' stands twice"):
+    with pytest.raises(ValueError, match="'joint_coupling' is given twice"):
         registry.build_registry((elastic, replace(elastic, name="joint_rubber_coupling")))
 
 
@@ -353,7 +353,7 @@ def test_words_and_places() -> None:
         assert effect.noun
         assert effect.sentence.endswith(".")
         assert not effect.is_elastic or effect.places == list_effects_and_locations()[effect.file_word]
-    with pytest.raises(ValueError, match="stands twice"):
+    with pytest.raises(ValueError, match="is given twice"):
         registry.build_registry((creep.EFFECT, hysteresis.EFFECT, creep.EFFECT))
 
 

@@ -115,7 +115,7 @@ def test_a_file_adds_an_effect_to_diagnosis_and_plan_while_it_is_in_use(jelly: P
         ("EFFECTS = [JELLY]", "EFFECTS = JELLY", "a list of Effect objects would work"),
         ("EFFECTS = [JELLY]", "EFFECTS = []", "a list of Effect objects would work"),
         ("EFFECTS = [JELLY]", "EFFECTS = [Saturating()]", "holds Saturating"),
-        ("EFFECTS = [JELLY]", "EFFECTS = [JELLY, JELLY]", "stands twice"),
+        ("EFFECTS = [JELLY]", "EFFECTS = [JELLY, JELLY]", "is given twice"),
         ('name="joint_jelly"', 'name="joint_creep"', "'joint_creep' is the name of another effect; another name"),
         ("laws=(Saturating(),)", "laws=()", "an elastic effect with laws"),
         ("places=JOINTS", 'places=("base",)', "joint:1 … joint:6 would work"),

@@ -244,8 +244,8 @@ def test_a_gain_below_its_uncertainty_is_said_to_be_none() -> None:
         told = SimpleNamespace(index="deflection", chosen_from="smooth", objective=SimpleNamespace(gain=(entry,)))
         return "\n".join(_format_gain_lines(cast(OptimizeDocument, told)))
 
-    assert "not distinguishable" in lines(unsure)
-    assert "not distinguishable" not in lines(sure)
+    assert "not significant" in lines(unsure)
+    assert "not significant" not in lines(sure)
     assert lines(IndexGain("jiao2022", 0.18, 0.06)).startswith(
         "  gain over jiao2022: mean deflection 18 % ± 6 % less (90 %: 8 to 28 %)"
     )

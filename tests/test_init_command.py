@@ -319,7 +319,9 @@ def test_velocities_that_a_urdf_lacks_are_slow_ones_and_said(robot: Path, tmp_pa
     done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
     np.testing.assert_allclose(np.degrees(done.cell.limits.velocity), [45.0, *[np.degrees(2.0)] * 5], rtol=1e-4)
     assert any("the URDF has no velocity for a1:" in g and "--velocity-deg-s" in g for g in done.guesses)
-    assert "# ESTIMATED for a1, of which the URDF says none: 45 deg/s" in (tmp_path / "cell/cell.yaml").read_text()
+    assert (
+        "# ESTIMATED for a1, for which the URDF gives no limit: 45 deg/s" in (tmp_path / "cell/cell.yaml").read_text()
+    )
     assert not any("above the URDF's velocity" in w for w in done.cell.warnings)
 
 
@@ -371,13 +373,13 @@ def test_a_package_in_a_folder_of_another_name_is_found(how: str, tmp_path: Path
         (package / "package.xml").write_text("<package><!-- <name>no</name> --><name>kr_support</name></package>")
     asked = InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0))
     if how == "given":
-        with pytest.raises(InputError, match=r"asks for the ROS package 'kr_support'.*--package kr_support=FOLDER"):
+        with pytest.raises(InputError, match=r"refers to the ROS package 'kr_support'.*--package kr_support=FOLDER"):
             run_init(asked)
         asked = replace(asked, packages={"kr_support": package})
     assert (run_init(asked).folder / "kr_support" / "meshes" / "a.stl").is_file()
     if how == "package.xml":  # a folder that says another name is not it, whatever it holds
         (package / "package.xml").write_text("<package><name>other</name></package>")
-        with pytest.raises(InputError, match="asks for the ROS package 'kr_support'"):
+        with pytest.raises(InputError, match="refers to the ROS package 'kr_support'"):
             run_init(replace(asked, out=tmp_path / "c2"))
 
 

@@ -36,7 +36,7 @@ def test_folders_patterns_and_cells_beside(tmp_path: Path) -> None:
         find_jobs(request_for(jobs, tmp_path / "out", cell=None))
     with pytest.raises(InputError, match="no toolpath matches this pattern"):
         find_jobs(request_for(f"{jobs}/*.cls", tmp_path / "out"))
-    with pytest.raises(InputError, match="stands twice"):
+    with pytest.raises(InputError, match="is given twice"):
         find_jobs(replace(request_for(jobs, tmp_path / "out"), jobs=(str(jobs), str(jobs / "a.nc"))))
 
 
@@ -125,7 +125,7 @@ GOOD = "machopt_batch: 1\njobs:\n  - {cell: CELL, toolpath: jobs/a.nc}\n"
         ("l.yaml", GOOD.replace("a.nc}", "a.nc, time_limit_s: 0}"), r"time_limit_s: found 0; expected greater than 0"),
         ("l.yaml", GOOD.replace("a.nc}", "a.nc, time_limit_s: .nan}"), "expected a finite number"),
         ("l.yaml", GOOD.replace("a.nc}", "a.nc, options: {metod: x}}"), r"options.metod: unknown key .* 'method'"),
-        ("l.yaml", GOOD + GOOD.splitlines()[2] + "\n", r"line 4: jobs\[1\]: .*stands twice, first in .*line 3"),
+        ("l.yaml", GOOD + GOOD.splitlines()[2] + "\n", r"line 4: jobs\[1\]: .*is given twice, first in .*line 3"),
         ("l.yaml", "machopt_batch: 1\ncells: [CELL]\n", "there is no key toolpaths"),
         ("l.yaml", "machopt_batch: 1\ntoolpaths: ['*.cls']\n", r"line 2: toolpaths\[0\]: no file matches \*.cls"),
         ("l.yaml", "machopt_batch: [\n", "is not YAML"),
@@ -133,7 +133,7 @@ GOOD = "machopt_batch: 1\njobs:\n  - {cell: CELL, toolpath: jobs/a.nc}\n"
         ("l.csv", "toolpath,cell\njobs/a.nc\n", "line 2: found 1 fields; expected 2"),
         ("l.csv", "toolpath,cell,seed\njobs/a.nc,CELL,x\n", "line 2: options.seed: found the text 'x'; expected"),
         ("l.csv", "toolpath,cell\njobs/a.nc,nowhere\n", "line 2: cell: no such cell: nowhere"),
-        ("l.csv", "toolpath,toolpath\na,b\n", "column stands twice"),
+        ("l.csv", "toolpath,toolpath\na,b\n", "column is given twice"),
     ],
 )
 def test_a_bad_list_starts_nothing_and_says_where(name: str, text: str, words: str, tmp_path: Path) -> None:

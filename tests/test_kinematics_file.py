@@ -88,7 +88,7 @@ REFUSED = [
         entry("transmission_error", "joint:2", "per_turn: 1, cos_arcsec: 4000, sin_arcsec: 0, range_deg: [-5, 10]"),
         ["joint 2", "0.51 rad per rad"],  # 0.02 of the wave, 35 / 16 of it over 5 degrees
     ),
-    (2 * entry("joint_zero_offset", "joint:1", "offset_deg: 1"), ["line 4", "stands twice"]),
+    (2 * entry("joint_zero_offset", "joint:1", "offset_deg: 1"), ["line 4", "is given twice"]),
     ("  - {effect: joint_zero_offset}\n", ["required key is missing"]),
 ]
 

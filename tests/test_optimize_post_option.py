@@ -190,7 +190,7 @@ def test_one_post_lies_in_the_output_folder(tmp_path: Path, capsys: pytest.Captu
         (["--post", "krl", "--post", "krl"], "asked for twice"),
         (["--post", "FIELD"], "no field is named 'a7'"),
         (["--post", "TAKEN"], "result.json, which is a name of the output folder's own"),
-        (["--post", "UNCALLED"], "does not say how to run one"),
+        (["--post", "UNCALLED"], "does not define how to run one"),
         (["--program-tolerance-mm", "0.01"], "more than path_tolerance_mm = 0.015 would work"),
         (["--program-tolerance-mm", "nan"], "--program-tolerance-mm"),
     ],

@@ -193,7 +193,7 @@ def test_nothing_is_put_into_anything(tmp_path: Path) -> None:
     )
     far = PlacementShift(y=3.0)
     swallowed = inside_it.build_shift_check(frozenset(), base=False).find_refusal_reason(far, far.build_matrix(centre))
-    assert swallowed == "workpiece would stand in hall"
+    assert swallowed == "workpiece would intersect hall"
 
 
 def test_what_rests_on_something_does_not_sink_into_it(tmp_path: Path) -> None:

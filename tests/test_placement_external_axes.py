@@ -83,7 +83,7 @@ def test_a_part_does_not_sink_into_the_plate_it_stands_on(tmp_path: Path) -> Non
     down = PlacementShift(z=-0.08)
     assert "plate" in refusal.find_refusal_reason(down, down.build_matrix(centre))
     to_the_arm = PlacementShift(x=-1.5, y=1.0, z=-0.6)
-    assert "workpiece would stand in" in refusal.find_refusal_reason(to_the_arm, to_the_arm.build_matrix(centre))
+    assert "workpiece would intersect" in refusal.find_refusal_reason(to_the_arm, to_the_arm.build_matrix(centre))
 
 
 def test_setups_and_what_holds_them_move_together(tmp_path: Path) -> None:

@@ -298,5 +298,5 @@ def test_rotations_that_nobody_looked_at_for_contacts_are_not_promised(made: Pla
     row = made.path.runs[0][1]
     one = replace(lost(made, row, InfeasibilityReason.COLLIDING), options=replace(made.options, method="jiao2022"))
     assert explain_points(one)[row].startswith("the rotation that jiao2022 takes does not work here (it collides); ")
-    assert explain_points(one)[row].endswith("rotations do, contacts not looked for")
+    assert explain_points(one)[row].endswith("rotations do, collisions not checked")
     assert "which chooses among them, may help" in describe_remedy(one, row)

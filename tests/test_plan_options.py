@@ -166,8 +166,11 @@ BAD = [
     ("rotation_range_deg=[-200, 0]", ["rotation_range_deg", "-180 ≤ lowest"]),
     ("rotation_range_deg=[0]", ["rotation_range_deg", "found a list of 1", "expected 2 values"]),
     ("rotation_range_deg=[0, 3]", ["rotation_step_deg", "a step of 5.0° does not fit", "0.0°…3.0°"]),
-    ("fixed=[{point: 1, gamma_deg: 0}, {point: 1, gamma_deg: 9}]", ["fixed", "point 1 stands twice"]),
-    ("steer=[{point: 1, operation: a, branch: 1}]", ["steer[0]", "point", "operation", "one of them says where"]),
+    ("fixed=[{point: 1, gamma_deg: 0}, {point: 1, gamma_deg: 9}]", ["fixed", "point 1 is given twice"]),
+    (
+        "steer=[{point: 1, operation: a, branch: 1}]",
+        ["steer[0]", "point", "operation", "exactly one of them gives the position"],
+    ),
     ("steer=[{point: 1}]", ["steer[0]", "says nothing", "gamma_deg, forbid_deg, prefer_deg, branch"]),
     ("steer=[{points: [5, 2], branch: 1}]", ["points: found [5, 2]", "[first, last]"]),
     ("steer=[{forbid_deg: [20, 20]}]", ["forbid_deg: found [20", "two angles"]),

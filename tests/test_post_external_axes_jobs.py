@@ -86,7 +86,7 @@ def turned(text: str, before: str) -> str:
 
 
 DAMAGES: list[tuple[str, str, Callable[[str], str], str]] = [
-    ("krl", "no E2 in a line", lambda t: cut(t, ",E2 "), "does not say where the external axes stand"),
+    ("krl", "no E2 in a line", lambda t: cut(t, ",E2 "), "does not state the positions of the external axes"),
     ("krl", "a rail 0.2 mm off", lambda t: grown(t, ",E2 ", 0.2), "external axes at targets"),
     ("krl", "another direction", lambda t: turned(t, ",E1 "), "targets on the motion"),
 ]

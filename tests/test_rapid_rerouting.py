@@ -41,7 +41,7 @@ def driven(made: Plan) -> MotionTimeline:
 
 def stop(before: float, after: float, code: Any = "rapid_blocked") -> SequenceBreak:
     return SequenceBreak(
-        before=before, after=after, code=code, text="no free way was found past a ~ b", help="", pair="a ~ b"
+        before=before, after=after, code=code, text="no collision-free path was found past a ~ b", help="", pair="a ~ b"
     )
 
 

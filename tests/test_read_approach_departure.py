@@ -86,7 +86,7 @@ def test_the_tool_leaves_the_contour(tmp_path: Path, block: str, end: list[float
 @pytest.mark.parametrize(
     ("blocks", "message"),
     [
-        ("APPR CT X+20 Y+0 CCA90 R5 R0 F100\n" + CONTOUR, "on which side is not said"),
+        ("APPR CT X+20 Y+0 CCA90 R5 R0 F100\n" + CONTOUR, "the side is not stated"),
         ("APPR LT X+20 Y+0 F100\n" + CONTOUR, "expected LEN"),
         ("APPR PLT PR+20 PA+0 LEN5 RL F100\n" + CONTOUR, "LT, LN, CT and LCT"),
         ("APPR LT X+20 Y+0 LEN5 RL F100\nL Z+50 FMAX\n", "without a contour element after it"),

@@ -259,7 +259,7 @@ def test_cut_off_files_are_told(tmp_path: Path) -> None:
     assert len(u) == len(t)
     assert u.warnings[0].startswith("INCOMPLETE FILE? line 12: the last line is cut off")
     assert u.meta["incomplete"]
-    with pytest.raises(InputError, match="seems incomplete, and strict reading was asked for: no FINI"):
+    with pytest.raises(InputError, match="seems incomplete, and strict reading was requested: no FINI"):
         read(tmp_path, NX_HEAD, strict=True)
 
 

@@ -220,7 +220,7 @@ def test_heidenhain_circles_pole_and_drilling(tmp_path: Path) -> None:
         ("G0 X0 Y0 Z0\nG1 X1 F5\n", "--unit"),
         ("G21 G90\nG0 X0 Y0 Z0\nG1 X1\n", "line 3.*--feed"),
         ("G21\nX1 Y1\nG1 X2 F5\n", "line 2: moves before any G0"),
-        ("G21\nG0 X0 Y0 Z0\nG1 X1 X2 F5\n", "line 3: X stands twice"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X1 X2 F5\n", "line 3: X is given twice"),
         ("G21\nG0 X0 Y0 Z0\nG1 X--5 F5\n", "line 3: found 'X--5 F5'"),
         ("G21\nG0 X0 Y0 Z0\nG1 X1.5.2 F5\n", "line 3: found 'X1.5.2 F5'"),
         ("G21\nG0 X0 Y0 Z0\nG1 F5 XY10\n", "line 3: found 'XY10'"),

@@ -55,7 +55,7 @@ def test_a_circle_in_a_vertical_plane_and_a_pole_of_three_coordinates(tmp_path: 
     assert np.allclose(p[:, 0], 10.0)
     assert np.allclose(np.hypot(p[:, 1] - 5.0, p[:, 2]), 5.0)
     assert turned(p - [0.0, 5.0, 0.0], 1, 2) == pytest.approx(-np.pi / 2 + 2 * np.pi)  # from -y to +z, DR+ about x
-    with pytest.raises(InputError, match="in which plane it lies is not said"):
+    with pytest.raises(InputError, match="its plane is not stated"):
         read(tmp_path, HEAD + "L Z+0 F100\nCC X+0 Y+0 Z+0\nC X-10 DR+\n" + TAIL)
 
 
@@ -99,7 +99,7 @@ def test_parameters_of_one_cycle_are_not_those_of_the_next(tmp_path: Path) -> No
         ("CT X+5 Y+5\n", "has no direction"),
         ("L X+1 M89 F5\n", "M89"),
         ("C X+1 Y+1\n", r"without DR\+"),
-        ("L X+1 X+2 F5\n", "X stands twice"),
+        ("L X+1 X+2 F5\n", "X is given twice"),
         ("LN X+1 TX+1 TY+0 TZ+0 F5\n", "outside of M128"),
         ("CYCL DEF 200\nQ200=2\nQ201=-9\nM128\nL B+30 FMAX\nL X+0 FMAX M99\n", "does not stand along Z"),
     ],

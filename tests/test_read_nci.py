@@ -79,7 +79,7 @@ def test_tool_planes_are_brought_into_the_first_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        (HEAD + "1\n40 0. 0. 0. 5. 0\n1003\n0\n", {"unit": None}, "does not say its unit"),
+        (HEAD + "1\n40 0. 0. 0. 5. 0\n1003\n0\n", {"unit": None}, "does not state its unit"),
         (HEAD + "81\n1 2 3\n", {}, "drilling cycle"),
         (HEAD + "hello\n1 2 3\n", {}, "expected the number of an NCI record"),
         (HEAD + "1\n40 0.\n", {}, "2 numbers"),

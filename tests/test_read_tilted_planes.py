@@ -327,7 +327,7 @@ def test_planes_left_with_the_axes_brought_to_zero(tmp_path: Path) -> None:
     t = read(tmp_path, head + body + "PLANE RESET TURN FMAX\nL X+1 Y+1 Z+5 F100\nEND PGM A MM\n", "a.h")
     assert mm(t)[-1].tolist() == [1.0, 1.0, 5.0]
     assert t.axis[-1].tolist() == [0.0, 0.0, 1.0]
-    with pytest.raises(InputError, match="where the rotary axes stand is not known"):
+    with pytest.raises(InputError, match="the positions of the rotary axes are not known"):
         read(tmp_path, head + body + "PLANE RESET STAY\nL X+1 Y+1 Z+5 F100\nEND PGM A MM\n", "a.h")
     siemens = (
         "G71 G90 G17\nT1 M6\nG0 X0 Y0 Z100\n"
@@ -335,7 +335,7 @@ def test_planes_left_with_the_axes_brought_to_zero(tmp_path: Path) -> None:
     )
     u = read(tmp_path, siemens.format('CYCLE800(1,"TC",0,57,0,0,0,0,0,0,0,0,0,1)'), "a.mpf")
     assert mm(u)[-1].tolist() == [5.0, 5.0, 5.0]
-    with pytest.raises(InputError, match="where the rotary axes stand is not known"):
+    with pytest.raises(InputError, match="the positions of the rotary axes are not known"):
         read(tmp_path, siemens.format("CYCLE800()"), "a.mpf")
 
 

@@ -250,7 +250,7 @@ def test_wrong_folders(tmp_path: Path) -> None:
         ("fx_N", "", ["line 2: column 10 has no name"]),
         ("fx_N", "wholly_else", ["unknown column 'wholly_else'; valid:"]),
         ("q1_deg", "q1_mm", ["line 2, column q1_mm: joints that slide are read in", "kind absolute and motion"]),
-        ("q1_deg", "q2_deg", ["line 2: column 'q2_deg' stands twice, as columns 4 and 5; keep one"]),
+        ("q1_deg", "q2_deg", ["line 2: column 'q2_deg' is given twice, as columns 4 and 5; keep one"]),
         ("-90,90", "-90", ["line 4: found 21 fields; expected 22 as in the header"]),
         ("45.5", "nan", ["line 4, column q5_deg: found 'nan'; expected a finite number"]),
         ("45.5", "-inf", ["line 4, column q5_deg: found '-inf'; expected a finite number"]),
@@ -296,24 +296,28 @@ def test_wrong_cells(tmp_path: Path, old: str, new: str, parts: list[str]) -> No
         (
             f"{PLAIN}\n{ROW}\n".replace("fz_N,", "").replace(",3,", ","),
             "deflection",
-            ["line 1: column fz_N is missing beside fx_N, fy_N"],
+            ["line 1: column fz_N is missing; it is required with fx_N, fy_N"],
         ),
         (
             f"{Q},mz_Nm,dx_mm,dy_mm,dz_mm\n1,2,3,4,5,6,7,8,9,1\n",
             "deflection",
-            ["line 1: column fx_N, fy_N, fz_N is missing beside mz_Nm"],
+            ["line 1: column fx_N, fy_N, fz_N is missing; it is required with mz_Nm"],
         ),
         (
             f"{PLAIN.replace('dx_mm,dy_mm,', '')}\n{ROW.replace('0.1,0.2,', '')}\n",
             "deflection",
-            ["column dx_mm, dy_mm is missing beside dz_mm", "three dial gauges"],
+            ["column dx_mm, dy_mm is missing; it is required with dz_mm", "three dial gauges"],
         ),
         (f"{PLAIN}\n{ROW.replace('0.1,0.2', ',')}\n", "deflection", ["line 2, column dx_mm", "one gauge alone"]),
-        (f"{PLAIN},rx_mrad\n{ROW},1\n", "deflection", ["column ry_mrad, rz_mrad is missing beside dx_mm"]),
+        (
+            f"{PLAIN},rx_mrad\n{ROW},1\n",
+            "deflection",
+            ["column ry_mrad, rz_mrad is missing; it is required with dx_mm"],
+        ),
         (
             f"{PLAIN}\n{ROW}\n".replace("q3_deg,", "").replace(",30,", ","),
             "deflection",
-            ["column q3_deg is missing beside q1_deg, q2_deg"],
+            ["column q3_deg is missing; it is required with q1_deg, q2_deg"],
         ),
         (
             f"{Q},dx_mm,dy_mm,dz_mm\n1,2,3,4,5,6,7,8,9\n",
@@ -327,7 +331,11 @@ def test_wrong_cells(tmp_path: Path, old: str, new: str, parts: list[str]) -> No
         ),
         (f"{PLAIN}\n{ROW}\n", "motion", ["kind motion needs the columns time_s"]),
         (f"time_s,{Q}\n0,1,2,3,4,5,6\n", "motion", ["something to compare", "qcmd1_deg, qse1_deg, tau1_Nm"]),
-        (f"{Q},x_mm,y_mm,z_mm,qw\n1,2,3,4,5,6,7,8,9,1\n", "absolute", ["column qx, qy, qz is missing beside qw"]),
+        (
+            f"{Q},x_mm,y_mm,z_mm,qw\n1,2,3,4,5,6,7,8,9,1\n",
+            "absolute",
+            ["column qx, qy, qz is missing; it is required with qw"],
+        ),
         (
             f"{Q},x_mm,y_mm,z_mm,qw,qx,qy,qz\n1,2,3,4,5,6,7,8,9,1,0,0,0\n1,2,3,4,5,6,7,8,9,1,0.1,0,0\n",
             "absolute",

@@ -158,7 +158,8 @@ def test_the_verdict_answers_gain_and_safety() -> None:
     assert v.sentence == (
         "Predicted worst deflection 0.182 → 0.108 mm (−41 %) against the CAM's default rotation, −18 % against "
         "Jiao 2022; mean deflection 36 % ± 6 % less than with the CAM's default rotation (90 %: 26 to 46 %), 14 % less "
-        "than with Jiao 2022; feed held on 99.1 % of the cutting time; nearest miss at the points 12.4 mm "
+        "than with Jiao 2022; programmed feed reached for 99.1 % of the cutting time; minimum clearance at the points "
+        "12.4 mm "
         "(link5 – fixture, point 211); verification passed."
     )
     assert (v.badge, v.tone) == ("VERIFIED", "")
@@ -190,7 +191,7 @@ def test_the_verdict_answers_gain_and_safety() -> None:
         (
             {"gains": (GainOverBaseline("Jiao 2022", 1e-5, 1e-6, (-1e-6, 2e-5), False),)},
             "VERIFIED",
-            "the same mean deflection as with Jiao 2022; feed held",
+            "the same mean deflection as with Jiao 2022; programmed feed reached",
         ),
         (
             {"shift": ShiftSummary(worst=3.3e-4, mean=2.8e-4, left_worst=2.1e-5, left_mean=4e-6)},

@@ -13,7 +13,7 @@ from machopt.report.wording.result_verdict import build_verdict
 
 
 def block(data: ReportData) -> str:
-    """Numbers and their units stand together by spaces that do not break; here they are plain ones."""
+    """Numbers and their units are both given by spaces that do not break; here they are plain ones."""
     found = re.search(r"<section id=programs>.*?</section>", build_report_html(data), re.S)
     assert found
     return found[0].replace("\u00a0", " ")

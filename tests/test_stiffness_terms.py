@@ -396,7 +396,7 @@ def test_what_is_wrong_is_said_with_its_place(
 
 def test_a_term_stands_once(arm: tuple[Robot, np.ndarray]) -> None:
     term = StiffnessTerm(*FORMS["beam"])
-    with pytest.raises(InputError, match="stands twice"):
+    with pytest.raises(InputError, match="is given twice"):
         compile_terms((term, term), *arm)
     _, geometric = compile_terms((StiffnessTerm("geometric_stiffness", "arm"),), *arm)
     assert geometric

@@ -96,7 +96,7 @@ def test_a_cut_that_loses_its_first_point_is_driven_from_the_next(made: Plan) ->
 @pytest.mark.parametrize(
     ("reason", "code", "said"),
     [
-        ("way", "rapid_blocked", "no free way was found past spindle ~ post"),
+        ("way", "rapid_blocked", "no collision-free path was found past spindle ~ post"),
         ("start", "home_collides", "another home pose"),
         ("end", "rapid_collides", "at the end of the rapid move"),
     ],

@@ -83,7 +83,7 @@ def test_a_tool_that_stands_sideways_is_told(good: Path, changed: Make) -> None:
     """flange against tool0: the planner verifies what such a cell says, and the spindle hits the arm's side."""
     tcp = line_of(good, "tcp:")
     folder = changed((tcp, "  tcp: {xyz_mm: [200, 0, 0], rpy_deg: [0, 90, 0]}"))
-    assert "warning tool.tcp: the TCP lies 200 mm beside the flange and 0 mm out of it" in texts(folder)
+    assert "warning tool.tcp: the TCP lies 200 mm from the flange axis and 0 mm out of it" in texts(folder)
     assert "looks along [0, 0, 1] of its own frame" in texts(folder)
     folder = changed(("xyz_mm: [200, 0, 0], rpy_deg: [0, 90, 0]", "xyz_mm: [0, 0, -200]"))
     assert "200 mm behind the flange" in texts(folder)

@@ -682,7 +682,7 @@ def test_bad_options_name_the_option_and_what_would_work(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x_mm,y_mm,kx_N_mm\n1,2,3\n1,2,3\n", r"column z_mm is missing beside x_mm, y_mm"),
+        ("x_mm,y_mm,kx_N_mm\n1,2,3\n1,2,3\n", r"column z_mm is missing; it is required with x_mm, y_mm"),
         ("kx_N_mm\n3\n4\n", r"no place: x_mm, y_mm, z_mm or q1_deg"),
         ("x_mm,y_mm,z_mm\n1,2,3\n1,2,4\n", r"no stiffness: at least one of kx_N_mm"),
         ("x_mm,y_mm,z_mm,kx_N_mm\n1,2,3,900\n", r"found one reading; two or more would work"),

@@ -45,7 +45,7 @@ def test_a_path_that_lies_partly_in_reach_is_planned_with_the_question(
     """A large part may well be meant: 5 m here, of which the arm reaches some."""
     options = ("--unit", "inch", "--feed", "1000", "--set", "rotation_step_deg=45", "--set", "collision=false")
     assert optimize(KR500, table(tmp_path, 1e3), tmp_path / "out", *options) == 3
-    assert "does --unit have to say another unit?" in capsys.readouterr().err
+    assert "is another --unit needed?" in capsys.readouterr().err
 
 
 def test_the_right_unit_is_planned(tmp_path: Path) -> None:

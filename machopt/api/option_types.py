@@ -35,15 +35,15 @@ class PlanOptionValues(TypedDict, total=False):
     clearance_full_mm: float | None  # distance from which more gains nothing, for weights.clearance
     clearance_mm: float | None  # kept between everything checked, mm
     collision_step_deg: float | None  # joint step between collision checks, degrees
-    collision: bool | None  # false: contacts are not looked for, and that is told
-    gouge_tolerance_mm: float | None  # workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; left out: not looked for
+    collision: bool | None  # false: no collision check; the result states it
+    gouge_tolerance_mm: float | None  # workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; left out: not checked
     sample_ms: float | None  # step of trajectory.csv, ms
     path_tolerance_mm: float | None  # by which the motion may round corners, mm
     axis_tolerance_deg: float | None  # the same of the tool axis, degrees
     approach_feed_mm_min: float | None  # of approach, retract and link moves that carry no feed, mm/min
     rapid_scale: float | None  # share of the joint velocity limits used in rapid moves
     limit_scale: float | None  # share of the joint limits used while cutting
-    allow_gaps: bool | None  # true: cuts to points out of reach are left out and said
+    allow_gaps: bool | None  # true: cuts to points out of reach are left out and listed
     compensate: bool | None  # true: drive a path shifted against the deflection under force_N
     compensation_max_mm: float | None  # a larger shift is refused, mm
     seed: int | None  # of the tree search for rapid moves

@@ -101,7 +101,7 @@ def find_jobs(request: BatchRequest) -> DiscoveredJobs:
         request: The request of ``machopt batch``.
 
     Raises:
-        InputError: a list is wrong, a file or cell is missing, a job stands twice, or there is none.
+        InputError: a list is wrong, a file or cell is missing, a job is given twice, or there is none.
     """
     jobs: dict[str, BatchJob] = {}
     left_out: list[str] = []
@@ -111,7 +111,7 @@ def find_jobs(request: BatchRequest) -> DiscoveredJobs:
             job = _build_job(item, base, request)
             if job.label in jobs:
                 raise InputError(
-                    f"{job.toolpath_name} with the same cell and options stands twice, first in "
+                    f"{job.toolpath_name} with the same cell and options is given twice, first in "
                     f"{jobs[job.label].where}; "
                     "keep one, or name them differently (name: …)",
                     file=item.file,
@@ -192,7 +192,7 @@ def _build_job(item: ListedJob, base: Path, request: BatchRequest) -> BatchJob:
     cell = item.cell or request.cell
     if cell is None:
         raise InputError(
-            "has no cell; --cell FOLDER, a folder named cell beside it, or the key cell in a list would work",
+            "has no cell; --cell FOLDER, a folder named cell next to it, or the key cell in a job list, is needed",
             file=item.toolpath if not item.where else item.file,
             where=item.where or None,
         )

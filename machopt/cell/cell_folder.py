@@ -76,7 +76,7 @@ class CellFolder:
             InputError: built by ``fail``: the path is no regular file.
         """
         if not exists(path):
-            raise fail(f"no such file: {name} (looked for {path})")
+            raise fail(f"no such file: {name} (searched for {path})")
         try:
             check_file(path, expected="a file", most=ANY_SIZE)
         except InputError as problem:

@@ -305,7 +305,7 @@ class _CellReader:
             fail = partial(self.document.build_error, loc)
             out[n] = self.folder.resolve_inside(self.folder.path / folder, folder, fail)
             if not isdir(out[n]):
-                raise fail(f"no such folder: {folder} (looked for {out[n]})")
+                raise fail(f"no such folder: {folder} (searched for {out[n]})")
         return out
 
     def urdf(self, path: Path, packages: dict[str, Path]) -> RobotDescription:

@@ -105,7 +105,8 @@ def load_kinematics(path: Path | str) -> KinematicCorrections:
         key = c.effect, c.location, str(c.parameters.get(angle_range.RANGE_KEY, ""))
         if key in seen:
             raise document.build_error(
-                loc, f"{c.effect} at {c.location} stands twice; keep one (waves of a transmission error stand in lists)"
+                loc,
+                f"{c.effect} at {c.location} is given twice; keep one (waves of a transmission error stand in lists)",
             )
         seen.add(key)
         stated = _parse_parameters(document, (*loc, "parameters"), c)

@@ -29,7 +29,7 @@ def describe_tool_choice(tools: Mapping[str, Tool]) -> list[str]:
     """
     if len(tools) < 2:
         return []
-    return [f"of the tools {', '.join(tools)} the first is taken by commands that no toolpath tells which"]
+    return [f"of the tools {', '.join(tools)} the first one is used by commands without a toolpath"]
 
 
 def combine_tools(tools: Mapping[str, Tool]) -> Tool:
@@ -125,7 +125,7 @@ def describe_unused_elements(urdf: UrdfModel) -> tuple[str, ...]:
     if not urdf.unused_elements:
         return ()
     found = ", ".join(f"{tag} ({n})" for tag, n in urdf.unused_elements.items())
-    return (f"{urdf.path.name}: elements that say nothing of bodies, masses and joints, not used: {found}",)
+    return (f"{urdf.path.name}: elements without information on bodies, masses and joints are not used: {found}",)
 
 
 def check_unique_names(document: YamlDocument, *shapes: CollisionShape) -> None:

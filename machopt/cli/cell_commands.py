@@ -35,8 +35,11 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         commands: The sub-parsers of the main parser.
         common: Parent parser with the options of every command.
     """
-    from machopt.cell_setup.template.init_request import UNITS, InitRequest
+    _add_init(commands, common)
+    _add_validate(commands, common)
 
+
+def _add_init(commands: Commands, common: argparse.ArgumentParser) -> None:
     p = commands.add_parser(
         "init", parents=[common, build_reading_parser()], help="write a new cell from the URDF or xacro file of a robot"
     )
@@ -59,6 +62,15 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         metavar="LINK",
         help="link to which the tool is mounted (default: tool0, flange, or the last link)",
     )
+    _add_tool_options(p)
+    _add_workpiece_options(p)
+    _add_arm_options(p)
+    p.set_defaults(run=_run_init)
+
+
+def _add_tool_options(p: argparse.ArgumentParser) -> None:
+    from machopt.cell_setup.template.init_request import UNITS, InitRequest
+
     tool = p.add_argument_group("tool")
     tool.add_argument(
         "--tool-length-mm",
@@ -95,6 +107,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         choices=tuple(UNITS),
         help="unit of --tool-mesh and --workpiece-mesh (default: m, or mm where m would be too large)",
     )
+
+
+def _add_workpiece_options(p: argparse.ArgumentParser) -> None:
     part = p.add_argument_group("workpiece")
     part.add_argument(
         "--toolpath", type=Path, metavar="FILE", help="place the workpiece where the robot reaches this whole toolpath"
@@ -112,6 +127,11 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="orientation of the CAM frame in world (default: 0, or as the reach demands)",
     )
     part.add_argument("--workpiece-mesh", type=Path, metavar="FILE", help="mesh of the workpiece in CAM coordinates")
+
+
+def _add_arm_options(p: argparse.ArgumentParser) -> None:
+    from machopt.cell_setup.template.init_request import InitRequest
+
     arm = p.add_argument_group("arm")
     arm.add_argument(
         "--stiffness",
@@ -128,8 +148,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     arm.add_argument(
         "--post", default=InitRequest.post, help="robot program that optimize writes: krl, rapid, fanuc, …"
     )
-    p.set_defaults(run=_run_init)
 
+
+def _add_validate(commands: Commands, common: argparse.ArgumentParser) -> None:
     look = commands.add_parser("validate", parents=[common], help="list errors and warnings of a cell, and draw it")
     add_shared_option(look, "cell")
     add_shared_option(look, "--allow-external")

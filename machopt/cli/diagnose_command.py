@@ -20,7 +20,8 @@ _VERDICTS = {
     "explained": "explained",
     "partly_explained": "explained in part",
     "unexplained": "not explained: a repeatable mismatch that no law of the catalogue predicts",
-    "insufficient": "insufficient: nothing is named, and too little was read to say that nothing is missing",
+    "insufficient": "insufficient: no effect was found, and there are too few readings to conclude that none is "
+    "missing",
 }
 
 
@@ -144,14 +145,17 @@ def format_diagnosis_summary(result: DiagnosisDocument) -> list[str]:
         )
         others = [f"{effect} {location}" for effect, location in f.one_of[1:]]
         if others:
-            lines.append(f"       these data cannot tell it from: {', '.join(others)}")
+            lines.append(f"       these data cannot distinguish it from: {', '.join(others)}")
     if result.verdict in ("unexplained", "partly_explained"):
         where = sorted(result.mismatch, key=lambda s: -(s.share or 0.0))[:3]
         if where:
-            lines.append("  lives in: " + ", ".join(f"{s.axis} {100 * (s.share or 0.0):.0f} %" for s in where))
+            lines.append(
+                "  largest shares of the mismatch: "
+                + ", ".join(f"{s.axis} {100 * (s.share or 0.0):.0f} %" for s in where)
+            )
     if result.outliers is not None:
         count = len(result.outliers.rows)
-        lines.append(f"  put aside: {count} reading{'' if count == 1 else 's'} ({result.outliers.location})")
+        lines.append(f"  excluded: {count} reading{'' if count == 1 else 's'} ({result.outliers.location})")
     if result.effect_on_job is not None and result.effect_on_job.sentence:
         lines.append(f"  the job: {result.effect_on_job.sentence}")
     if result.next_experiment:

@@ -16,6 +16,16 @@ def add_map_options(p: argparse.ArgumentParser) -> None:
     Args:
         p: The parser.
     """
+    _add_place_options(p)
+    _add_posture_options(p)
+    _add_quantity_options(p)
+    add_shared_option(p, "--plan", dest="plan_file")
+    add_shared_option(p, "--set", dest="overrides")
+    add_shared_option(p, "--effects")
+    p.set_defaults(run=_run_map)
+
+
+def _add_place_options(p: argparse.ArgumentParser) -> None:
     where = p.add_argument_group("where")
     where.add_argument("--slice", choices=("xy", "xz", "yz"), help="plane of the map (default: xz)")
     where.add_argument("--at", type=float, metavar="MM", help="position of the plane along its normal (default: 0)")
@@ -49,6 +59,9 @@ def add_map_options(p: argparse.ArgumentParser) -> None:
         default="base",
         help="frame of positions and axes (default: base)",
     )
+
+
+def _add_posture_options(p: argparse.ArgumentParser) -> None:
     tool = p.add_argument_group("posture")
     tool.add_argument(
         "--tool-axis",
@@ -81,6 +94,9 @@ def add_map_options(p: argparse.ArgumentParser) -> None:
         default="self",
         help="collisions that are checked: none, self (robot and tool), cell (all bodies) (default: self)",
     )
+
+
+def _add_quantity_options(p: argparse.ArgumentParser) -> None:
     load = p.add_argument_group("quantities")
     load.add_argument("--load-N", dest="force", metavar="FX,FY,FZ", help="force on the tool, for deflection and K_C")
     load.add_argument("--wrench", metavar="FX,…,MZ", help="force and moment on the tool, N and N·m")
@@ -98,10 +114,6 @@ def add_map_options(p: argparse.ArgumentParser) -> None:
     load.add_argument(
         "--neighbours", type=int, help="number of neighbours of the inverse distance weighting (default: all)"
     )
-    add_shared_option(p, "--plan", dest="plan_file")
-    add_shared_option(p, "--set", dest="overrides")
-    add_shared_option(p, "--effects")
-    p.set_defaults(run=_run_map)
 
 
 def _run_map(args: argparse.Namespace) -> int:

@@ -35,6 +35,8 @@ def format_check_line(c: VerificationCheck) -> str:
     where = "" if c.passed or not c.where else f" at {c.where}"
     if c.passed is False and c.limit == 0.0:
         return f"FAIL {c.name}: {c.where}"
+    if c.beyond and c.value <= 0.0:
+        return f"ok   {c.name}: {-c.value:.4g} {c.beyond} within the limit{where}"
     if math.isnan(c.value) and math.isnan(c.limit):
         return f"{'ok  ' if c.passed else 'FAIL'} {c.name}{where.replace(' at ', ': ', 1)}"
     return f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}"
@@ -68,7 +70,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         o: ChoiceObjectiveSection = getattr(objective, name)
         if o.total is None:
             share = math.floor(1e3 * o.feasible_share) / 10  # never "100 %" of what is not feasible throughout
-            lines.append(f"  {name:12} not feasible throughout (at {share:g} % of the stations only)")
+            lines.append(f"  {name:12} feasible at {share:g} % of the stations only")
         else:
             mean, worst = (_format_cost(result, cost) for cost in (o.mean, o.worst))
             total = o.total - _convert_null_to_nan(o.tolerance)
@@ -79,7 +81,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         free = [p.plan for p in result.front if not p.dominated]
         lines.append(f"  front of {len(free)} plan{'s' * (len(free) > 1)} in front.csv: {', '.join(free)}")
         if any(p.dominated and p.plan == "as asked" for p in result.front):
-            lines.append("  another of them is nowhere worse than the plan as asked")
+            lines.append("  another of these plans is at least as good in every criterion as the requested plan")
     soft = result.worst_point
     if soft:
         if soft.deflection_mm is not None:
@@ -106,9 +108,9 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         lines += _format_removed_deflection(shift)
     if result.cycle_time_s is not None and result.feed_held_share is not None:
         dips, ramps = len(result.feed_dips), len(result.feed_stops)
-        rest = f", {dips} dips" if dips else ", the rest are ramps at stops that the path demands" if ramps else ""
+        rest = f", {dips} dips" if dips else ", the rest is braking at stops that the path requires" if ramps else ""
         lines.append(
-            f"  {result.cycle_time_s:.1f} s cycle, programmed feed held for "
+            f"  {result.cycle_time_s:.1f} s cycle time, programmed feed reached for "
             f"{100 * result.feed_held_share:.1f} % of the cutting time{rest}"
         )
     for stop in result.obstructions[:STOPS]:
@@ -148,7 +150,7 @@ def _format_removed_deflection(shift: CompensationSection) -> list[str]:
     low, high = r.removed_ci90_percent
     least, most = r.residual_max_ci90_mm
     text = f"    {low:.1f} to {high:.1f} % of the mean deflection removed".replace("-", "−")
-    return [f"{text} (90 %), {least:.4f} to {most:.4f} mm left at worst"]
+    return [f"{text} (90 %), {least:.4f} to {most:.4f} mm remaining at most"]
 
 
 def _format_gain_lines(result: OptimizeDocument) -> list[str]:
@@ -161,7 +163,7 @@ def _format_gain_lines(result: OptimizeDocument) -> list[str]:
         share, std = gain.mean_percent, gain.std_percent
         nothing = not gain.distinguishable and abs(share) < 0.05 and (std or 0.0) < 0.05  # no digit of it would show
         if nothing or (std is None and not gain.distinguishable):
-            lines.append(f"  no gain over {gain.over}: the same {what}")
+            lines.append(f"  no gain over {gain.over}: same {what}")
             continue
         decimals = int(abs(share) < 10 if std is None else std < 1.5)
         text = f"  gain over {gain.over}: {what} {abs(share):.{decimals}f} %"
@@ -173,7 +175,7 @@ def _format_gain_lines(result: OptimizeDocument) -> list[str]:
         low, high = (round(v, decimals) + 0.0 for v in (low, high))  # no −0.0
         lines.append(f"{text} (90 %: {low:.{decimals}f} to {high:.{decimals}f} %)".replace("-", "−"))
         if not gain.distinguishable:
-            lines.append("    less than rounding or the stiffness model's own uncertainty: not distinguishable")
+            lines.append("    smaller than rounding or the uncertainty of the stiffness model: not significant")
     return lines
 
 
@@ -191,10 +193,10 @@ def _format_bound_lines(result: OptimizeDocument) -> list[str]:
     total, beyond = _convert_null_to_nan(result.objective.chosen.total), search.beyond_grid_percent
     above = _convert_null_to_nan(search.plan_above_bound_percent)
     return [
-        f"  objective of the driven curve {total:.4f}, {abs(above):.2f} % {'above' if above >= 0 else 'below'} the "
-        f"bound of the grid and {abs(beyond):.2f} % {'below' if beyond >= 0 else 'above'} the grid's sequence",
-        f"    bound for the {step:g}° grid at the stations alone: no sequence is below {search.lower_bound:.4f} (found "
-        f"{search.sequence:.4f}, gap of the search {search.gap_percent:.2f} %)",
+        f"  objective of the planned motion {total:.4f}: {abs(above):.2f} % {'above' if above >= 0 else 'below'} the "
+        f"lower bound, {abs(beyond):.2f} % {'below' if beyond >= 0 else 'above'} the best sequence on the grid",
+        f"    lower bound for all sequences on the {step:g}° grid: {search.lower_bound:.4f} (best sequence found "
+        f"{search.sequence:.4f}, gap {search.gap_percent:.2f} %)",
         *_format_external_lines(search.external),
     ]
 
@@ -204,15 +206,15 @@ def _format_external_lines(e: ExternalSearchBoundSection | None) -> list[str]:
     if e is None:
         return []
     if e.why_none:
-        return [f"    with the external joints as chosen; no bound over their values: {e.why_none}"]
-    gap = "between these values and below all of them, so no bound holds for it"
+        return [f"    for the chosen values of the external joints; no lower bound over their values: {e.why_none}"]
+    gap = "at values of the external joints between those of the grid, so the bound does not apply to it"
     if e.gap_percent is not None:
         gap = f"gap {e.gap_percent:.2f} %"
     return [
-        f"    with the external joints as chosen; over {e.values} values of theirs and the plan's own, every "
-        f"{_convert_null_to_nan(e.rotation_step_deg):g}° at {e.stations} stations, no sequence is below "
-        f"{_convert_null_to_nan(e.lower_bound):.4f}: the "
-        f"plan has {_convert_null_to_nan(e.plan):.4f} there, {gap}"
+        f"    for the chosen values of the external joints; lower bound over {e.values} of their values and those of "
+        "the "
+        f"plan, with steps of {_convert_null_to_nan(e.rotation_step_deg):g}° at {e.stations} stations: "
+        f"{_convert_null_to_nan(e.lower_bound):.4f}; the plan has {_convert_null_to_nan(e.plan):.4f}, {gap}"
     ]
 
 
@@ -263,24 +265,24 @@ def _format_program_lines(result: OptimizeDocument) -> list[str]:
     for p in result.programs:
         c = p.checked
         if p.withheld:
-            lines.append(f"  program for {p.post} withheld: {p.withheld}")
+            lines.append(f"  program for {p.post} not written: {p.withheld}")
             continue
         if c is None:
-            lines.append(f"  program {p.files[0]}: NOT CHECKED: in a language that no reader here knows")
+            lines.append(f"  program {p.files[0]}: NOT CHECKED: no reader for this language exists")
         else:
-            state = f"reads back within {_convert_null_to_nan(c.positions_max_mm):.1g} mm"
+            state = f"read back, largest difference {_convert_null_to_nan(c.positions_max_mm):.1g} mm"
             if p.differences:
-                state = "DOES NOT READ BACK AS WRITTEN"
+                state = "DIFFERS FROM THE PLAN WHEN READ BACK"
             if c.path_max_mm is not None:
-                state += f", its lines keep to the motion within {c.path_max_mm:.3f} mm"
+                state += f", largest distance from the planned motion {c.path_max_mm:.3f} mm"
             added = f" ({p.moves_added} added for that)" if p.moves_added else ""
             lines.append(f"  program {p.files[0]}: {c.moves} moves{added}, {state}")
         feed = p.feed_model
         if feed is not None:
             lines.append(
-                f"    by the model of its controller it holds {feed.mean_percent:.0f} % of the programmed feed "
-                f"({feed.lowest_percent:.0f} % in the slowest move, {feed.exact_stops} exact stops), rounding "
-                f"points by {feed.rounding_max_mm:.3f} mm at most"
+                f"    feed by the model of the controller: {feed.mean_percent:.0f} % of the programmed one on average, "
+                f"{feed.lowest_percent:.0f} % in the slowest move, {feed.exact_stops} exact stops; corners rounded by "
+                f"{feed.rounding_max_mm:.3f} mm at most"
             )
     return lines
 

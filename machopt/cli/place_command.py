@@ -176,7 +176,7 @@ def _format_place_summary(r: PlaceDocument) -> list[str]:
         lines.append(f"  {r.moved} moved with {', '.join(r.carried)}")
     for k, p in enumerate(r.best, 1):
         x, y, z = p.shift_mm
-        gain = "" if p.gain_percent is None else f", {p.gain_percent:.1f} % less than as it stands"
+        gain = "" if p.gain_percent is None else f", {p.gain_percent:.1f} % less than at the present position"
         lines.append(
             f"  {k}: x {x:+.0f}, y {y:+.0f}, z {z:+.0f} mm, turn {p.turn_deg:+.1f}°: worst {p.worst:.4g} {r.unit}"
             f"{gain}; {p.folder}/"

@@ -17,14 +17,24 @@ def add_plan_poses_options(p: argparse.ArgumentParser) -> None:
     Args:
         p: The parser.
     """
-    n, real = int, float
+    _add_size_options(p)
+    _add_load_options(p)
+    _add_job_options(p)
+    _add_instrument_options(p)
+    _add_posture_options(p)
+    _add_search_options(p)
+    add_shared_option(p, "--effects")
+    p.set_defaults(run=_run_plan_poses)
+
+
+def _add_size_options(p: argparse.ArgumentParser) -> None:
     size = p.add_argument_group("how much to measure")
-    size.add_argument("--poses", type=n, default=10, help="number of poses (default: 10)")
-    size.add_argument("--loads", type=n, default=2, help="number of different loads at each pose (default: 2)")
-    size.add_argument("--cycles", type=n, default=2, help="number of repetitions of all poses and loads (default: 2)")
+    size.add_argument("--poses", type=int, default=10, help="number of poses (default: 10)")
+    size.add_argument("--loads", type=int, default=2, help="number of different loads at each pose (default: 2)")
+    size.add_argument("--cycles", type=int, default=2, help="number of repetitions of all poses and loads (default: 2)")
     size.add_argument(
         "--target-percent",
-        type=real,
+        type=float,
         default=5.0,
         help="report how many poses give every joint stiffness this standard deviation, percent (default: 5)",
     )
@@ -35,12 +45,15 @@ def add_plan_poses_options(p: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="value of a rail or positioner joint, mm or deg (default: home); may be repeated",
     )
+
+
+def _add_load_options(p: argparse.ArgumentParser) -> None:
     loads = p.add_argument_group("loads")
     loads.add_argument("--weights-kg", type=parse_floats, metavar="A,B", help="available weights, kg")
     loads.add_argument("--pull-N", type=parse_floats, metavar="A,B", help="available pulling forces, N")
     loads.add_argument(
         "--pull-directions",
-        type=n,
+        type=int,
         default=8,
         help="number of horizontal pulling directions where no anchors are given (default: 8)",
     )
@@ -59,17 +72,20 @@ def add_plan_poses_options(p: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help="lever arms of the load across the tool axis, mm; 0 is the TCP (default: 0,200)",
     )
-    loads.add_argument("--max-load-N", type=real, help="largest load, N (default: no limit)")
+    loads.add_argument("--max-load-N", type=float, help="largest load, N (default: no limit)")
     loads.add_argument(
         "--max-torque-Nm", type=parse_floats, metavar="T1,…,T6", help="largest joint torques due to the load alone"
     )
-    loads.add_argument("--max-deflection-mm", type=real, default=5.0, help="largest expected deflection (default: 5)")
+    loads.add_argument("--max-deflection-mm", type=float, default=5.0, help="largest expected deflection (default: 5)")
     loads.add_argument(
         "--min-signal",
-        type=real,
+        type=float,
         default=5.0,
         help="smallest expected deflection, in standard deviations of a reading (default: 5)",
     )
+
+
+def _add_job_options(p: argparse.ArgumentParser) -> None:
     job = p.add_argument_group("the job that the robot is measured for")
     job.add_argument(
         "--toolpath", type=Path, metavar="FILE", help="toolpath of the job; its loads are those of force_N"
@@ -81,6 +97,9 @@ def add_plan_poses_options(p: argparse.ArgumentParser) -> None:
         help="smallest and largest process force, N; each load is then measured at two sizes",
     )
     add_shared_option(job, "--set", help="set a planning option for the plan of --toolpath; may be repeated")
+
+
+def _add_instrument_options(p: argparse.ArgumentParser) -> None:
     gauge = p.add_argument_group("instrument")
     gauge.add_argument(
         "--sensor",
@@ -90,66 +109,72 @@ def add_plan_poses_options(p: argparse.ArgumentParser) -> None:
         "gauges",
     )
     gauge.add_argument(
-        "--displacement-mm", type=real, help="standard deviation of one coordinate (default: 0.012, dial gauge 0.005)"
+        "--displacement-mm", type=float, help="standard deviation of one coordinate (default: 0.012, dial gauge 0.005)"
     )
     gauge.add_argument(
-        "--targets-mm", type=real, default=200.0, help="distance of the three targets from the TCP (default: 200)"
+        "--targets-mm", type=float, default=200.0, help="distance of the three targets from the TCP (default: 200)"
     )
     gauge.add_argument(
         "--cycle-mm",
-        type=real,
+        type=float,
         default=0.015,
         help="standard deviation of the error common to a load cycle (default: 0.015)",
     )
     gauge.add_argument(
-        "--pose-mm", type=real, default=0.03, help="standard deviation of the error common to a pose (default: 0.03)"
+        "--pose-mm", type=float, default=0.03, help="standard deviation of the error common to a pose (default: 0.03)"
     )
     gauge.add_argument(
-        "--force-percent", type=real, default=0.75, help="standard deviation of the load (default: 0.75)"
+        "--force-percent", type=float, default=0.75, help="standard deviation of the load (default: 0.75)"
     )
     gauge.add_argument("--tracker", type=parse_floats, metavar="X,Y,Z", help="position of the tracker in world, mm")
     gauge.add_argument(
         "--tracker-range-mm",
-        type=real,
+        type=float,
         default=15000.0,
         help="largest distance of a target from the tracker (default: 15000)",
     )
     gauge.add_argument(
         "--tracker-angle-deg",
-        type=real,
+        type=float,
         default=45.0,
         help="smallest angle between line of sight and flange (default: 45)",
     )
+
+
+def _add_posture_options(p: argparse.ArgumentParser) -> None:
     posture = p.add_argument_group("postures")
     posture.add_argument(
-        "--min-kci", type=real, default=0.1, help="smallest dexterity index (default: 0.1; zhang2025 uses 0.45)"
+        "--min-kci", type=float, default=0.1, help="smallest dexterity index (default: 0.1; zhang2025 uses 0.45)"
     )
     posture.add_argument(
         "--max-nu-p",
-        type=real,
+        type=float,
         default=0.05,
         help="largest relative change of the translation due to K_C (default: 0.05)",
     )
     posture.add_argument(
-        "--max-nu-r-deg", type=real, default=0.05, help="largest change of a rotation due to K_C (default: 0.05)"
+        "--max-nu-r-deg", type=float, default=0.05, help="largest change of a rotation due to K_C (default: 0.05)"
     )
     posture.add_argument(
-        "--clearance-mm", type=real, default=20.0, help="smallest clearance to all bodies (default: 20)"
+        "--clearance-mm", type=float, default=20.0, help="smallest clearance to all bodies (default: 20)"
     )
     posture.add_argument(
-        "--limit-margin-deg", type=real, default=5.0, help="smallest distance from a joint limit (default: 5)"
+        "--limit-margin-deg", type=float, default=5.0, help="smallest distance from a joint limit (default: 5)"
     )
     posture.add_argument(
-        "--floor-mm", type=real, default=300.0, help="smallest height of the TCP in world (default: 300)"
+        "--floor-mm", type=float, default=300.0, help="smallest height of the TCP in world (default: 300)"
     )
     posture.add_argument(
-        "--ceiling-mm", type=real, default=2500.0, help="largest height of the TCP in world (default: 2500)"
+        "--ceiling-mm", type=float, default=2500.0, help="largest height of the TCP in world (default: 2500)"
     )
     posture.add_argument(
         "--box-mm", type=parse_floats, metavar="X0,Y0,Z0,X1,Y1,Z1", help="box in world that must contain the TCP"
     )
     posture.add_argument("--without-workpiece", action="store_true", help="plan without the workpiece")
     posture.add_argument("--no-collision", action="store_true", help="skip the collision check")
+
+
+def _add_search_options(p: argparse.ArgumentParser) -> None:
     search = p.add_argument_group("search")
     search.add_argument(
         "--fit",
@@ -174,14 +199,12 @@ def add_plan_poses_options(p: argparse.ArgumentParser) -> None:
     )
     search.add_argument(
         "--prior-factor",
-        type=real,
+        type=float,
         default=1.0,
         help="factor by which the approximate stiffness may be wrong (default: 1)",
     )
-    search.add_argument("--candidates", type=n, default=2000, help="number of candidate poses (default: 2000)")
-    search.add_argument("--starts", type=n, default=2, help="number of random starts of the search (default: 2)")
-    add_shared_option(p, "--effects")
-    p.set_defaults(run=_run_plan_poses)
+    search.add_argument("--candidates", type=int, default=2000, help="number of candidate poses (default: 2000)")
+    search.add_argument("--starts", type=int, default=2, help="number of random starts of the search (default: 2)")
 
 
 def _run_plan_poses(args: argparse.Namespace) -> int:

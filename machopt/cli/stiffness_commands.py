@@ -132,7 +132,7 @@ def _format_identify_summary(result: IdentificationDocument) -> list[str]:
     from machopt.data_types.documents.identification_document import describe_unidentified_joint
 
     heldout = result.heldout_rmse_mm
-    unseen = "no pose left to judge by" if heldout is None else f"{heldout:.4f} mm on unseen poses"
+    unseen = "no held-out pose" if heldout is None else f"{heldout:.4f} mm on unseen poses"
     lines = [
         f"{result.readings} readings, {_format_count(result.poses, 'pose')}, {result.model} model: "
         f"{_convert_null_to_nan(result.rmse_mm):.4f} mm a coordinate, {unseen}, "

@@ -244,7 +244,7 @@ class _YamlValueBuilder:
                 raise self.error(key_line, loc, "a key must be a word")
             if key in out:
                 first = self.lines[(*loc, key)]
-                raise self.error(key_line, (*loc, key), f"key stands twice, first in line {first}; keep one")
+                raise self.error(key_line, (*loc, key), f"key is given twice, first in line {first}; keep one")
             self.lines[(*loc, key)] = key_line
             out[key] = self.build(child, (*loc, key), inside)
         return out

@@ -42,7 +42,7 @@ _PATTERN = set("*?[")
 class ReadingOptionKeys(StrictSchema):
     """What a toolpath file may not say itself."""
 
-    unit: Literal["mm", "inch"] | None = Field(default=None, description="of a file that does not say it")
+    unit: Literal["mm", "inch"] | None = Field(default=None, description="of a file that does not state it")
     machine: str | None = Field(default=None, min_length=1, description="kinematics behind rotary axes, e.g. table-ac")
     feed_mm_min: float | None = Field(default=None, gt=0, description="feed of cutting moves in a file that has none")
     strict: bool | None = Field(default=None, description="true: words that are not understood are refused")
@@ -53,14 +53,14 @@ class ReadingOptionKeys(StrictSchema):
         default=None, min_length=1, description="work offsets in the first one, mm, e.g. [G55=100,0,0]"
     )
     cycle_order: list[Literal["depth", "clear", "retract"]] | None = Field(
-        default=None, min_length=3, max_length=3, description="what the bare numbers of CYCLE/ stand for"
+        default=None, min_length=3, max_length=3, description="meaning of the unnamed numbers of CYCLE/"
     )
     decimals: int | None = Field(default=None, ge=0, le=6, description="places of G-code numbers without a point")
     accept_unknown: list[str] | None = Field(
         default=None, min_length=1, description="words that are not understood and move nothing, e.g. [PPRINTX]"
     )
     kind: Literal["path", "holes"] | None = Field(
-        default=None, description="what the rows of a point table are that does not say it"
+        default=None, description="meaning of the rows of a point table that does not state it"
     )
     max_extent_mm: float | None = Field(default=None, gt=0, description="longest path that is believed")
 
@@ -88,7 +88,7 @@ class JobListKeys(CommonJobKeys):
     toolpaths: list[str] = Field(default=[], description="CAM files, point tables or patterns such as parts/*.nc")
     options: dict[str, OptionKeys] = Field(default={}, description="planning options by the name of the variant")
     reading: ReadingOptionKeys | None = Field(default=None, description="how toolpaths are read")
-    jobs: list[BatchJobKeys] = Field(default=[], description="jobs of their own beside cells × toolpaths × options")
+    jobs: list[BatchJobKeys] = Field(default=[], description="further jobs, in addition to cells × toolpaths × options")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +179,7 @@ def resolve_post(text: str, folder: Path) -> str | Path:
         return text
     if not file.is_file():
         raise InputError(
-            f"no such post or template file: {text} (looked for {file}); {suggest_nearest_word(text, list(known))}"
+            f"no such post or template file: {text} (searched for {file}); {suggest_nearest_word(text, list(known))}"
         )
     return file.resolve()
 
@@ -270,7 +270,7 @@ def _parse_header(path: Path, line: int, header: list[str]) -> list[str]:
                 f"unknown column; {suggest_nearest_word(name, list(columns))}", file=path, where=where
             )
         if header.count(name) > 1:
-            raise FileFormatError("column stands twice; keep one", file=path, where=f"line {line}, column {name!r}")
+            raise FileFormatError("column is given twice; keep one", file=path, where=f"line {line}, column {name!r}")
     if "toolpath" not in header:
         raise FileFormatError("column toolpath is missing; a list of jobs needs it", file=path, where=f"line {line}")
     return header
@@ -353,14 +353,14 @@ def _resolve_cell(document: YamlDocument, loc: KeyPath, name: str) -> Path:
     if path.is_dir() and not (path / "cell.yaml").is_file():
         raise document.build_error(loc, f"no cell.yaml in the folder {name}")
     if not path.exists():
-        raise document.build_error(loc, f"no such cell: {name} (looked for {path})")
+        raise document.build_error(loc, f"no such cell: {name} (searched for {path})")
     return path
 
 
 def _resolve_posts(document: YamlDocument, loc: KeyPath, keys: CommonJobKeys) -> tuple[str | Path, ...]:
     """Resolve the posts of one key; files are searched next to the list."""
     if keys.post is not None and keys.posts is not None:
-        raise document.build_error((*loc, "posts"), "post and posts stand together; keep one")
+        raise document.build_error((*loc, "posts"), "post and posts are both given; keep one")
     out: list[str | Path] = []
     for n, text in enumerate(keys.posts or ([] if keys.post is None else [keys.post])):
         at: KeyPath = (*loc, "post") if keys.post is not None else (*loc, "posts", n)
@@ -369,7 +369,7 @@ def _resolve_posts(document: YamlDocument, loc: KeyPath, keys: CommonJobKeys) ->
         except InputError as problem:
             raise document.build_error(at, problem.reason) from None
         if post in out:
-            raise document.build_error(at, f"{text} stands twice; keep one")
+            raise document.build_error(at, f"{text} is given twice; keep one")
         out.append(post)
     return tuple(out)
 
@@ -379,10 +379,10 @@ def _find_toolpaths(document: YamlDocument, loc: KeyPath, name: str) -> list[Pat
     if _PATTERN & set(name) and not (folder / given).exists():
         found = find_matching_files(folder, name)
         if not found:
-            raise document.build_error(loc, f"no file matches {name} (looked in {folder})")
+            raise document.build_error(loc, f"no file matches {name} (searched in {folder})")
         return found
     if not (folder / given).is_file():
-        raise document.build_error(loc, f"no such toolpath: {name} (looked for {folder / given})")
+        raise document.build_error(loc, f"no such toolpath: {name} (searched for {folder / given})")
     return [folder / given]
 
 

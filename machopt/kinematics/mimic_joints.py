@@ -100,7 +100,7 @@ def compute_coupling_matrix(cell: Cell, model: Any, joints: list[int], arm: list
         name = model.names[j]
         m = follows.get(name)
         if m is None or m.source not in cell.arm_joints:
-            raise CellError(f"joint {name!r} stands in the chain and is not driven", file=cell.urdf)
+            raise CellError(f"joint {name!r} is in the chain and is not driven", file=cell.urdf)
         neighbour, sign = _find_driven_neighbour(lines, joints, n, arm)
         if neighbour is None:
             raise CellError(

@@ -45,7 +45,7 @@ class ExternalJointOptionKeys(StrictSchema):
     at_mm: float | None = Field(default=None, description="where it is locked, mm")
     at_deg: float | None = Field(default=None, description="the same of a joint that turns, degrees")
     at_operations_mm: dict[str, float] | None = Field(
-        default=None, description="where it stands in operations by label, mm; the others as the mode says"
+        default=None, description="position in operations, by label, mm; the others as the mode says"
     )
     at_operations_deg: dict[str, float] | None = Field(
         default=None, description="the same of a joint that turns, degrees"
@@ -123,13 +123,13 @@ class OptionKeys(StrictSchema):
     collision_step_deg: float | None = Field(
         default=None, ge=0.05, le=10, description="joint step between collision checks, degrees"
     )
-    collision: bool | None = Field(default=None, description="false: contacts are not looked for, and that is told")
+    collision: bool | None = Field(default=None, description="false: no collision check; the result states it")
     gouge_tolerance_mm: float | None = Field(
         default=None,
         gt=0,
         le=50,
         description="workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; "
-        "left out: not looked for",
+        "left out: not checked",
     )
     sample_ms: float | None = Field(default=None, ge=0.5, le=100, description="step of trajectory.csv, ms")
     path_tolerance_mm: float | None = Field(
@@ -147,7 +147,9 @@ class OptionKeys(StrictSchema):
     limit_scale: float | None = Field(
         default=None, gt=0, le=1, description="share of the joint limits used while cutting"
     )
-    allow_gaps: bool | None = Field(default=None, description="true: cuts to points out of reach are left out and said")
+    allow_gaps: bool | None = Field(
+        default=None, description="true: cuts to points out of reach are left out and listed"
+    )
     compensate: bool | None = Field(
         default=None, description="true: drive a path shifted against the deflection under force_N"
     )
@@ -170,7 +172,7 @@ class OptionKeys(StrictSchema):
         points = [f.point for f in value or ()]
         twice = sorted({p for p in points if points.count(p) > 1})
         if twice:
-            raise ValueError(f"point {twice[0]} stands twice; give each point one rotation")
+            raise ValueError(f"point {twice[0]} is given twice; give each point one rotation")
         return value
 
     def given(self) -> dict[str, object]:

@@ -31,7 +31,7 @@ class SteerKeys(StrictSchema):
     external: str | None = Field(
         default=None, description="an external joint, by name or as e1, e2 …: the entry is about it, not the rotation"
     )
-    at_mm: float | None = Field(default=None, description="pin of the external joint: where it stands there, mm")
+    at_mm: float | None = Field(default=None, description="fixed position of the external joint there, mm")
     at_deg: float | None = Field(default=None, description="the same of a joint that turns, degrees")
     forbid_mm: list[float] | None = Field(
         default=None, min_length=2, max_length=2, description="zone [from, to] of the external joint, mm"
@@ -41,7 +41,7 @@ class SteerKeys(StrictSchema):
     def _one_place(self) -> SteerKeys:
         given = [k for k in ("operation", "point", "points") if getattr(self, k) is not None]
         if len(given) > 1:
-            raise ValueError(f"found {' and '.join(given)}; one of them says where")
+            raise ValueError(f"found {' and '.join(given)}; exactly one of them gives the position")
         if self.external is not None:
             self._of_joint()
             return self
@@ -50,7 +50,7 @@ class SteerKeys(StrictSchema):
             raise ValueError(f"{joint[0]}: of an external joint, which external: names; it is not given")
         wishes = ("gamma_deg", "forbid_deg", "prefer_deg", "branch")
         if all(getattr(self, k) is None for k in wishes):
-            raise ValueError(f"says nothing; expected one of {', '.join(wishes)}")
+            raise ValueError(f"is empty; expected one of {', '.join(wishes)}")
         if self.weight is not None and self.prefer_deg is None:
             raise ValueError("weight: is of prefer_deg, which is not given")
         if self.points is not None and not 0 <= self.points[0] <= self.points[1]:
@@ -69,7 +69,9 @@ class SteerKeys(StrictSchema):
         given = [k for k in keys if getattr(self, k) is not None]
         turned = [k for k in ("gamma_deg", "prefer_deg", "weight", "branch") if getattr(self, k) is not None]
         if turned:
-            raise ValueError(f"{turned[0]}: of the rotation, beside external: {self.external}; two entries would work")
+            raise ValueError(
+                f"{turned[0]}: of the rotation, together with external: {self.external}; two entries would work"
+            )
         if len(given) != 1:
             raise ValueError(
                 f"found {' and '.join(given) or 'no place'} for external: {self.external}; one of {', '.join(keys)} "

@@ -161,10 +161,10 @@ def _refuse_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for key, value in pairs:
         if key in out:
-            raise ValueError(f"the key {key!r} stands twice")
+            raise ValueError(f"the key {key!r} is given twice")
         out[key] = value
     return out
 
 
 def _refuse_constant(word: str) -> Any:
-    raise ValueError(f"{word} is not JSON; null stands for what is not finite")
+    raise ValueError(f"{word} is not JSON; null is used for values that are not finite")

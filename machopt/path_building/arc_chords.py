@@ -160,7 +160,7 @@ def interpolate_axes(a: Array, b: Array, shares: Array) -> Array:
     a, b = np.broadcast_to(a, (len(shares), 3)), np.broadcast_to(b, (len(shares), 3))
     theta = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
     if (theta > math.pi - 1e-6).any():
-        raise ArcError("the tool axis turns by 180° in one block: which way round is not said")
+        raise ArcError("the tool axis turns by 180° in one block: the direction of the turn is not stated")
     sine = np.sin(theta)
     near = sine < 1e-9
     safe = np.where(near, 1.0, sine)

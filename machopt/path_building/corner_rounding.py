@@ -78,7 +78,7 @@ class ContourElement:
             return self.start + ((to - self.start) * d.conjugate()).real * d
         away = to - self.centre
         if not abs(away) > 1e-12:
-            raise ArcError("the rounding's centre is that of the arc beside it")
+            raise ArcError("the centre of the rounding is that of the adjacent arc")
         return self.centre + self.radius * away / abs(away)
 
 
@@ -119,7 +119,7 @@ def compute_rounding(before: ContourElement, after: ContourElement, radius: floa
         if all(abs(one - 0.5) <= 0.5 + _INSIDE for one in (before.share(start), after.share(end))):
             found.append((abs(centre - corner), CornerRounding(start, end, centre, side > 0.0)))
     if not found:
-        raise ArcError(f"a rounding of {radius:g} mm does not fit between the contour elements beside it")
+        raise ArcError(f"a rounding of {radius:g} mm does not fit between the adjacent contour elements")
     return min(found, key=lambda f: f[0])[1]
 
 
@@ -143,7 +143,7 @@ def compute_chamfer(
         ArcError: an element is an arc, or the lines turn back or are too short.
     """
     if before.centre is not None or after.centre is not None:
-        raise ArcError("a chamfer beside an arc is not supported; export its points")
+        raise ArcError("a chamfer next to an arc is not supported; export its points")
     if _find_turn_side(before, after) == 0.0:
         return None
     first, then = before.direction(before.end), after.direction(after.start)
@@ -151,7 +151,7 @@ def compute_chamfer(
         inside = math.pi - abs(cmath.phase(then / first))
         setback = (length or 0.0) / (2.0 * math.sin(inside / 2.0))
     if setback > min(abs(before.end - before.start), abs(after.end - after.start)) + _INSIDE:
-        raise ArcError(f"a chamfer {setback:g} mm from the corner does not fit between the lines beside it")
+        raise ArcError(f"a chamfer {setback:g} mm from the corner does not fit between the adjacent lines")
     return CornerRounding(before.end - setback * first, after.start + setback * then)
 
 

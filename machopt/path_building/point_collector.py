@@ -312,7 +312,7 @@ class PathBuilder:
         if entry is None or (entry.understood and not understood):
             accepted = not understood and normalise_word(word) in self.options.accept_unknown
             if self.options.strict and not understood and not accepted:
-                raise self.source.build_error(f"word {word!r} is not understood and strict reading was asked for", line)
+                raise self.source.build_error(f"word {word!r} is not understood and strict reading was requested", line)
             may_move = not understood if stops is None else stops
             entry = IgnoredWord(word, 0, line, understood, may_move and not accepted)
         self._ignored[word] = replace(entry, count=entry.count + 1)
@@ -437,7 +437,7 @@ class PathBuilder:
         if self.incomplete_reason is not None:
             if self.options.strict:
                 raise self.source.build_error(
-                    f"the file seems incomplete, and strict reading was asked for: {self.incomplete_reason}"
+                    f"the file seems incomplete, and strict reading was requested: {self.incomplete_reason}"
                 )
             self.meta["incomplete"] = self.incomplete_reason
             self.warnings.insert(0, format_incomplete_warning(self.incomplete_reason))

@@ -154,7 +154,7 @@ class RotaryMachine:
         """
         if not self.has_known_tip:
             raise OptionError(
-                f"machine {self.name!r} does not say where its axes lie; {PLACED_HELP}", where="--machine"
+                f"machine {self.name!r} does not state where its axes lie; {PLACED_HELP}", where="--machine"
             )
         rotations = [compute_axis_turn(about, sign * angles_deg.get(letter, 0.0)) for letter, about, sign in self.axes]
         if self.kind == "head":

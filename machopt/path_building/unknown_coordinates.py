@@ -44,7 +44,7 @@ def fill_unknown(p: Array, out: PathBuilder) -> Array:
         if letter == "Z":
             value = np.where(has_next & has_last, np.maximum(following, last), value)
         column[rows] = value
-        out.warn(f"{letter} of {len(rows)} points stands only later in the file; they take that value")
+        out.warn(f"{letter} of {len(rows)} points is given only later in the file; they take that value")
     return p
 
 

@@ -300,7 +300,7 @@ def _evaluate_grid(
         }
         if now[-1] % 10 == 0 or size > 1 or not todo:
             progress(f"place {len(known)} of {len(every)}, {sum(p.is_feasible for p in known.values())} within reach")
-    late = "not looked at: the time was over"
+    late = "not evaluated: the time was over"
     return [known.get(k) or PlacementCandidate(number=k, shift=shift, refused=late) for k, shift in enumerate(every)]
 
 

@@ -203,7 +203,7 @@ class ShiftCheck:
             if new:
                 pair = min(new, key=sorted)
                 a, b = sorted(pair, key=lambda n: n not in self.moved_bodies)
-                return f"{a} would stand in {b}"
+                return f"{a} would intersect {b}"
         return self._find_contained_body(S)
 
     def _find_contained_body(self, S: Array) -> str:
@@ -219,7 +219,7 @@ class ShiftCheck:
                     for b in self.supports.bodies[other]:
                         here = back[:3, :3].T @ (b.vertices[0] - back[:3, 3])
                         if is_point_inside(b, there) or is_point_inside(a, here):
-                            return f"{name} would stand in {other}"
+                            return f"{name} would intersect {other}"
         return ""
 
 

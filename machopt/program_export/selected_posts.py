@@ -42,7 +42,7 @@ def select_posts(cell: Cell, asked: Sequence[str]) -> tuple[SelectedPost, ...]:
         label = Path(text).name if file else text
         folder = Path(text).stem if file else text
         if any(w.folder.lower() == folder.lower() for w in out):
-            raise OptionError(f"{text!r} is asked for twice, or two files have one name", where="--post")
+            raise OptionError(f"{text!r} is requested twice, or two files have one name", where="--post")
         out.append(SelectedPost(post, label, folder if len(asked) > 1 else ""))
     robot = load_robot(cell)
     for one in out:

@@ -80,7 +80,7 @@ def read_toolpath(
         offsets: where further work offsets lie in the first one, such as ``("G55=100,0,0",)`` (mm).
         decimals: G-code numbers without a decimal point count this decimal (3: ``X1500`` is 1.5); 0: as they stand;
             None: a file in which that matters is refused.
-        kind: ``path`` or ``holes``: what the rows of a point table are that does not say it.
+        kind: ``path`` or ``holes``: meaning of the rows of a point table that does not state it.
         accept_unknown: words of the file that are not understood and, as the user says, move nothing.
         cell_offsets: names of the cell's work offsets. What counts from them is told in the toolpath's ``offsets`` and
             is in the workpiece once :func:`machopt.cell.work_offsets.place_toolpath` has placed it.
@@ -107,9 +107,7 @@ def read_toolpath(
         cell_offsets=tuple(cell_offsets),
     )
     if options.cell_offsets and options.offsets:
-        raise OptionError(
-            "the cell itself has offsets, and says where they lie; without --offset it would work", where="--offset"
-        )
+        raise OptionError("the cell defines the work offsets; remove --offset", where="--offset")
     try:
         found = _read_file(path, options, robot)
     except OptionNeededError as question:  # what no option can cure comes first

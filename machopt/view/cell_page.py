@@ -19,7 +19,7 @@ def build_cell_html(cell: Cell) -> str:
     Raises:
         InputError: the arm's bodies cannot be read.
     """
-    lead = "Turn it by dragging, go nearer with the buttons; the boxes below say which bodies are drawn."
+    lead = "Drag to turn, use the buttons to zoom; the boxes below select the bodies that are drawn."
     notes = (*cell.warnings, *cell.notes)
     scene, home = build_cell_scene(cell)
     return build_page_html(

@@ -149,6 +149,6 @@ def _locate_readings(
     if missing:
         warnings.append(
             f"{missing} of {len(place)} measured places cannot be reached with this tool axis and "
-            "rotation; joints in the table would tell the postures they were measured in"
+            "rotation; joint columns in the table would define their postures"
         )
     return place, postures.q, warnings

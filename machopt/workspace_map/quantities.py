@@ -198,7 +198,7 @@ def _compute_limit_margin(s: PostureStates) -> Array:
 
 _STIFFNESS_NOTE, _LOAD_NOTE = frozenset({"stiffness"}), frozenset({"stiffness", "load"})
 _SMALL_FORCE_NOTE = (
-    "1/(eᵀCe), what a small force along it meets, the tool free to give way and turn in every direction."
+    "1/(eᵀCe), stiffness for a small force along it, with the tool free to move and turn in every direction."
 )
 _HELD_STIFFNESS_NOTE = (
     "Diagonal entry of J⁻ᵀ K J⁻¹ (tian2025 eq. 9): no other motion of the tool allowed. Peaks at singularities, "
@@ -319,7 +319,7 @@ QUANTITIES: tuple[MapQuantity, ...] = (
     ),
     MapQuantity(
         key="held_x",
-        name="K_m xx, all else held",
+        name="K_m xx, other directions fixed",
         unit="N/m",
         better="more",
         needs=_STIFFNESS_NOTE,
@@ -328,7 +328,7 @@ QUANTITIES: tuple[MapQuantity, ...] = (
     ),
     MapQuantity(
         key="held_y",
-        name="K_m yy, all else held",
+        name="K_m yy, other directions fixed",
         unit="N/m",
         better="more",
         needs=_STIFFNESS_NOTE,
@@ -337,7 +337,7 @@ QUANTITIES: tuple[MapQuantity, ...] = (
     ),
     MapQuantity(
         key="held_z",
-        name="K_m zz, all else held",
+        name="K_m zz, other directions fixed",
         unit="N/m",
         better="more",
         needs=_STIFFNESS_NOTE,

@@ -315,7 +315,7 @@ def _compute_frame(frame: MapFrame, cell: Cell) -> Array:
         return T_base_world
     if cell.workpiece.link != "world":
         raise OptionError(
-            f"the workpiece stands on {cell.workpiece.link!r}, which an external axis may move; "
+            f"the workpiece is mounted on {cell.workpiece.link!r}, which an external axis may move; "
             "base or world would work",
             where="--frame",
         )

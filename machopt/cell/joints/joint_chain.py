@@ -79,7 +79,7 @@ def read_chain(urdf: UrdfModel, keys: CellKeys, document: YamlDocument, *, any_c
     if behind is not None:
         raise document.build_error(
             ("robot", "external_joints"),
-            f"joint {behind.name!r} stands between base_link {robot.base_link!r} and the flange; expected a rail that "
+            f"joint {behind.name!r} is between base_link {robot.base_link!r} and the flange; expected a rail that "
             f"carries base_link, so that base_link would be {behind.child!r} or a link behind it",
         )
     to_part = () if keys.workpiece.link == "world" else _find_workpiece_joints(urdf, arm, keys, document)
@@ -88,7 +88,7 @@ def read_chain(urdf: UrdfModel, keys: CellKeys, document: YamlDocument, *, any_c
     moving = tuple(j for j in moves if any_chain or j not in followers)
     for j in moving:
         if j.mimic is not None:
-            kind = "moves the base or the workpiece" if not any_chain else "stands in the chain"
+            kind = "moves the base or the workpiece" if not any_chain else "is in the chain"
             raise document.build_error(
                 ("robot", "urdf"),
                 f"joint {j.name!r} mimics {j.mimic.joint!r} and {kind}; only a joint between base_link and "
@@ -248,9 +248,7 @@ def describe_unused_motion(urdf: UrdfModel, chain: JointChain, limits: JointLimi
     out = []
     idle = [j.name for j in urdf.joints if j.moves and j.mimic is None and j not in chain.moving]
     if idle:
-        out.append(
-            f"nothing drives the joints {', '.join(idle)} of {urdf.path.name}; they stand at zero with their bodies"
-        )
+        out.append(f"not driven: the joints {', '.join(idle)} of {urdf.path.name}, fixed at zero")
     far = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
     wide = [j.name for i, j in enumerate(chain.moving) if j in chain.arm and j.kind != "prismatic" and far[i] > _TURNED]
     if wide:

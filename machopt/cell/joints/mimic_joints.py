@@ -188,7 +188,7 @@ def narrow_limits(
                 urdf,
                 follower,
                 f"joint {m.joint!r} mimics {m.source!r} and would leave its own range "
-                f"[{follower.lower:g}, {follower.upper:g}] wherever {m.source!r} stands",
+                f"[{follower.lower:g}, {follower.upper:g}] at any position of {m.source!r}",
             )
         said.append(
             f"the range of {m.joint!r}, which follows {m.source!r}, narrows that one to "

@@ -33,7 +33,7 @@ class ExternalJointStiffnessKeys(StrictSchema):
         default=None, min_length=6, max_length=6, description="the same as a symmetric 6×6 matrix, SI units"
     )
     at_mm: list[float] = Field(
-        default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="where the body gives way, in its link's frame"
+        default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="place of the compliance, in its link's frame"
     )
     mass_kg: float = Field(
         default=0.0, ge=0, description="the body and what is bolted to it (the part too), without the robot"
@@ -80,12 +80,12 @@ def _parse_spring(
     if keys.compliance is not None and keys.compliance_diagonal is not None:
         raise document.build_error(loc, "found compliance and compliance_diagonal; one of them is enough")
     if keys.mass_kg == 0.0 and any(keys.com_mm):
-        raise document.build_error((*loc, "com_mm"), "is of no mass; mass_kg beside it would work")
+        raise document.build_error((*loc, "com_mm"), "has no mass; add mass_kg")
     C = _parse_compliance(document, loc, keys)
     if not np.isfinite(stiffness) and not C.any() and keys.mass_kg == 0.0:
         raise document.build_error(
             loc,
-            "says nothing; stiffness_Nm_per_rad or stiffness_N_mm, compliance_diagonal or mass_kg would (a joint that "
+            "is empty; stiffness_Nm_per_rad or stiffness_N_mm, compliance_diagonal or mass_kg would (a joint that "
             "is left out is rigid)",
         )
     com = np.array(keys.com_mm) / 1e3
@@ -111,9 +111,7 @@ def _parse_std(document: YamlDocument, loc: KeyPath, keys: ExternalJointStiffnes
         if std is None:
             continue
         if value is None:
-            raise document.build_error(
-                (*loc, name), f"is of no stiffness; {name.replace('std', 'stiffness')} beside it would work"
-            )
+            raise document.build_error((*loc, name), f"has no stiffness; add {name.replace('std', 'stiffness')}")
         if std >= value:
             raise document.build_error(
                 (*loc, name),
@@ -150,7 +148,7 @@ def _parse_compliance(document: YamlDocument, loc: KeyPath, keys: ExternalJointS
         )
     scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     if np.linalg.eigvalsh(C / np.outer(scale, scale)).min() < -_NEGATIVE:
-        raise document.build_error(where, "gives way against the load in some direction (a negative eigenvalue)")
+        raise document.build_error(where, "deflects against the load in some direction (a negative eigenvalue)")
     for rows, most, unit in ((slice(0, 3), _LARGEST[0], "m/N"), (slice(3, 6), _LARGEST[1], "rad/(N·m)")):
         if diagonal[rows].max() > most:
             raise document.build_error(

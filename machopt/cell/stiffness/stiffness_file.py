@@ -144,7 +144,8 @@ def load_stiffness(path: Path | str) -> ArmStiffness:
         if s.std and not known:
             raise document.build_error(
                 ("external_joints", s.joint),
-                "says how sure its stiffness is, but the file does not say it of the arm, and no interval follows from "
+                "gives an uncertainty for its stiffness, but the file gives none for the arm, and no interval follows "
+                "from "
                 "one alone; covariance (or discrepancy, or the grid's std_Nm_per_rad) beside it would work",
             )
     position = None if data.position_error is None else _parse_position_error(document, data.position_error)

@@ -154,7 +154,7 @@ def _check_element(path: Path, element: XmlElement, context: str, counts: Counte
         if child.tag in rule.one:
             if any(c.tag == child.tag for c in element.children[:k]):
                 raise RobotModelError(
-                    f"{inside} stands twice, and only the first would be read; keep one",
+                    f"{inside} is given twice, and only the first would be read; keep one",
                     file=path,
                     where=f"line {child.line}",
                 )

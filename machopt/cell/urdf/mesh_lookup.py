@@ -56,7 +56,7 @@ def find_mesh(
     if folder is None:
         raise fail(
             f"{uri}: package {name!r} is not in the cell's packages ({', '.join(packages) or 'none'}) and no "
-            f"folder of that name stands beside the URDF; `packages: {{{name}: its_folder}}` would work"
+            f"folder of that name is next to the URDF; `packages: {{{name}: its_folder}}` would work"
         )
     return MeshLocation(folder / rest, name, folder)
 

@@ -152,7 +152,7 @@ def find_standalone_package(name: str, path: Path, packages: Mapping[str, Path],
     """
     if not _PACKAGE.fullmatch(name):
         raise RobotModelError(
-            f"asks for the ROS package {name!r}; expected a name of letters, digits, _, - and .", file=path
+            f"refers to the ROS package {name!r}; expected a name of letters, digits, _, - and .", file=path
         )
     above = path.resolve().parents
     try:
@@ -163,8 +163,8 @@ def find_standalone_package(name: str, path: Path, packages: Mapping[str, Path],
         around = find_package_around(name, rests, path, _UP)
     if around is None:
         raise RobotModelError(
-            f"asks for the ROS package {name!r}, and no folder of that name, with that name in its package.xml, or "
-            f"with the file asked for stands beside the robot's file or above it; --package {name}=FOLDER would work",
+            f"refers to the ROS package {name!r}, and no folder of that name, with that name in its package.xml, or "
+            f"with the requested file is next to the robot file or above it; --package {name}=FOLDER would work",
             file=path,
         )
     return around

@@ -39,7 +39,7 @@ def read_urdf(path: Path, text: str | None = None) -> UrdfModel:
 
     Raises:
         InputError: names file, line and element: not XML, not a ``<robot>``, still xacro, entities; an element or
-            attribute that is unknown, missing or stands twice; a number that is none, not finite or out of its range;
+            attribute that is unknown, missing or is given twice; a number that is none, not finite or out of its range;
             links or joints of one name, a link with two parents, a loop.
     """
     root = read_markup(path, "a URDF") if text is None else parse_markup(text, path, "a URDF")
@@ -81,7 +81,7 @@ def _check_unique_names(path: Path, elements: list[XmlElement], what: str) -> No
         name = e.attributes.get("name", "")
         if name in seen:
             raise RobotModelError(
-                f"{what} {name!r} stands twice, first in line {seen[name]}; names must differ",
+                f"{what} {name!r} is given twice, first in line {seen[name]}; names must differ",
                 file=path,
                 where=f"line {e.line}",
             )

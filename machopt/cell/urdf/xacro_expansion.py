@@ -132,7 +132,7 @@ def _check_arguments(path: Path, files: tuple[Path, ...], arguments: Mapping[str
         declared |= {name for found in _ARGUMENT.findall(text) for name in found if name}
         if _ENVIRONMENT.search(text):
             raise RobotModelError(
-                "asks for an environment variable, so it is another robot on another machine; $(arg NAME) with "
+                "uses an environment variable, so the robot depends on the machine; $(arg NAME) with "
                 "--xacro-arg NAME=VALUE (in cell.yaml `xacro_args: {NAME: …}` under robot:) would work",
                 file=file,
             )

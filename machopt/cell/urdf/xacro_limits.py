@@ -176,7 +176,7 @@ class _LimitedFunctions:
             }
             return str(self.evaluate(text[len("$(eval ") : -1], {**self.symbols(), **functions, **values}))
         if text == "$(cwd)":
-            raise RobotModelError("asks for the current folder with $(cwd), so it is another robot elsewhere")
+            raise RobotModelError("uses the current folder with $(cwd), so the robot depends on the folder")
         from xacro.substitution_args import ArgException, resolve_args
 
         try:
@@ -248,7 +248,7 @@ class _LimitedFunctions:
 
 def _build_environment_error() -> InputError:
     return RobotModelError(
-        "asks for an environment variable, so it is another robot on another machine; $(arg NAME) with "
+        "uses an environment variable, so the robot depends on the machine; $(arg NAME) with "
         "--xacro-arg NAME=VALUE (in cell.yaml `xacro_args: {NAME: …}` under robot:) would work"
     )
 

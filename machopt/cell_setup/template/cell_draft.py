@@ -77,7 +77,7 @@ def draft_cell(
     if links.gripper:
         guesses.append(
             f"{', '.join(j.name for j in links.gripper)} behind {links.flange_link} {_is_or_are(links.gripper)} taken "
-            "for a gripper's, which stays as it stands at zero (--flange-link)"
+            "to belong to a gripper and fixed at zero (--flange-link)"
         )
     if slow:
         guesses.append(
@@ -134,8 +134,8 @@ def aim_tool(
     reach, angle = estimate_tool_length(request, span), select_tool_angle(request)
     guesses: list[str] = []
     if out is None:
-        out, known = np.array([0.0, 0.0, 1.0]), "GUESS: along z of the flange; the URDF does not tell where it looks"
-        guesses.append("the URDF does not tell where the flange looks; check tool.tcp")
+        out, known = np.array([0.0, 0.0, 1.0]), "GUESS: along z of the flange; the URDF does not state its direction"
+        guesses.append("the URDF does not state the direction of the flange; check tool.tcp")
     else:
         axis = np.round(out, 3) + 0.0
         known = f"the flange looks along [{', '.join(f'{v:g}' for v in axis)}] of {new.flange_link}"
@@ -211,7 +211,7 @@ def _list_joint_velocities(
     velocity = [round(float(v if v > 0.0 else low), 3) for v, low in zip(own, slow, strict=True)]
     if not missing:
         return velocity, "of the URDF", ()
-    rule = f"ESTIMATED for {', '.join(missing)}, of which the URDF says none: {SLOW_DEG_S:g} deg/s"
+    rule = f"ESTIMATED for {', '.join(missing)}, for which the URDF gives no limit: {SLOW_DEG_S:g} deg/s"
     rule += f" ({SLOW_MM_S:g} mm/s where it slides)" if any(slides) else ""
     return velocity, f"{rule}, slow on purpose", missing
 

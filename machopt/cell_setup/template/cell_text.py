@@ -86,7 +86,7 @@ def format_stiffness_yaml(joints: Sequence[float], *, span: float) -> str:
             "# ESTIMATED, not measured: a KUKA KR 240-2 (Dumas et al., 2011), scaled with the cube of its links'",
             f"# length ({span:.3g} m against {REFERENCE_SPAN_M:g} m), as torsional stiffness of similar arms grows.",
             "# Arms of one size differ by a factor of two: the covariance has half of each compliance as 1 sigma, and",
-            "# gains below that are told as not distinguishable. `machopt plan-poses` says what to measure, and",
+            "# smaller gains are reported as not distinguishable. `machopt plan-poses` plans the measurement, and",
             "# `machopt identify` writes this file from it.",
             "machopt_stiffness: 1",
             f"joints_Nm_per_rad: {_format_row(joints)}",
@@ -113,9 +113,10 @@ def format_cell_yaml(c: NewCellContent) -> str:
     ranges = ", ".join(f"[{_format_number(a)}, {_format_number(b)}]" for a, b in zip(c.lower, c.upper, strict=True))
     lines = [
         f"# yaml-language-server: $schema={SCHEMA}",
-        f"# Written by `machopt init` from {c.source}. GUESS: put your own in. ESTIMATED: by the rule beside it.",
+        f"# Written by `machopt init` from {c.source}. GUESS: replace by your own value. ESTIMATED: by the rule given "
+        "next to it.",
         "# Frames: world -> base_link -> joints -> flange -> tcp; workpiece is the frame of the CAM coordinates.",
-        "# `machopt validate` on this folder says what is wrong or odd about it, with a picture.",
+        "# `machopt validate` on this folder lists its errors and warnings, with a picture.",
         "machopt_cell: 1",
         f"name: {_format_yaml_word(c.name)}",
         "robot:",

@@ -50,7 +50,7 @@ def select_tool_angle(request: InitRequest) -> float:
             raise OptionError(f"found {request.tool_angle_deg:g}; expected 0, 45 or 90", where="--tool-angle-deg")
         if stated and request.tool_angle_deg:
             option = "--" + stated[0].replace("_", "-")
-            raise OptionError(f"found beside {option}, which states the tool already", where="--tool-angle-deg")
+            raise OptionError(f"found together with {option}, which states the tool already", where="--tool-angle-deg")
         return request.tool_angle_deg
     return 0.0 if stated or request.tool_length_mm is not None or request.tool_mesh is not None else ANGLE_DEG
 

@@ -146,7 +146,7 @@ def _resolve_mesh_path(description: RobotDescription, mesh: UrdfMesh, given: Map
                 raise fail(problem.reason) from None
     path = find_mesh(urdf, mesh.uri, packages, urdf.path.parent, fail).path
     if not path.is_file():
-        raise fail(f"no such file: {mesh.uri} (looked for {path})")
+        raise fail(f"no such file: {mesh.uri} (searched for {path})")
     return path
 
 

@@ -130,8 +130,10 @@ def _check_tool(cell: Cell, setup: PlanningSetup) -> Iterator[CellRemark]:
             yield CellRemark(
                 "warning",
                 "tool.tcp",
-                f"the TCP lies {1e3 * beside:.0f} mm beside the flange and {1e3 * along:.0f} mm out of it; {looks}. If "
-                f"the tool's data are of a frame whose z looks out (tool0), name that link as flange_link, or turn the "
+                f"the TCP lies {1e3 * beside:.0f} mm from the flange axis and {1e3 * along:.0f} mm out of it; "
+                f"{looks}. If "
+                f"the tool's data are of a frame whose z points away from the robot (tool0), name that link as "
+                "flange_link, or turn the "
                 f"tool by rpy_deg: [{rpy}]",
             )
         elif float(z @ out) < math.cos(math.radians(120.0)):

@@ -87,7 +87,7 @@ def find_errors_outside_robot(document: YamlDocument, told: set[str]) -> Iterato
         found = folder / name
         problem: InputError | None = None
         if not found.is_file():
-            problem = document.build_error(loc, f"no such file: {name} (looked for {found})")
+            problem = document.build_error(loc, f"no such file: {name} (searched for {found})")
         elif loc[0] in ("stiffness", "kinematics"):
             try:
                 load_stiffness(found) if loc[0] == "stiffness" else load_kinematics(found)

@@ -77,7 +77,7 @@ def compute_pose_plan(
     found = None if request.discriminate is None else read_diagnosis(request.discriminate)
     if found is not None and not found.rival_sets:
         raise OptionError(
-            "this diagnosis leaves nothing that poses and loads could tell apart",
+            "this diagnosis left no explanations that poses and loads could separate",
             file=request.discriminate,
             where="--discriminate",
         )

@@ -48,7 +48,7 @@ def read_job_loads(request: PosesRequest, cell: Cell) -> ProcessLoads | None:
     rows = np.flatnonzero(found.path.counted & (found.chosen.assignment.reason == InfeasibilityReason.OK))
     if not len(rows):
         raise OptionError(
-            "no point of it that is cut can be reached as the cell stands; --force-N 200,800 alone would work",
+            "none of its cut points can be reached with this cell; give --force-N 200,800 without --toolpath",
             file=request.toolpath,
             where="--toolpath",
         )

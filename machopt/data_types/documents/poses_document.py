@@ -124,7 +124,7 @@ class NoiseSection(DocumentModel):
 
 
 class DiscriminationSection(DocumentModel):
-    """Of a plan that tells explanations apart."""
+    """Of a plan that separates explanations."""
 
     level: Number
     power: Number

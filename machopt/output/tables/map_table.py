@@ -81,7 +81,7 @@ def read_measured_stiffness(path: Path) -> MeasuredStiffness:
         missing = [name for name in group if name not in there]
         if 0 < len(missing) < len(group):
             raise table.build_error(
-                f"column {', '.join(missing)} is missing beside {', '.join(sorted(there & set(group)))}"
+                f"column {', '.join(missing)} is missing; it is required with {', '.join(sorted(there & set(group)))}"
             )
     if not there & {*_PLACE, *_JOINTS}:
         raise table.build_error("no place: x_mm, y_mm, z_mm or q1_deg … q6_deg would work")

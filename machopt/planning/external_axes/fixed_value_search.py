@@ -199,7 +199,7 @@ class FixedValueSearch:
     def _by_next(self, n: int, j: ValueAssessment) -> ValueAssessment:
         found = self._candidates(n, j.value)
         if found is None:
-            raise AssertionError("what is out of reach is judged to the end")
+            raise AssertionError("points out of reach are evaluated completely")
         part, candidates, scores = found
         choice, colliding = choose_collision_free_sequence(part, candidates, scores, self.setup, self.options)
         return self._of_choice(j.value, part, scores, choice, colliding)

@@ -131,7 +131,7 @@ def describe_better_plans(points: Sequence[FrontPlan]) -> tuple[str, ...]:
     if not least < requested * (1.0 - INDEX):
         return ()
     return (
-        f"--front: the plan '{best.plan}' ({best.changed}) is better by the weights asked for as well: objective "
+        f"--front: the plan '{best.plan}' ({best.changed}) is better even by the requested weights: objective "
         f"{least:.4f} against {requested:.4f}, {100.0 * (1.0 - least / requested):.2f} % less; "
         "these options would make it",
     )

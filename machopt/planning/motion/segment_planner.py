@@ -331,7 +331,7 @@ def _blocked(move: BlockedRapid, a: RestPose, b: RestPose) -> SequenceBreak:
             before=a.index,
             after=b.index,
             code="rapid_search_cut_short",
-            text=f"no free way past {move.pair} was looked for to the end: the search budget of "
+            text=f"the search for a free path past {move.pair} was stopped: its budget of "
             f"{EXTENSIONS} tree extensions in vain is used up",
             help="locking an external joint (external.NAME.mode=locked), a retract to a place clear of everything, or "
             "another seed would help",
@@ -341,9 +341,9 @@ def _blocked(move: BlockedRapid, a: RestPose, b: RestPose) -> SequenceBreak:
         before=a.index,
         after=b.index,
         code="rapid_blocked",
-        text="the tool would pass under places that are cut, and the cell does not say where the part's material is"
+        text="the tool would pass under places that are cut, and the cell does not state where the part's material is"
         if under
-        else f"no free way was found past {move.pair}",
+        else f"no collision-free path was found past {move.pair}",
         help="workpiece.geometry, or a retract in the CAM file that is clear of the part, would help"
         if under
         else "a retract to a place "

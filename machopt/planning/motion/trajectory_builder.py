@@ -236,8 +236,8 @@ class _Builder:
             before=before,
             after=after,
             code="no_room",
-            text="there is no room to lift the tool out of the cut at the gap",
-            help="more room above the part, or another pose of the part, would help",
+            text="there is not enough free space to retract the tool at the gap",
+            help="more free space above the part, or another pose of the part, would help",
         )
 
     def _rapid(self, a: RestPose, b: RestPose) -> MotionSegment | SequenceBreak:

@@ -131,7 +131,7 @@ def _towards(plan: Plan, point: int) -> str:
         extent > compute_maximum_reach(plan.setup.robot, plan.setup.arm.T_flange_tcp)
         and not plan.path.external.shape[1]
     ):
-        unit += f"; the path is {extent:.3g} m long: does --unit have to say another unit?"
+        unit += f"; the path is {extent:.3g} m long: is another --unit needed?"
     by = ", ".join(f"{v:.0f}".replace("-", "\N{MINUS SIGN}") for v in np.round(1e3 * moved.by) + 0.0)
     part = f"moving the part by about ({by}) mm in the robot's base"
     if not np.round(1e3 * moved.by).any():  # near enough: for an arm without a wrist centre the shortfall is unknown
@@ -179,7 +179,7 @@ def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> st
         own = f" ({_SHIFTED[reason]})" if reason in known else ""
         if reason == InfeasibilityReason.COLLIDING:
             own = " (it collides)"
-        but = "" if plan.setup.collision is None else ", contacts not looked for"
+        but = "" if plan.setup.collision is None else ", collisions not checked"
         return f"{_OWN[plan.options.method]} does not work here{own}; {feasible} of {len(rotations)} rotations do{but}"
     if feasible:
         return (
@@ -246,7 +246,7 @@ _WORDS = {
     InfeasibilityReason.SINGULAR_ELBOW: "are too near the stretched arm (elbow singularity)",
     InfeasibilityReason.SINGULAR_SHOULDER: "are too near the shoulder singularity",
     InfeasibilityReason.COLLIDING: "collide",
-    InfeasibilityReason.BOUNDS: "lie outside the given rotation range or the wishes",
+    InfeasibilityReason.BOUNDS: "lie outside the given rotation range or the steering rules",
     InfeasibilityReason.NO_PATH: "cannot be joined to their neighbours",
 }
 
@@ -257,7 +257,7 @@ _HELP = {
     InfeasibilityReason.SINGULAR_ELBOW: "a smaller singularity_elbow_deg",
     InfeasibilityReason.SINGULAR_SHOULDER: "a smaller singularity_shoulder_mm",
     InfeasibilityReason.COLLIDING: "moving part, tool or what is in the way, a smaller clearance_mm",
-    InfeasibilityReason.BOUNDS: "a wider rotation_range_deg, another fixed rotation or other wishes (steer)",
+    InfeasibilityReason.BOUNDS: "a wider rotation_range_deg, another fixed rotation or other steering rules (steer)",
     InfeasibilityReason.NO_PATH: "a retract before it",
 }
 
@@ -265,11 +265,13 @@ _HELP = {
 _HELP_SHIFTED = {
     InfeasibilityReason.COLLIDING: "a smaller clearance_mm, another rotation there (steer), moving part, tool "
     "or what is in the way",
-    InfeasibilityReason.LIMIT: "a larger limit_margin_deg, so that the plan leaves the shift more room",
-    InfeasibilityReason.SINGULAR_WRIST: "a larger singularity_wrist_deg, so that the plan leaves the shift more room",
-    InfeasibilityReason.SINGULAR_ELBOW: "a larger singularity_elbow_deg, so that the plan leaves the shift more room",
-    InfeasibilityReason.SINGULAR_SHOULDER: "a larger singularity_shoulder_mm, so that the plan leaves the shift "
-    "more room",
+    InfeasibilityReason.LIMIT: "a larger limit_margin_deg, so that more of the range remains for the shift",
+    InfeasibilityReason.SINGULAR_WRIST: "a larger singularity_wrist_deg, so that more of the range remains for the "
+    "shift",
+    InfeasibilityReason.SINGULAR_ELBOW: "a larger singularity_elbow_deg, so that more of the range remains for the "
+    "shift",
+    InfeasibilityReason.SINGULAR_SHOULDER: "a larger singularity_shoulder_mm, so that more of the range "
+    "remains for the shift",
     InfeasibilityReason.UNREACHABLE: "moving the part nearer to the robot",
 }
 
@@ -300,7 +302,7 @@ def _missed_limit(plan: Plan, s: int) -> tuple[int, float]:
     return joint, float(over[best][joint])
 
 
-SURE = "They are only as sure as their intervals say; "
+SURE = "Their uncertainty is given by the intervals; "
 
 
 def describe_model_misfit(plan: Plan) -> str:
@@ -319,9 +321,11 @@ def _springs_words(plan: Plan) -> str:
     d = stiffness.discrepancy
     if d is None and stiffness.covariance is not None and stiffness.grid is None:
         return (
-            "The stiffness states how unsure its springs are (covariance), but not what it may lack (discrepancy): "
-            "intervals of deflection, gain and compensation hold only if nothing else gives way. Springs from measured "
-            "poses or motions are such; identify or diagnose of load tests (kind deflection) would say the rest."
+            "The stiffness states the uncertainty of its springs (covariance), but not what it may lack (discrepancy): "
+            "intervals of deflection, gain and compensation are valid only if no other part is compliant. This is the "
+            "case for springs "
+            "from measured poses or motions; identify or diagnose with load tests (kind deflection) gives the "
+            "discrepancy."
         )
     return "" if d is None else d.describe_misfit("Gain, deflection and compensation", SURE)
 
@@ -353,7 +357,7 @@ def list_hints(plan: Plan) -> tuple[str, ...]:
         effect = (
             "so turning about it only turns joint 6 and hardly changes stiffness or reach"
             if tip_offset < BESIDE
-            else f"{1e3 * tip_offset:.0f} mm beside it, so turning about it moves the wrist on so small a circle"
+            else f"{1e3 * tip_offset:.0f} mm from it, so turning about it moves the wrist on so small a circle"
         )
         out.append(
             f"The tool axis is {np.degrees(angle):.1f}° from axis 6, {effect}. What would help: another branch, "
@@ -398,7 +402,7 @@ def _where_external(plan: Plan) -> list[str]:
             low, high, unit = float(value.min()), float(value.max()), "mm" if slides else "°"
             a, b = (f"{float(f'{v:.4g}'):g}" for v in (low, high))
             span = f"at {a} {unit}" if high - low < 1e-6 else f"from {a} to {b} {unit}"
-            out.append(f"External joint {name} (e{k + 1}) stands {span} while cutting.")
+            out.append(f"External joint {name} (e{k + 1}) is at {span} while cutting.")
     return out
 
 

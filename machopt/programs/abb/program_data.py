@@ -186,7 +186,9 @@ class RapidData:
         """
         numbers = value.arguments[1:]
         if value.name in ("CROBT", "CJOINTT", "CPOS"):
-            raise RapidSyntaxError(f"{value.name.lower()}() is where the robot stands: known only while it runs")
+            raise RapidSyntaxError(
+                f"{value.name.lower()}() is the current position of the robot: it is known only while the program runs"
+            )
         turns = dict(value.options)
         known = all(isinstance(v, float) for v in (*numbers, *turns.values()))
         if (

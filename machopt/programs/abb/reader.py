@@ -267,8 +267,10 @@ class _RapidReader:
             if option not in ("WOBJ", "ID", "CONC", "V", "T", "Z", "INPOS", "NOEOFFS", "TLOAD", "DO", "AO", "GO"):
                 self.out.ignore(f"\\{option}", line, understood=False)
         if isinstance(values[0], RapidFunctionCall) and values[0].name in ("CROBT", "CJOINTT"):
-            self.out.ignore(f"{word} {values[0].name} (to where the robot stands)", line, understood=True)
-            self.out.warn_once("a move to where the robot stands is no part of the path: left out", line)
+            self.out.ignore(f"{word} {values[0].name} (to the current position of the robot)", line, understood=True)
+            self.out.warn_once(
+                "a move to the current position of the robot is not part of the path; it is left out", line
+            )
             return
         targets = [self.data.resolve_name(v) for v in values[:count]]
         feed = min(self.data.speed(values[count], line, proc), self.fastest)

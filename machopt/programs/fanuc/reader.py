@@ -195,7 +195,7 @@ class _FanucReader:
         """INC: add the numbers of the position to the present one, along the user frame."""
         if "X" not in by.values or self.out.last is None:
             raise self.out.error(
-                "INC starts where the robot stands, and the program does not say where that is (or gives axes); "
+                "INC starts at the current position of the robot, which the program does not state (or gives axes); "
                 "absolute positions would work",
                 line,
                 part.source,

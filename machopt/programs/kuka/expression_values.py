@@ -44,7 +44,7 @@ class KrlMemory:
         if index is not None:
             if name not in self.arrays:
                 raise KrlValueError(
-                    f"{name}[] is declared in none of the files read; its .dat must lie beside the program"
+                    f"{name}[] is declared in none of the files read; its .dat must be in the folder of the program"
                 )
             if index not in self.arrays[name]:
                 raise KrlValueError(f"{name}[{index}] has no value")
@@ -52,7 +52,7 @@ class KrlMemory:
         else:
             if name not in self.plain:
                 raise KrlValueError(
-                    f"{name} is declared in none of the files read; its .dat must lie beside the program"
+                    f"{name} is declared in none of the files read; its .dat must be in the folder of the program"
                 )
             value = self.plain[name]
         for word in fields:
@@ -85,7 +85,9 @@ class KrlMemory:
             store[key] = value  # type: ignore[index]
             return
         if key not in store and not name.startswith("$"):
-            raise KrlValueError(f"{name} is declared in none of the files read; its .dat must lie beside the program")
+            raise KrlValueError(
+                f"{name} is declared in none of the files read; its .dat must be in the folder of the program"
+            )
         old = store.get(key)  # type: ignore[arg-type]
         changed: Aggregate = dict(old) if isinstance(old, dict) else {}
         inner = changed
@@ -203,7 +205,7 @@ def _parse_aggregate(inner: str, memory: KrlMemory, depth: int) -> Aggregate:
             )
         word = pair.group(1).upper()
         if word in out:
-            raise KrlValueError(f"component {word} stands twice")
+            raise KrlValueError(f"component {word} is given twice")
         out[word] = evaluate_expression(pair.group(2), memory, depth + 1)
     return out
 

@@ -37,8 +37,10 @@ class KrlMoves:
         """
         name = re.split(r"\s+C_", rest.strip())[0]
         if _HERE.fullmatch(name):
-            self.out.ignore(f"{word} {name} (to where the robot stands)", line, understood=True)
-            self.out.warn_once("a move to where the robot stands is no part of the path: left out", line)
+            self.out.ignore(f"{word} {name} (to the current position of the robot)", line, understood=True)
+            self.out.warn_once(
+                "a move to the current position of the robot is not part of the path; it is left out", line
+            )
             return
         if "PTP" in word and _HOME.fullmatch(name) and not self.memory.plain.get(name.strip().upper()):
             self.out.warn_once(f"{word} {name.strip()} without a data list that says where it is: left out", line)
@@ -118,7 +120,7 @@ class KrlMoves:
             self.out.joint([self.targets.axes[a] for a in AXES], line, blend=blend)
             return
         if self.out.last is None:
-            raise KrlValueError(f"{word} starts where the robot stands, and the program does not say where that is")
+            raise KrlValueError(f"{word} starts at the current position of the robot, which the program does not state")
         if any(get_numeric_component(delta, c) for c in ("A", "B", "C") if c in delta):
             raise KrlValueError(f"{word} that turns the tool is not read; absolute targets would work")
         step = np.array([get_numeric_component(delta, c) * 1e-3 if c in delta else 0.0 for c in ("X", "Y", "Z")])

@@ -88,7 +88,7 @@ class KrlTargets:
         self.pose |= {c: get_numeric_component(target, c) for c in POSE if c in target}
         missing = [c for c in POSE if c not in self.pose]
         if missing:
-            raise KrlValueError(f"{missing[0]} is not given and stands nowhere before")
+            raise KrlValueError(f"{missing[0]} is not given here or earlier")
         return dict(self.pose)
 
     def joints(self, target: dict[str, object]) -> list[float]:
@@ -106,7 +106,7 @@ class KrlTargets:
         self.axes |= {a: get_numeric_component(target, a) for a in AXES if a in target}
         missing = [a for a in AXES if a not in self.axes]
         if missing:
-            raise KrlValueError(f"{missing[0]} is not given and stands nowhere before")
+            raise KrlValueError(f"{missing[0]} is not given here or earlier")
         return [self.axes[a] for a in AXES]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 
 TEXT = "text for the operator, files or the network"
-OUTPUT = "switches outputs beside the motion"
+OUTPUT = "switches outputs; the motion is unchanged"
 SPEED = "speed and acceleration within the controller's limits; points stay"
 ROUNDING = "how closely the controller follows; the robot keeps its own tolerance"
 PLANNING = "the controller's advance run and block coincidence"

@@ -424,7 +424,7 @@ class ProgramBuilder:
         entry = self._ignored.setdefault(key, [0, line])
         entry[0] += 1
         if self.strict and not understood and entry[0] == 1:
-            raise self.error(f"{word[:40]!r} is not understood and strict reading was asked for", line)
+            raise self.error(f"{word[:40]!r} is not understood and strict reading was requested", line)
 
     def warn_once(self, message: str, line: int | None = None) -> None:
         """Add a warning, the first time it occurs.

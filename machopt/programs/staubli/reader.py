@@ -98,10 +98,10 @@ class _Val3Reader:
         """Add a file of the project, from the same folder."""
         path = source.path.parent / name
         if not name or Path(name).name != name:
-            raise self.out.error(f"names the file {name!r}; expected one beside the project")
+            raise self.out.error(f"names the file {name!r}; expected a file in the folder of the project")
         other = try_read_source(path) if path.is_file() else None
         if other is None:
-            raise self.out.error(f"names {name}, which is not beside it")
+            raise self.out.error(f"names {name}, which is not in its folder")
         self.take(_parse_xml(other), other)
         self.out.files.append(path)
 
@@ -229,7 +229,7 @@ class _Val3Reader:
             label, _, values = self.item(name, line)
             out = self.build_pose(values, line, label) @ out
             name = values.get("fatherId", "")
-        raise self.out.error(f"{base} stands in a ring of frames", line)
+        raise self.out.error(f"{base} refers to itself through other frames", line)
 
     def motion(self, word: str, texts: list[str], line: int) -> None:
         count = 2 if word == "movec" else 1

@@ -271,8 +271,10 @@ class _ScriptReader:
         if name not in ("movej", "movel", "movep", "movec", "servoj"):
             raise ScriptValueError(f"{name} is not read; movej, movel, movep, movec or servoj would work")
         if re.match(r"\s*get_(?:actual|target)_(?:tcp_pose|joint_positions)\s*\(\s*\)\s*(?:,|$)", text):
-            self.out.ignore(f"{name} to where the robot stands", line.number, understood=True)
-            self.out.warn_once("a move to where the robot stands is no part of the path: left out", line.number)
+            self.out.ignore(f"{name} to the current position of the robot", line.number, understood=True)
+            self.out.warn_once(
+                "a move to the current position of the robot is not part of the path; it is left out", line.number
+            )
             return
         values, options = parse_arguments(text, self.memory)
         order = {

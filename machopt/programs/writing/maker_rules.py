@@ -43,7 +43,7 @@ class MakerRules:
     notes: Callable[[PostJob, frozenset[str]], Sequence[str]] = lambda _, __: ()
     """Remarks for the head of the program; the names tell which fields the post uses."""
     assumptions: Callable[[PostJob, frozenset[str]], Sequence[str]] = lambda _, __: ()
-    """What is taken because the cell does not say it, beside what is common to all makers."""
+    """What is taken because the cell does not state it, beside what is common to all makers."""
     check: Callable[[PostJob, frozenset[str]], None] = lambda _, __: None
     """Raises InputError where a field that the post uses cannot be had."""
     passing: Callable[[PostJob, frozenset[str]], CornerPassing] = compute_zone_passing

@@ -43,7 +43,9 @@ ITEMS = (
 class PostFileKeys(StrictSchema):
     name: str = Field(min_length=1, description="the file's name, a template")
     each: Literal["program", "part"] = Field(default="program", description="one for the program, or one for each part")
-    text: str = Field(description="the file's text, a template; a line @{block} alone stands for a block's lines")
+    text: str = Field(
+        description="the file's text, a template; a line that is only @{block} is replaced by the lines of the block"
+    )
 
 
 class ProgramNameKeys(StrictSchema):
@@ -72,7 +74,7 @@ class PostKeys(StrictSchema):
     moves_per_part: int | None = Field(default=None, gt=0)
     samples: bool = Field(default=False, description="takes the control samples with their times, not the way points")
     name: ProgramNameKeys
-    part_text: str = Field(default="", description="what stands for each part where a program has several")
+    part_text: str = Field(default="", description="text for each part where a program has several")
     number: NumberFormatKeys | None = None
     file: list[PostFileKeys] = Field(min_length=1)
     block: dict[str, dict[str, str]] = Field(description="tables of line templates, one table a block")

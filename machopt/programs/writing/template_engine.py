@@ -172,7 +172,7 @@ class TemplateEngine:
         template = self._lines["moves"].get("call")
         if template is None:
             raise PostError(
-                f"the program has {len(self.parts)} parts, but block.moves.call does not say how to run one",
+                f"the program has {len(self.parts)} parts, but block.moves.call does not define how to run one",
                 file=self.post.origin,
             )
         return [line for p in self.parts for line in template.one({**self.values, **p.fields()}).split("\n")]

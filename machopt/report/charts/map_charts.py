@@ -226,7 +226,7 @@ def build_curve_charts(data: MapPageData) -> list[Spec]:
     held = [(first, "held_x"), (first, "held_y"), (first, "held_z")]
     charts.append(
         _limit_peaks(
-            _build_curve_chart(data, x, "held", "K_m, all else held (tian2025): peaks are singularities", held)
+            _build_curve_chart(data, x, "held", "K_m, other directions fixed (tian2025): peaks are singularities", held)
         )
     )
     charts.append(
@@ -238,7 +238,7 @@ def build_curve_charts(data: MapPageData) -> list[Spec]:
     measured = [(first, f.key) for f in data.fields if f.model]
     model = [(first, f.model) for f in data.fields if f.model]
     charts.append(
-        _build_curve_chart(data, x, "measured", "Measured, interpolated, beside the model", [*measured, *model])
+        _build_curve_chart(data, x, "measured", "Measured, interpolated, compared with the model", [*measured, *model])
     )
     charts.append(
         _build_curve_chart(data, x, "limits", "Distance to the nearest joint limit", _list_layers(data, "limit_margin"))

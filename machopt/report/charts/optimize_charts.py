@@ -239,7 +239,7 @@ def _build_index_chart(data: ReportData, along: _PathChartBuilder, first: Sequen
 def _build_stiffness_chart(along: _PathChartBuilder) -> Spec | None:
     p = along.p
     lines = [
-        _build_line(STIFFNESS, "K_fd, Jiao 2022 (orientation held)", p.k_jiao2022, JIAO, "4 2"),
+        _build_line(STIFFNESS, "K_fd, Jiao 2022 (fixed orientation)", p.k_jiao2022, JIAO, "4 2"),
         _build_line(STIFFNESS, "axial, at the tip", p.k_axial),
         _build_line(STIFFNESS, "normal, at the tip", p.k_normal, FOURTH),
     ]

@@ -98,7 +98,7 @@ def _format_verdict(found: IdentificationResult, heldout: float) -> str:
             "stiffness; check loads, frames and units first."
         )
     if not known:
-        return "These readings identify no joint by itself; the reasons stand beside each joint."
+        return "These readings identify no joint by itself; the reason is given for each joint."
     halves = [50.0 * (j.interval[1] - j.interval[0]) / j.k for j in known if isfinite(j.interval[1])]
     text = f"{_format_joints(known)} identified"
     if halves:

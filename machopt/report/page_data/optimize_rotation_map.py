@@ -90,7 +90,7 @@ def find_best_branch(plan: Plan, shown: CollisionMap, st: NDArray[np.intp]) -> t
 def _describe_collision_coverage(plan: Plan, shown: CollisionMap) -> str:
     """How much of the map has been checked for collisions, in words."""
     if plan.setup.collision is None:
-        return "Collisions were not looked for."
+        return "Collisions were not checked."
     known, left = shown.looked_at, shown.open
     some = f"{known:,} of {known + left:,} configurations within reach, limits and margins were checked for collisions"
     if not shown.asked:

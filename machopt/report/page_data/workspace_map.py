@@ -239,5 +239,5 @@ def _list_options(result: MapDocument, setting: MapSettings) -> tuple[tuple[str,
             f"external joint {s.joint} (at home)" for s in setting.elasticity.stiffness.external if s.is_compliant
         ]
     rows.append(("characteristic length", f"{setting.length * MM:.1f} mm"))
-    rows.append(("terms beside the joint springs", ", ".join(terms) or "none"))
+    rows.append(("terms in addition to the joint springs", ", ".join(terms) or "none"))
     return tuple(rows)

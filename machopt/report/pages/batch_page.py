@@ -102,7 +102,7 @@ def _build_verdict(data: BatchPageData) -> Body:
     held = [job for job in data.jobs if job.get("feed_held_percent") is not None]
     if held:
         worst = min(held, key=lambda j: j["feed_held_percent"])
-        boxes.append(("feed held, least", f"{worst['feed_held_percent']:.1f}", "%", _format_job_name(worst)))
+        boxes.append(("feed reached, smallest", f"{worst['feed_held_percent']:.1f}", "%", _format_job_name(worst)))
     return render_part("verdict", "verdict", tone, badge, sentence, items, boxes)
 
 
@@ -152,7 +152,7 @@ def _build_ranking(data: BatchPageData) -> Body:
         TableColumn("Unit"),
         TableColumn("Worst point", "n"),
         TableColumn("Cycle (s)", "n"),
-        TableColumn("Feed held (%)", "n"),
+        TableColumn("Feed reached (%)", "n"),
         TableColumn("Warnings", "n"),
         TableColumn("Wall (s)", "html"),
     ]

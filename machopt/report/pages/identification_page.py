@@ -132,7 +132,8 @@ def _build_joints(data: IdentificationPageData, have: set[str]) -> Body:
         body += build_table(columns, _build_coefficient_rows(data.terms, arcmin=False))
     body += _build_chart_host("i-joints", have)
     lead = (
-        "A joint that no reading loads, or whose effect cannot be told from another's, is not fitted to noise: it is "
+        "A joint that no reading loads, or whose effect cannot be distinguished from that of another joint, is not "
+        "fitted to noise: it is "
         "marked, and keeps the value it had before or a stated bound."
     )
     return build_section("joints", "Joint stiffness", lead, body)
@@ -250,7 +251,7 @@ def _build_readings(data: IdentificationPageData) -> Body:
         TableColumn("Leverage", "n"),
         TableColumn("Note"),
     ]
-    lead = "The readings that fit worst, with the line of the data file each stands on."
+    lead = "The readings that fit worst, with their lines in the data file."
     return build_section("readings", "Readings", lead, build_table(columns, rows))
 
 

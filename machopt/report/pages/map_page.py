@@ -72,7 +72,7 @@ _PICTURE_SCRIPTS = {
 }  # without and with three dimensions
 _CURVE_NOTES = {
     True: "The tool keeps its orientation and the arm its branch; a gap is a place that cannot be reached that way.",
-    False: "One joint moves, the others stand still.",
+    False: "One joint moves, the others are fixed.",
 }
 
 
@@ -136,8 +136,9 @@ def format_sample_location(data: MapPageData, row: int) -> str:
 
 def _build_map(data: MapPageData, in_space: bool) -> Body:
     lead = (
-        "Move over the map to read every quantity and to see the arm; click to keep a place. Bright is good, dark is "
-        "poor; grey and hatched places have no posture, and the hatching says why."
+        "Move over the map to read every quantity and to see the arm; click to select a position. Bright is good, "
+        "dark is "
+        "poor; grey and hatched places have no posture, and the hatching gives the reason."
     )
     if data.kind != "joints":
         lead += (
@@ -146,7 +147,7 @@ def _build_map(data: MapPageData, in_space: bool) -> Body:
         )
     body = render_macro("map.html", "field")
     if in_space:
-        lead += " Below the map the robot stands at that place."
+        lead += " The view below the map shows the robot at that position."
         body += render_macro("report.html", "view")
     return build_section("map", data.place, lead, body)
 

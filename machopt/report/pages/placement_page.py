@@ -249,7 +249,7 @@ def _build_best(r: PlaceDocument) -> Body:
     ]
     rows = [_build_row(f"{k}", p) for k, p in enumerate(r.best, 1)]
     if r.as_it_stands is not None:
-        rows.append(_build_row("as it stands", r.as_it_stands))
+        rows.append(_build_row("present position", r.as_it_stands))
     lead = (
         "Whole plans with collisions and motion. Each folder holds the moved cell and, for every toolpath, what "
         "optimize writes: motion, programs, report, verified."
@@ -288,7 +288,7 @@ def _build_neighbours(r: PlaceDocument) -> Body:
         return ""
     columns = [TableColumn("Place"), *(TableColumn(m.replace(" -", " −"), "n") for m in moved)]
     rows = [(str(k), *(_format_neighbour(n) for n in p.around)) for k, p in enumerate(r.best, 1)]
-    lead = "Change of the worst index when the place is missed by so much; collisions are not looked at."
+    lead = "Change of the worst index when the place is missed by so much; collisions are not checked."
     return build_section("around", "If the place is missed", lead, build_table(columns, rows))
 
 
@@ -325,7 +325,7 @@ def _build_refused(data: PlacementPageData) -> Body:
     if not rows:
         return ""
     body = build_folded_block(
-        "Places where nothing can stand or be reached",
+        "Positions that cannot be used or reached",
         len(rows),
         build_table([TableColumn("Place"), TableColumn("Why")], rows),
     )

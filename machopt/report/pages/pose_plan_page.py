@@ -48,7 +48,7 @@ def build_pose_plan_html(data: PosePlanPageData) -> str:
     )
     sections = [
         ("verdict", "Verdict", _build_verdict(data)),
-        ("apart", "What it tells apart", _build_explanation_pairs(data)),
+        ("apart", "Explanations it separates", _build_explanation_pairs(data)),
         ("accuracy", "Expected accuracy", _build_accuracy(data)),
         ("amount", "Amount of work", _build_amount(data)),
         ("job", "Loads like the job's", _build_job(data)),
@@ -129,7 +129,7 @@ def _describe_distinguished_pairs(data: PosePlanPageData) -> str:
     if split:
         worst = min(split, key=lambda a: a.planned)
         out += (
-            f"{len(split)} of {len(data.explanation_pairs)} pairs are told apart in nine of ten cases, "
+            f"{len(split)} of {len(data.explanation_pairs)} pairs are separated in nine of ten cases, "
             f"{worst.pair} the hardest "
         )
         out += f"(noncentrality {worst.planned:.0f}, {data.required_noncentrality:.1f} needed"
@@ -137,9 +137,9 @@ def _describe_distinguished_pairs(data: PosePlanPageData) -> str:
             out += f"; random poses need {worst.per_cycle / worst.random:.1f} times the rounds"
         out += ")"
     else:
-        out += "no pair is told apart"
+        out += "no pair is separated"
     if rest:
-        out += f". Not told apart: {rest[0].pair}"
+        out += f". Not separated: {rest[0].pair}"
         out += f" and {len(rest) - 1} more" if len(rest) > 1 else ""
         out += f"; {rest[0].advice} would" if rest[0].advice else "; more poses or larger loads would"
     return out + "."
@@ -182,7 +182,7 @@ def _build_explanation_pairs(data: PosePlanPageData) -> Body:
         "asks for more: a rival goes only where pose after pose it does worse; the old recording beside the new one "
         "helps."
     )
-    return build_section("apart", "What it tells apart", lead, body)
+    return build_section("apart", "Explanations it separates", lead, body)
 
 
 def _list_key_figures(data: PosePlanPageData) -> list[tuple[str, str, str, str]]:
@@ -223,7 +223,7 @@ def _build_accuracy(data: PosePlanPageData) -> Body:
         TableColumn("E-eff.", "n"),
         TableColumn("Full loads for the same" if stepped else "Readings for the same", "n"),
     ]
-    how = "tells explanations apart" if data.explanation_pairs else "D-optimal"
+    how = "separates explanations" if data.explanation_pairs else "D-optimal"
     rows = [["this plan", how, str(data.passed), f"{100 * data.rms:.2f}", "–", "1", "1", "1", "1"]]
     for h in data.heuristics:
         rows.append(
@@ -272,7 +272,8 @@ def _build_poses(data: PosePlanPageData) -> Body:
     if data.work is None:
         return ""
     lead = (
-        "Step through the chosen poses; the others stand as shadows. Below, the arm as a line through its axes: grey "
+        "Step through the chosen poses; the others are drawn as shadows. Below, the arm as a line through its axes: "
+        "grey "
         "dots are candidates, blue dots the chosen TCPs."
     )
     body = render_macro("report.html", "view") if _build_scene(data) else join_markup(())

@@ -175,8 +175,8 @@ def build_operation_table(data: ReportData) -> Markup:
         TableColumn(f"{worst}, CAM default ({unit.name})", "n"),
         TableColumn(f"{worst}, chosen ({unit.name})", "n"),
         TableColumn("Change", "n"),
-        TableColumn("Nearest miss (mm)", "n"),
-        TableColumn("Feed held (%)", "n"),
+        TableColumn("Minimum clearance (mm)", "n"),
+        TableColumn("Feed reached (%)", "n"),
         TableColumn("State"),
     ]
     rows = [
@@ -211,11 +211,11 @@ def build_feed_dip_table(data: ReportData) -> Markup:
         TableColumn("Point", "n"),
         TableColumn("Path (mm)", "n"),
         TableColumn("From (s)", "n"),
-        TableColumn("For (s)", "n"),
+        TableColumn("Duration (s)", "n"),
         TableColumn("Programmed (mm/min)", "n"),
         TableColumn("Lowest (mm/min)", "n"),
-        TableColumn("Held (%)", "n"),
-        TableColumn("What did it"),
+        TableColumn("Reached (%)", "n"),
+        TableColumn("Cause"),
     ]
     return build_table(
         columns,

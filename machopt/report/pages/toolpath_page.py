@@ -86,7 +86,7 @@ def build_toolpath_html(toolpath: Toolpath, summary: InspectedToolpathDocument) 
 def _build_scene(toolpath: Toolpath) -> Body:
     if len(toolpath) < 2:
         return ""
-    lead = "Turn it by dragging; cuts in the order of the file from dark to bright, other moves thin and grey."
+    lead = "Drag to turn; cuts in the order of the file from dark to bright, other moves thin and grey."
     return build_section("scene", "The toolpath", lead, render_macro("report.html", "view"))
 
 
@@ -171,7 +171,7 @@ def _build_extent(summary: InspectedToolpathDocument) -> Body:
     rows = []
     for name, box in (("all moves", summary.extent_mm), ("cuts", summary.cutting_extent_mm)):
         rows.append((name, *(_format_number(side[k], 3) for k in range(3) for side in (box.min, box.max))))
-    meta = build_table([TableColumn("What the file says"), TableColumn("Value", "mono")], sorted(summary.meta.items()))
+    meta = build_table([TableColumn("Content of the file"), TableColumn("Value", "mono")], sorted(summary.meta.items()))
     return build_section(
         "extent",
         "Extent",
@@ -198,7 +198,7 @@ def _build_events(toolpath: Toolpath) -> Body:
     rows = [(e.index, e.kind, e.text) for e in toolpath.events]
     body: Body = build_folded_block("Events on the way", len(rows), build_table(columns, rows)) if rows else ""
     return build_section(
-        "events", "Events", "Spindle, coolant, tools, dwells, stops and comments, where they stand.", body
+        "events", "Events", "Spindle, coolant, tools, dwells, stops and comments, at their points.", body
     )
 
 

@@ -51,8 +51,8 @@ def build_verdict(data: ReportData) -> ResultVerdict:
                 f"{first.after} ({first.reason})"
             )
         sentence = (
-            f"No answer {' and '.join(parts)} as the cell stands; no trajectory was written. "
-            "The tables below say for each what stands in the way, by how much, and what would help."
+            f"No feasible plan {' and '.join(parts)}; no trajectory was written. "
+            "The tables below list the cause for each, its amount, and what would help."
         )
         return ResultVerdict(
             add_scope_to_verdict("NO FEASIBLE ANSWER", s.unchecked),
@@ -65,12 +65,13 @@ def build_verdict(data: ReportData) -> ResultVerdict:
     parts = [headline, _describe_gain(s), _describe_mean_gain(s)]
     if math.isfinite(s.feed_held):
         parts.append(
-            f"feed held on {SHARE.format_value(s.feed_held, unit=True)} of the cutting time{_describe_ramps(data)}"
+            f"programmed feed reached for {SHARE.format_value(s.feed_held, unit=True)} of the cutting "
+            f"time{_describe_ramps(data)}"
         )
     if math.isfinite(s.nearest_miss):
         where = ", ".join(filter(None, [s.nearest_pair, f"point {s.nearest_point}" if s.nearest_point >= 0 else ""]))
         parts.append(
-            f"nearest miss at the points "
+            f"minimum clearance at the points "
             f"{LENGTH.format_value(s.nearest_miss, unit=True)}{f' ({where})' if where else ''}"
         )
     parts.append(
@@ -95,7 +96,7 @@ def build_verdict(data: ReportData) -> ResultVerdict:
 
 def _describe_ramps(data: ReportData) -> str:
     """What the rest of the cutting time is where the axes hold the feed."""
-    return ", the rest are ramps at stops that the path demands" if data.feed_stops and not data.dips else ""
+    return ", the rest is braking at stops that the path requires" if data.feed_stops and not data.dips else ""
 
 
 def _describe_first_infeasible(data: ReportData) -> str:
@@ -140,17 +141,19 @@ def build_key_figures(data: ReportData) -> list[KeyFigure]:
         side = "below" if c.beyond >= 0.0 else "above"
         over = "above" if c.above >= 0.0 else "below"
         more = (
-            f"driven curve {100 * abs(c.above):.2f} % {over} the bound {c.bound:.4f}, "
-            f"{100 * abs(c.beyond):.2f} % {side} the grid's sequence; at the stations no sequence on the grid is below "
-            f"the bound (gap {100 * c.gap:.2f} %)"
+            f"planned motion {100 * abs(c.above):.2f} % {over} the lower bound {c.bound:.4f}, "
+            f"{100 * abs(c.beyond):.2f} % {side} the best sequence on the grid; the bound is a lower limit for every "
+            f"sequence on the grid (gap {100 * c.gap:.2f} %)"
             f"{f'; {c.external}' if c.external else ''}"
         )
         out.append(KeyFigure("objective", f"{c.objective:.4f}", "", more))
     if math.isfinite(s.feed_held):
         dips = format_count(len(data.dips), "dip") if data.dips else "no dips"
-        out.append(KeyFigure("feed held", SHARE.format_value(s.feed_held), "%", dips))
+        out.append(KeyFigure("programmed feed reached", SHARE.format_value(s.feed_held), "%", dips))
     if math.isfinite(s.nearest_miss):
-        out.append(KeyFigure("nearest miss at the points", LENGTH.format_value(s.nearest_miss), "mm", s.nearest_pair))
+        out.append(
+            KeyFigure("minimum clearance at the points", LENGTH.format_value(s.nearest_miss), "mm", s.nearest_pair)
+        )
     if math.isfinite(s.cycle_time):
         cut = f"{TIME.format_value(s.cutting_time)} s in the cut" if math.isfinite(s.cutting_time) else ""
         out.append(KeyFigure("cycle time", TIME.format_value(s.cycle_time), "s", cut))

@@ -231,7 +231,7 @@ def _check_beam_length(parameters: ParameterReader, place: SpringLocation) -> No
     if place.location == "tool":
         raise parameters.build_error(
             "length_mm",
-            "is missing, and the TCP lies beside the flange, across the tool axis, which gives a beam "
+            "is missing, and the TCP is offset from the flange across the tool axis, which gives a beam "
             "no length; length_mm or a matrix (compliance, compliance_diagonal, form: diagonal) would work",
         )
     link = place.body

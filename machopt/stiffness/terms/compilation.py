@@ -45,7 +45,7 @@ def compile_terms(
         where = f"terms[{n}]"
         _check_location(term, where, file)
         if (term.effect, term.location) in seen:
-            raise CellError(f"{term.effect} at {term.location} stands twice; keep one", file=file, where=where)
+            raise CellError(f"{term.effect} at {term.location} is given twice; keep one", file=file, where=where)
         seen.add((term.effect, term.location))
         parameters = ParameterReader(term.parameters, f"{where}.parameters", file)
         if term.effect == "geometric_stiffness":

@@ -78,7 +78,8 @@ class GravityCompensator(DefaultTerm):
         """
         if self.gear is None or self.missing_keys:
             raise InputError(
-                "gravity_compensator at joint:2 is a spring beside the gear, which must be known first; without the "
+                "gravity_compensator at joint:2 is a spring parallel to the gear, whose stiffness must be known "
+                "first; without the "
                 "term, or with the balancer in machopt diagnose, this would work",
                 where="terms",
             )

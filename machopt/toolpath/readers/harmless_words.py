@@ -12,7 +12,7 @@ _SMOOTH = "how closely and quickly the control follows; the robot keeps its own 
 _STOPS = "exact stop or continuous path at block ends; the corner points are the same"
 _DISPLAY = "shown to the operator or used by the simulation only"
 _SPINDLE = "turns or positions the spindle about the tool's own axis"
-_MACHINE = "a function of the machine beside the axes (clamps, doors, chips, gears)"
+_MACHINE = "a function of the machine other than its axes (clamps, doors, chips, gears)"
 _OFF = "switches off what is refused when it is switched on"
 _RECORD = "names, times, tools or features for people and post processors"
 

@@ -70,7 +70,7 @@ class _NciReader:
         self.out = PathBuilder(source=source, options=options, format="nci")
         if options.unit is None:
             raise source.build_option_question(
-                "unit", "is Mastercam NCI, which does not say its unit; give --unit mm or --unit inch"
+                "unit", "is Mastercam NCI, which does not state its unit; give --unit mm or --unit inch"
             )
         self.scale = UNIT_NAMES[options.unit]
         self.out.meta.update(unit=options.unit, unit_from="option")

@@ -92,7 +92,7 @@ def list_unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None =
     if options.allow_gaps:
         out.append("gaps allowed")
     if toolpath is not None and toolpath.meta.get("incomplete"):
-        out.append("what stands behind the end of the CAM file NOT done (it seems cut off)")
+        out.append("content after the end of the CAM file NOT used (it seems cut off)")
     if toolpath is not None:
         unknown = sum(
             e.kind == "dwell" and not e.value >= 0.0 for e in toolpath.events
@@ -117,7 +117,7 @@ def list_checked(options: PlanOptions) -> tuple[CheckCoverage, ...]:
         ),
         CheckCoverage("joint limits", "position, velocity, acceleration and jerk, by differences of all samples"),
         CheckCoverage("feed", "every sample against the CAM file"),
-        CheckCoverage("dwells and stops", "at rest at the very point, and standing there as long as the CAM file says"),
+        CheckCoverage("dwells and stops", "at rest at the point for the time that the CAM file states"),
         CheckCoverage(
             "robot programs", "every target against motion and CAM file, every other word as the post writes it"
         ),

@@ -267,6 +267,7 @@ def _describe_missing_manifest(folder: Path, problem: InputError) -> str:
     if not (folder / MANIFEST).exists():
         return (
             f"{folder} holds no {MANIFEST}: it was written by a version before manifests, or the file was removed. "
-            "What the files say is checked, that they are the ones written is not; optimize again for a folder that is"
+            "Their content is checked, but not that they are the files that were written; optimize again for a folder "
+            "that is"
         )
     return str(problem)

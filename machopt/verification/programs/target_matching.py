@@ -139,7 +139,7 @@ def check_external_axes(
     off[on] = (away * unit).max(axis=1)
     missing = np.flatnonzero(~np.isfinite(program.external).all(axis=1))
     if len(missing):
-        text = f"{where[int(missing[0])]} does not say where the external axes stand"
+        text = f"{where[int(missing[0])]} does not state the positions of the external axes"
         return build_file_check(
             program.file, "external axes at targets", False, np.nan, EXTERNAL_TOLERANCE, "mm or deg", text
         )

@@ -131,7 +131,7 @@ def _split_blocks(lines: Iterator[str], file: Path) -> Iterator[dict[str, list[s
     header = [name.strip() for name in next(csv.reader(islice(lines, 1)), [])]
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
-        raise OutputFolderError(f"column {twice[0]!r} stands there twice", file=file)
+        raise OutputFolderError(f"column {twice[0]!r} is given twice", file=file)
     done, width = 0, len(header)
     while block := list(islice(lines, BLOCK_ROWS)):
         text = "".join(block)

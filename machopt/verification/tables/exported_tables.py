@@ -201,7 +201,7 @@ def read_compensation(file: Path) -> ExportedShift:
     if (np.diff(index) < 0).any():
         row = int(np.flatnonzero(np.diff(index) < 0)[0]) + 2
         raise OutputFolderError(
-            "the index falls; the corners stand in order", file=file, where=f"data row {row}, point"
+            "the index decreases; corners must be in ascending order", file=file, where=f"data row {row}, point"
         )
     offset, force = (
         np.column_stack([table.read_numbers(n) for n in names])

@@ -125,7 +125,7 @@ def _build_map(data: ReportData, specs: Spec) -> Body:
         "Every rotation φ of the tool about its own axis at every station of the path, counted from a direction that "
         "is carried along without turning (γ of the tables is counted from the direction of travel, so the CAM's "
         "default, γ = 0, is a curve where the path turns). Bright is stiff, dark is soft; grey and hatched places "
-        "cannot be used, and the hatching says why. "
+        "cannot be used, and the hatching gives the reason. "
     ) + (data.map.collisions if data.map is not None else "")
     return build_section(
         "rotation",
@@ -260,7 +260,7 @@ def _build_source(data: ReportData) -> Body:
         len(data.events), "Events on the way", report_tables.build_event_table, data
     )
     return build_section(
-        "source", "CAM file", f"What {data.toolpath} holds beside its points, and what the cell leaves open.", body
+        "source", "CAM file", f"Content of {data.toolpath} besides its points, and what the cell does not define.", body
     )
 
 

@@ -52,7 +52,9 @@ def build_program_section(data: ReportData) -> Markup | str:
         _build_statements(data.programs, "unstarted", "Words of the CAM file that no line of the program carries out")
         + body
     )
-    body += _build_statements(data.programs, "assumed", "Assumed of the controller, because the cell does not say it")
+    body += _build_statements(
+        data.programs, "assumed", "Assumptions about the controller that the cell does not define"
+    )
     return build_section("programs", "Robot programs", render_macro("report.html", "programs_lead"), body)
 
 

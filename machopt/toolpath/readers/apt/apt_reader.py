@@ -190,7 +190,7 @@ class _AptReader(OperationStatementReader):
                 raise self.source.build_option_question(
                     "feed",
                     f"the feed {value:g} names no unit: per minute it is slower than any cut, per revolution the file "
-                    "does not say so. Expected MMPM or MMPR (IPM or IPR) behind it, or the feed of these cuts with "
+                    "does not state it. Expected MMPM or MMPR (IPM or IPR) behind it, or the feed of these cuts with "
                     "--feed MM_MIN",
                     line,
                 )

@@ -108,7 +108,7 @@ def find_unit_scale(source: SourceFile, options: ReadOptions, out: PathBuilder) 
     if unit is None:
         if options.unit is None:
             raise source.build_option_question(
-                "unit", "says nowhere whether it is in mm or inch; give it with --unit mm or --unit inch"
+                "unit", "does not state whether it is in mm or inch; give it with --unit mm or --unit inch"
             )
         unit = options.unit
     elif options.unit is not None and options.unit != unit and len(named) < 2:

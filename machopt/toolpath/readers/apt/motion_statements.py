@@ -141,7 +141,8 @@ class AptMotionReader:
         """
         if self.away and not (self.rapid or rapid):
             raise ValueError(
-                f"a cut from an unknown place: the move of line {self.away} ends where the file does not say; expected "
+                f"a cut from an unknown position: the move of line {self.away} ends where the file does not state it; "
+                "expected "
                 "RAPID before this GOTO"
             )
         self.away = 0
@@ -301,7 +302,7 @@ class AptMotionReader:
             ValueError: a drilling cycle is active.
         """
         if self.cycle is not None and word != "INDIRV":
-            raise ValueError("stands inside a drilling cycle; expected CYCLE/OFF before it")
+            raise ValueError("is inside a drilling cycle; expected CYCLE/OFF before it")
         if word == "INDIRV":
             self.curves.tangent = parse_numbers(rest)
         else:
@@ -340,7 +341,7 @@ class AptMotionReader:
                 self.end_spline(line)
             self.curves.spline_open = True
         elif not self.curves.spline_open:
-            raise ValueError("stands outside of a NURBS")
+            raise ValueError("is outside a NURBS")
         elif word == "KNOT":
             self.curves.knots.extend(parse_numbers(rest))
         else:
@@ -436,7 +437,7 @@ class AptMotionReader:
                 self.out.meta["table"] = angles
         elif now != self.cut_rotation:
             raise self.source.build_error(
-                "the table stands differently than for the cuts before; expected one table position in a file: "
+                "the table has another position than for the cuts before; expected one table position in a file: "
                 "export one file for each",
                 line,
             )

@@ -74,7 +74,7 @@ class CannedCycle:
         if self.z is None or self.r is None:
             letter, what = (self.depth, "the depth") if self.z is None else ("R", "the height the feed begins at")
             raise DrillingCycleError(
-                f"G{self.code} without {letter}: {what} is not said; post the cycle with its {letter}"
+                f"G{self.code} without {letter}: {what} is not stated; post the cycle with its {letter}"
             )
         return DrillingCycle(
             name=f"G{self.code}",

@@ -247,7 +247,7 @@ class ControlState:
             )
         if name.startswith(("G", "M")):
             return (
-                f": {name} moved it in the machine's frame, and the program does not say where it went; "
+                f": {name} moved it in the machine's frame, and the program does not state where it went; "
                 "name it in a G0 behind that"
             )
         return f": it was not programmed {name}" if name else ""
@@ -315,7 +315,9 @@ class ControlState:
             return
         if any(map(math.isnan, self.p)):
             self.out.warn_once(
-                "the program begins with a cut from a place that it does not say: that way is not in the path", line
+                "the program begins with a cut from a position that it does not state; this move is not part of the "
+                "path",
+                line,
             )
         else:
             self.out.add(self.setup.point((self.p[0], self.p[1], self.p[2])), self.axis, MoveKind.RAPID, math.nan, line)

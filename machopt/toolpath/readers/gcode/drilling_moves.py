@@ -101,7 +101,7 @@ class DrillingMoveReader(ArcMoveReader):
             return self.modal_call
         c = self.canned
         if not self.along_z():
-            raise self.source.build_error(f"G{c.code} with a tool that does not stand along Z is not supported", b.line)
+            raise self.source.build_error(f"G{c.code} with a tool that is not parallel to Z is not supported", b.line)
         given = set(words)
         if not given & set("XYZ") and any(letter == "G" and value == c.code for letter, value in b.words):
             self.out.warn_once(f"G{c.code} without a position (X, Y or Z): no hole is drilled in that block", b.line)
@@ -136,7 +136,7 @@ class DrillingMoveReader(ArcMoveReader):
             raise self.source.build_error(why, b.line)
         if not self.along_z():
             raise self.source.build_error(
-                f"{cycle.name} with a tool that does not stand along Z is not supported", b.line
+                f"{cycle.name} with a tool that is not parallel to Z is not supported", b.line
             )
         if math.isnan(cycle.feed):
             if self.feed_mode == "inverse":

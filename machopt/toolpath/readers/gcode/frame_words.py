@@ -201,7 +201,9 @@ class FrameWordReader(WorkOffsetReader):
             words.pop(c, None)
         given = {c: words.pop(c) for c in "PIJK" if c in words}
         if not given:
-            raise FrameError("G51 without a factor (P, or I, J, K): which one holds stands in the control's parameters")
+            raise FrameError(
+                "G51 without a factor (P, or I, J, K): which one holds is set by a parameter of the control"
+            )
         for c, v in given.items():
             if b.bare(c) and not (c != "P" and abs(v) == 1000.0):
                 raise FrameError(

@@ -313,7 +313,7 @@ class GcodeReader(AuxiliaryWordReader):
                     twice["T"] = value  # T01 T02 M06: the second one is for later
                     continue
                 if letter in words:
-                    raise self.source.build_error(f"{letter} stands twice in one block", b.line)
+                    raise self.source.build_error(f"{letter} is given twice in one block", b.line)
                 words[letter] = value
         if self.siemens and "L" in words:
             b.calls.append((f"L{words.pop('L'):g}", ""))
@@ -520,5 +520,5 @@ class GcodeReader(AuxiliaryWordReader):
         else:
             name = f"G{g / 10:g}"
             if words.keys() & set("XYZABC"):
-                raise self.source.build_error(f"{name} is not known, and it stands with axis words", b.line)
+                raise self.source.build_error(f"{name} is not known, and its block contains axis words", b.line)
             self.out.ignore(name, b.line, understood=False)

@@ -210,7 +210,7 @@ class MacroFlow(SubroutineFlow):
         words = dict(found)
         if "P" not in words:
             raise ProgramFlowError(
-                "M98 without P: which subprogram is not said (calls by file name are not followed)", line
+                "M98 without P: the subprogram is not stated (calls by file name are not followed)", line
             )
         if len(words) < len(found) or words.keys() & {"Q", "H"}:
             raise ProgramFlowError("M98 with Q, H or a word twice: not followed; expected P and L alone", line)

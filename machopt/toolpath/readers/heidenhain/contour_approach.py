@@ -53,7 +53,7 @@ class LeadIn:
         if self.kind == "LT":
             return LeadPath(at - self.length * tangent)
         if not self.side:
-            raise ArcError(f"APPR or DEP {self.kind} without radius compensation (RL, RR): on which side is not said")
+            raise ArcError(f"APPR or DEP {self.kind} without radius compensation (RL, RR): the side is not stated")
         if self.kind == "LN":
             return LeadPath(at + self.side * 1j * tangent * self.length)
         side = math.copysign(self.side, self.side * self.radius)

@@ -187,7 +187,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             b.named["CR"] = radius
         else:
             if self.pole_axes == "XYZ":
-                raise ArcError("a circle about a pole (CC) of three coordinates: in which plane it lies is not said")
+                raise ArcError("a circle about a pole (CC) of three coordinates: its plane is not stated")
             centre = [p if math.isnan(c) else c for c, p in zip(self.pole, self.p, strict=True)]
             for k, letter in enumerate("IJK"):
                 if not math.isnan(centre[k]):
@@ -508,7 +508,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
                 line,
             )
         if number == 204:
-            self.out.warn_once("cycle 204 (back boring) is read without its step beside the axis", line)
+            self.out.warn_once("cycle 204 (back boring) is read without its offset across the axis", line)
         self.cycle, self.cycle_words = number, {}
         for name in [k for k in self.q if k >= 200]:
             del self.q[name]  # each cycle names its own

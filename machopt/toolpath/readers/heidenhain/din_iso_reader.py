@@ -125,7 +125,7 @@ class _DinIsoReader(HeidenhainControlReader):
                     raise self.source.build_error(f"{letter}{number:g} is not a word of this control", line)
                 (g if letter == "G" else m).append(round(number))
             elif letter in words:
-                raise self.source.build_error(f"{letter} stands twice in one block", line)
+                raise self.source.build_error(f"{letter} is given twice in one block", line)
             else:
                 words[letter] = number
         return words, g, m

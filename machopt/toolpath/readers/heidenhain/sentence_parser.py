@@ -42,7 +42,7 @@ class SentenceReader(HeidenhainControlReader):
             if word and not (flag and flag.end() >= word.end()):
                 name = word.group(1)
                 if name in words:
-                    raise self.source.build_error(f"{name} stands twice in one block", line)
+                    raise self.source.build_error(f"{name} is given twice in one block", line)
                 words[name] = parse_value(word.group(2))
                 at = word.end()
             elif flag:

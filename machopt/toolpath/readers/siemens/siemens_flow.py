@@ -197,7 +197,7 @@ class SiemensFlow:
         line, count = self.items[at][0], int(times or 1)
         places = [self.labels.get(label, []) for label in (first, last) if label]
         if any(len(found) != 1 for found in places):
-            raise ProgramFlowError(f"REPEAT {first}: its labels must stand once each in this file", line)
+            raise ProgramFlowError(f"REPEAT {first}: each of its labels must occur once in this file", line)
         start = places[0][0]
         end = start if block else places[1][0] if last else at - 1
         if end < start or start <= at <= end:

@@ -82,7 +82,7 @@ def read_csv(source: SourceFile, options: ReadOptions) -> Toolpath:
         raise source.build_error("holds a header but no rows; expected one row a point", line)
     if len(set(header)) != len(header):
         twice = next(n for k, n in enumerate(header) if n in header[:k])
-        raise source.build_error(f"column {twice!r} stands twice in the header", line)
+        raise source.build_error(f"column {twice!r} is given twice in the header", line)
     table = _PointTable(source, options, line, "csv")
     table.sort_columns(header)
     table.columns = read_columns(source, header, table.list_number_columns(), table.list_word_columns())
@@ -175,7 +175,9 @@ class _PointTable:
             have = [c for c in group if c in self.names]
             if have and len(have) < len(group):
                 lacking = ", ".join(c for c in group if c not in self.names)
-                raise self.source.build_error(f"column {lacking} is missing beside {', '.join(have)}", self.header_line)
+                raise self.source.build_error(
+                    f"column {lacking} is missing; it is required with {', '.join(have)}", self.header_line
+                )
         if self.attitude and "i" in self.names:
             raise self.source.build_error(
                 "gives tool axes (i, j, k) and attitudes; expected one of them", self.header_line
@@ -219,7 +221,7 @@ class _PointTable:
                 if len(have) < len(wanted):
                     lacking = ", ".join(c for c in wanted if c not in lower)
                     raise self.source.build_error(
-                        f"column {lacking} is missing beside {', '.join(have)}", self.header_line
+                        f"column {lacking} is missing; it is required with {', '.join(have)}", self.header_line
                     )
                 if self.attitude is not None:
                     raise self.source.build_error("gives the attitude in two ways; expected one", self.header_line)

@@ -70,7 +70,7 @@ def read_xyzwpr(source: SourceFile, options: ReadOptions) -> Toolpath:
     out.add_table(numbers, move, np.array([line for line, _ in rows], dtype=np.int32), [])
     path = out.build(reference=R[:, :, find_reference_column(column)].copy())
     if options.kind is None and find_possible_holes(numbers[:, :3], numbers[:, 3:6], numbers[:, 6], [0]) is not None:
-        raise source.build_error(f"says not what its rows are, and they could be holes: {KIND_HELP}", first)
+        raise source.build_error(f"does not state what its rows are, and they could be holes: {KIND_HELP}", first)
     return path
 
 

@@ -439,7 +439,7 @@ def _build_unreadable_check(file: str) -> VerificationCheck:
         float("nan"),
         0.0,
         "",
-        "NOT CHECKED: the program is in a language that no reader here knows",
+        "NOT CHECKED: no reader for the language of this program exists",
     )
 
 

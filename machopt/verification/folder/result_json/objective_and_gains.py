@@ -232,7 +232,7 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
         pairs = [list(zip(a, b, strict=True)) for b in less]
         under = any(all(y <= x for x, y in c) and any(y < x - 1e-5 * abs(x) for x, y in c) for c in pairs)
         if under and not p.dominated:
-            yield f"front: {p.plan} is not told as dominated, yet another plan is nowhere worse"
+            yield f"front: {p.plan} is not marked as dominated, but another plan is at least as good in every criterion"
     own, q = stated[0], np.array([t.motion.read_numbers(f"q{j}_deg") for j in range(1, 7)])
     chosen, scale = t.result.objective.chosen, 1e3 * require_number("index_scale", t.result.index_scale)
     yield from check_close(

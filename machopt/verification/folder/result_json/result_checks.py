@@ -409,7 +409,7 @@ def _check_verification(t: ResultComparison) -> Iterable[str]:
         return
     yield from check_equal("verification.passed", told.passed, all(c.passed is not False for c in told.checks))
     if told.passed != found.ok:
-        yield f"says verification {'passed' if told.passed else 'failed'}, which is not so"
+        yield f"states verification {'passed' if told.passed else 'failed'}, which is wrong"
     yield from check_equal(
         "verification.information", [i.name for i in told.information], [i.name for i in found.information]
     )

@@ -75,7 +75,7 @@ def check_dwells_and_stops(
         if not there:
             wrong.append(f"{name} the file dwells or stops, and the motion is not at rest there")
         elif stood < seconds - TIME_TOLERANCE_S:
-            wrong.append(f"{name} the file dwells {seconds:g} s, and the motion stands there {stood:.3f} s")
+            wrong.append(f"{name} the file dwells {seconds:g} s, and the motion rests there {stood:.3f} s")
     return [build_count_check("dwells and stops", wrong, "places")]
 
 

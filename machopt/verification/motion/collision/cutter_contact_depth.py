@@ -218,7 +218,7 @@ def check_cut_level(
             build_skipped_check(
                 "level beside the cuts",
                 f"the tip goes {1e3 * beside[m]:.1f} mm under the nearest cuts at {motion.describe_row(rows[m])}; "
-                "without workpiece geometry nothing tells whether material is there",
+                "without workpiece geometry it is not known whether there is material",
                 "mm",
             )
         )

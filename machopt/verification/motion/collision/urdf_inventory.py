@@ -75,7 +75,7 @@ def _find_lost_bodies(root: ElementTree.Element, bodies: list[CoalBody]) -> list
             else:
                 why = _describe_difference(shapes[0], loaded[label])
                 wrong += [f"collision {n + 1} of link {name!r}: {why}"] if why else []
-    wrong += [f"{name!r} was loaded but stands in no link" for name in loaded if name not in expected]
+    wrong += [f"{name!r} was loaded but belongs to no link" for name in loaded if name not in expected]
     return wrong
 
 

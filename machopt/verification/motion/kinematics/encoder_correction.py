@@ -65,7 +65,8 @@ def list_unchecked_corrections(kinematics: KinematicCorrections | None) -> list[
     return [
         build_skipped_check(
             f"kinematics.yaml {entry.effect} at {entry.location}",
-            f"no second law is written for {entry.effect!r}; where the arm stands follows from the user's own",
+            f"there is no independent formula for {entry.effect!r}; the position of the arm follows from the "
+            "user-defined one",
         )
         for entry in (kinematics.corrections if kinematics is not None else ())
         if entry.own is not None

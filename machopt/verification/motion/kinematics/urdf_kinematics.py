@@ -261,7 +261,7 @@ class UrdfKinematics:
             ValueError: it has some.
         """
         if external is None and self._external:
-            raise ValueError("this cell has external joints: say where they stand")
+            raise ValueError("this cell has external joints: give their positions")
         return np.empty((len(q), 0)) if external is None else external
 
     def compute_configuration(self, q: Array, external: Array | None = None) -> ArmConfiguration:

@@ -109,7 +109,7 @@ def fit_corner(
     if not (before.flat(plane) and after.flat(plane)):
         if corner.stays:
             return None
-        raise ArcError("a rounding or chamfer beside a move that leaves the working plane is not supported")
+        raise ArcError("a rounding or chamfer next to a move that leaves the working plane is not supported")
     a, b = before.element(plane), after.element(plane)
     if corner.kind == "round":
         found: CornerRounding | None = compute_rounding(a, b, corner.size)

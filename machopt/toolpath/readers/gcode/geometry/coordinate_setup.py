@@ -63,7 +63,7 @@ class CoordinateSetup:
             angles: Rotary angles: axis letter → degrees.
         """
         if self.left_tilted_plane:
-            self.out.warn_once("rotary axes that are not named after a tilted plane are taken to stand at 0")
+            self.out.warn_once("rotary axes that are not named after a tilted plane are assumed to be at 0")
         after = self.with_changes(
             angles={**self.angles, **angles}, left_tilted_plane=False, vector=None, aligned_by_control=False
         )

@@ -205,7 +205,7 @@ def convert_polar_words(
         ArcError: outside of G17, together with X or Y, or from an unknown position.
     """
     if find_plane_axes(plane) != (0, 1) or words.keys() & {"X", "Y"}:
-        raise ArcError("polar words (@, ^) stand in G17 and without X and Y")
+        raise ArcError("polar words (@, ^) are accepted in G17 and without X and Y only")
     radius, angle = math.hypot(p[0], p[1]), math.degrees(math.atan2(p[1], p[0]))
     first = radius, angle
     if "@" in words:

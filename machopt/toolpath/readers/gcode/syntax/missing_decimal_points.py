@@ -51,7 +51,9 @@ def apply_decimals_option(
             check_decimals(source, blocks)
         return source, ""
     if siemens:
-        raise source.build_error("--decimals is for G-code of the Fanuc kind; numbers of Sinumerik stand as they are")
+        raise source.build_error(
+            "--decimals is for G-code of the Fanuc kind; numbers of Sinumerik are read as they are"
+        )
     if decimals == 0:
         return source, ""
     return insert_decimal_points(source, decimals, blocks)
@@ -142,8 +144,9 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> None:
 def _build_decimals_question(source: SourceFile, what: str, line: int) -> Exception:
     return source.build_option_question(
         "decimals",
-        f"{what}: by the control's parameters that counts whole units or decimals of one. Give --decimals N (4: the "
-        "last digit is a ten-thousandth, usual for inches; 3: a thousandth, usual for mm; 0: as it stands)",
+        f"{what}: a parameter of the control decides whether it counts whole units or decimals of one. Give "
+        "--decimals N (4: the "
+        "last digit is a ten-thousandth, usual for inches; 3: a thousandth, usual for mm; 0: no implied decimals)",
         line,
     )
 
@@ -167,7 +170,7 @@ def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader
     at = source.find_line(_EXPRESSIONS)
     if at is not None:
         raise source.build_error(
-            "--decimals cannot apply to expressions: which of their numbers count decimals is not said", at
+            "--decimals cannot apply to expressions: it is not known which of their numbers have implied decimals", at
         )
     lines: list[str] = []
     changed, cycle = 0, False

@@ -16,7 +16,7 @@ MACHINE_FRAME = {280: "G28", 300: "G30", 530: "G53", 1530: "G153", 740: "G74", 7
 
 TABLE_OFFSETS = {542, 544}  # G54.2, G54.4; P0: off
 REFUSED = {
-    542: "G54.2 (dynamic fixture offset) shifts points by where the table stands",
+    542: "G54.2 (dynamic fixture offset) shifts points by the position of the table",
     544: "G54.4 (error of the workpiece's seat) turns and shifts points by numbers of the control",
     683: "G68.3 tilts the working plane; its rotation is not followed",
     **dict.fromkeys((450, 460, 470, 480), "G45 to G48 move by tool offsets that only the control knows"),
