@@ -83,7 +83,7 @@ class DiagnosisProblem:
     unknowns: tuple[BaseUnknown, ...]
     families: tuple[CoordinateFamily, ...]  # the first is the one that errors are reported in
     group: Ints  # (N,) cross-validation group: the pose; for motions a block of time
-    visit: Ints  # (N,) one arrival at a pose (pose and session); nested in a group
+    visit: Ints  # (N,) one stay at a pose, an unbroken run of rows; nested in a group
     cycle: Ints  # (N,) one load cycle; nested in a visit
     session: Ints  # (N,)
     replicate: Ints  # (N,) equal labels (≥ 0) are replicates; −1: no replicate
@@ -97,11 +97,17 @@ class DiagnosisProblem:
         None  # (N, D) K_C of load and weight, subtracted from y; a base unknown holds its uncertainty
     )
     time: Array | None = None  # (N,) s, if readings close in time may share an error
+    repeat: Ints | None = None  # (N,) what replicates are compared between: cycles of one stay; None: visits
     visits_for_cycles: bool = False  # load cycles are not labelled: a visit counts as one cycle
     present: Flags | None = None  # (N, D) measured coordinates; None: all. Elsewhere y and all columns are zero
 
     def __len__(self) -> int:
         return len(self.y)
+
+    @property
+    def replicate_visit(self) -> Ints:
+        """Label (N,) of the visits, or cycles of one stay, between which replicates are compared."""
+        return self.visit if self.repeat is None else self.repeat
 
     @property
     def dimensions(self) -> int:

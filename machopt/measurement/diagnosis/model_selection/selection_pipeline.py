@@ -207,7 +207,7 @@ def _build_diagnosis_result(
         outliers=problem.row[~used],
         axes=state.catalogue.axes,
         notes=tuple(verdict_text.describe_withdrawn_findings(validated.withdrawn))
-        + verdict_text.describe_noise_source(state.noise)
+        + verdict_text.describe_noise_source(state.noise, problem, used)
         + holdout_residuals.describe_other_instruments(problem, before, after, state.noise, used)
         + (() if judged.excess_noise is None else (judged.excess_noise.words,))
         + verdict_text.describe_session_contradictions(judged.another_day)

@@ -29,6 +29,11 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     HypothesisCatalogue,
     UntestableEffect,
 )
+from machopt.measurement.diagnosis.data_types.pose_visits import (
+    count_replicated_readings,
+    label_unbroken_runs,
+    nest_labels,
+)
 from machopt.measurement.diagnosis.data_types.static_readings import GearLoadHistory, StaticReadings
 from machopt.measurement.diagnosis.effect_columns import (
     gravity_compensator,
@@ -145,6 +150,7 @@ def build_load_test_problem(
         families.append(
             CoordinateFamily(name="rotation", columns=(3, 4, 5), unit="mrad", factor=1e3, stated_uncertainty=u.rotation)
         )
+    replicate = label_replicates(tests, recording)
     problem = DiagnosisProblem(
         channel="deflection",
         y=y,
@@ -153,9 +159,10 @@ def build_load_test_problem(
         families=tuple(families),
         group=tests.pose,
         visit=readings.visit,
-        cycle=tests.cycle if labels.has_cycle else readings.visit,
+        cycle=nest_labels(readings.visit, tests.cycle) if labels.has_cycle else readings.visit,
         session=readings.session,
-        replicate=label_replicates(tests, recording),
+        replicate=replicate,
+        repeat=select_replicate_visits(recording, replicate, readings.visit),
         line=tests.line,
         row=np.arange(1, len(tests) + 1),
         scale=predicted,
@@ -215,7 +222,7 @@ def build_load_test_readings(
     Returns:
         The readings.
     """
-    _, visit = np.unique(np.stack([tests.pose, tests.session], axis=1), axis=0, return_inverse=True)
+    visit = label_unbroken_runs([tests.pose, tests.session])
     _, session = np.unique(tests.session, return_inverse=True)
     return StaticReadings(
         recording=recording,
@@ -228,7 +235,7 @@ def build_load_test_readings(
         is_difference=True,
         compliance=compliance,
         session=session.reshape(-1),
-        visit=visit.reshape(-1),
+        visit=visit,
         cycle=tests.cycle,
         histories={} if memo is None else memo,
     )
@@ -288,6 +295,24 @@ def build_load_test_catalogue(r: StaticReadings, curved: Array | None) -> Hypoth
         axes["time"] = r.recording.time
     axes |= {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
     return HypothesisCatalogue(tuple(out), tuple(missing), axes)
+
+
+def select_replicate_visits(recording: Recording, replicate: Ints, visit: Ints) -> Ints | None:
+    """Select what replicates are compared between.
+
+    Args:
+        recording: Load tests or measured poses.
+        replicate: (N,) label of equal pose and load; −1 without one.
+        visit: (N,) stay at a pose.
+
+    Returns:
+        (N,) load cycles where no pose was visited twice and the recording states cycles; None: the visits.
+    """
+    if "cycle" not in recording.stated_labels:
+        return None
+    if count_replicated_readings(replicate, visit) >= thresholds.NOISE.least_twins:
+        return None
+    return nest_labels(visit, recording.cycle)
 
 
 def label_replicates(tests: LoadTestExperiment, recording: Recording) -> Ints:

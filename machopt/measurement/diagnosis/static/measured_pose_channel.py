@@ -36,6 +36,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     DiagnosisProblem,
     HypothesisCatalogue,
 )
+from machopt.measurement.diagnosis.data_types.pose_visits import label_unbroken_runs
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
 from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames, existing_terms
 from machopt.measurement.diagnosis.static import inclinometer_equations
@@ -193,16 +194,14 @@ def _compute_stated_displacement(r: StaticReadings, found: tuple[KinematicCorrec
 
 
 def _build_visit_labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints]:
-    """Return the visit of each reading (pose × cycle × session), and replicate labels (same pose, same load)."""
+    """Return the visit of each reading, an unbroken run of rows, and replicate labels (same pose, same load)."""
     stand, target = (
         reflectors_and_tracker_frames.index_tracker_frames(recording),
         reflectors_and_tracker_frames.index_reflectors(recording),
     )
-    cycle = recording.cycle
-    if recording.targets and "cycle" not in recording.stated_labels:  # reflectors are measured in sequence
-        cycle = _count_previous_rows(np.stack([recording.session, recording.pose, stand, target], axis=1))
-    key = np.stack([recording.session, recording.pose, cycle, stand], axis=1)
-    visit = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    labels = [recording.session, recording.pose, stand]
+    # without the column all rows have the same cycle: what is read during one stay is no replicate
+    visit = label_unbroken_runs([*labels, recording.cycle] if "cycle" in recording.stated_labels else labels)
     size = np.array([max(float(np.abs(wrench[:, a : a + 3]).max()), 1e-9) for a in (0, 3)])
     w = wrench / load_resolution.compute_load_tolerance(size, thresholds.RESTING.same_load, recording.uncertainty)
     if np.abs(wrench).max() == 0.0:
@@ -220,16 +219,6 @@ def _build_visit_labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints
                 n += 1
             rows = rows[~near]
     return visit, replicate
-
-
-def _count_previous_rows(key: Ints) -> Ints:
-    """Return how often the same row of ``key`` (N, K) occurred before."""
-    same = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
-    order = np.argsort(same, kind="stable")
-    starts = np.flatnonzero(np.diff(same[order], prepend=-1))
-    out = np.empty(len(same), np.int64)
-    out[order] = np.arange(len(same)) - np.repeat(starts, np.diff(np.r_[starts, len(same)]))
-    return out
 
 
 def _describe_undetermined_frames(

@@ -72,7 +72,7 @@ def estimate_replicate_noise(problem: DiagnosisProblem, residual: Array, used: F
 
 
 def compute_replicate_contrast(problem: DiagnosisProblem, residual: Array, used: Flags) -> tuple[Array, Flags]:
-    """Compute each reading minus the mean of its replicates, scaled to the variance of one reading.
+    """Compute each reading minus the mean of its replicates over visits, scaled to the variance of one reading.
 
     Replicates count only if they occur on two visits or more.
 
@@ -89,20 +89,28 @@ def compute_replicate_contrast(problem: DiagnosisProblem, residual: Array, used:
     if not len(rows):
         return out, has_replicate
     kinds, label = np.unique(problem.replicate[rows], return_inverse=True)
-    pairs = np.unique(np.stack([label, problem.visit[rows]]), axis=1)
-    visits = np.bincount(pairs[0], minlength=len(kinds))
-    keep = visits[label] > 1
-    rows, label = rows[keep], label[keep]
-    if not len(rows):
+    stays, stay = np.unique(np.stack([label, problem.replicate_visit[rows]]), axis=1, return_inverse=True)
+    keep = np.bincount(stays[0], minlength=len(kinds))[label] > 1
+    if not keep.any():
         return out, has_replicate
-    count = np.bincount(label, minlength=len(kinds)).astype(float)
-    mean = (
-        np.stack([np.bincount(label, residual[rows, d], len(kinds)) for d in range(residual.shape[1])], axis=1)
-        / np.maximum(count, 1.0)[:, None]
-    )
-    out[rows] = (residual[rows] - mean[label]) / np.sqrt(1.0 - 1.0 / count[label])[:, None]
+    rows, label, stay = rows[keep], label[keep], stay.reshape(-1)[keep]
+    there, stay = np.unique(stay, return_inverse=True)
+    kind = stays[0][there]
+    inside = _compute_group_means(residual[rows], stay, len(there))
+    whole = _compute_group_means(inside, kind, len(kinds))
+    visits = np.bincount(kind, minlength=len(kinds)).astype(float)
+    # both parts are scaled on their own: readings of one visit share its error, and show less than the whole noise
+    out[rows] = (residual[rows] - inside[stay]) + ((inside - whole[kind]) / np.sqrt(1.0 - 1.0 / visits[kind])[:, None])[
+        stay
+    ]
     has_replicate[rows] = True
     return out, has_replicate
+
+
+def _compute_group_means(values: Array, label: NDArray[np.int64], groups: int) -> Array:
+    """Return the means (groups, D) of values (M, D) by label."""
+    count = np.maximum(np.bincount(label, minlength=groups).astype(float), 1.0)
+    return np.asarray(np.stack([np.bincount(label, v, groups) for v in values.T], axis=1) / count[:, None])
 
 
 def compute_robust_sigma(values: Array) -> float:

@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from machopt.effects.effect_wording import format_effect_in_sentence, format_place
 from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
 from machopt.measurement.diagnosis.verdict.base_model_notes import describe_unstated_values
 
+Flags = NDArray[np.bool_]
 MOST_PLACES = 5  # most places in the sentence, the largest shares first
 
 
@@ -193,20 +198,35 @@ def describe_session_contradictions(effects: Sequence[tuple[str, str]]) -> tuple
     )
 
 
-def describe_noise_source(noise: ReplicateNoise) -> tuple[str, ...]:
-    """Describe how the noise was estimated.
+def describe_noise_source(noise: ReplicateNoise, problem: DiagnosisProblem, used: Flags) -> tuple[str, ...]:
+    """Describe how the noise was estimated, and what the replicates leave unmeasured.
 
     Args:
         noise: Estimated noise.
+        problem: Problem with the labels of the readings.
+        used: (N,) True for readings that are used.
 
     Returns:
         Notes.
     """
-    if noise.replicated:
+    if not noise.replicated:
+        return (
+            "no pose was visited twice under the same load, or too few were: noise is taken from what the model "
+            "leaves, so small effects pass for noise; a second session over the same poses and loads would tell them "
+            "apart",
+        )
+    if problem.repeat is not None:
+        return (
+            "noise is taken from load cycles of the same stay at a pose; the return to a pose and another day are not "
+            "measured by it",
+        )
+    rows = used & (problem.replicate >= 0)
+    days = np.unique(np.stack([problem.replicate[rows], problem.session[rows]]), axis=1)[0]
+    if len(days) and np.bincount(days).max() > 1:
         return ("noise is taken from readings of the same thing on different visits",)
     return (
-        "nothing, or too little, was measured twice: noise is taken from what the model leaves, so small effects pass "
-        "for noise; a second session over the same poses and loads would tell them apart",
+        "noise is taken from readings of the same thing on different visits of one session; what changes from day to "
+        "day is not measured by it",
     )
 
 

@@ -204,7 +204,7 @@ def _sum_products_by_visit_pair(
     weight = 0.0
     starts = np.flatnonzero(np.diff(problem.replicate[order], prepend=-2)) if len(order) else np.zeros(0, int)
     for block in np.split(order, starts[1:]) if len(order) else []:
-        visits = problem.visit[block]
+        visits = problem.replicate_visit[block]
         names = np.unique(visits).tolist()
         if len(names) < 2:
             continue

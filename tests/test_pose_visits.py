@@ -1,0 +1,111 @@
+"""Replicates are found by pose and load, whatever label tells visits apart; what a label leaves unmeasured is said."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_up_loads import CELLS, Truth, arm, load_tests, planned, stand
+
+from machopt.cli import main
+from machopt.data_types.measurements.recording import Recording, StandardUncertainty
+from machopt.measurement.diagnosis.data_types.pose_visits import label_unbroken_runs, nest_labels
+from machopt.measurement.recording import write_recording
+from machopt.numerics.array_types import Array, Ints
+
+CELL = CELLS / "kr240_drilling"
+SOFT_BASE = np.diag([3e-8, 3e-8, 0.0])  # rad/(N·m)
+
+
+def two_laps(soft: bool) -> Recording:
+    """Fifteen poses under three rising loads, twice over; the second lap is another session."""
+    rng = np.random.default_rng(3)
+    a = arm(CELL.name)
+    plan = planned(a, rng, poses=15, sessions=2, loads=3, directions=1, force=1500.0)
+    k = a.nominal * rng.uniform(0.8, 1.25, 6)
+    recording = load_tests(a, Truth(k, hinges={0: SOFT_BASE} if soft else {}), plan, rng)
+    assert recording.branch is not None
+    return take(recording, np.flatnonzero(recording.branch == 1))
+
+
+def take(recording: Recording, rows: Ints) -> Recording:
+    names = ("q", "pose", "cycle", "session", "line", "wrench", "displacement", "time")
+    return replace(recording, branch=None, **{n: getattr(recording, n)[rows] for n in names})
+
+
+def relabel(recording: Recording, name: str) -> Recording:
+    """The same readings with other labels, and once in another order."""
+    lap, none = recording.session, np.zeros(len(recording), np.int64)
+    if name == "session":
+        return replace(recording, cycle=lap)
+    if name == "no label":
+        every = np.arange(len(recording), dtype=np.int64)
+        return replace(recording, session=none, cycle=every, stated_labels=frozenset({"pose"}))
+    recording = replace(recording, cycle=lap, session=none, stated_labels=frozenset({"pose", "cycle"}))
+    if name == "cycle, pose by pose":
+        return replace(take(recording, np.lexsort((lap, recording.pose))), time=None)
+    return recording
+
+
+def diagnose(folder: Path, recording: Recording) -> dict[str, Any]:
+    write_recording(folder / "recording", recording)
+    command = ["diagnose", str(CELL), str(folder / "recording"), "-o", str(folder / "out"), "--quiet", "--force"]
+    assert main(command) == 0
+    return json.loads((folder / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", ["session", "cycle", "cycle, pose by pose", "no label"])
+def test_the_answer_does_not_depend_on_the_label_of_the_repeats(name: str, tmp_path: Path) -> None:
+    found = diagnose(tmp_path, relabel(two_laps(soft=True), name))
+    assert [(f["effect"], f["location"]) for f in found["findings"]] == [("base_compliance", "base")]
+    assert found["verdict"] == "explained"
+    nothing = diagnose(tmp_path, relabel(two_laps(soft=False), name))
+    assert (nothing["verdict"], nothing["findings"]) == ("consistent", [])
+    for document in (found, nothing):
+        assert document["baseline"]["measured_noise"] == pytest.approx(document["baseline"]["noise_floor"])
+        said = " ".join(document["notes"])
+        assert ("not measured by it" in said) == (name != "session")
+
+
+def poses_read_three_times(return_mm: float) -> Recording:
+    """Measured poses: each stay has an error of its own, which its three readings share; two laps, no cycle column."""
+    rng = np.random.default_rng(7)
+    a = arm(CELL.name)
+    plan = planned(a, rng, poses=40, sessions=2, loads=1, directions=1, force=1e-6)
+    rows = np.flatnonzero(~plan.loaded)
+    p: Array = stand(a, Truth(a.nominal * 1.1), plan)[0][rows]
+    p = p + 1e-3 * return_mm * rng.standard_normal(p.shape)
+    again = np.repeat(np.arange(len(rows)), 3)
+    N = len(again)
+    return Recording(
+        kind="absolute",
+        source="made up",
+        q=plan.q[rows][again],
+        pose=plan.pose[rows][again],
+        cycle=np.arange(N, dtype=np.int64),
+        session=np.zeros(N, np.int64),
+        line=np.arange(2, N + 2),
+        position=p[again] + 5e-6 * rng.standard_normal((N, 3)),
+        registration="fit",
+        stated_labels=frozenset({"pose"}),
+        uncertainty=StandardUncertainty(displacement=1e-5),
+    )
+
+
+def test_readings_of_one_stay_are_no_replicates(tmp_path: Path) -> None:
+    """Their shared error is no mismatch that comes back."""
+    document = diagnose(tmp_path, poses_read_three_times(0.05))
+    assert (document["verdict"], document["findings"]) == ("consistent", [])
+    assert document["baseline"]["measured_noise"] == pytest.approx(0.05, rel=0.2)
+
+
+def test_runs_and_nesting() -> None:
+    pose, session = np.array([1, 1, 2, 2, 1, 1]), np.array([0, 0, 0, 1, 1, 1])
+    assert label_unbroken_runs([pose, session]).tolist() == [0, 0, 1, 2, 3, 3]
+    assert label_unbroken_runs([np.zeros(0, np.int64)]).tolist() == []
+    nested = nest_labels(np.array([0, 0, 1, 1]), np.array([5, 6, 5, 5]))
+    assert len(set(nested.tolist())) == 3
