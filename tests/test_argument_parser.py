@@ -81,7 +81,7 @@ def test_every_command_takes_what_the_contract_calls_common() -> None:
     assert {name: common - set(list_options(parser)) for name, parser in commands.items()} == {
         n: set() for n in commands
     }
-    assert len(commands) == 12
+    assert len(commands) == 13
 
 
 def _list_shown_options(page: str) -> list[str]:

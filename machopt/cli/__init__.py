@@ -16,6 +16,7 @@ from machopt.cli import (
     diagnose_command,
     garbage_collection,
     place_command,
+    process_command,
     shell_completion,
     stiffness_commands,
     toolpath_commands,
@@ -107,6 +108,7 @@ def _build_parser() -> argparse.ArgumentParser:
     toolpath_commands.add_commands(commands, common)
     stiffness_commands.add_commands(commands, common)
     diagnose_command.add_commands(commands, common)
+    process_command.add_commands(commands, common)
     place_command.add_commands(commands, common)
     batch_command.add_commands(commands, common)
     cell_commands.add_commands(commands, common)

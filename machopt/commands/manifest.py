@@ -28,6 +28,7 @@ _REQUEST_PATH_FIELDS = (
     "cell",
     *("out", "overwrite"),
     "recordings",
+    "recording",
     "toolpath",
     "toolpaths",
     "measured",

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from machopt.data_types.documents.batch_document import BatchDocument, BatchJobDocument, JobTimingDocument
 from machopt.data_types.documents.cell_documents import InitDocument, ValidateDocument
+from machopt.data_types.documents.coefficients_document import CoefficientsDocument
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument
 from machopt.data_types.documents.document_base import DocumentModel
 from machopt.data_types.documents.identification_document import IdentificationDocument
@@ -32,6 +33,7 @@ DOCUMENTS: dict[str, type[DocumentModel]] = {
     "manifest.json": ManifestDocument,
     "identification.json": IdentificationDocument,
     "diagnosis.json": DiagnosisDocument,
+    "coefficients.json": CoefficientsDocument,
     "plan.json": PosesDocument,
     "map.json": MapDocument,
     "place.json": PlaceDocument,

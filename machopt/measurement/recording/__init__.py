@@ -6,7 +6,8 @@
                                                                                            Recording ─► recording_writer
 """
 
+from machopt.measurement.recording.cutting_recording_reader import load_cutting_recording
 from machopt.measurement.recording.recording_reader import load_recording, load_recordings
 from machopt.measurement.recording.recording_writer import write_recording
 
-__all__ = ["load_recording", "load_recordings", "write_recording"]
+__all__ = ["load_cutting_recording", "load_recording", "load_recordings", "write_recording"]

@@ -56,10 +56,10 @@ def load_recording(path: Path | str) -> Recording:
     Raises:
         InputError: names file, key or line and column, what was found and what was expected.
     """
-    file = _find_recording_yaml(Path(path))
+    file = find_recording_yaml(Path(path))
     document = read_yaml(file)
     keys = validate_document(RecordingKeys, document)
-    data = _find_data_files(document, keys.data, file.parent)
+    data = find_data_files(document, keys.data, file.parent)
     targets = by_target.parse_targets(document, keys.targets_mm, keys.kind)
     tilted = by_tilt.parse_tilt_link(document, keys.tilt_link, keys.kind)
     motors = by_motor.parse_motor_keys(
@@ -106,14 +106,22 @@ def load_recordings(paths: Sequence[Path | str]) -> Recording:
     """
     if not paths:
         raise RecordingError("no recordings given; expected one or more recording folders")
-    places = [_find_recording_yaml(Path(p)).resolve() for p in paths]
+    places = [find_recording_yaml(Path(p)).resolve() for p in paths]
     for k, place in enumerate(places):
         if place in places[:k]:
             raise RecordingError("is given twice; the same readings would count as new ones", file=paths[k])
     return merge_recordings([load_recording(p) for p in paths], new_sessions=True)
 
 
-def _find_recording_yaml(path: Path) -> Path:
+def find_recording_yaml(path: Path) -> Path:
+    """Return the ``recording.yaml`` of a folder or of itself.
+
+    Args:
+        path: the folder, or the file.
+
+    Raises:
+        RecordingError: there is none.
+    """
     if not exists(path):
         raise RecordingError(f"no such file or folder; expected a recording folder or its {YAML_NAME}", file=path)
     if not isdir(path):
@@ -125,7 +133,17 @@ def _find_recording_yaml(path: Path) -> Path:
     return path / YAML_NAME
 
 
-def _find_data_files(document: YamlDocument, value: object, folder: Path) -> list[Path]:
+def find_data_files(document: YamlDocument, value: object, folder: Path) -> list[Path]:
+    """Return the data files that the key ``data`` names, all inside the folder.
+
+    Args:
+        document: the parsed recording.yaml.
+        value: value of ``data``.
+        folder: folder of the recording.
+
+    Raises:
+        InputError: a name that is no file of the folder.
+    """
     names = value if isinstance(value, list) else [value]
     if not names:
         raise document.build_error(("data",), "is an empty list; expected one data file or more")

@@ -1,0 +1,1 @@
+"""``machopt process``: cutting coefficients from measured cuts."""

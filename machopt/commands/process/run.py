@@ -1,0 +1,105 @@
+"""``machopt process``: coefficients of a material with covariance from measured cuts, as process.yaml, and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.process_file.process_writer import MeasuredCut, write_process
+from machopt.commands.input_hashes import compute_input_hashes, list_recording_inputs, list_request_paths
+from machopt.commands.manifest import write_command_manifest
+from machopt.data_types.documents.coefficients_document import CoefficientsDocument
+from machopt.data_types.measurements.cutting_recording import CuttingRecording
+from machopt.errors import CuttingInputError, RecordingError
+from machopt.file_formats.parquet_tables import refuse_without_pyarrow
+from machopt.measurement.cutting.coefficient_fit import (
+    CoefficientFit,
+    build_milling_coefficients,
+    fit_coefficients,
+)
+from machopt.measurement.cutting.coefficients_document import build_coefficients_document, get_material_name
+from machopt.measurement.cutting.force_axes import compute_cut_forces
+from machopt.measurement.cutting.request import ProcessRequest, check_process_request
+from machopt.measurement.recording import load_cutting_recording
+from machopt.output import write_output_folder, write_result
+from machopt.output.tables.cuts_table import write_cuts_csv
+from machopt.process.binding.cutting_tools import build_milling_cutter
+from machopt.process.milling.milling_cut import check_milling_coefficients
+from machopt.report.page_types.coefficients_page_data import CoefficientsPageData
+from machopt.report.pages.coefficients_page import write_coefficients_page
+
+
+@dataclass(frozen=True)
+class ProcessResult:
+    """Result of ``machopt process``."""
+
+    fit: CoefficientFit
+    result: CoefficientsDocument
+    report: Path
+
+
+def run_process(request: ProcessRequest, progress: Callable[[str], None] = lambda _: None) -> ProcessResult:
+    """Fit the cutting coefficients of one material to measured cuts and write them out.
+
+    Args:
+        request: The validated request.
+        progress: Called with the name of each stage when it begins.
+
+    Raises:
+        InputError: bad cell, recording, options or output folder; cuts that do not determine the coefficients.
+    """
+    check_process_request(request)
+    with write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder:
+        refuse_without_pyarrow(request.tables)
+        progress("reading cell and recording")
+        cell = load_cell(request.cell, allow_external=request.allow_external, bodies=False)
+        recording = load_cutting_recording(request.recording)
+        progress("fitting")
+        force = compute_cut_forces(recording, cell)
+        try:
+            cutter = build_milling_cutter(recording.cutter or cell.tool.cutter)
+            fit = fit_coefficients(
+                recording, cutter, force, level=request.level_percent / 100.0, keep_outliers=request.keep_outliers
+            )
+            _write_process_file(folder / "process.yaml", request, recording, fit, cutter.diameter)
+        except CuttingInputError as problem:
+            raise RecordingError(problem.reason, file=recording.files[0]) from None
+        result = build_coefficients_document(
+            request, cell, recording, fit, compute_input_hashes(cell, (request.recording,))
+        )
+        progress("report")
+        write_cuts_csv(
+            folder / "cuts.csv",
+            places=[recording.format_place(row) for row in range(len(recording))],
+            feed_per_tooth=fit.feed_per_tooth,
+            measured=fit.measured,
+            predicted=fit.predicted,
+            reasons=fit.reasons,
+        )
+        page = CoefficientsPageData(result, fit.feed_per_tooth, fit.measured, fit.predicted, fit.used)
+        write_coefficients_page(folder / "report.html", page)
+        write_result(folder / "coefficients.json", result)
+        inputs = list_recording_inputs((request.recording,))
+        write_command_manifest(folder, "process", request, cell, verdict="identified", inputs=inputs)
+    return ProcessResult(fit, result, request.out / "report.html")
+
+
+def _write_process_file(
+    path: Path, request: ProcessRequest, recording: CuttingRecording, fit: CoefficientFit, diameter: float
+) -> None:
+    feeds = fit.feed_per_tooth[fit.used]
+    source = f"mean forces of {int(fit.used.sum())} measured cuts, recording {recording.source}"
+    found = build_milling_coefficients(fit.values, (float(feeds.min()), float(feeds.max())), fit.sigma_log, source)
+    check_milling_coefficients(found)
+    row = int(fit.used.argmax())
+    side = recording.side[row]
+    cut = MeasuredCut(
+        spindle_speed=float(recording.spindle_speed[row]),
+        spindle=recording.spindle,
+        ae=diameter if side == "slot" else float(recording.ae[row]),
+        ap=float(recording.ap[row]),
+        side=side,
+    )
+    write_process(path, get_material_name(request, recording), found, cut)

@@ -1,0 +1,73 @@
+"""coefficients.json of ``machopt process``."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from machopt.data_types.documents.document_base import (
+    Count,
+    DocumentModel,
+    First,
+    Flag,
+    Hashes,
+    Known,
+    Number,
+    Numbers,
+    Text,
+)
+
+
+class CuttingCoefficientEntry(DocumentModel):
+    """One coefficient with its interval; ``fixed``: set to 0, as it came out negative within its interval."""
+
+    name: Literal["Ktc", "Krc", "Kac", "Kte", "Kre", "Kae"]
+    unit: Literal["N/mm²", "N/mm"]
+    value: Number
+    sigma: Known
+    interval: tuple[Known, Known]
+    fixed: Flag
+
+
+class ExcludedCutEntry(DocumentModel):
+    """A measured cut that takes no part, and why."""
+
+    place: Text
+    reason: Text
+
+
+class ForceComponentEntry(DocumentModel):
+    """How well one component of the force is explained."""
+
+    component: Literal["travel", "normal", "axial"]
+    residual_N: Known
+    explained_share: Known
+
+
+class ProcessOptionsSection(DocumentModel):
+    """As asked for."""
+
+    material: Text
+    level_percent: Number
+    keep_outliers: Flag
+
+
+class CoefficientsDocument(DocumentModel):
+    """The whole file; ``covariance`` in N/mm² and N/mm, in the order of ``coefficients``."""
+
+    machopt_coefficients: First
+    version: Text
+    cell: Text
+    recording: Text
+    material: Text
+    cuts: Count
+    used: Count
+    interval_level: Number
+    coefficients: tuple[CuttingCoefficientEntry, ...]
+    covariance: tuple[Numbers, ...]
+    components: tuple[ForceComponentEntry, ...]
+    spread_percent: Number
+    feed_per_tooth_mm: tuple[Number, Number]
+    excluded: tuple[ExcludedCutEntry, ...]
+    warnings: tuple[Text, ...]
+    options: ProcessOptionsSection
+    inputs: Hashes
