@@ -36,6 +36,7 @@ class Cutter:
     diameter: float
     length: float  # free of the holder
     mass: float  # kg, of holder and cutter
+    edges: str  # YAML keys of the cutter that forces need
 
     def lines(self) -> str:
         radius, long = self.holder
@@ -49,16 +50,33 @@ class Cutter:
     geometry:
       - {{name: spindle, mesh: meshes/tool.stl}}
       - {{name: holder_{self.number}, {holder}}}
-    cutter: {{diameter_mm: {self.diameter:g}, length_mm: {self.length:g}}}
+    cutter: {{diameter_mm: {self.diameter:g}, length_mm: {self.length:g}, {self.edges}}}
     tool_number: {self.number}
 """
 
 
 TOOLS = (
-    Cutter(1, "face mill, 50 mm", (31.5, 42.0), 50.0, 40.0, 1.9),
-    Cutter(2, "end mill, 16 mm", (21.0, 80.0), 16.0, 44.0, 1.5),
-    Cutter(3, "drill, 8.5 mm", (16.0, 75.0), 8.5, 75.0, 1.3),
+    Cutter(1, "face mill, 50 mm", (31.5, 42.0), 50.0, 40.0, 1.9, "teeth: 5, helix_deg: 10"),
+    Cutter(2, "end mill, 16 mm", (21.0, 80.0), 16.0, 44.0, 1.5, "teeth: 3, helix_deg: 30"),
+    Cutter(3, "drill, 8.5 mm", (16.0, 75.0), 8.5, 75.0, 1.3, "teeth: 2, point_deg: 135, web_mm: 1.3"),
 )
+PROCESS = """\
+machopt_process: 1
+quantile: 0.95
+materials:
+  al7075:
+    milling: {Ktc: 767, Krc: 169, Kac: 222, Kte: 27.7, Kre: 26.6, Kae: 0.7, spread_percent: 25, h_mm: [0.02, 0.12],
+      source: "Chin. J. Mech. Eng. 34 (2021), 10.1186/s10033-021-00536-9, table 5, 7075-T6"}
+    drilling: {kc1: 800, mc: 0.25, chisel_N_mm2: 300, thrust_spread_percent: 30, torque_spread_percent: 25,
+      source: "VDI 3323 group 22; chisel edge and spread assumed"}
+operations:   # by the labels that machopt inspect lists
+  T1: {kind: milling, material: al7075, ae_mm: 40, ap_mm: 0.5, cut: up, alternate: true, surface: floor,
+    tolerance: {surface_mm: 0.3, reference: relative}}
+  T2: {kind: milling, material: al7075, ap_mm: 2, cut: slot, surface: side,
+    tolerance: {surface_mm: 0.3, reference: relative}}
+  T3: {kind: drilling, layers: [{material: al7075, thickness_mm: 40}], depth_mm: 20,
+    tolerance: {position_mm: 0.3, axis_deg: 0.5, reference: relative}}
+"""
 OFFSETS = """\
 offsets:
   G54:   # a plate lying in a vice
@@ -120,6 +138,7 @@ def write(cells: Path) -> None:
     head = head.replace("  limits:\n", "  tool_change_deg: [-60, -100, 110, 0, 80, 0]\n  limits:\n")
     text = f"{head}tools:\n{''.join(t.lines() for t in TOOLS)}workpiece:\n{rest}"
     (folder / "cell.yaml").write_text(text, encoding="utf-8")
+    (folder / "process.yaml").write_text(PROCESS, encoding="utf-8")
 
 
 if __name__ == "__main__":

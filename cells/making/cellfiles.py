@@ -26,6 +26,8 @@ class CellFiles:
     stiffness: tuple[str, ...]  # comment lines, then the six values as a YAML list
     controller: str  # YAML of the controller
     extra: dict[str, str] = field(default_factory=dict)
+    accuracy: str = ""  # YAML of the arm's accuracy
+    spread: str = ""  # YAML lines of stiffness.yaml: how uncertain its springs are
     force: str = ""  # YAML of the process force, in path axes
 
 

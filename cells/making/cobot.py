@@ -57,7 +57,7 @@ def cutting_cobot() -> CellFiles:
   tcp: {xyz_mm: [-130, 0, 85], rpy_deg: [90, 0, -90]}
   mass_kg: 1.2
   com_mm: [-20, 0, 55]
-  cutter: {diameter_mm: 4, length_mm: 60}""",
+  cutter: {diameter_mm: 4, length_mm: 60, teeth: 2, helix_deg: 30}""",
         tool_mesh=joined(
             cylinder("z", 0.0, 0.032, 0.036), square_spindle(0.085, 0.130, 0.060, radius=0.018, body=(-0.035, 0.075))
         ),
@@ -70,5 +70,7 @@ def cutting_cobot() -> CellFiles:
             block("vice", (60, 50, 95), (x, y - 125, z - 92.5)),
         ),
         controller=UR,
+        accuracy="{absolute_mm: 0.2, repeatability_mm: 0.014, source: assumed}",
+        spread="spread_percent: 20\nsource: assumed\n",
         stiffness=("tian2025, Table 3, N·m/rad", "[4.68e5, 5.56e5, 4.57e5, 2.75e5, 9.55e4, 8.36e4]"),
     )

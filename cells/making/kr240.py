@@ -10,6 +10,20 @@ from making.cellfiles import CellFiles, block, four
 from making.controllers import KUKA
 from making.spindles import inline_spindle
 
+PROCESS = """\
+machopt_process: 1
+quantile: 0.95
+materials:
+  al7075:   # VDI 3323 group 22; thrust from tables is uncertain by a factor of two, so that the spread is wide
+    drilling: {kc1: 800, mc: 0.25, chisel_N_mm2: 300, thrust_spread_percent: 30, torque_spread_percent: 25,
+      source: "VDI 3323 group 22; chisel edge and spread assumed"}
+operations:
+  default:
+    kind: drilling   # the spindle speed is that of the CAM file
+    layers: [{material: al7075, thickness_mm: 4}]
+    depth_mm: 7
+    tolerance: {position_mm: 0.3, axis_deg: 0.5, reference: relative}
+"""
 PANEL_RADIUS, PANEL_HALF = 1.500, (0.340, 0.520)  # m; toolpaths/make_toolpaths.py drills this very surface
 
 
@@ -42,7 +56,7 @@ def kr240_drilling() -> CellFiles:
   tcp: {xyz_mm: [180, 0, 430], rpy_deg: [0, 0, 0]}
   mass_kg: 48
   com_mm: [110, 0, 165]
-  cutter: {diameter_mm: 6, length_mm: 70}""",
+  cutter: {diameter_mm: 6, length_mm: 70, teeth: 2, point_deg: 135, web_mm: 0.9}""",
         tool_mesh=inline_spindle(0.180, 0.430, 0.070, radius=0.070),
         workpiece_mm=(x, 0, z),
         workpiece_rpy=(0, 0, 0),
@@ -57,16 +71,19 @@ def kr240_drilling() -> CellFiles:
             *four("clamp", (40, 60, 90), (x, 0, z - sag), (365, 420)),
         ),
         controller=KUKA,
+        accuracy="{absolute_mm: 0.1, repeatability_mm: 0.033, source: assumed}",
+        spread="spread_percent: 10\nsource: dumas2011 states 2 to 9 %; 10 % assumed\n",
         stiffness=(
             "Dumas et al. (2011) as cited by Góra and Trela; see README.md",
             "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5]",
         ),
         extra={
+            "process.yaml": PROCESS,
             "stiffness_table2.yaml": """\
 # dumas2011, Table 2 of the text in hand; see README.md
 machopt_stiffness: 1
 joints_Nm_per_rad: [3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5]
-"""
+""",
         },
     )
 

@@ -45,7 +45,7 @@ def kr500_milling() -> CellFiles:
   tcp: {{xyz_mm: [{-KR500_TIP_MM:.1f}, 0.0, {KR500_REACH_MM:.2f}], rpy_deg: [90, 0, -90]}}
   mass_kg: 95
   com_mm: [-30, 0, 215]
-  cutter: {{diameter_mm: 17, length_mm: 80}}""",
+  cutter: {{diameter_mm: 17, length_mm: 80, teeth: 2, helix_deg: 30}}""",
         tool_mesh=square_spindle(KR500_REACH_MM / 1e3, KR500_TIP_MM / 1e3, 0.080, radius=0.092, body=(-0.22, 0.20)),
         workpiece_mm=(x, y, z),
         workpiece_rpy=(0, 0, 90),
@@ -57,6 +57,8 @@ def kr500_milling() -> CellFiles:
             *four("clamp", (70, 50, 75), (x, y, z - 92.5), (150, 150)),
         ),
         controller=KUKA,
+        accuracy="{absolute_mm: 0.1, repeatability_mm: 0.025, source: assumed}",
+        spread="spread_percent: 15\nsource: assumed\n",
         stiffness=(
             "jiao2022, eq. 38 (one set for the whole space), N·mm/rad there",
             "[1.58e7, 6.12e6, 5.28e6, 4.66e5, 2.19e5, 3.49e5]",

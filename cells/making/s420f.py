@@ -55,6 +55,8 @@ def s420f_handling() -> CellFiles:
             "{name: fence_post, cylinder_mm: [60, 2200], xyz_mm: [1300, 1500, 1100]}",
         ),
         controller=FANUC,
+        accuracy="{absolute_mm: 0.5, repeatability_mm: 0.1, source: assumed}",
+        spread="spread_percent: 20\nsource: assumed\n",
         stiffness=(
             "Joints 1 to 3: PUMA 560 ratios (66.23 : 66.50 : 11.61) as in gora-trela, scaled so that the vertical",
             "compliance at its pose is the measured 0.0059 mm/N; joints 4 to 6: those of the KR240-2 (dumas2011),",

@@ -109,13 +109,15 @@ stiffness: stiffness.yaml
 controller:
 {cell.controller}
 """
+    if cell.accuracy:
+        text = text.replace("stiffness: stiffness.yaml\n", f"stiffness: stiffness.yaml\naccuracy: {cell.accuracy}\n")
     if cell.force:
         text += f"plan:\n  force_N: {cell.force}  # an assumption: README.md\n"
     (folder / "cell.yaml").write_text(text, encoding="utf-8")
     *source, values = cell.stiffness
     head = "".join(f"# {line}\n" for line in source)
     (folder / "stiffness.yaml").write_text(
-        f"{head}machopt_stiffness: 1\njoints_Nm_per_rad: {values}\n", encoding="utf-8"
+        f"{head}machopt_stiffness: 1\njoints_Nm_per_rad: {values}\n{cell.spread}", encoding="utf-8"
     )
     for name, content in cell.extra.items():
         (folder / name).write_text(content, encoding="utf-8")

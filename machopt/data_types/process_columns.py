@@ -57,7 +57,7 @@ class ToleranceSummary:
     reference: str
     counts: Mapping[str, int]  # of each outcome
     worst_point: int  # toolpath point; −1 without any
-    worst_number: int  # from 1, of the hole or milled point within the job
+    worst_number: int  # from 1, of the hole or milled point within the job (of one tool: within its part)
     worst_error: float  # m, across a hole or normal to a surface, nominal
     worst_p_in: float
     worst_cause: str
@@ -89,11 +89,21 @@ def merge_process_summaries(parts: Sequence[ProcessSummary]) -> ProcessSummary |
     return ProcessSummary(
         before={name: _add_counts([p.before[name] for p in parts]) for name in parts[0].before},
         after=_add_counts([p.after for p in parts]),
-        tolerances=tuple(row for p in parts for row in p.tolerances),
+        tolerances=_number_in_job(parts),
         variance_shares={n: sum(count * one[n] for count, one in shares) / total for n in names} if total else {},
         sources={key: text for p in parts for key, text in p.sources.items()},
         validity=tuple(dict.fromkeys(text for p in parts for text in p.validity)),
     )
+
+
+def _number_in_job(parts: Sequence[ProcessSummary]) -> tuple[ToleranceSummary, ...]:
+    """Return the operations of all parts; worst holes and points are numbered through the job."""
+    before, out = {True: 0, False: 0}, []
+    for part in parts:
+        out += [replace(row, worst_number=row.worst_number + before[row.is_hole]) for row in part.tolerances]
+        for row in part.tolerances:
+            before[row.is_hole] += sum(row.counts.values())
+    return tuple(out)
 
 
 def _add_counts(parts: Sequence[Mapping[str, int]]) -> dict[str, int]:

@@ -126,10 +126,11 @@ def _summarise_operations(
     assert toolpath.process_operation is not None
     operation = toolpath.process_operation[rows]
     out = []
+    is_hole = np.array([one.is_hole for one in process.operations])[operation]
     for k, one in enumerate(process.operations):
         mine = rows[operation == k]
         if len(mine):
-            out.append(_summarise_operation(one, mine, rows, found))
+            out.append(_summarise_operation(one, mine, rows[is_hole == one.is_hole], found))
     return tuple(out)
 
 
