@@ -377,6 +377,27 @@ class PathBuilder:
     def _table(self) -> Array:
         return np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 7)
 
+    def _warn_of_feeds_and_words(self, table: Array, move: NDArray[np.int8], line: NDArray[np.int32]) -> None:
+        """Warn of unusual feeds and of unknown words."""
+        fast = np.flatnonzero((move == MoveKind.CUT) & (table[:, 6] > FAST_MM_MIN))
+        if len(fast):
+            self.warn(f"{len(fast)} cuts at up to {table[fast, 6].max():.3g} mm/min", int(line[fast[0]]))
+        slow = np.flatnonzero((move == MoveKind.CUT) & (table[:, 6] < SLOW_MM_MIN))
+        if len(slow):
+            self.warn(f"{len(slow)} cuts at {table[slow, 6].min():.3g} mm/min and more", int(line[slow[0]]))
+        strange = [w for w in self._ignored.values() if not w.understood]
+        if strange:
+            self.warn(
+                f"{sum(w.count for w in strange)} words were not understood: {_format_words([w.word for w in strange])}"
+            )
+        stopping = [f"{w.word} (line {w.first_line})" for w in strange if w.stops]
+        if stopping:
+            self.warn(
+                f"no plan is made from this file, because these words may move points or frames: "
+                f"{_format_words(stopping)}. "
+                "--accept-unknown WORD accepts one that moves nothing"
+            )
+
     def build(self, *, reference: Array | None = None, tolerance_mm: Array | None = None) -> Toolpath:
         """Build the finished toolpath.
 
@@ -413,25 +434,7 @@ class PathBuilder:
                 f"{len(found.against)} arcs run against the tangents of their neighbours ({found.agree} run with "
                 f"them), at lines {_format_words([str(k) for k in found.against])}: check the arc direction"
             )
-        ignored = tuple(self._ignored.values())
-        fast = np.flatnonzero((move == MoveKind.CUT) & (table[:, 6] > FAST_MM_MIN))
-        if len(fast):
-            self.warn(f"{len(fast)} cuts at up to {table[fast, 6].max():.3g} mm/min", int(line[fast[0]]))
-        slow = np.flatnonzero((move == MoveKind.CUT) & (table[:, 6] < SLOW_MM_MIN))
-        if len(slow):
-            self.warn(f"{len(slow)} cuts at {table[slow, 6].min():.3g} mm/min and more", int(line[slow[0]]))
-        strange = [w for w in ignored if not w.understood]
-        if strange:
-            self.warn(
-                f"{sum(w.count for w in strange)} words were not understood: {_format_words([w.word for w in strange])}"
-            )
-        stopping = [f"{w.word} (line {w.first_line})" for w in strange if w.stops]
-        if stopping:
-            self.warn(
-                f"no plan is made from this file, because these words may move points or frames: "
-                f"{_format_words(stopping)}. "
-                "--accept-unknown WORD accepts one that moves nothing"
-            )
+        self._warn_of_feeds_and_words(table, move, line)
         if self.used_options:
             self.meta[USED] = " ".join(sorted(self.used_options))
         if self.incomplete_reason is not None:
@@ -455,7 +458,7 @@ class PathBuilder:
             format=self.format,
             sha256=self.source.sha256,
             events=tuple(self._events),
-            ignored=ignored,
+            ignored=tuple(self._ignored.values()),
             warnings=tuple(self.warnings),
             meta=dict(self.meta),
             offsets=tuple((first, name) for first, name in self._offsets if first < n),

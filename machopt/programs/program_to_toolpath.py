@@ -99,6 +99,25 @@ def convert_to_toolpath(
         known[rows] = True
     if not (known & (program.move == MoveKind.CUT)).any():
         raise source.build_error(_describe_missing_cut(program, known, robot))
+    _add_moves(program, source, out, T, known, sign * T[:, :3, column])
+    for word in program.ignored:
+        for _ in range(word.count):
+            out.ignore(word.word, word.first_line, understood=word.understood, stops=word.stops)
+    out.warnings.extend(w for w in program.warnings if not w.startswith("not understood"))
+    _warn_upside_down(out, sign * T[known & (program.move == MoveKind.CUT), 2, column], options.tool_axis)
+    out.meta |= {
+        "unit": "mm",
+        "program": program.name,
+        "tool_axis": f"{options.tool_axis} of the tool frame",
+        "base": base,
+    }
+    return out.build(reference=T[known][:, :3, 0 if column != 0 else 1])
+
+
+def _add_moves(
+    program: ParsedProgram, source: SourceFile, out: PathBuilder, T: Array, known: NDArray[np.bool_], axis: Array
+) -> None:
+    """Add every move with a known place, with the events before it."""
     events = sorted(program.events, key=lambda e: e.index)  # stable: in order at one move
     operation, told = -2, 0
     away = 0  # line of a joint move without a place that came after the last point, 0 where there is none
@@ -122,7 +141,7 @@ def convert_to_toolpath(
             if operation >= 0:
                 out.begin_operation(program.operations[operation])
         x, y, z = (T[k, :3, 3] * 1e3).tolist()
-        i, j, c = (sign * T[k, :3, column]).tolist()
+        i, j, c = axis[k].tolist()
         move, feed = int(program.move[k]), float(program.feed[k]) * 6e4
         if away and move != MoveKind.RAPID:
             out.warn_once(
@@ -135,18 +154,6 @@ def convert_to_toolpath(
         out.add((x, y, z), (i, j, c), move, feed, line)
     for event in events[told:]:
         out.event(event.kind, event.text, event.value)
-    for word in program.ignored:
-        for _ in range(word.count):
-            out.ignore(word.word, word.first_line, understood=word.understood, stops=word.stops)
-    out.warnings.extend(w for w in program.warnings if not w.startswith("not understood"))
-    _warn_upside_down(out, sign * T[known & (program.move == MoveKind.CUT), 2, column], options.tool_axis)
-    out.meta |= {
-        "unit": "mm",
-        "program": program.name,
-        "tool_axis": f"{options.tool_axis} of the tool frame",
-        "base": base,
-    }
-    return out.build(reference=T[known][:, :3, 0 if column != 0 else 1])
 
 
 def _transform_to_first_base(

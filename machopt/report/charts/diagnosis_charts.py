@@ -60,46 +60,19 @@ def build_group_chart(data: DiagnosisPageData) -> Spec | None:
         ]
         for n, b, a in zip(names, before, after, strict=True)
     ]
-    layers: list[Spec] = [
-        {
-            "type": "line",
-            "color": LAW,
-            "dash": "6 4",
-            "name": "noise floor",
-            "x": [-0.5, len(order) - 0.5],
-            "y": [factor * d.noise_floor] * 2,
-            "width": 1.2,
-        },
-        {
-            "type": "points",
-            "name": describe_error_before(d),
-            "color": BEFORE,
-            "hollow": True,
-            "size": 3.2,
-            "x": round_for_json(x),
-            "y": round_for_json(before),
-            "lo": round_for_json(np.minimum(before, after)),
-            "hi": round_for_json(np.maximum(before, after)),
-            "labels": labels,
-        },
-    ]
-    if not math.isfinite(d.noise_floor):
-        del layers[0]
-    if found:
+    layers: list[Spec] = []
+    if math.isfinite(d.noise_floor):
+        ends, level = [-0.5, len(order) - 0.5], [factor * d.noise_floor] * 2
         layers.append(
-            {
-                "type": "points",
-                "name": "with what was found",
-                "color": AFTER,
-                "size": 3.2,
-                "x": round_for_json(x),
-                "y": round_for_json(after),
-                "labels": labels,
-            }
+            {"type": "line", "color": LAW, "dash": "6 4", "name": "noise floor", "x": ends, "y": level, "width": 1.2}
         )
-    if not found:
-        for part in ("lo", "hi"):
-            del layers[-1][part]
+    marks: Spec = {"type": "points", "size": 3.2, "x": round_for_json(x), "labels": labels}
+    first: Spec = {**marks, "name": describe_error_before(d), "color": BEFORE, "hollow": True}
+    layers.append({**first, "y": round_for_json(before)})
+    if found:
+        low, high = np.minimum(before, after), np.maximum(before, after)
+        layers[-1] |= {"lo": round_for_json(low), "hi": round_for_json(high)}
+        layers.append({**marks, "name": "with the findings", "color": AFTER, "y": round_for_json(after)})
     return {
         "id": "d-groups",
         "title": f"Held-out error of each {data.group_word}, worst first",
@@ -138,23 +111,14 @@ def build_axis_chart(data: DiagnosisPageData, axis: str, spec_id: str) -> Spec |
     layers: list[Spec] = []
     pairs = [(describe_error_before(d), before, BEFORE, True, -0.12)]
     if has_machine_finding(d):
-        pairs.append(("with what was found", after, AFTER, False, 0.12))
+        pairs.append(("with the findings", after, AFTER, False, 0.12))
     else:
         pairs = [(*pairs[0][:-1], 0.0)]
     for what, size, color, hollow, aside in pairs:
-        shift = aside if few else 0.0
-        labels = [[["line", str(data.line[n])], [data.group_word, str(data.pose[n])]] for n in drawn]
+        drawn_x = round_for_json(at[drawn] + (aside if few else 0.0))
+        marks: Spec = {"type": "points", "name": what, "color": color, "hollow": hollow, "size": 1.6}
         layers.append(
-            {
-                "type": "points",
-                "name": what,
-                "color": color,
-                "hollow": hollow,
-                "size": 1.6,
-                "x": round_for_json(at[drawn] + shift),
-                "y": round_for_json(size[drawn]),
-                "labels": labels,
-            }
+            {**marks, "x": drawn_x, "y": round_for_json(size[drawn]), "labels": _list_reading_labels(data, drawn)}
         )
     for _, size, color, _, aside in pairs:
         x, mean = compute_binned_rms(at[good], size[good], few=few)
@@ -215,6 +179,11 @@ def compute_reading_errors(data: DiagnosisPageData) -> tuple[Array, Array, str, 
     return factor * before, factor * after, unit, whose
 
 
+def _list_reading_labels(data: DiagnosisPageData, rows: IndexArray) -> list[list[list[str]]]:
+    """The line and the group of each reading, shown at its point."""
+    return [[["line", str(data.line[n])], [data.group_word, str(data.pose[n])]] for n in rows]
+
+
 def build_law_chart(data: DiagnosisPageData, n: int, f: Finding) -> Spec | None:
     """Return the chart of a missing law: the readings and the fitted law.
 
@@ -239,36 +208,15 @@ def build_law_chart(data: DiagnosisPageData, n: int, f: Finding) -> Spec | None:
     for name, color, here, _ in parts:
         rows = np.flatnonzero(here)
         rows = rows[_select_points(len(rows), MAX_POINTS // len(parts))]
-        labels = [[["line", str(data.line[r])], [data.group_word, str(data.pose[r])]] for r in rows]
-        layers.append(
-            {
-                "type": "points",
-                "name": name,
-                "color": color,
-                "hollow": True,
-                "size": 1.8,
-                "x": round_for_json(c.data_x[rows]),
-                "y": round_for_json(value[rows]),
-                "labels": labels,
-            }
-        )
+        marks: Spec = {"type": "points", "name": name, "color": color, "hollow": True, "size": 1.8}
+        x, y = round_for_json(c.data_x[rows]), round_for_json(value[rows])
+        layers.append({**marks, "x": x, "y": y, "labels": _list_reading_labels(data, rows)})
     for name, color, _, here in parts:
-        x, mean, half = compute_binned_median(c.data_x[here], value[here])
-        if len(x) > 1:
-            layers.append(
-                {
-                    "type": "points",
-                    "name": f"{name}, averaged",
-                    "color": color,
-                    "mark": "diamond",
-                    "size": 4,
-                    "bar": 2,
-                    "x": round_for_json(x),
-                    "y": round_for_json(mean),
-                    "lo": round_for_json(mean - half),
-                    "hi": round_for_json(mean + half),
-                }
-            )
+        at, mean, half = compute_binned_median(c.data_x[here], value[here])
+        if len(at) > 1:
+            mark: Spec = {"type": "points", "name": f"{name}, averaged", "color": color, "mark": "diamond"}
+            ends = {"lo": round_for_json(mean - half), "hi": round_for_json(mean + half)}
+            layers.append({**mark, "size": 4, "bar": 2, "x": round_for_json(at), "y": round_for_json(mean), **ends})
     order = _select_points(len(c.x), MAX_POINTS)
     layers.append(
         {

@@ -156,29 +156,8 @@ def _build_picture(data: PlacementPageData, marks: Sequence[PlaceMark]) -> Marku
     size = 0.94 * scale * step
     shapes: list[SvgShape] = []
     for m in sorted(marks, key=lambda m: (m.planned, m.x, m.y)):
-        x, y = at(m.x, m.y)
-        if m.refused or not math.isfinite(m.value):
-            arm = 0.16 * size
-            left, right, up, down = x - arm, x + arm, y - arm, y + arm
-            cross = f"M{left:.1f} {up:.1f}L{right:.1f} {down:.1f}M{left:.1f} {down:.1f}L{right:.1f} {up:.1f}"
-            title = f"{m.words}: {m.refused or 'no continuous way'}"
-            shapes.append(build_shape("path", d=cross, stroke="currentColor", opacity=0.45, fill="none", title=title))
-            continue
-        red, green, blue = (int(v) for v in np.asarray(map_to_colours(np.array([(most - m.value) / span])))[0][:3])
-        title = f"{m.words}: {_format_number(m.value)} {data.result.unit}{' (planned)' if m.planned else ''}"
-        fill = f"rgb({red},{green},{blue})"
-        shapes.append(
-            build_shape("rect", x=x - size / 2, y=y - size / 2, width=size, height=size, fill=fill, title=title)
-        )
-        if m.planned:
-            shapes.append(
-                build_shape(
-                    "circle", cx=x, cy=y, r=0.3 * size, fill="none", stroke=DARK_COLOR, stroke_width=4, title=title
-                )
-            )
-            shapes.append(
-                build_shape("circle", cx=x, cy=y, r=0.3 * size, fill="none", stroke="#fff", stroke_width=2, title=title)
-            )
+        share = (most - m.value) / span
+        shapes += _draw_place(m, at(m.x, m.y), size, share, data.result.unit)
     mark: Style = {
         "fill": "#fff",
         "stroke": DARK_COLOR,
@@ -202,16 +181,7 @@ def _build_picture(data: PlacementPageData, marks: Sequence[PlaceMark]) -> Marku
         )
     shapes.append(build_shape("text", "x (mm)", x=LEFT + wide / 2, y=TOP + tall + 34, text_anchor="middle", **small))
     shapes.append(build_shape("text", "y (mm)", x=2.0, y=TOP + tall / 2, **small))
-    for k in range(24):
-        red, green, blue = (int(v) for v in np.asarray(map_to_colours(np.array([1 - k / 23])))[0][:3])
-        y = TOP + tall * (1 - (k + 1) / 24)
-        shapes.append(
-            build_shape(
-                "rect", x=LEFT + wide + 18, y=y, width=14, height=tall / 24 + 0.6, fill=f"rgb({red},{green},{blue})"
-            )
-        )
-    for value, y in ((most, TOP + 8), (least, TOP + tall)):
-        shapes.append(build_shape("text", _format_number(value), x=LEFT + wide + 38, y=y, **small))
+    shapes += _draw_colour_scale(LEFT + wide + 18, tall, least, most)
     return render_svg(
         build_shape(
             "svg",
@@ -223,6 +193,43 @@ def _build_picture(data: PlacementPageData, marks: Sequence[PlaceMark]) -> Marku
             inside=shapes,
         )
     )
+
+
+def _draw_place(m: PlaceMark, place: tuple[float, float], size: float, share: float, unit: str) -> list[SvgShape]:
+    """Return the square of a position, with a ring where it was planned; a cross where it cannot be used."""
+    shapes: list[SvgShape] = []
+    x, y = place
+    if m.refused or not math.isfinite(m.value):
+        arm = 0.16 * size
+        left, right, up, down = x - arm, x + arm, y - arm, y + arm
+        cross = f"M{left:.1f} {up:.1f}L{right:.1f} {down:.1f}M{left:.1f} {down:.1f}L{right:.1f} {up:.1f}"
+        title = f"{m.words}: {m.refused or 'no continuous way'}"
+        return [build_shape("path", d=cross, stroke="currentColor", opacity=0.45, fill="none", title=title)]
+    red, green, blue = (int(v) for v in np.asarray(map_to_colours(np.array([share])))[0][:3])
+    title = f"{m.words}: {_format_number(m.value)} {unit}{' (planned)' if m.planned else ''}"
+    fill = f"rgb({red},{green},{blue})"
+    shapes.append(build_shape("rect", x=x - size / 2, y=y - size / 2, width=size, height=size, fill=fill, title=title))
+    if m.planned:
+        shapes.append(
+            build_shape("circle", cx=x, cy=y, r=0.3 * size, fill="none", stroke=DARK_COLOR, stroke_width=4, title=title)
+        )
+        shapes.append(
+            build_shape("circle", cx=x, cy=y, r=0.3 * size, fill="none", stroke="#fff", stroke_width=2, title=title)
+        )
+    return shapes
+
+
+def _draw_colour_scale(x: float, tall: float, least: float, most: float) -> list[SvgShape]:
+    """Return the bar with the colours of the values."""
+    out: list[SvgShape] = []
+    small: Style = {"font_size": 11, "fill": "currentColor"}
+    for k in range(24):
+        red, green, blue = (int(v) for v in np.asarray(map_to_colours(np.array([1 - k / 23])))[0][:3])
+        y = TOP + tall * (1 - (k + 1) / 24)
+        out.append(build_shape("rect", x=x, y=y, width=14, height=tall / 24 + 0.6, fill=f"rgb({red},{green},{blue})"))
+    for value, y in ((most, TOP + 8), (least, TOP + tall)):
+        out.append(build_shape("text", _format_number(value), x=x + 20, y=y, **small))
+    return out
 
 
 def _select_labelled_values(values: NDArray[np.float64]) -> list[float]:

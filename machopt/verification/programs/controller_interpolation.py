@@ -53,44 +53,69 @@ def check_moves_between_targets(
     linear = program.kind[move] == LIN
     checks = []
     if linear.any():
-        off = np.vstack(
-            [
-                _compute_line_deviation(
-                    tcp[rows[linear][k : k + BLOCK_ROWS]],
-                    program.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS] - 1],
-                    program.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS]],
-                )
-                for k in range(0, int(linear.sum()), BLOCK_ROWS)
-            ]
-        )
-        _choose_adjacent_move(off, program, tcp, rows[linear], move[linear])
-        ways = [f"the move to {where[k]}" for k in move[linear]]
-        for column, (what, unit, limit, scale) in enumerate(
-            (
-                (CheckName.LINES, "mm", allowed.position + program.place_step, 1e3),
-                (CheckName.LINES_AXIS, "deg", allowed.axis + program.joint_step, 180.0 / np.pi),
-                (CheckName.LINES_TURN, "deg", allowed.turn + program.joint_step, 180.0 / np.pi),
-            )
-        ):
-            checks.append(build_worst_move_check(program, what, unit, scale * off[:, column], scale * limit, ways))
-        if motion.external.shape[1]:
-            checks.append(
-                _check_external_axes(program, motion, rows[linear], move[linear], off[:, 3], at, allowed, ways)
-            )
+        checks += _check_lines(program, motion, tcp, (rows[linear], move[linear], at), allowed, where)
     if not linear.all():
-        pick = np.flatnonzero(~linear)
-        driven, stated = np.hstack([motion.q, motion.external]), np.hstack([program.q, program.external])
-        q = np.full((len(at), driven.shape[1]), np.nan)
-        q[known] = interpolate_rows(driven, at[known])
-        joint = np.isfinite(stated).all(axis=1)
-        q[joint] = stated[joint]
-        bow = _compute_joint_line_deviation(driven[rows[pick]], q[move[pick] - 1], q[move[pick]])
-        ways = [f"the move to {where[k]}" for k in move[pick]]
-        limit = RAPID_TOLERANCE_DEG + float(np.degrees(program.joint_step))
-        checks.append(
-            build_worst_move_check(program, "joint moves along the motion", "deg", np.degrees(bow), limit, ways)
-        )
+        checks.append(_check_joint_moves(program, motion, (rows[~linear], move[~linear], at), known, where))
     return checks
+
+
+_Samples = tuple[NDArray[np.intp], NDArray[np.intp], Array]  # rows of the motion, the move each lies in, ``at``
+
+
+def _check_lines(
+    program: ProgramInCell,
+    motion: ExportedMotion,
+    tcp: Array,
+    samples: _Samples,
+    allowed: TargetTolerances,
+    where: list[str],
+) -> list[VerificationCheck]:
+    """Compare samples with the straight lines between targets."""
+    rows, move, at = samples
+    checks = []
+    off = np.vstack(
+        [
+            _compute_line_deviation(
+                tcp[rows[k : k + BLOCK_ROWS]],
+                program.T_workpiece_tcp[move[k : k + BLOCK_ROWS] - 1],
+                program.T_workpiece_tcp[move[k : k + BLOCK_ROWS]],
+            )
+            for k in range(0, len(rows), BLOCK_ROWS)
+        ]
+    )
+    _choose_adjacent_move(off, program, tcp, rows, move)
+    ways = [f"the move to {where[k]}" for k in move]
+    for column, (what, unit, limit, scale) in enumerate(
+        (
+            (CheckName.LINES, "mm", allowed.position + program.place_step, 1e3),
+            (CheckName.LINES_AXIS, "deg", allowed.axis + program.joint_step, 180.0 / np.pi),
+            (CheckName.LINES_TURN, "deg", allowed.turn + program.joint_step, 180.0 / np.pi),
+        )
+    ):
+        checks.append(build_worst_move_check(program, what, unit, scale * off[:, column], scale * limit, ways))
+    if motion.external.shape[1]:
+        checks.append(_check_external_axes(program, motion, rows, move, off[:, 3], at, allowed, ways))
+    return checks
+
+
+def _check_joint_moves(
+    program: ProgramInCell,
+    motion: ExportedMotion,
+    samples: _Samples,
+    known: NDArray[np.intp],
+    where: list[str],
+) -> VerificationCheck:
+    """Compare samples with joint moves between targets."""
+    rows, move, at = samples
+    driven, stated = np.hstack([motion.q, motion.external]), np.hstack([program.q, program.external])
+    q = np.full((len(at), driven.shape[1]), np.nan)
+    q[known] = interpolate_rows(driven, at[known])
+    joint = np.isfinite(stated).all(axis=1)
+    q[joint] = stated[joint]
+    bow = _compute_joint_line_deviation(driven[rows], q[move - 1], q[move])
+    ways = [f"the move to {where[k]}" for k in move]
+    limit = RAPID_TOLERANCE_DEG + float(np.degrees(program.joint_step))
+    return build_worst_move_check(program, "joint moves along the motion", "deg", np.degrees(bow), limit, ways)
 
 
 def _choose_adjacent_move(

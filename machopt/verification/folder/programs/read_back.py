@@ -204,6 +204,21 @@ class _ComparisonContext:
                 len(said),
                 (build_failed_program_check(name, "readable", "a target has neither place nor joints"),),
             )
+        checks, rows = self._compare_with_motion_and_cam(said)
+        checks += self._check_frames_and_words(name, parsed, said, controller, rows)
+        checks += self._check_wording(posted, parsed, said, controller, rows)
+        read = VerificationInformation(
+            name=f"{name}: {CheckName.MOVES}",
+            value=float(len(said)),
+            unit="moves",
+            where=parsed.dialect,
+            file=name,
+            what=CheckName.MOVES,
+        )
+        return ProgramComparison(posted, len(said), tuple(checks), information=(read,))
+
+    def _compare_with_motion_and_cam(self, said: ProgramInCell) -> tuple[list[VerificationCheck], Array]:
+        """Return the checks, and (M,) the fractional sample of the motion at which each move ends."""
         o = self.options
         allowed = TargetTolerances(
             position=self.tolerance.position,
@@ -212,14 +227,6 @@ class _ComparisonContext:
             corner=o.path_tolerance,
             axis_corner=o.axis_tolerance,
             external=self.tolerance.external,
-        )
-        read = VerificationInformation(
-            name=f"{name}: {CheckName.MOVES}",
-            value=float(len(said)),
-            unit="moves",
-            where=parsed.dialect,
-            file=name,
-            what=CheckName.MOVES,
         )
         path = CommandedPath(
             toolpath=self.toolpath,
@@ -253,28 +260,31 @@ class _ComparisonContext:
             else None,
         )
         checks += compare_with_cam(said, cuts, compute_toolpath_index(self.motion, at, self.toolpath))
-        checks += self._check_frames_and_words(name, parsed, said, controller, rows)
+        return checks, rows
+
+    def _check_wording(
+        self,
+        posted: ListedProgram,
+        parsed: ParsedProgram,
+        said: ProgramInCell,
+        controller: RobotController,
+        rows: Array,
+    ) -> list[VerificationCheck]:
+        """Compare the text with what the post writes."""
         if posted.post is None:
-            checks.append(
-                build_file_check(
-                    name, "wording", None, np.nan, 0.0, "", "not checked: the post's template is not at hand"
-                )
-            )
-        else:
-            job = RewrittenProgram(
-                cell=self.cell,
-                toolpath=self.toolpath,
-                out=self.out,
-                options=self.options,
-                tolerance=self.tolerance,
-                source=self.source,
-            )
-            external = self._compute_external_joints(said, rows)
-            q = self._get_joints(
-                said, self._interpolate_joints(said, rows), external, load_robot(self.cell).nominal_robot
-            )
-            checks += job.check_text(posted.files, posted.post, parsed, said, controller, q, external)
-        return ProgramComparison(posted, len(said), tuple(checks), information=(read,))
+            why = "not checked: the template of the post is not available"
+            return [build_file_check(posted.files[0], "wording", None, np.nan, 0.0, "", why)]
+        job = RewrittenProgram(
+            cell=self.cell,
+            toolpath=self.toolpath,
+            out=self.out,
+            options=self.options,
+            tolerance=self.tolerance,
+            source=self.source,
+        )
+        external = self._compute_external_joints(said, rows)
+        q = self._get_joints(said, self._interpolate_joints(said, rows), external, load_robot(self.cell).nominal_robot)
+        return job.check_text(posted.files, posted.post, parsed, said, controller, q, external)
 
     def _convert_to_cell_frames(self, name: str, parsed: ParsedProgram, controller: RobotController) -> ProgramInCell:
         """Joints of the URDF; poses of joint targets by forward kinematics."""
@@ -346,63 +356,52 @@ class _ComparisonContext:
                 name, "tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
             )
         ]
+        checks += self._check_configuration(name, parsed, said, controller, rows)
+        own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: its words are unknown here
+        strange = [w.word for w in parsed.ignored if not w.understood and own.isdisjoint(re.findall(r"\w+", w.word))]
+        strange += [w for w in parsed.warnings if "cut off" in w]
+        checks += self._compare_poses_with_joints(name, parsed, said, rows)
+        words = ", ".join(strange[:4]) or "all"
+        count = float(len(strange))
+        return [*checks, build_file_check(name, "every word understood", not strange, count, 0.0, "words", words)]
+
+    def _check_configuration(
+        self, name: str, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, rows: Array
+    ) -> list[VerificationCheck]:
+        """Compare status, turns and the like with the joints; no check where the program names none."""
         robot = load_robot(self.cell).nominal_robot
         q = self._get_joints(
             said, self._interpolate_joints(said, rows), self._compute_external_joints(said, rows), robot
         )
-        standing = compute_controller_posture(robot, q, controller)
-        told, first = find_first_difference(
+        known, first = find_first_difference(
             load_checks(parsed.dialect),
             parsed.configuration,
             convert_to_controller_axes(q, controller),
-            standing,
+            compute_controller_posture(robot, q, controller),
             controller.nonflip_j5,
         )
-        if told:
-            where = "" if first is None else f"move {first + 1}, line {int(parsed.line[first])} names another one"
-            checks.append(
-                build_file_check(
-                    name,
-                    CheckName.CONFIGURATION,
-                    first is None,
-                    float(first is not None),
-                    0.0,
-                    "moves",
-                    where or "of all moves as their joints are",
-                )
-            )
-        own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: its words are unknown here
-        strange = [w.word for w in parsed.ignored if not w.understood and own.isdisjoint(re.findall(r"\w+", w.word))]
-        strange += [w for w in parsed.warnings if "cut off" in w]
+        if not known:
+            return []
+        where = "of all moves as their joints are"
+        if first is not None:
+            where = f"move {first + 1}, line {int(parsed.line[first])} names another one"
+        passed = first is None
+        return [build_file_check(name, CheckName.CONFIGURATION, passed, float(not passed), 0.0, "moves", where)]
+
+    def _compare_poses_with_joints(
+        self, name: str, parsed: ParsedProgram, said: ProgramInCell, rows: Array
+    ) -> list[VerificationCheck]:
+        """Compare poses and joints of a program that has both."""
         both = np.flatnonzero(parsed.has_pose & np.isfinite(said.q).all(axis=1))
-        if len(both):  # tables say the same thing twice
-            T = self.arm.compute_tcp_in_workpiece(said.q[both], self._compute_external_joints(said, rows)[both])
-            gap = np.linalg.norm(T[:, :3, 3] - said.T_workpiece_tcp[both, :3, 3], axis=1)
-            gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - said.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
-            n = int(np.argmax(gap))
-            checks.append(
-                build_file_check(
-                    name,
-                    "poses as the joints",
-                    bool(gap[n] <= FRAME_TOLERANCE),
-                    1e3 * float(gap[n]),
-                    1e3 * FRAME_TOLERANCE,
-                    "mm",
-                    f"move {both[n] + 1}, line {int(parsed.line[both[n]])}",
-                )
-            )
-        checks.append(
-            build_file_check(
-                name,
-                "every word understood",
-                not strange,
-                float(len(strange)),
-                0.0,
-                "words",
-                ", ".join(strange[:4]) or "all",
-            )
-        )
-        return checks
+        if not len(both):
+            return []
+        T = self.arm.compute_tcp_in_workpiece(said.q[both], self._compute_external_joints(said, rows)[both])
+        gap = np.linalg.norm(T[:, :3, 3] - said.T_workpiece_tcp[both, :3, 3], axis=1)
+        gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - said.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
+        n = int(np.argmax(gap))
+        passed, where = bool(gap[n] <= FRAME_TOLERANCE), f"move {both[n] + 1}, line {int(parsed.line[both[n]])}"
+        value, limit = 1e3 * float(gap[n]), 1e3 * FRAME_TOLERANCE
+        return [build_file_check(name, "poses as the joints", passed, value, limit, "mm", where)]
 
     def _interpolate_joints(self, said: ProgramInCell, rows: Array) -> Array:
         """(M,) rad: joints of the motion where each move ends."""

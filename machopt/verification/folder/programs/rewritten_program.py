@@ -21,6 +21,7 @@ from machopt.programs.maker_registry import find_language, load_checks
 from machopt.programs.program_reader import ParsedProgram
 from machopt.programs.program_writer import load_post, render_expected_text
 from machopt.programs.writing.blend_zones import compute_blend_zones
+from machopt.programs.writing.post_file import PostKeys
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.programs.writing.template_fields import ROUNDED
 from machopt.programs.writing.text_comparison import find_text_difference, find_undecodable_bytes, find_wrong_line_end
@@ -97,31 +98,23 @@ class RewrittenProgram:
                     name, "wording", f"{odd[0]} is " + ("missing" if odd[0] in wanted else "not of it")
                 ),
             ]
-        wrong = []
-        for file, text in wanted.items():
-            data = (self.out / file).read_bytes()
-            strange = find_undecodable_bytes(data, keys.encoding)
-            if strange is not None:
-                wrong.append(f"{file}, line {strange[0]}: {strange[1]} where the post writes {keys.encoding} only")
-                continue
-            found = data.decode(keys.encoding)
-            off, ends = find_text_difference(found, [text]), find_wrong_line_end(found, keys.line_end)
-            if off is None and ends is not None:
-                wrong.append(f"{file}, line {ends}: does not end in {keys.line_end.upper()} as the post ends its lines")
-            if off is not None:
-                wrong.append(f"{file}, line {off.line}: {off.found[:70]!r} where the post writes {off.expected[:70]!r}")
-        return [
-            *checks,
-            build_file_check(
-                name,
-                "wording",
-                not wrong,
-                float(len(wrong)),
-                0.0,
-                "files",
-                "; ".join(wrong[:2]) or "every line as the post writes it",
-            ),
-        ]
+        wrong = [w for file, text in wanted.items() if (w := self._find_wrong_text(file, text, keys))]
+        where = "; ".join(wrong[:2]) or "every line as the post writes it"
+        return [*checks, build_file_check(name, "wording", not wrong, float(len(wrong)), 0.0, "files", where)]
+
+    def _find_wrong_text(self, file: str, text: str, keys: PostKeys) -> str:
+        """Return the first difference between a file and its expected text, empty where there is none."""
+        data = (self.out / file).read_bytes()
+        strange = find_undecodable_bytes(data, keys.encoding)
+        if strange is not None:
+            return f"{file}, line {strange[0]}: {strange[1]} where the post writes {keys.encoding} only"
+        found = data.decode(keys.encoding)
+        off, ends = find_text_difference(found, [text]), find_wrong_line_end(found, keys.line_end)
+        if off is not None:
+            return f"{file}, line {off.line}: {off.found[:70]!r} where the post writes {off.expected[:70]!r}"
+        if ends is not None:
+            return f"{file}, line {ends}: does not end in {keys.line_end.upper()} as the post ends its lines"
+        return ""
 
     def _build_program(
         self, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, q: Array, external: Array

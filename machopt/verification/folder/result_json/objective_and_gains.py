@@ -11,6 +11,8 @@ from machopt.data_types.documents.optimize_document import (
     ExternalSearchBoundSection,
     MeanGainEntry,
     ObjectivePartsSection,
+    ObjectivesSection,
+    SearchBoundSection,
 )
 from machopt.numerics.array_types import Array, Bools
 from machopt.verification.folder.result_json.comparison_inputs import (
@@ -80,30 +82,44 @@ def check_objective(t: ResultComparison) -> Iterable[str]:
         yield from check_close(f"objective.{name}.total", o.total, total, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE)
         if isinstance(o, ChoiceObjectiveSection) and not 0.0 <= o.feasible_share <= 1.0:
             yield f"objective.{name}.feasible_share is {format_json_value(o.feasible_share)}, not a share"
-    search = parts.search
-    if search is not None:
-        gap = 100.0 * (1.0 - search.lower_bound / search.sequence) if search.sequence > 0 else 0.0
-        yield from check_close(
-            "objective.search.gap_percent", search.gap_percent, gap, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE
-        )
-        if not 0.0 <= search.lower_bound <= search.sequence * (1 + RELATIVE_TOLERANCE):
-            yield "objective.search.lower_bound is not between nothing and the sequence"
-        yield from _check_external_gap(search.external)
-        driven = require_number("chosen.total", parts.chosen.total)
-        above = 100.0 * (driven / search.lower_bound - 1.0) if search.lower_bound > 0 else 0.0
-        yield from check_close(
-            "objective.search.plan_above_bound_percent",
-            search.plan_above_bound_percent,
-            above,
-            RELATIVE_TOLERANCE,
-            1e-7,
-        )
-        grid, total = require_number("grid.total", parts.grid.total), require_number("chosen.total", parts.chosen.total)
-        beyond = 100.0 * (1.0 - total / grid) if grid > 0 else 0.0
-        yield from check_close(
-            "objective.search.beyond_grid_percent", search.beyond_grid_percent, beyond, RELATIVE_TOLERANCE, 1e-7
-        )
+    if parts.search is not None:
+        yield from _check_search(parts, parts.search)
+    yield from _check_worst_index(t)
     own = parts.chosen
+    yield from _check_mean_nearness(t, require_number("chosen.clearance", own.clearance))
+    for gain in parts.gain:
+        yield from _check_gain(gain, own, parts.cam_default if gain.over == "cam default" else parts.jiao2022)
+    yield from check_equal("objective.gain", [g.over for g in parts.gain], ["cam default", "jiao2022"])
+
+
+def _check_search(parts: ObjectivesSection, search: SearchBoundSection) -> Iterable[str]:
+    """Yield what is wrong with bound and gap."""
+    gap = 100.0 * (1.0 - search.lower_bound / search.sequence) if search.sequence > 0 else 0.0
+    yield from check_close(
+        "objective.search.gap_percent", search.gap_percent, gap, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE
+    )
+    if not 0.0 <= search.lower_bound <= search.sequence * (1 + RELATIVE_TOLERANCE):
+        yield "objective.search.lower_bound is not between nothing and the sequence"
+    yield from _check_external_gap(search.external)
+    driven = require_number("chosen.total", parts.chosen.total)
+    above = 100.0 * (driven / search.lower_bound - 1.0) if search.lower_bound > 0 else 0.0
+    yield from check_close(
+        "objective.search.plan_above_bound_percent",
+        search.plan_above_bound_percent,
+        above,
+        RELATIVE_TOLERANCE,
+        1e-7,
+    )
+    grid, total = require_number("grid.total", parts.grid.total), require_number("chosen.total", parts.chosen.total)
+    beyond = 100.0 * (1.0 - total / grid) if grid > 0 else 0.0
+    yield from check_close(
+        "objective.search.beyond_grid_percent", search.beyond_grid_percent, beyond, RELATIVE_TOLERANCE, 1e-7
+    )
+
+
+def _check_worst_index(t: ResultComparison) -> Iterable[str]:
+    """Yield what is wrong with the worst index, by points.csv."""
+    own = t.result.objective.chosen
     cost = CheckedPoints.from_file(t).compute_cost(t)
     if own.worst is not None and np.isfinite(cost).any():
         stated, most = own.worst * require_number("index_scale", t.result.index_scale), float(np.nanmax(cost))
@@ -116,10 +132,6 @@ def check_objective(t: ResultComparison) -> Iterable[str]:
             yield f"objective.chosen.worst is {stated:.9g} in the index's unit, points.csv has {most:.9g}"
         if not 0.0 < require_number("chosen.mean", own.mean) <= own.worst:
             yield "objective.chosen.mean is not between nothing and the worst"
-    yield from _check_mean_nearness(t, require_number("chosen.clearance", own.clearance))
-    for gain in parts.gain:
-        yield from _check_gain(gain, own, parts.cam_default if gain.over == "cam default" else parts.jiao2022)
-    yield from check_equal("objective.gain", [g.over for g in parts.gain], ["cam default", "jiao2022"])
 
 
 def _check_external_gap(e: ExternalSearchBoundSection | None) -> Iterable[str]:
