@@ -23,6 +23,7 @@ from machopt.data_types.documents import table_rows
 from machopt.data_types.documents.json_schemas import write_schemas
 from machopt.data_types.plan_options import PlanOptions
 from machopt.input_files import job_list, json_schemas
+from machopt.measurement.recording import cutting_recording_reader as cutting_keys
 from machopt.measurement.recording import recording_schema as recording_keys
 from machopt.options import option_schema, plan_option_reader
 
@@ -65,6 +66,12 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
         process_schema.ProcessKeys,
     ),
     ("recording.yaml", "Beside the data files of a recording folder.", recording_keys.RecordingKeys),
+    (
+        "recording.yaml of measured cuts",
+        "`kind: cutting`, for `machopt process`. Columns: `spindle_rpm, feed_mm_min, ap_mm, fx_N, fy_N, fz_N`, and "
+        "where they apply `ae_mm`, `cut`, `travel_x, travel_y, travel_z`, `q1_deg` … `q6_deg`.",
+        cutting_keys.CuttingRecordingKeys,
+    ),
     ("Batch list", "The YAML file of `machopt batch LIST`.", job_list.JobListKeys),
 )
 TABLES = (

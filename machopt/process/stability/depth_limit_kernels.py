@@ -33,7 +33,7 @@ DIVISIONS = 8
 PRUNED = 0.8  # share of the largest Re(p µ) so far below which an interval is skipped: on a circle of 14 points its
 # largest value is 1 % above that of its ends
 REFINEMENTS = 40  # at most; regula falsi ends after about six
-RESIDUAL = 1e-9  # of the imaginary part, relative to the modulus
+RESIDUAL = 1e-7  # of the imaginary part, relative to the modulus: the limit is as exact
 ACCEPTED = 1e-3  # larger: a jump between both eigenvalues, not a crossing
 
 
@@ -236,20 +236,24 @@ def _find_crossing(
 ) -> tuple[float, float]:
     """Largest Re(p µ) above ``needed`` at which p µ is real with one law of the delay, and its frequency."""
     at, top = np.nan, SECOND_ORDER_RANGE / T * (1.0 + 1e-9) if law == SECOND_ORDER else np.inf
-    known = False
+    known, was_small = False, True
     l1, l2 = 0.0j, 0.0j
     for k in range(len(grid)):
         if grid[k] > top:
             break
-        bound = max(
-            found[0, k] * found[0, k] + found[1, k] * found[1, k], found[2, k] * found[2, k] + found[3, k] * found[3, k]
-        )
-        if law == EXACT and 4.0 * bound < (PRUNED * needed) ** 2:  # |p| ≤ 2
+        one, two = complex(found[0, k], found[1, k]), complex(found[2, k], found[3, k])
+        bound = max(one.real * one.real + one.imag * one.imag, two.real * two.real + two.imag * two.imag)
+        small = law == EXACT and 4.0 * bound < (PRUNED * needed) ** 2  # |p| ≤ 2
+        if small and was_small:  # neither end of the interval can count
             known = False
             continue
+        was_small = small
+        if not known and k > 0:
+            p = _compute_delay_factor(grid[k - 1], T, law)
+            l1, l2 = p * complex(found[0, k - 1], found[1, k - 1]), p * complex(found[2, k - 1], found[3, k - 1])
         p = _compute_delay_factor(grid[k], T, law)
-        r1, r2 = p * complex(found[0, k], found[1, k]), p * complex(found[2, k], found[3, k])
-        if known:
+        r1, r2 = p * one, p * two
+        if k > 0:
             positive = (l1.imag > 0.0) + (l2.imag > 0.0) + (r1.imag > 0.0) + (r2.imag > 0.0)
             most = max(l1.real, l2.real, r1.real, r2.real)
             if 0 < positive < 4 and most > PRUNED * needed:
@@ -327,15 +331,16 @@ def find_depth_limits(
         count = _fill_grid(delay[row], laws[1], used, om, ze, tangents, grid)
         _evaluate_grid(used, om, ze, g, grid[:count], sums, found)
         needed = 1.0 / largest  # smallest Re(p µ) that counts
+        if laws[DOUBLING]:
+            doubling = _compute_doubling(delay[row], used, om, ze, g)
+            if doubling > needed:
+                needed = doubling
+                limit[row], frequency[row] = 1.0 / needed, math.pi / delay[row]
         for law in range(2):
             if laws[law]:
                 needed, at = _find_crossing(delay[row], law, needed, used, om, ze, g, grid[:count], found)
                 if at > 0.0:
                     limit[row], frequency[row] = 1.0 / needed, at
-        if laws[DOUBLING]:
-            doubling = _compute_doubling(delay[row], used, om, ze, g)
-            if doubling > needed:
-                limit[row], frequency[row] = 1.0 / doubling, math.pi / delay[row]
         if frequency[row] > 0.0:
             mode[row] = index[_find_governing_mode(frequency[row], used, om, ze, g)]
 

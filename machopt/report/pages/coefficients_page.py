@@ -93,7 +93,7 @@ def _build_coefficients(data: CoefficientsPageData) -> Body:
 
 def _build_forces() -> Body:
     body = render_part("grid", 2, [render_part("chart", "c-feed"), render_part("chart", "c-parity")])
-    lead = "Points are measured, crosses are the model. Points on the diagonal are explained."
+    lead = "Filled marks are measured, hollow ones the model. Points on the diagonal are explained."
     return build_section("forces", "Measured and predicted mean forces", lead, body)
 
 
@@ -112,20 +112,17 @@ def _build_run(data: CoefficientsPageData) -> Body:
 
 
 def _build_force_chart(data: CoefficientsPageData) -> dict[str, Any]:
-    layers = []
+    layers: list[dict[str, Any]] = []
     for n, (name, color) in enumerate(COLORS):
-        for text, values, mark in ((name, data.measured, "circle"), (f"{name}, model", data.predicted, "diamond")):
-            layers.append(
-                {
-                    "type": "points",
-                    "name": text,
-                    "color": color,
-                    "mark": mark,
-                    "hollow": mark == "diamond",
-                    "x": round_for_json(1e3 * data.feed_per_tooth[data.used]),
-                    "y": round_for_json(values[data.used, n]),
-                }
-            )
+        for text, values, style in (
+            (name, data.measured, {}),
+            (f"{name}, model", data.predicted, {"mark": "diamond", "hollow": True}),
+        ):
+            place = {
+                "x": round_for_json(1e3 * data.feed_per_tooth[data.used]),
+                "y": round_for_json(values[data.used, n]),
+            }
+            layers.append({"type": "points", "name": text, "color": color, **style, **place})
     return {
         "id": "c-feed",
         "title": "Mean force over feed per tooth",
