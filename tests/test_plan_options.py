@@ -50,6 +50,7 @@ def flat(options: PlanOptions) -> dict[str, object]:
 def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
     """Each field, moved off its default, survives PlanOptions → user → PlanOptions."""
     other = PlanOptions(
+        objective="tolerance",
         method="jiao2022",
         index="deflection",
         force=ProcessForce(10, 20, 30),

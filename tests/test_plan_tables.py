@@ -13,6 +13,7 @@ from independent_trajectory_reader import read_trajectory_csv
 
 from machopt.data_types.documents.table_rows import PointsTableRow, TrajectoryTableRow
 from machopt.data_types.plan_points_table import PointsTable
+from machopt.data_types.process_columns import ERROR_NAMES, ProcessColumns
 from machopt.data_types.trajectory import Trajectory
 from machopt.errors import InputError
 from machopt.output import write_json
@@ -61,6 +62,23 @@ def points_table(n: int) -> PointsTable:
         reason=("", "joint 3, 4.2° beyond", *("",) * (n - 2)),
         feed=np.full(n, 0.01),
         k_jiao_x=np.full(n, 1.2e6),
+    )
+
+
+def process_columns(n: int) -> ProcessColumns:
+    numbers = ("moment", "peak_force", "ae", "ap", "entry_angle", "exit_angle", "tolerance", "p_in", "f1", "feed_max")
+    errors = {name: np.full(n, 1e-4) for name in ERROR_NAMES}
+    return ProcessColumns(
+        force=np.ones((n, 3)),
+        errors=errors,
+        lower=errors,
+        upper=errors,
+        p_in_deflection_only=np.full(n, np.nan),
+        depth_limit=np.full(n, 0.01),
+        outcome=("pass",) * n,
+        cause=("joint:2 0.61",) * n,
+        chatter=("stable",) * n,
+        **{name: np.ones(n) for name in numbers},
     )
 
 
@@ -135,6 +153,7 @@ def test_tables_are_as_their_published_rows_say(tmp_path: Path, prismatic: tuple
         k_axial_std=np.full(n, 1e4),
         dwell=np.zeros(n),
         compensation=np.zeros((n, 3)),
+        process=process_columns(n),
     )
     write_points_csv(tmp_path / "points.csv", table)
     write_trajectory_csv(tmp_path / "motion.csv", smooth_motion(n, E), ["a"], prismatic, ["mill"])

@@ -96,7 +96,7 @@ def test_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
 )
 def test_any_part_may_be_missing(missing: str) -> None:
     data = full_result(points=50, samples=300)
-    empty = "" if missing == "created" else None if missing in ("map", "view", "path", "motion") else ()
+    empty = "" if missing == "created" else None if missing in ("map", "view", "path", "motion", "tolerances") else ()
     html = build_report_html(replace(data, **{missing: empty}))
     drawn = {spec["id"] for spec in specs_in(html)["charts"]}
     assert drawn <= set(read(html).ids)

@@ -20,6 +20,7 @@ class PlanOptionValues(TypedDict, total=False):
 
     method: Literal["global", "jiao2022", "default"] | None  # choice over the whole path, the method of jiao2022, or the CAM file's own rotation
     index: Literal["auto", "deflection", "stiffness", "jiao2022"] | None  # what is made small; auto: deflection where force_N is given, else compliance
+    objective: Literal["index", "tolerance"] | None  # index: the weighted index; tolerance: fewest points out of the tolerances of process.yaml first
     force_N: Mapping[str, object] | None  # process force on the tool
     weights: Mapping[str, object] | None  # of the terms of the objective
     rotation_step_deg: float | None  # degrees, 0.5 to 90

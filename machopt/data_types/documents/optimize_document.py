@@ -383,7 +383,7 @@ class OptimizeDocument(DocumentModel):
     worst_point: WorstPointSection | None
     compensation: CompensationSection | None
     position_error: PositionErrorSection | None  # null where no measured pose stands behind the stiffness
-    process: ProcessSection | None = None  # null where no process is stated
+    process: ProcessSection | None  # null where no process is stated
     infeasible_points: tuple[InfeasiblePointEntry, ...]
     breaks: tuple[MotionBreakEntry, ...]
     cycle_time_s: Known

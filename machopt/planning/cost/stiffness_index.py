@@ -16,7 +16,7 @@ c₀ is the median cost over the feasible candidates; :mod:`machopt.planning.cos
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,7 @@ class CandidateScores:
     cost: Array  # (S, R, B), NaN where infeasible
     index: StiffnessIndex  # the index in force, never "auto"
     scale: float  # c₀
+    _: KW_ONLY
     crowded: Array | None = (
         None  # (S, R, B) :func:`machopt.planning.cost.objective.compute_crowding`; None: it does not count
     )

@@ -78,7 +78,7 @@ def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None)
             np.concatenate([p.scores.cost for p in plans]),
             first.scores.index,
             first.scores.scale,
-            np.concatenate(crowded) if len(crowded) == len(plans) else None,
+            crowded=np.concatenate(crowded) if len(crowded) == len(plans) else None,
             place_price=_join_place_prices(plans),
         ),
         choice=_choice(plans, candidates, stations),

@@ -60,6 +60,7 @@ from machopt.verification.folder.result_json.objective_and_gains import (
     limit_worst_index,
 )
 from machopt.verification.folder.result_json.position_error import check_position_error
+from machopt.verification.folder.result_json.process_section import check_process_section
 from machopt.verification.folder.result_json.program_entries import check_program_entries
 from machopt.verification.folder.result_json.schema_errors import list_schema_errors
 from machopt.verification.folder.result_json.worst_point import check_worst_point
@@ -453,6 +454,7 @@ _PARTS: dict[str, Callable[[ResultComparison], Iterable[str]]] = {
     "front": check_trade_off_front,
     "compensation": check_compensation,
     "position error": check_position_error,
+    "process": check_process_section,
     CheckName.VERIFICATION: _check_verification,
     "programs": check_program_entries,
     "warnings": _check_warnings,

@@ -1,0 +1,65 @@
+"""Section ``process`` of result.json compared with points.csv and process.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from machopt.data_types.documents.optimize_document import ProcessSection
+from machopt.verification.folder.result_json.comparison_inputs import ResultComparison, check_close, check_equal
+
+OUTCOMES = ("pass", "marginal", "fail", "unknown")
+SHARE_TOLERANCE = 1e-6
+
+
+def check_process_section(t: ResultComparison) -> Iterable[str]:
+    """Yield what in the section does not follow from points.csv and process.yaml.
+
+    Args:
+        t: Result.json and everything that it is compared with.
+    """
+    found, process = t.result.process, t.cell.process
+    if found is None or process is None:
+        if (found is None) != (process is None):
+            yield "process is there without a process of the cell" if process is None else "process is missing"
+        return
+    yield from check_equal("process.quantile", found.quantile, process.quantile)
+    words = np.array(t.points.read_words("outcome"), dtype=object)
+    counts = {word: int(np.sum(words == word)) for word in OUTCOMES}
+    yield from check_equal("process.in_tolerance.after", dict(found.in_tolerance.after), counts)
+    total = sum(counts.values())
+    for name, before in (
+        ("before", found.in_tolerance.before),
+        ("before_jiao2022", found.in_tolerance.before_jiao2022),
+    ):
+        if sum(before.values()) != total:
+            yield f"process.in_tolerance.{name} counts {sum(before.values())} points, points.csv has {total}"
+    yield from _check_tolerances(t, found, words)
+    if found.variance_shares:
+        yield from check_close(
+            "process.variance_shares", sum(found.variance_shares.values()), 1.0, SHARE_TOLERANCE, 0.0
+        )
+    if total and f"{counts['pass']} of " not in found.headline and len(found.tolerances) == 1:
+        yield "process.headline does not state the number of points in tolerance"
+
+
+def _check_tolerances(t: ResultComparison, found: ProcessSection, words: np.ndarray) -> Iterable[str]:
+    """Yield what is wrong in the rows of the operations."""
+    summed = {word: sum(row.counts.get(word, 0) for row in found.tolerances) for word in OUTCOMES}
+    yield from check_equal("process.tolerances: counts", summed, dict(found.in_tolerance.after))
+    p_in = t.points.read_numbers("p_in", empty=True)
+    across, normal, along = (
+        t.points.read_numbers(f"error_{name}_mm", empty=True) for name in ("across", "normal", "along")
+    )
+    for row in found.tolerances:
+        point = row.worst_point
+        if not 0 <= point < len(words) or not words[point]:
+            yield f"process.tolerances: {row.operation}: point {point} has no outcome"
+            continue
+        if row.worst_p_in is not None and np.isfinite(p_in[point]):
+            yield from check_close(f"process.tolerances: {row.operation}: p_in", row.worst_p_in, p_in[point], 0.0, 1e-4)
+        stated = normal if row.kind == "surface" else across if "position_mm" in row.limits else along
+        if row.worst_error_mm is not None:
+            error = abs(float(stated[point]))
+            yield from check_close(f"process.tolerances: {row.operation}: error", row.worst_error_mm, error, 1e-4, 1e-5)
