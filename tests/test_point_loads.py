@@ -199,3 +199,30 @@ class _CellWith:
     def __init__(self, process: CuttingProcess, cutter: CutterGeometry) -> None:
         self.process = process
         self.tool = type("Tool", (), {"cutter": cutter})
+
+
+CYCLES = {
+    "h.csv": "x_mm,y_mm,z_mm,i,j,k,kind,depth_mm,approach_mm,feed_mm_min,operation\n"
+    "10,0,-9,0,0,1,holes,9,2,300,holes\n",
+    "h.mpf": "G17 G90 G71\nG0 X0 Y0 Z20\nF300 S3000 M3\nMCALL CYCLE81(10,1,2,-8)\nX10 Y0\nMCALL\nM30\n",
+    "h.h": "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S3000\n2 L X+0 Y+0 Z+20 R0 FMAX M3\n"
+    "3 CYCL DEF 200 DRILLING Q200=2 Q201=-9 Q206=300 Q202=9 Q210=0 Q203=+1 Q204=20 Q211=0\n"
+    "4 L X+10 Y+0 R0 FMAX M99\n5 END PGM A MM\n",
+    "h.apt": "PARTNO A\nSPINDL/3000,RPM,CLW\nFEDRAT/300,MMPM\nRAPID\nGOTO/0,0,20,0,0,1\n"
+    "CYCLE/DRILL,9,MMPM,300,2\nGOTO/10,0,0,0,0,1\nCYCLE/OFF\nEND\nFINI\n",
+}
+
+
+@pytest.mark.parametrize("name", CYCLES)
+def test_the_depth_of_a_hole_comes_from_the_cycle_that_states_it(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text(CYCLES[name])
+    toolpath = read_toolpath(tmp_path / name, unit="mm")
+    assert toolpath.hole_depth is not None
+    stated = np.flatnonzero(np.isfinite(toolpath.hole_depth))
+    assert toolpath.hole_depth[stated] == pytest.approx([0.009])
+    assert toolpath.position[stated[0], 2] == toolpath.position[:, 2].min()
+    file = tmp_path / "process.yaml"
+    file.write_text(MATERIALS + HOLES.replace(", depth_mm: 9", "").replace("holes:", "default:"))
+    process = load_process(file)
+    bound = attach_process(process, toolpath)
+    assert compute_point_loads(process, bound, DRILL, bound.feed).holes[0].depth == pytest.approx(0.009)

@@ -39,6 +39,7 @@ class DrillingCycle:
     share: float = 1.0  # of the peck before, which each one is, down to ``least_peck``
     least_peck: float = 0.0  # mm
     first_feed: float = 1.0  # share of the feed in the first stroke
+    surface: float | None = None  # height of the surface that is drilled; None: the source does not state it
 
     def strokes(self) -> Iterator[tuple[float, MoveKind]]:
         """Heights to go to, one after the other, beginning above the clearance height.
@@ -144,4 +145,6 @@ def append_hole_moves(
         begun = begun or move == MoveKind.CUT
         builder.add(at(height), axis, move, feed, line, cycle=True)
         last = height
+        if move == MoveKind.CUT and height == cycle.bottom and cycle.surface is not None:
+            builder.state_hole_depth(cycle.surface - cycle.bottom)
     return last

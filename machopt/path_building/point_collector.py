@@ -54,6 +54,7 @@ class PathBuilder:
     _ignored: dict[str, IgnoredWord] = field(default_factory=dict)
     _arcs: list[ArcSpan] = field(default_factory=list)
     _offsets: list[tuple[int, str]] = field(default_factory=list)
+    _hole_depths: dict[int, float] = field(default_factory=dict)  # point → mm, surface to the bottom of the hole
     warnings: list[str] = field(default_factory=list)
     meta: dict[str, str] = field(default_factory=dict)
     used_options: set[str] = field(default_factory=set)  # options that had an effect
@@ -336,6 +337,15 @@ class PathBuilder:
         if not any(w.endswith(message) for w in self.warnings):
             self.warn(message, line)
 
+    def state_hole_depth(self, depth_mm: float, point: int | None = None) -> None:
+        """State that a point is the bottom of a hole.
+
+        Args:
+            depth_mm: Distance from the surface to the point along the tool axis, mm.
+            point: Index of the point; None: the last one.
+        """
+        self._hole_depths[len(self) - 1 if point is None else point] = depth_mm
+
     def keep_first(self, n: int) -> None:
         """Remove the points from index ``n`` on; their events move behind the last point that stays.
 
@@ -344,6 +354,7 @@ class PathBuilder:
         """
         del self._numbers[7 * n :], self._codes[4 * n :]
         self._arcs[:] = [a for a in self._arcs if a.last < n]
+        self._hole_depths = {k: depth for k, depth in self._hole_depths.items() if k < n}
         for k, e in enumerate(self._events):
             if e.index > n:
                 self._events[k] = ToolpathEvent(n, e.kind, e.text, e.value)
@@ -462,7 +473,16 @@ class PathBuilder:
             warnings=tuple(self.warnings),
             meta=dict(self.meta),
             offsets=tuple((first, name) for first, name in self._offsets if first < n),
+            hole_depth=self._list_hole_depths(n),
         )
+
+    def _list_hole_depths(self, n: int) -> Array | None:
+        """Return (N,) m, NaN where no depth is stated; None where the file states none."""
+        if not self._hole_depths:
+            return None
+        out = np.full(n, np.nan)
+        out[list(self._hole_depths)] = np.array(list(self._hole_depths.values())) * 1e-3
+        return out
 
     def _unit_axes(self, axis: Array, line: NDArray[np.int32]) -> Array:
         length = np.sqrt(np.einsum("ij,ij->i", axis, axis))

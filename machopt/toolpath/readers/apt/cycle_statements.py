@@ -164,6 +164,7 @@ def build_drilling_cycle(words: CycleWords, *, signed_depth: bool, scale: float,
     return DrillingCycle(
         name=words.name,
         bottom=bottom * scale,
+        surface=0.0,
         clear=words.clear * scale,
         retract=None
         if words.retract_to_start
@@ -217,6 +218,7 @@ class HsmDrillingCycle:
         return DrillingCycle(
             name=w.name,
             bottom=0.0,
+            surface=top,
             clear=clear,
             retract=max(high * s - height, clear),
             feed=self.feed,

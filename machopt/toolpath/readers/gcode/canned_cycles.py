@@ -132,6 +132,7 @@ def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
     return DrillingCycle(
         name=name,
         bottom=bottom * scale,
+        surface=rfp * scale,
         clear=(rfp + abs(sdis or 0.0)) * scale,
         retract=max(rtp, rfp + abs(sdis or 0.0)) * scale,
         feed=math.nan,

@@ -57,6 +57,7 @@ def build_old_cycle(number: int, words: dict[str, float], height: float, scale: 
     return DrillingCycle(
         name=f"CYCL {number}",
         bottom=top - abs(words["DEPTH"]) * scale,
+        surface=top,
         clear=height,
         retract=height,
         feed=feed * scale,
@@ -101,6 +102,7 @@ def build_q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) ->
     return DrillingCycle(
         name=f"CYCL {number}",
         bottom=top - abs(q[201]) * scale,
+        surface=top,
         clear=clear,
         retract=max(top + q.get(204, q[200]) * scale, clear),
         feed=feed * scale,

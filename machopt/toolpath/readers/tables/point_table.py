@@ -309,6 +309,8 @@ class _PointTable:
             {int(first_of[k]): tool for k, tool in tools.items()},
             from_cycle=rows.is_hole,
         )
+        for k in np.flatnonzero(rows.is_hole & (rows.move == MoveKind.CUT)).tolist():
+            self.out.state_hole_depth(float(depth[rows.source[k]]), point=k)
         return self.out.build(
             reference=None if reference is None else reference[rows.source],
             tolerance_mm=None if tolerance is None else tolerance[rows.source],
