@@ -82,6 +82,7 @@ def place_toolpath(toolpath: Toolpath, cell: Cell) -> Toolpath:
         return toolpath
     position, axis, reference = toolpath.position.copy(), toolpath.axis.copy(), toolpath.reference.copy()
     stops = [*(point for point, _ in toolpath.offsets[1:]), len(toolpath)]
+    normal = None if toolpath.surface_normal is None else toolpath.surface_normal.copy()
     for (first, name), stop in zip(toolpath.offsets, stops, strict=True):
         if name not in cell.offsets:
             known = f"; {suggest_nearest_word(name, list(cell.offsets))}" if cell.offsets else ", which has none"
@@ -95,9 +96,13 @@ def place_toolpath(toolpath: Toolpath, cell: Cell) -> Toolpath:
         T, rows = cell.offsets[name], slice(first, stop)
         position[rows] = toolpath.position[rows] @ T[:3, :3].T + T[:3, 3]
         axis[rows], reference[rows] = toolpath.axis[rows] @ T[:3, :3].T, toolpath.reference[rows] @ T[:3, :3].T
+        if normal is not None and toolpath.surface_normal is not None:
+            normal[rows] = toolpath.surface_normal[rows] @ T[:3, :3].T
     used = dict.fromkeys(name for _, name in toolpath.offsets)
     meta = {**toolpath.meta, "work_offsets": ", ".join(used)}
-    return replace(toolpath, position=position, axis=axis, reference=reference, offsets=(), meta=meta)
+    return replace(
+        toolpath, position=position, axis=axis, reference=reference, surface_normal=normal, offsets=(), meta=meta
+    )
 
 
 def _describe_missing_offset(toolpath: Toolpath, cell: Cell) -> str:

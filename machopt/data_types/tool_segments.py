@@ -85,6 +85,7 @@ def cut_toolpath(toolpath: Toolpath, first: int, stop: int) -> Toolpath:
         reference=toolpath.reference[rows].copy(),
         tolerance=toolpath.tolerance[rows].copy(),
         line=toolpath.line[rows].copy(),
+        surface_normal=None if toolpath.surface_normal is None else toolpath.surface_normal[rows].copy(),
         hole_depth=None if toolpath.hole_depth is None else toolpath.hole_depth[rows].copy(),
         process_operation=None if toolpath.process_operation is None else toolpath.process_operation[rows].copy(),
         force=None if toolpath.force is None else toolpath.force[rows].copy(),

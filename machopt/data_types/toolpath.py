@@ -89,6 +89,7 @@ class Toolpath:
     offsets: tuple[
         tuple[int, str], ...
     ] = ()  # points from which another work offset of the cell counts, not placed yet
+    surface_normal: Array | None = None  # (N, 3) unit, away from the material, where the source gives it, else NaN
     hole_depth: Array | None = None  # (N,) m, surface to the bottom of a hole where the file states it, else NaN
     process_operation: NDArray[np.int32] | None = None  # (N,) operation of process.yaml, −1 for none; None: no process
     force: Array | None = None  # (N, 3) N along travel, normal, axis on the way to the point; NaN: planning option
@@ -96,7 +97,7 @@ class Toolpath:
     def __post_init__(self) -> None:
         for name in ("position", "axis", "move", "feed", "operation", "reference", "tolerance", "line"):
             getattr(self, name).setflags(write=False)
-        for array in (self.hole_depth, self.process_operation, self.force):
+        for array in (self.surface_normal, self.hole_depth, self.process_operation, self.force):
             if array is not None:
                 array.setflags(write=False)
 

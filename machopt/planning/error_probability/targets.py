@@ -43,6 +43,22 @@ class SurfaceTargets:
     row: NDArray[np.intp]  # (S,) toolpath point
     normal_sign: Array  # (S,) the wall's normal is this times (axis × travel); 0: the floor, whose normal is the axis
     is_known: NDArray[np.bool_]  # (S,) False: no surface normal is known
+    stated_normal: Array  # (S, 3) unit in the CAM frame, of the toolpath's own columns; NaN where it has none
+
+    def choose_normal(self, rows: NDArray[np.intp] | slice, cam_axes: Array, axis: Array, normal: Array) -> Array:
+        """Return (n, 3) the surface normals away from the material, in base_link.
+
+        Args:
+            rows: (n,) which of the points.
+            cam_axes: (n, 3, 3) CAM axes as columns.
+            axis: (n, 3) tool axes.
+            normal: (n, 3) axis × travel.
+        """
+        sign = self.normal_sign[rows][:, None]
+        by_side = np.where(sign == 0, axis, sign * normal)
+        stated = self.stated_normal[rows]
+        own = np.einsum("mij,mj->mi", cam_axes, np.nan_to_num(stated))
+        return np.where(np.isfinite(stated).all(axis=1, keepdims=True), own, by_side)
 
 
 def list_hole_targets(process: CuttingProcess, toolpath: Toolpath, loads: PointLoads, tip: float) -> HoleTargets:
@@ -117,10 +133,16 @@ def list_surface_targets(
     up = np.where(loads.side[rows] != 0, loads.side[rows], sides[mine]) * spindle[mine] if len(rows) else np.zeros(0)
     is_floor = np.array([kinds[k] == "floor" for k in mine], bool)
     rounded = cutter is not None and cutter.corner > 0
+    stated = np.full((len(rows), 3), np.nan)
+    if toolpath.surface_normal is not None:
+        stated = toolpath.surface_normal[rows]
     known = np.array([kinds[k] != "table" for k in mine], bool) & (not rounded)
+    known |= np.isfinite(stated).all(axis=1)
     # up milling with M3: the material is left of travel, at axis × travel; the wall's normal points away from it
     sign = np.where(is_floor, 0.0, np.where(up == 0, 1.0, -up))
-    return SurfaceTargets(operation=mine.astype(np.intp), row=rows, normal_sign=sign, is_known=known)
+    return SurfaceTargets(
+        operation=mine.astype(np.intp), row=rows, normal_sign=sign, is_known=known, stated_normal=stated
+    )
 
 
 def _get_stated_side(one: ProcessOperation) -> float:

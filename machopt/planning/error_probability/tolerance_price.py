@@ -188,11 +188,16 @@ class TolerancePricing:
         out = self.spread.compute_columns(elastic, q, wrench, external)
         part = cell.workpiece.stiffness
         if part is not None:
-            axes = [self.arm.directions(self.path.external[points], np.tile(e, (len(points), 1))) for e in np.eye(3)]
-            R = np.stack(axes, axis=-1)
+            R = self._list_cam_axes(points)
             pressed = np.einsum("mij,mi->mj", R, wrench[:, :3]) / part
             out[:, :3, 0] += np.einsum("mij,mj->mi", R, pressed)
         return out
+
+    def _list_cam_axes(self, points: NDArray[np.intp]) -> Array:
+        """Return (M, 3, 3) the CAM axes in base_link as columns."""
+        external = self.path.external[points]
+        axes = [self.arm.directions(external, np.tile(e, (len(points), 1))) for e in np.eye(3)]
+        return np.stack(axes, axis=-1)
 
     def _compute_hole_probability(
         self, cell: Cell, target: NDArray[np.intp], points: NDArray[np.intp], q: Array
@@ -278,8 +283,7 @@ class TolerancePricing:
         force = f[:, :1] * travel + f[:, 1:2] * normal + f[:, 2:] * axis
         wrench = np.hstack([force, self.loads.moment[rows, None] * axis])
         columns = self._compute_columns(cell, points, q, wrench)
-        sign = self.surfaces.normal_sign[target]
-        outward = np.where((sign == 0)[:, None], axis, sign[:, None] * normal)
+        outward = self.surfaces.choose_normal(target, self._list_cam_axes(points), axis, normal)
         row = np.einsum("mi,mir->mr", outward, columns[:, :3])
         factor = np.ones((len(target), len(self.draws)))
         for k in np.unique(self.surfaces.operation[target]):

@@ -70,12 +70,11 @@ def build_surface_model(
     force = f[:, :1] * poses.travel + f[:, 1:2] * poses.normal + f[:, 2:] * poses.axis
     wrench = np.hstack([force, loads.moment[rows, None] * poses.axis])
     twist = compute_twist_columns(plan, spread, poses, wrench)
-    is_floor = targets.normal_sign == 0
-    normal = np.where(is_floor[:, None], poses.axis, targets.normal_sign[:, None] * poses.normal)
+    normal = targets.choose_normal(slice(None), poses.cam_axes, poses.axis, poses.normal)
     reference = np.array([process.operations[k].tolerance.reference for k in targets.operation], dtype=object)
     cutter = plan.setup.cell.tool.cutter
     side = None if cutter is None else cutter.side_stiffness
-    bent = np.zeros(len(rows)) if side is None else targets.normal_sign * tool_force[rows] / side
+    bent = np.zeros(len(rows)) if side is None else np.sum(normal * poses.normal, axis=1) * tool_force[rows] / side
     discrepancy = plan.setup.elasticity.stiffness.discrepancy
     local = 0.0 if discrepancy is None else discrepancy.local
     return SurfaceErrorModel(

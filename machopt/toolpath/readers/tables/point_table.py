@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,10 +37,11 @@ _UNIT_ENDINGS = {"_mm": "mm", "_inch": "inch", "_in": "inch", "": None}
 _POINT = ("x", "y", "z")
 _AXIS = ("i", "j", "k")
 _REFERENCE = ("rx", "ry", "rz")
+_NORMAL = ("nx", "ny", "nz")
 _WORDS = ("move", "operation", "tool", "offset", "kind")
-_PLAIN = (*_AXIS, *_WORDS, *_REFERENCE)
+_PLAIN = (*_AXIS, *_WORDS, *_REFERENCE, *_NORMAL)
 _HOLE = ("depth", "approach")
-_OPTIONAL = ("feed", "tolerance", *_HOLE, *_REFERENCE)
+_OPTIONAL = ("feed", "tolerance", *_HOLE, *_REFERENCE, *_NORMAL)
 _MOVES = {m.word: m for m in MoveKind}
 
 
@@ -273,6 +275,7 @@ class _PointTable:
             table[:, 3:6], reference = sign * R[:, :, column], R[:, :, find_reference_column(column)].copy()
         if "rx" in self.names:
             reference = self.reference(self.block(*_REFERENCE))
+        normal = self.reference(self.block(*_NORMAL), "surface normal", _NORMAL) if "nx" in self.names else None
         if "feed" in self.names:
             table[:, 6] = self.positive("feed", zero_allowed=True) * scale
         tolerance = self.positive("tolerance", zero_allowed=False) * scale if "tolerance" in self.names else None
@@ -290,7 +293,7 @@ class _PointTable:
             self.out.add_table(table, move, self.columns.line, labels, tools)
             path = self.out.build(reference=reference, tolerance_mm=tolerance)
             refuse_possible_holes(self, table, starts)
-            return path
+            return replace(path, surface_normal=normal)
         depth, approach = (read_hole_lengths(self, name, is_hole) * scale for name in _HOLE)
         rows = expand_hole_moves(is_hole, move, depth, approach)
         first_of = np.searchsorted(rows.source, np.arange(n))  # of each row of the table
@@ -311,10 +314,11 @@ class _PointTable:
         )
         for k in np.flatnonzero(rows.is_hole & (rows.move == MoveKind.CUT)).tolist():
             self.out.state_hole_depth(float(depth[rows.source[k]]), point=k)
-        return self.out.build(
+        path = self.out.build(
             reference=None if reference is None else reference[rows.source],
             tolerance_mm=None if tolerance is None else tolerance[rows.source],
         )
+        return replace(path, surface_normal=None if normal is None else normal[rows.source])
 
     def attitudes(self) -> Array:
         assert self.attitude is not None
@@ -403,12 +407,12 @@ class _PointTable:
         codes = words.codes[np.where(rows < 0, np.arange(n), rows)]  # the first tool that is named is not on before
         return np.asarray(codes, np.int64), [name.strip() for name in words.names]
 
-    def reference(self, r: Array) -> Array:
+    def reference(self, r: Array, what: str = "reference direction", names: tuple[str, ...] = _REFERENCE) -> Array:
         given = ~np.isnan(r).any(axis=1)
         length = np.linalg.norm(np.nan_to_num(r), axis=1)
         bad = (given & (length < 1e-6)) | (np.isnan(r).any(axis=1) & ~np.isnan(r).all(axis=1))
         if bad.any():
-            raise self.error("the reference direction is zero or incomplete", int(np.argmax(bad)), "rx, ry, rz")
+            raise self.error(f"the {what} is zero or incomplete", int(np.argmax(bad)), ", ".join(names))
         return np.asarray(r / np.where(given, length, 1.0)[:, None])
 
     def error(self, message: str, row: int, column: str) -> InputError:

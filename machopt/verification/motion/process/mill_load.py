@@ -11,6 +11,7 @@ from machopt.data_types.cutting_coefficients import MillingCoefficients
 from machopt.data_types.process import CutSide, SpindleDirection
 
 ANGLES, SLICES = 4000, 400
+HEIGHTS, WALL_SLICES = 33, 800
 
 
 def compute_mill_load(
@@ -72,3 +73,41 @@ def _cut_into_slices(R: float, rc: float, ap: float) -> list[tuple[float, float,
     if ap > rc:
         out.append((ap - rc, R, 0.5 * math.pi))
     return out
+
+
+def compute_wall_force(
+    coefficients: MillingCoefficients,
+    cutter: CutterGeometry,
+    side: CutSide,
+    spindle: SpindleDirection,
+    depths: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the force along axis × travel while a tooth makes the wall, at ``HEIGHTS`` heights: for a feed per tooth
+    of zero, and its change per metre of it. Flat end mills.
+
+    Args:
+        coefficients: Milling coefficients.
+        cutter: The cutter.
+        side: Side of the cut.
+        spindle: Direction of the spindle.
+        depths: m, radial and axial depth of cut.
+    """
+    ae, ap = depths
+    assert cutter.teeth is not None
+    R, mirror = 0.5 * cutter.diameter, 1.0 if spindle == "cw" else -1.0
+    theta = math.acos(min(max(1.0 - ae / R, -1.0), 1.0)) if side != "slot" else math.pi
+    first, last = (math.pi - theta, math.pi) if side == "down" else (0.0, theta)
+    lag = math.tan(cutter.helix or 0.0) / R * mirror
+    z = (np.arange(WALL_SLICES) + 0.5) / WALL_SLICES * ap
+    heights = np.linspace(0.0, ap, HEIGHTS)
+    start = math.pi if side == "down" else 0.0
+    edge, slope = np.zeros(HEIGHTS), np.zeros(HEIGHTS)
+    for tooth in range(cutter.teeth):
+        phi = start + 2.0 * math.pi * tooth / cutter.teeth - lag * (z[None] - heights[:, None])
+        phi = np.mod(phi + 1e-12, 2.0 * math.pi) - 1e-12
+        cuts = (phi >= first - 1e-9) & (phi <= last + 1e-9)
+        s, c = np.sin(phi), np.cos(phi)
+        dz = ap / WALL_SLICES
+        edge += np.where(cuts, coefficients.Kte_N_m * s - coefficients.Kre_N_m * c, 0.0).sum(axis=1) * dz
+        slope += np.where(cuts, (coefficients.Ktc_Pa * s - coefficients.Krc_Pa * c) * s, 0.0).sum(axis=1) * dz
+    return mirror * edge, mirror * slope

@@ -27,6 +27,7 @@ class RecomputedLoads:
     arm_force: Array  # (N, 3) N that the arm bears
     operation: np.ndarray  # (N,) operation of process.yaml, −1 for none
     side: np.ndarray  # (N,) 1 up, −1 down, 0 else
+    bite: Array  # (N,) m, feed per tooth of milling; NaN elsewhere
     holes: tuple[HoleVisit, ...]
 
 
@@ -63,7 +64,7 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
     n = len(toolpath)
     force = np.where((operation < 0)[:, None], np.nan, np.zeros((n, 3)))
     moment = np.where(operation < 0, np.nan, np.zeros(n))
-    clamp, side = np.zeros(n), np.zeros(n, int)
+    clamp, side, bite = np.zeros(n), np.zeros(n, int), np.full(n, np.nan)
     speed = _find_speeds(process, toolpath, operation)
     holes = list_holes(process, toolpath, operation)
     for hole in holes:
@@ -82,11 +83,13 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
             clamp[points] = one.clamp
         elif one.kind == "milling":
             side[points] = _add_milling(cell, one, toolpath, points, feed / speed, force, moment)
+            assert cell.tool.cutter is not None
+            bite[points] = (feed / speed)[points] / (cell.tool.cutter.teeth or 1)
     arm = force.copy()
     pressed = clamp > 0
     arm[pressed, 2] = np.maximum(arm[pressed, 2], clamp[pressed])
     return RecomputedLoads(
-        force=force, moment=moment, arm_force=arm, operation=operation, side=side, holes=tuple(holes)
+        force=force, moment=moment, arm_force=arm, operation=operation, side=side, bite=bite, holes=tuple(holes)
     )
 
 

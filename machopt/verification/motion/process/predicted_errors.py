@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.process import ProcessOperation
+from machopt.data_types.process import CutSide, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
@@ -22,9 +22,12 @@ from machopt.verification.motion.process.draws import (
     get_position_std,
 )
 from machopt.verification.motion.process.hole_strokes import HoleVisit
+from machopt.verification.motion.process.mill_load import compute_wall_force
 from machopt.verification.motion.process.point_loads import RecomputedLoads
 from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
+
+_SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +104,7 @@ class _Predictor:
         self.side = compute_sideways_directions(toolpath)
         known = np.flatnonzero(np.isfinite(motion.point))
         self.order = known[np.argsort(motion.point[known], kind="stable")]
+        self.walls: dict[tuple[str, str], tuple[Array, Array]] = {}
         self.compliances = draw_compliances(cell.stiffness, np.random.default_rng(SEED))
 
     def add_hole(self, hole: HoleVisit, out: PredictedErrors) -> None:
@@ -166,22 +170,46 @@ class _Predictor:
         force = f[0] * pose.travel + f[1] * np.cross(pose.axis, pose.travel) + f[2] * pose.axis
         wrench = np.r_[force, self.loads.moment[row] * pose.axis]
         twist = _apply(pose, self.cell, wrench[None], None)[0]
-        out.normal[row] = normal @ (twist[:3] + pose.offset)
-        out.size[row] = np.linalg.norm(twist[:3])
+        tool = self._bend_tool(one, row) * float(normal @ np.cross(pose.axis, pose.travel))
+        out.normal[row] = normal @ (twist[:3] + pose.offset) + tool
+        out.size[row] = np.linalg.norm(twist[:3]) + abs(tool)
         cutter = self.cell.tool.cutter
         rounded = cutter is not None and cutter.corner > 0
         sigma = get_position_std(self.cell, one.tolerance.reference)
-        if self.compliances is None or not np.isfinite(sigma) or rounded or one.surface == "table":
+        stated = self.toolpath.surface_normal is not None and np.isfinite(self.toolpath.surface_normal[row]).all()
+        known = stated or not (rounded or one.surface == "table")
+        if self.compliances is None or not np.isfinite(sigma) or not known:
             return
         by_joint = (normal @ pose.J[:3]) * (wrench @ pose.J) * pose.joints  # error by each joint at nominal
-        rest = float(normal @ twist[:3] - by_joint.sum())
+        rest = float(normal @ twist[:3] - by_joint.sum()) + tool
         error = (self.compliances @ by_joint + rest) * factor + normal @ pose.offset + sigma * noise
         if part.any():
             error = error + self._move_part(pose, part)[:, :3] @ normal
         out.p_in[row] = float(np.mean(np.abs(error) <= one.tolerance.surface))
 
+    def _bend_tool(self, one: ProcessOperation, row: int) -> float:
+        """Return the deflection of the tool along axis × travel when the wall is made, m."""
+        cutter = self.cell.tool.cutter
+        if cutter is None or cutter.side_stiffness is None or one.kind != "milling" or one.surface != "side":
+            return 0.0
+        side = _SIDES[int(self.loads.side[row])]
+        key = (one.label, side)
+        if key not in self.walls:
+            coefficients = self.process.materials[one.material].milling
+            assert coefficients is not None
+            assert one.ap is not None
+            depths = (cutter.diameter if one.ae is None else one.ae, one.ap)
+            self.walls[key] = compute_wall_force(coefficients, cutter, side, one.spindle, depths)
+        edge, slope = self.walls[key]
+        force = edge + slope * float(self.loads.bite[row])
+        wear = 0.5 * (one.wear[0] + one.wear[1])
+        return wear * float(force[np.argmax(np.abs(force))]) / cutter.side_stiffness
+
     def _find_normal(self, one: ProcessOperation, row: int, pose: _Pose) -> Array:
         """Return the outward normal of the surface: away from the material."""
+        given = None if self.toolpath.surface_normal is None else self.toolpath.surface_normal[row]
+        if given is not None and np.isfinite(given).all():
+            return np.asarray(pose.R @ given)
         if one.surface == "floor":
             return pose.axis
         side = self.loads.side[row] or {"up": 1, "down": -1}.get(one.cut or "", 0)
