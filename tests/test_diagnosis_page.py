@@ -528,8 +528,8 @@ def test_terminal_summary() -> None:
     assert "held-out error 61 µm → 42.3 µm, noise floor 22 µm, repeatable 57 µm, 55 % of it closed" in text
     assert "1. joint_hysteresis joint:3, on load reversal" in text
     assert "these data cannot distinguish it from: joint_coupling joint:4-5, tool_compliance tool" in text
-    assert "put aside: 3 readings (rows:41,134,401)" in text
-    assert "lives in: joint:3 78 %" in text
+    assert "excluded: 3 readings (rows:41,134,401)" in text
+    assert "largest shares of the mismatch: joint:3 78 %" in text
     empty = replace(made_up.consistent(), explained=np.nan, heldout_before=np.nan)
     quiet = "\n".join(command.format_diagnosis_summary(build_diagnosis_document(CELL, made_up.recording(), empty)))
     assert "nothing repeatable above the noise" in quiet

@@ -268,5 +268,5 @@ def test_a_plan_below_the_bound_has_no_gap(bound: float, plan: float, gap: float
     wrong = told.model_copy(update={"gap_percent": 100.0 * (1.0 - bound / plan) if gap is None else None})
     assert "gap_percent" in " ".join(_check_external_gap(wrong))
     words = " ".join(_format_external_lines(told))
-    assert ("below all of them" in words) == (gap is None)
+    assert ("the bound does not apply to it" in words) == (gap is None)
     assert "gap -" not in words

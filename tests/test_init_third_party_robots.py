@@ -45,7 +45,7 @@ def test_a_gripper_behind_the_arm_is_none_of_its_joints(kind: str, tmp_path: Pat
     done = run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
     assert done.cell.flange_link == "wrist_end"
     assert done.cell.arm_joints == ("a1", "a2", "a3", "a4", "a5", "a6")
-    said = [g for g in done.guesses if "jointGripper behind wrist_end is taken for a gripper's" in g]
+    said = [g for g in done.guesses if "jointGripper behind wrist_end is assumed to belong to a gripper" in g]
     assert len(said) == (kind != "prismatic")  # one that slides never was among six that turn
 
 

@@ -172,7 +172,7 @@ BAD = [
         "steer=[{point: 1, operation: a, branch: 1}]",
         ["steer[0]", "point", "operation", "exactly one of them gives the position"],
     ),
-    ("steer=[{point: 1}]", ["steer[0]", "says nothing", "gamma_deg, forbid_deg, prefer_deg, branch"]),
+    ("steer=[{point: 1}]", ["steer[0]", "is empty", "gamma_deg, forbid_deg, prefer_deg, branch"]),
     ("steer=[{points: [5, 2], branch: 1}]", ["points: found [5, 2]", "[first, last]"]),
     ("steer=[{forbid_deg: [20, 20]}]", ["forbid_deg: found [20", "two angles"]),
     ("steer=[{gamma_deg: 3, weight: 2}]", ["weight", "prefer_deg"]),

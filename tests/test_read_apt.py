@@ -335,7 +335,7 @@ def test_clt_follows_the_axis_and_one_table_position(tmp_path: Path) -> None:
     assert turned[-1] - turned[0] == pytest.approx(1.5 * np.pi)  # the word CLOCKWISE is wrong over 180°
     assert np.allclose(t.axis, [0.0, 0.0, 1.0])
     assert p[t.cutting][-2:, 2].tolist() == [-5.0, -6.0]
-    with pytest.raises(InputError, match="table stands differently"):
+    with pytest.raises(InputError, match="table has another position"):
         read(
             tmp_path, text.replace("FINI", "ROTABL/ -1.570796,AAXIS\nRAPID/\nGOTO/1,1,9\nGOTO/1,1,1\nFINI"), "part.clt"
         )

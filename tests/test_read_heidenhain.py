@@ -101,7 +101,7 @@ def test_parameters_of_one_cycle_are_not_those_of_the_next(tmp_path: Path) -> No
         ("C X+1 Y+1\n", r"without DR\+"),
         ("L X+1 X+2 F5\n", "X is given twice"),
         ("LN X+1 TX+1 TY+0 TZ+0 F5\n", "outside of M128"),
-        ("CYCL DEF 200\nQ200=2\nQ201=-9\nM128\nL B+30 FMAX\nL X+0 FMAX M99\n", "does not stand along Z"),
+        ("CYCL DEF 200\nQ200=2\nQ201=-9\nM128\nL B+30 FMAX\nL X+0 FMAX M99\n", "is not parallel to Z"),
     ],
 )
 def test_refusals(tmp_path: Path, text: str, message: str) -> None:

@@ -76,7 +76,7 @@ def test_krl_relative_moves_add_to_the_last_target(tmp_path: Path) -> None:
     )
     assert mm(t) == [[1, 2, 3], [11, 2, 2], [11, 7, 2], [11, 10, 2], [0, 10, 2]]
     assert t.move.tolist() == [0, 0, 0, 1, 0]
-    with pytest.raises(InputError, match="line 3: LIN_REL starts where the robot stands"):
+    with pytest.raises(InputError, match="line 3: LIN_REL starts at the current position"):
         krl(tmp_path, "LIN_REL {X 10}\n" + START)
     with pytest.raises(InputError, match="line 4: LIN_REL that turns the tool"):
         krl(tmp_path, START + "LIN_REL {A 10}")
@@ -114,7 +114,7 @@ def test_rapid_turns_and_present_positions(tmp_path: Path) -> None:
     assert np.allclose(t.position[1] * 1e3, [0, 0, 3])
     a, b = np.radians([30.0, 20.0])  # Rx(180) Rx(a) Ry(b): minus its z column
     assert np.allclose(t.axis[1], [-math.sin(b), -math.sin(a) * math.cos(b), math.cos(a) * math.cos(b)])
-    with pytest.raises(InputError, match=r"line 4: crobt\(\) is where the robot stands"):
+    with pytest.raises(InputError, match=r"line 4: crobt\(\) is the current position"):
         read(tmp_path, "a.mod", MODULE % "MoveL Offs(CRobT(),0,0,5),v10,fine,tool0;")
     with pytest.raises(InputError, match="line 4: PDISPSET: displacements"):
         read(tmp_path, "a.mod", MODULE % "PDispSet [[1,0,0],[1,0,0,0]];\nMoveL p0,v10,fine,tool0;")

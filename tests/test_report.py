@@ -104,7 +104,7 @@ def test_any_part_may_be_missing(missing: str) -> None:
 
 def test_an_infeasible_result_still_has_a_page() -> None:
     page = read(build_report_html(infeasible_result()))
-    assert "No answer for 2 of 40 points" in page.text
+    assert "No feasible plan for 2 of 40 points" in page.text
     assert "the first point 7 at x 2900.0, y 100.0, z 400.0 mm, 38 mm out" in page.text
     assert "38 mm out" in page.text
     assert "hole <3>" in page.text

@@ -75,7 +75,7 @@ def test_a_gap_without_room_stops_the_job_or_costs_the_cuts_beside_it(made: Plan
     assert allowed.obstructions == []
     assert [x.code for x in allowed.in_the_way] == ["no_room"] * len(allowed.in_the_way)
     assert next(iter(allowed.given_up)) == (middle, last)
-    assert "left out with the stretch it is in: there is no room to lift" in allowed.given_up[middle, last]
+    assert "left out with the stretch it is in: there is not enough free space" in allowed.given_up[middle, last]
 
 
 def test_a_cut_that_loses_its_first_point_is_driven_from_the_next(made: Plan) -> None:

@@ -111,9 +111,9 @@ def test_a_part_that_nothing_moves_stands_in_all_rows_where_it_stands_in_one() -
 
 def test_what_stands_where_says_so_or_is_refused(tmp_path: Path) -> None:
     arm = UrdfKinematics(external_cell(tmp_path, rail=True))
-    with pytest.raises(ValueError, match="say where they stand"):
+    with pytest.raises(ValueError, match="give their positions"):
         arm.compute_configuration(np.zeros((1, 6)))
-    with pytest.raises(ValueError, match="say where they stand"):
+    with pytest.raises(ValueError, match="give their positions"):
         arm.compute_gravity_torque(np.zeros((1, 6)))
 
 

@@ -63,7 +63,7 @@ def test_offsets_of_g_code_are_the_cells(tmp_path: Path, cell: Cell) -> None:
         read(tmp_path, code.replace("G55", "G56"), cell, "part.nc")
     with pytest.raises(InputError, match=r"points before G55 name no work offset"):
         read(tmp_path, code.replace("G54\n", ""), cell, "part.nc")
-    with pytest.raises(InputError, match="the cell itself has offsets"):
+    with pytest.raises(InputError, match="the cell defines the work offsets"):
         read_toolpath(tmp_path / "part.nc", cell_offsets=("G54",), offsets=("G55=1,2,3",))
 
 

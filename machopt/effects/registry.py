@@ -79,7 +79,7 @@ def build_registry(effects: Iterable[Effect]) -> Mapping[str, Effect]:
     for effect in effects:
         word = (effect.file_word, effect.is_elastic)
         if effect.name in out or word in seen:
-            raise ValueError(f"the effect {effect.name if effect.name in out else effect.file_word!r} stands twice")
+            raise ValueError(f"the effect {effect.name if effect.name in out else effect.file_word!r} is given twice")
         out[effect.name] = effect
         seen.add(word)
     return MappingProxyType(out)

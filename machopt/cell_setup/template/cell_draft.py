@@ -76,8 +76,8 @@ def draft_cell(
         part_body = _format_mesh_body("part", "workpiece" + part.suffix.lower(), unit.scale)
     if links.gripper:
         guesses.append(
-            f"{', '.join(j.name for j in links.gripper)} behind {links.flange_link} {_is_or_are(links.gripper)} taken "
-            "to belong to a gripper and fixed at zero (--flange-link)"
+            f"{', '.join(j.name for j in links.gripper)} behind {links.flange_link} {_is_or_are(links.gripper)} "
+            "assumed to belong to a gripper and fixed at zero (--flange-link)"
         )
     if slow:
         guesses.append(

@@ -401,7 +401,7 @@ def build_linear_terms(request: PosesRequest, robot: Robot, T_flange_tcp: Array)
                 "geometric_stiffness follows from load and kinematics; it has nothing to identify", where="--fit"
             )
         if request.terms.count(text) > 1:
-            raise OptionError(f"{text} stands twice; keep one", where="--fit")
+            raise OptionError(f"{text} is given twice; keep one", where="--fit")
         try:
             out.append(build_fitted_term(effect, location, robot, T_flange_tcp))
         except InputError as error:

@@ -220,7 +220,7 @@ def find_sliding_joints(table: RecordingTable, kind: RecordingKind) -> Prismatic
     left_out = [i for i in range(1, max(there, default=0)) if i not in there]
     if left_out:
         have = ", ".join(f"q{i}_mm" if i in slides else f"q{i}_deg" for i in there)
-        raise table.build_error(f"column q{left_out[0]}_deg is missing beside {have}")
+        raise table.build_error(f"column q{left_out[0]}_deg is missing; it is required with {have}")
     return tuple(i in slides for i in there) or (False,) * 6
 
 
@@ -339,7 +339,7 @@ def _read_channel(table: RecordingTable, channel: RecordingChannel, prismatic: P
     missing = [name for name in wanted if name not in have]
     if missing:
         why = f"; {THREE}" if set(missing) <= set(COORDINATES) else ""
-        raise table.build_error(f"column {', '.join(missing)} is missing beside {', '.join(have)}{why}")
+        raise table.build_error(f"column {', '.join(missing)} is missing; it is required with {', '.join(have)}{why}")
     every = bool(channel.turns) or len(have) > channel.needed or channel.rest != "all"
     last = len(names) if every else channel.needed
     out = np.full((len(table), last), np.nan if channel.rest == "nan" else 0.0)

@@ -225,7 +225,7 @@ def _check_header(table: RecordingTable, header: Sequence[str], vocabulary: Allo
             raise table.build_error(f"column {k + 1} has no name; expected one of {vocabulary.listed_names}")
         if name in header[:k]:
             raise table.build_error(
-                f"column {name!r} stands twice, as columns {header.index(name) + 1} and {k + 1}; keep one"
+                f"column {name!r} is given twice, as columns {header.index(name) + 1} and {k + 1}; keep one"
             )
         if name in vocabulary.refused_names:
             raise table.build_error(vocabulary.refused_names[name], column=name)

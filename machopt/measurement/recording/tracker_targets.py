@@ -59,7 +59,9 @@ def parse_targets(document: YamlDocument, given: object, kind: RecordingKind) ->
                 f"found {format_found_value(value)}; expected x, y, z in flange, three numbers within ±{FARTHEST:g} mm",
             )
         if not name or name in out:
-            raise document.build_error((KEY, key), f"target {name!r} stands twice" if name else "a target needs a name")
+            raise document.build_error(
+                (KEY, key), f"target {name!r} is given twice" if name else "a target needs a name"
+            )
         x, y, z = (1e-3 * float(v) for v in numbers)
         out[name] = TrackerTarget(name, (x, y, z))
     return out

@@ -108,8 +108,8 @@ class CoordinateSetup:
             return None
         if self.left_tilted_plane:
             return (
-                "cuts after a tilted plane was left and before any rotary word: where the rotary axes stand is not "
-                "known; post the rotary words after the plane is cancelled"
+                "cuts after a tilted plane was left and before any rotary word: the positions of the rotary axes are "
+                "not known; post the rotary words after the plane is cancelled"
             )
         if self.by_machine or not list_turned_angles(self.angles):
             return None
