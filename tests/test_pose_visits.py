@@ -103,6 +103,23 @@ def test_readings_of_one_stay_are_no_replicates(tmp_path: Path) -> None:
     assert document["baseline"]["measured_noise"] == pytest.approx(0.05, rel=0.2)
 
 
+@pytest.mark.parametrize("laps", [1, 2])
+def test_an_ordered_error_is_a_mismatch_though_no_time_is_stated(laps: int, tmp_path: Path) -> None:
+    """A drift of four times the stated uncertainty over one session, and the same errors in random order."""
+    rng = np.random.default_rng(7)
+    recording = poses_read_three_times(0.02)
+    rows = np.arange(0, len(recording) * laps // 2, 3)
+    assert recording.position is not None
+    drift = 1.6e-4 * np.linspace(0.0, 1.0, len(rows))[:, None] * np.array([0.5, -0.3, 0.81])
+    clean, labels = recording.position[rows], {n: getattr(recording, n)[rows] for n in ("q", "pose", "session", "line")}
+    labels["cycle"] = np.arange(len(rows))
+    bare = replace(recording, **labels, uncertainty=StandardUncertainty(displacement=4e-5))
+    for name, moved in (("drift", drift), ("shuffled", rng.permutation(drift)), ("none", 0.0 * drift)):
+        document = diagnose(tmp_path / name, replace(bare, position=clean + moved))
+        assert (document["verdict"] == "unexplained") == (name == "drift")
+        assert ("time_s" in document["next_experiment"]) == (name == "drift")
+
+
 def test_runs_and_nesting() -> None:
     pose, session = np.array([1, 1, 2, 2, 1, 1]), np.array([0, 0, 0, 1, 1, 1])
     assert label_unbroken_runs([pose, session]).tolist() == [0, 0, 1, 2, 3, 3]

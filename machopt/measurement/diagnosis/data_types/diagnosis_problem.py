@@ -97,6 +97,7 @@ class DiagnosisProblem:
         None  # (N, D) K_C of load and weight, subtracted from y; a base unknown holds its uncertainty
     )
     time: Array | None = None  # (N,) s, if readings close in time may share an error
+    order: Array | None = None  # (N,) time, or number of the row where no time is stated; None: visits have no order
     repeat: Ints | None = None  # (N,) what replicates are compared between: cycles of one stay; None: visits
     visits_for_cycles: bool = False  # load cycles are not labelled: a visit counts as one cycle
     present: Flags | None = None  # (N, D) measured coordinates; None: all. Elsewhere y and all columns are zero

@@ -213,6 +213,7 @@ class DiagnosisResult:
     outliers: Ints  # 1-based data rows
     axes: Mapping[str, Array] = field(default_factory=dict)  # (N,) labels for the report
     tried: int = 0  # hypotheses × shapes
+    is_ordered: bool = False  # the mismatch is shared by successive readings of other poses, not by repeats of a pose
     measured_noise: float = float("nan")  # noise by replicates or as stated, report unit; NaN: only from residuals
     unnamed: tuple[Finding, ...] = ()  # kinematic corrections that are written, and too uncertain to be named
     rmse: float = float("nan")  # rmse per coordinate of the used readings with the findings, fitted to all of them

@@ -190,6 +190,7 @@ def _build_diagnosis_result(
         unit=problem.families[0].unit,
         heldout_before=holdout_residuals.compute_rmse(problem, before, used),
         noise_floor=holdout_residuals.compute_noise_floor(problem, state.noise, used),
+        is_ordered=validated.mismatch_before.is_over_time and validated.is_relevant,
         measured_noise=instrument_uncertainty_check.compute_measured_noise(problem, state.noise, used),
         repeatable=factor * float(np.sqrt(validated.power)),
         mismatch_p=validated.mismatch_before.p_value,

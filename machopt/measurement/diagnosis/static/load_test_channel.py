@@ -162,6 +162,7 @@ def build_load_test_problem(
         cycle=nest_labels(readings.visit, tests.cycle) if labels.has_cycle else readings.visit,
         session=readings.session,
         replicate=replicate,
+        order=np.arange(len(tests), dtype=float) if recording.time is None else recording.time,
         repeat=select_replicate_visits(recording, replicate, readings.visit),
         line=tests.line,
         row=np.arange(1, len(tests) + 1),

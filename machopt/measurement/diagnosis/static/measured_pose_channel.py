@@ -159,6 +159,7 @@ def build_measured_pose_problem(
         row=np.arange(1, len(recording) + 1),
         scale=readings.compute_displacement(readings.wrench) if loaded else None,
         time=recording.time,
+        order=np.arange(len(recording), dtype=float) if recording.time is None else recording.time,
         present=None
         if readings.inclinometer is None
         else inclinometer_equations.mark_measured_coordinates(model.D, readings.inclinometer),

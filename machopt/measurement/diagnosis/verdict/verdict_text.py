@@ -40,7 +40,9 @@ def format_verdict(d: DiagnosisResult) -> str:
             "to explain." + (f" Refitted for that, and stated nowhere: {there}." if there else "")
         )
     size = format_error_size(d.repeatable, d.unit)
-    if math.isfinite(d.mismatch_p):
+    if d.is_ordered:
+        left = f"{size} of it is shared by successive readings of other poses, as a drift is"
+    elif math.isfinite(d.mismatch_p):
         left = f"{size} of it comes back in repeats"
     elif d.measured_noise > 0.0:
         left = f"{size} of it is more than the noise"
@@ -156,6 +158,11 @@ def suggest_next_experiment(d: DiagnosisResult) -> str:
             f"To tell {format_effect_in_sentence(f.effect, f.location)} from {others}: machopt plan-poses CELL "
             f"--discriminate OUT chooses "
             "poses and loads at which their predictions differ most."
+        )
+    if d.verdict == "unexplained" and d.is_ordered:
+        return (
+            "Measure again with the poses in another, random order, and record time_s and temperature_C: a drift then "
+            "separates from errors of the poses."
         )
     if d.verdict == "unexplained":
         behind = next((format_place(s.axis) for s in d.mismatch if s.kind == "machine"), "the arm")

@@ -48,7 +48,8 @@ def measure_repeatable_mismatch(
 ) -> RepeatableMismatch:
     """Measure the repeatable power and its p-value.
 
-    If time matters, errors shared by successive visits (of other poses) count too: heat, a moved tracker. Without
+    Errors shared by successive visits (of other poses) count too: heat, a moved tracker. Without a stated time the rows
+    tell the order. Without
     replicates the power is the excess over the noise, without a p-value (NaN).
 
     Args:
@@ -64,9 +65,9 @@ def measure_repeatable_mismatch(
     """
     e = residual[:, list(problem.families[0].columns)]
     again = _compute_replicate_product(problem, residual, used, noise, rng, own)
-    if problem.time is None:
+    if problem.order is None:
         return again
-    lasting = _compute_visit_correlation(problem, e, used, problem.time, rng)
+    lasting = _compute_visit_correlation(problem, e, used, problem.order, rng)
     return lasting if lasting.power > again.power and lasting.p_value <= thresholds.PROOF.permitted else again
 
 
