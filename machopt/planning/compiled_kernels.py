@@ -101,7 +101,7 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     (
         "process.stability.depth_limit_kernels",
         "find_depth_limits",
-        f"{_F1},UniTuple(b1,3),f8,{_F2},{_F2},{_F3},{_F3},{_F1},{_F1},{_I1}",
+        f"{_F1},UniTuple(b1,3),f8,{_F2},{_F2},{_F3},{_F3},{_F1},{_F1},{_I1},i8",
     ),
     (
         "planning.external_axes.moving_axis_kernels",

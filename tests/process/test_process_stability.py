@@ -274,6 +274,56 @@ def test_the_limit_is_the_least_depth_of_the_characteristic_equation() -> None:
     assert found > 20
 
 
+def scan_depth(modes: StructuralModes, H: Array, T: float, exact: bool) -> float:
+    """Brute force: both eigenvalues over a dense grid of frequencies, linear between them."""
+    w, z, u = modes.omega[0], modes.zeta[0], modes.shape[0]
+    circles = [x * (1 + y * np.tan(np.linspace(-1.55, 1.55, 3000))) for x, y in zip(w, z, strict=True)]
+    grid = np.unique(np.concatenate([np.linspace(1e-3, max(w.max() * 3, 2 * np.pi / T), 30000), *circles]))
+    grid = grid[grid > 0] if exact else grid[(grid > 0) & (grid * T < 1)]
+    inverse = 1 / (w**2 - grid[:, None] ** 2 + 2j * z * w * grid[:, None])
+    p = 1 - np.exp(-1j * grid * T) if exact else 1j * grid * T + 0.5 * (grid * T) ** 2
+    f = np.linalg.eigvals(np.einsum("wn,ni,nj->wij", inverse, u[:, :2], u @ H)) * p[:, None]
+    for a, b in itertools.pairwise(f):
+        if abs(b - a).sum() > abs(b[::-1] - a).sum():
+            b[:] = b[::-1].copy()
+    best = 0.0
+    for y in f.T:
+        for i in np.flatnonzero((y.imag[1:] > 0) != (y.imag[:-1] > 0)):
+            share = y.imag[i] / (y.imag[i] - y.imag[i + 1])
+            best = max(best, float(y.real[i] + share * (y.real[i + 1] - y.real[i])))
+    return 1 / best if best > 1 else math.inf
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exact", [False, True])
+def test_no_crossing_is_missed(exact: bool) -> None:
+    """One to six modes, some nearly equal, any matrix, ωT up to 30."""
+    rng, law = np.random.default_rng(11), DelayLaw.ZEROTH_ORDER if exact else DelayLaw.SECOND_ORDER
+    found = 0
+    for _ in range(60):
+        n = int(rng.integers(1, 7))
+        w = np.sort(2 * np.pi * rng.uniform(6, 80, n))
+        if n > 1 and rng.random() < 0.5:
+            w[1] = w[0] * rng.uniform(1.0005, 1.05)
+        u = rng.normal(size=(n, 3)) * rng.uniform(0.01, 0.1, (n, 1))
+        modes = StructuralModes(np.sort(w)[None], rng.uniform(0.005, 0.08, (1, n)), u[None])
+        H, T = rng.normal(size=(3, 2)) * 1e9, 10 ** rng.uniform(-3, -1.2)
+        limit, dense = compute_depth_limit(modes, H, T, law).depth[0], scan_depth(modes, H, T, exact)
+        assert math.isinf(limit) == math.isinf(dense)
+        if math.isfinite(limit):
+            found += 1
+            assert limit == pytest.approx(dense, rel=3e-3)
+    assert found > 20
+
+
+def test_lobes_are_found_where_the_delay_turns_many_times() -> None:
+    """A mode of 1.5 kHz at 300 rpm: ωT is 940; the limit is near the absolute minimum."""
+    modes = one_mode(2 * np.pi * 1500, 0.02, 2e7, (0.0, 1.0, 0.0))
+    H = directional((767e6, 168.8e6, 222e6), TWO, "up", 0.01)
+    limit, least = compute_stability_lobes(modes, H, np.array([300.0]), 2).depth[0], find_lobe_minimum(modes, H).depth
+    assert least <= limit < 1.02 * least
+
+
 def test_the_mirrored_spindle_has_the_mirrored_matrix() -> None:
     left = replace(TWO, helix=-TWO.helix)
     arc = compute_contact_arc(TWO, MillingCut("up"), np.array([0.004, 0.01]), TWO.radius)

@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.errors import CuttingInputError
 from machopt.numerics.array_types import Array, Ints, make_arrays_read_only
-from machopt.process.stability.depth_limit_kernels import find_depth_limits
+from machopt.process.stability.depth_limit_kernels import DELAY_STEP, find_depth_limits
 from machopt.process.stability.structural_modes import StructuralModes
 
 LARGEST_DEPTH = 1.0  # m; limits above it count as none
@@ -90,7 +90,9 @@ def compute_depth_limit(
     omega = np.where(unknown[:, None], 0.0, modes.omega)
     limit, frequency, mode = np.empty(count), np.empty(count), np.empty(count, np.int64)
     zeta = np.array(modes.zeta)  # a copy that may be written: the kernel is compiled for such arrays only
-    find_depth_limits(T, law.value, largest, omega, zeta, b, c, limit, frequency, mode)
+    turns = float(T.max(initial=0.0)) * float(omega.max(initial=0.0))
+    points = math.ceil(max(2.0 * turns, 4.0 * math.pi) / DELAY_STEP)
+    find_depth_limits(T, law.value, largest, omega, zeta, b, c, limit, frequency, mode, points)
     limit[unknown] = np.nan
     return DepthLimit(limit, frequency, mode)
 

@@ -25,9 +25,9 @@ from machopt.numerics.compiled_functions import jit_compile
 SECOND_ORDER, EXACT, DOUBLING = 0, 1, 2  # laws of the delay
 SECOND_ORDER_RANGE = 1.0  # largest ωT of the second-order law; on the reference sets of the tests it is not above there
 CIRCLE_POINTS = 14  # frequencies for each mode, evenly spaced on its circle
-TAIL_POINTS = 3  # frequencies below the lowest mode, and above the highest
+LOW_POINTS = 10  # frequencies below the lowest mode, each twice the one before
+TAIL_POINTS = 3  # frequencies above the highest
 DELAY_STEP = 0.35  # rad of ωT between frequencies
-DELAY_POINTS = 600  # at most, in addition
 AMBIGUOUS = 0.4  # ratio of the costs of both pairings of eigenvalues from which an interval is divided
 DIVISIONS = 8
 PRUNED = 0.8  # share of the largest Re(p µ) so far below which an interval is skipped: on a circle of 14 points its
@@ -148,8 +148,8 @@ def _fill_grid(T: float, exact: bool, n: int, omega: Array, zeta: Array, tangent
     """
     count, step = 0, DELAY_STEP / T
     top = np.inf if exact else SECOND_ORDER_RANGE / T
-    for k in range(TAIL_POINTS):
-        grid[count] = min(omega[0], top) * (k + 0.5) / (TAIL_POINTS + 2.0)
+    for k in range(LOW_POINTS):
+        grid[count] = 0.7 * min(omega[0], top) * 0.5 ** (LOW_POINTS - 1 - k)
         count += 1
     last = grid[count - 1]
     for i in range(n):
@@ -294,6 +294,7 @@ def find_depth_limits(
     limit: Array,
     frequency: Array,
     mode: Ints,
+    delay_points: int,
 ) -> None:
     """Fill limit, chatter frequency and governing mode of P sets of modes.
 
@@ -308,12 +309,13 @@ def find_depth_limits(
         limit: (P,) m, filled.
         frequency: (P,) rad/s, filled; NaN without limit.
         mode: (P,) index of the mode that takes the largest part, filled; −1 without limit.
+        delay_points: room for frequencies that resolve the delay.
     """
     n = omega.shape[1]
     tangents = np.empty(CIRCLE_POINTS)
     for k in range(CIRCLE_POINTS):
         tangents[k] = math.tan(math.pi * ((k + 0.5) / CIRCLE_POINTS - 0.5))
-    size = n * (CIRCLE_POINTS + 1) + 2 * TAIL_POINTS + DELAY_POINTS
+    size = n * (CIRCLE_POINTS + 1) + LOW_POINTS + TAIL_POINTS + delay_points
     grid, sums, found = np.empty(size), np.empty((8, size)), np.empty((4, size))
     om, ze, g = np.empty(n), np.empty(n), np.empty((4, n))
     index = np.empty(n, np.int64)
