@@ -82,6 +82,8 @@ def build_summary_row(result: OptimizeDocument) -> BatchRowSection:
     gains = {g.over: g for g in objective.gain} if done else {}
     gain, paper = gains.get("cam default"), gains.get("jiao2022")
     worst = result.worst_point
+    process = result.process
+    counts = process.in_tolerance.after if process is not None and process.tolerances else None
     return BatchRowSection(
         exit_code=result.exit_code,
         verdict=result.verdict,
@@ -101,6 +103,8 @@ def build_summary_row(result: OptimizeDocument) -> BatchRowSection:
         deflection_mm=None if worst is None else worst.deflection_mm,
         k_axial_N_mm=None if worst is None else worst.k_axial_N_mm,
         cycle_time_s=result.cycle_time_s,
+        in_tolerance=None if counts is None else counts["pass"],
+        with_tolerance=None if counts is None else sum(counts.values()),
         programs=tuple(program.files[0] for program in result.programs if program.files),
         feed_held_percent=None if result.feed_held_share is None else 100.0 * result.feed_held_share,
         warnings=(

@@ -47,6 +47,8 @@ SUMMARY_COLUMNS = (
     "deflection_mm",
     "k_axial_N_mm",
     "cycle_time_s",
+    "in_tolerance",
+    "with_tolerance",
     "feed_held_percent",
     "points",
     "infeasible_points",

@@ -28,6 +28,7 @@ FRONT_COLUMNS = (
     "cycle_time_s",
     "joint_travel_deg",
     "clearance_mm",
+    "in_tolerance",
     "objective",
 )
 
@@ -66,8 +67,9 @@ def write_trade_off_front(path: Path, points: list[FrontPlan]) -> None:
         path: The file to write.
         points: All plans of the front.
     """
-    lines = [",".join(FRONT_COLUMNS)]
-    lines += [",".join(_format_value(getattr(p, name)) for name in FRONT_COLUMNS) for p in points if not p.dominated]
+    columns = [c for c in FRONT_COLUMNS if c != "in_tolerance" or any(p.in_tolerance is not None for p in points)]
+    lines = [",".join(columns)]
+    lines += [",".join(_format_value(getattr(p, name)) for name in columns) for p in points if not p.dominated]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 

@@ -27,6 +27,8 @@ class JobNumbersSection(DocumentModel):
     deflection_mm: Known = None
     k_axial_N_mm: Known = None
     cycle_time_s: Known = None
+    in_tolerance: Count | None = None  # holes and points that pass
+    with_tolerance: Count | None = None  # holes and points that have one
     programs: tuple[Text, ...] | None = None
     feed_held_percent: Known = None
     warnings: tuple[Text, ...] | None = None

@@ -122,6 +122,7 @@ class ParetoPlanEntry(DocumentModel):
     cycle_time_s: Number
     joint_travel_deg: Number
     clearance_mm: Known
+    in_tolerance: Count | None = None  # holes and points that pass; null where nothing has a tolerance
     objective: Known
     dominated: Flag
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.process_columns import merge_process_summaries
 from machopt.errors import CellError
 from machopt.planning.cost.objective import compute_total
 from machopt.planning.motion.trajectory_builder import MotionTimeline
@@ -33,6 +34,7 @@ class FrontPlan:
     cycle_time_s: float
     joint_travel_deg: float  # of all axes together, over the whole motion
     clearance_mm: float | None  # least at the points; None where collisions are not checked
+    in_tolerance: int | None = None  # holes and points that pass; None where nothing has a tolerance
     objective: float | None = None  # J by the active weights, in units of the requested plan
     dominated: bool = False  # another plan is better in one of these, worst_index aside, and worse in none
 
@@ -51,6 +53,8 @@ class FrontPlan:
         ]
         if self.clearance_mm is not None and other.clearance_mm is not None:
             pairs.append((other.clearance_mm, self.clearance_mm, CLEARANCE))
+        if self.in_tolerance is not None and other.in_tolerance is not None:
+            pairs.append((other.in_tolerance, self.in_tolerance, 1.0))
         return tuple((a - b) / unit if unit else 0.0 for a, b, unit in pairs)
 
 
@@ -167,8 +171,15 @@ def measure_front_plan(
         cycle_time_s=float(motion.time[-1]),
         joint_travel_deg=float(np.degrees(np.abs(np.diff(motion.q, axis=0)).sum())),
         clearance_mm=1e3 * float(np.nanmin(clearance)) if np.isfinite(clearance).any() else None,
+        in_tolerance=_count_passes(points),
         objective=compute_total(in_its_units, requested_plan.options.weights),
     )
+
+
+def _count_passes(points: PointResults) -> int | None:
+    """Return how many holes and points are in tolerance; None where nothing has a tolerance."""
+    summary = merge_process_summaries(points.process)
+    return None if summary is None or not summary.tolerances else summary.after["pass"]
 
 
 def mark_dominated_plans(points: list[FrontPlan]) -> list[FrontPlan]:

@@ -195,6 +195,7 @@ def _build_trade_off_point(p: FrontPlan) -> page.TradeOffPoint:
         cycle=p.cycle_time_s,
         travel=p.joint_travel_deg,
         clearance=p.clearance_mm,
+        in_tolerance=p.in_tolerance,
         dominated=p.dominated,
     )
 

@@ -77,6 +77,7 @@ class TradeOffPoint:
     travel: float  # deg, of all axes together
     clearance: float | None  # mm, least at the points
     dominated: bool
+    in_tolerance: int | None = None  # holes and points that pass
 
 
 @dataclass(frozen=True, kw_only=True)

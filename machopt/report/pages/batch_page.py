@@ -136,6 +136,12 @@ def _build_attention(data: BatchPageData) -> Body:
     )
 
 
+def _format_passes(job: Mapping[str, Any]) -> str:
+    """Return the number of holes and points in tolerance, "–" where nothing has one."""
+    total = job.get("with_tolerance")
+    return "–" if not total else f"{job.get('in_tolerance')} of {total}"
+
+
 def _build_ranking(data: BatchPageData) -> Body:
     gains = [abs(job["gain_percent"]) for job in data.jobs if job.get("gain_percent") is not None]
     widest = max(gains, default=1.0) or 1.0
@@ -152,6 +158,7 @@ def _build_ranking(data: BatchPageData) -> Body:
         TableColumn("Unit"),
         TableColumn("Worst point", "n"),
         TableColumn("Cycle (s)", "n"),
+        TableColumn("In tolerance", "n"),
         TableColumn("Feed reached (%)", "n"),
         TableColumn("Warnings", "n"),
         TableColumn("Wall (s)", "html"),
@@ -170,6 +177,7 @@ def _build_ranking(data: BatchPageData) -> Body:
             job.get("unit", ""),
             _format_text(job.get("worst_point")),
             _format_number(job.get("cycle_time_s"), 1),
+            _format_passes(job),
             _format_number(job.get("feed_held_percent"), 1),
             len(job.get("warnings", ())),
             render_macro("batch.html", "wall", job["job"]),

@@ -39,6 +39,7 @@ def build_trade_off_section(data: ReportData) -> Markup | str:
         TableColumn("cycle (s)", "n"),
         TableColumn("joint travel (deg)", "n"),
         TableColumn("clearance (mm)", "n"),
+        TableColumn("in tolerance", "n"),
         TableColumn("note"),
     ]
     rows = [
@@ -50,6 +51,7 @@ def build_trade_off_section(data: ReportData) -> Markup | str:
             f"{p.cycle:.1f}",
             f"{p.travel:.0f}",
             "–" if p.clearance is None else f"{p.clearance:.1f}",
+            "–" if p.in_tolerance is None else str(p.in_tolerance),
             "dominated" if p.dominated else "",
         )
         for p in data.front

@@ -237,9 +237,9 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
                 yield f"front.csv: {name} of {p.plan} is {word!r}, result.json has {format_json_value(found)}"
             elif word:
                 yield from check_close(f"front.csv: {name} of {p.plan}", float(word), found, 1e-8, 0.0)
-    keys = ("mean_index", "cycle_time_s", "joint_travel_deg", "clearance_mm")
+    keys = ("mean_index", "cycle_time_s", "joint_travel_deg", "clearance_mm", "in_tolerance")
     known_of = [[(k, getattr(p, k)) for k in keys if getattr(p, k) is not None] for p in stated]
-    less = [[(-1.0 if k == "clearance_mm" else 1.0) * v for k, v in row] for row in known_of]
+    less = [[(-1.0 if k in ("clearance_mm", "in_tolerance") else 1.0) * v for k, v in row] for row in known_of]
     for p, a in zip(stated, less, strict=True):
         pairs = [list(zip(a, b, strict=True)) for b in less]
         under = any(all(y <= x for x, y in c) and any(y < x - 1e-5 * abs(x) for x, y in c) for c in pairs)
