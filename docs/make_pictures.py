@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import io
+import json
 import shutil
 import subprocess
 import sys
@@ -61,6 +62,44 @@ def make_plan_pictures(folder: Path) -> None:
     plan = machopt.optimize(cell, ROOT / "toolpaths" / "cylinder_head_face.cls")
     plan.figures.map().save(folder / "rotation_map_deck.svg")
     machopt.map(machopt.Cell.load(ROOT / "cells" / "kr240_drilling")).figures.map().save(folder / "workspace_map.svg")
+
+
+def make_tolerance_picture(folder: Path) -> None:
+    """Draw the outcomes of the fourth tutorial: one bar a method.
+
+    Args:
+        folder: where the SVG file goes.
+    """
+    name = ROOT / "cells" / "kr240_drilling"
+    plan = machopt.optimize(
+        machopt.Cell.load(name, process=name / "process.yaml"), ROOT / "toolpaths" / "panel_holes.aptsource"
+    )
+    with tempfile.TemporaryDirectory() as work:
+        plan.save(Path(work) / "out")
+        found = json.loads((Path(work) / "out" / "result.json").read_text(encoding="utf-8"))["process"]["in_tolerance"]
+    colours = {"pass": "#2c8a57", "marginal": "#d9a30d", "fail": "#b3261e", "unknown": "#7a8490"}
+    shapes = []
+    rows = (("CAM default", found["before"]), ("Jiao 2022", found["before_jiao2022"]), ("this plan", found["after"]))
+    for n, (label, counts) in enumerate(rows):
+        x, y = 110.0, 20.0 + 44.0 * n
+        shapes.append(f'<text x="100" y="{y + 19:.0f}" text-anchor="end">{label}</text>')
+        total = sum(counts.values())
+        for word, colour in colours.items():
+            if not counts[word]:
+                continue
+            width = 480.0 * counts[word] / total
+            shapes.append(f'<rect x="{x:.1f}" y="{y:.0f}" width="{width:.1f}" height="28" fill="{colour}"/>')
+            shapes.append(
+                f'<text x="{x + width / 2:.1f}" y="{y + 19:.0f}" text-anchor="middle" fill="#fff">'
+                f"{counts[word]} {word}</text>"
+            )
+            x += width
+    (folder / "holes_in_tolerance.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 610 160" width="610" height="160" '
+        'font-family="sans-serif" font-size="14"><rect width="610" height="160" fill="#fff"/>'
+        f"{''.join(shapes)}</svg>\n",
+        encoding="utf-8",
+    )
 
 
 def make_diagnosis_picture(folder: Path) -> None:
@@ -124,6 +163,7 @@ def main(folder: Path) -> None:
         make_diagrams.main(made)
         make_cell_pictures(made)
         make_plan_pictures(made)
+        make_tolerance_picture(made)
         make_diagnosis_picture(made)
         folder.mkdir(parents=True, exist_ok=True)
         for picture in made.iterdir():

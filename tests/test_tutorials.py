@@ -45,7 +45,7 @@ def test_tutorial_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_every_tutorial_has_a_picture() -> None:
-    assert len(TUTORIALS) == 3
+    assert len(TUTORIALS) == 4
     for page in TUTORIALS:
         pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
         assert pictures
