@@ -19,17 +19,18 @@ SOFT = StiffnessTerm("joint_pose_dependent_stiffness", "joint:4", {})
 
 
 @pytest.mark.parametrize(
-    ("kind", "beside", "times"), [("absolute", True, 2), ("absolute", False, 1), ("deflection", True, 1)]
+    ("kind", "beside", "is_barred"), [("absolute", True, True), ("absolute", False, False), ("deflection", True, False)]
 )
 def test_what_is_withheld_is_left_out_and_the_corrections_are_found_again(
-    monkeypatch: pytest.MonkeyPatch, kind: str, beside: bool, times: int
+    monkeypatch: pytest.MonkeyPatch, kind: str, beside: bool, is_barred: bool
 ) -> None:
-    looked: list[frozenset[EffectLocation]] = []
+    looked: list[tuple[frozenset[EffectLocation], frozenset[EffectLocation]]] = []
     wave = KinematicCorrection("transmission_error", "joint:4", {})
 
-    def look(barred: frozenset[EffectLocation]) -> DiagnosedRecording:
-        looked.append(barred)
-        corrections = [*([] if (SOFT.effect, SOFT.location) in barred else [SOFT]), *([wave] if beside else [])]
+    def look(barred: frozenset[EffectLocation], unstated: frozenset[EffectLocation]) -> DiagnosedRecording:
+        looked.append((barred, unstated))
+        out = barred | unstated
+        corrections = [*([] if (SOFT.effect, SOFT.location) in out else [SOFT]), *([wave] if beside else [])]
         return DiagnosedRecording(_diagnosis(corrections), cast("object", None), SimpleNamespace(kind=kind))  # type: ignore[arg-type]
 
     def stiffness_of(cell: Cell, d: object, **_: bool) -> ExtendedStiffness:
@@ -39,9 +40,10 @@ def test_what_is_withheld_is_left_out_and_the_corrections_are_found_again(
     monkeypatch.setattr(plausible_corrections, "build_extended_stiffness", stiffness_of)
     monkeypatch.setattr(DiagnosedRecording, "weight_alone", False)
     found, made = plausible_corrections.diagnose_with_plausible_corrections(cast("Cell", None), look)
-    assert looked == [frozenset(), frozenset({(SOFT.effect, SOFT.location)})][:times]
-    assert bool(made.withheld) == (times == 1)
-    assert ("left out" in " ".join(found.diagnosis.notes)) == (times == 2)
+    none, soft = frozenset[EffectLocation](), frozenset({(SOFT.effect, SOFT.location)})
+    assert looked == [(none, none), (soft, none) if is_barred else (none, soft)]
+    assert not made.withheld
+    assert ("left out" in " ".join(found.diagnosis.notes)) == is_barred
 
 
 def _diagnosis(corrections: list[object]) -> object:

@@ -50,7 +50,7 @@ def diagnosed(joints: dict[int, float], terms: tuple[StiffnessTerm, ...], sigma:
         for j, c in joints.items()
     ]
     found = [SimpleNamespace(effect=t.effect, location=t.location, correction=t) for t in terms]
-    return cast("DiagnosisResult", SimpleNamespace(coefficients=(other, *springs), findings=tuple(found)))
+    return cast("DiagnosisResult", SimpleNamespace(coefficients=(other, *springs), findings=tuple(found), unwritten=()))
 
 
 def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> None:

@@ -20,9 +20,9 @@ from machopt.measurement.diagnosis.effect_columns import user_hypotheses
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.outputs.diagnosis_document import build_diagnosis_document
 from machopt.measurement.diagnosis.outputs.extended_stiffness import add_withheld_notes, build_extended_stiffness
-from machopt.measurement.diagnosis.outputs.model_assessment import assess_written_model, state_written_errors
+from machopt.measurement.diagnosis.outputs.model_assessment import state_written_errors
 from machopt.measurement.diagnosis.outputs.model_uncertainty import add_model_uncertainty
-from machopt.measurement.diagnosis.outputs.plausible_corrections import diagnose_with_plausible_corrections
+from machopt.measurement.diagnosis.outputs.plausible_corrections import diagnose_with_useful_files
 from machopt.measurement.diagnosis.request import DiagnoseRequest, check_diagnose_request
 from machopt.measurement.diagnosis.verdict.verdict_rules import apply_verdict_rules
 from machopt.measurement.recording import load_recording, load_recordings
@@ -89,6 +89,7 @@ def compute_diagnosis(
     options = selection_pipeline.DiagnosisOptions(
         max_effects=request.get_max_findings(recording.kind), progress=progress
     )
+    assessed = None
     if moving:
         asked, job = request.channel, request.toolpath is not None
         found = diagnose_motion_recording(
@@ -97,18 +98,15 @@ def compute_diagnosis(
         made = build_extended_stiffness(cell, found.diagnosis)
     else:
         accept, seed = request.accept, request.seed
-        found, made = diagnose_with_plausible_corrections(
+        useful = diagnose_with_useful_files(
             cell,
-            lambda barred: diagnose_static_recording(
-                cell, recording, options, laws, accept=accept, seed=seed, barred=barred
+            lambda barred, unstated: diagnose_static_recording(
+                cell, recording, options, laws, accept=accept, seed=seed, barred=barred, unstated=unstated
             ),
         )
+        made, assessed = useful.made, useful.assessed
+        found = replace(useful.found, diagnosis=state_written_errors(useful.found.diagnosis, assessed))
         progress("what the model may still lack")
-    assessed = None
-    if not moving:
-        progress("errors of the written files")
-        assessed = assess_written_model(cell, found, made)
-        found = replace(found, diagnosis=state_written_errors(found.diagnosis, assessed))
     made = replace(made, after=add_model_uncertainty(cell, found, made.after))
     if moving:  # noise of a motion is what changes from sample to sample, whatever the model
         found = replace(found, diagnosis=replace(found.diagnosis, measured_noise=found.diagnosis.noise_floor))

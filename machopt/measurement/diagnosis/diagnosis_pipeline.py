@@ -67,6 +67,7 @@ def diagnose_static_recording(
     accept: tuple[str, ...],
     seed: int,
     barred: frozenset[EffectLocation] = frozenset(),
+    unstated: frozenset[EffectLocation] = frozenset(),
 ) -> DiagnosedRecording:
     """Diagnose load tests or measured poses.
 
@@ -78,6 +79,8 @@ def diagnose_static_recording(
         accept: Recording faults that are not to be corrected.
         seed: Seed of all random choices.
         barred: Effects and places of measured poses that are not to be tried.
+        unstated: Effects and places that stiffness.yaml cannot state; they may be named, and the written model is
+            fitted without them.
 
     Returns:
         The diagnosis with its problem and the corrected recording.
@@ -94,6 +97,7 @@ def diagnose_static_recording(
         raise OptionError(
             "laws of your own are tried on load tests (kind deflection) only", where="--effects", file=recording.source
         )
+    options = replace(options, unstated=unstated)
     options.progress("checking the record")
     if recording.kind == "absolute" and len(recording) < MIN_POSES:
         raise RecordingError(

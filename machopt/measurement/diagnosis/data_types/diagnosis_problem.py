@@ -35,6 +35,7 @@ class BaseUnknown:
     lower: float = -np.inf
     location: str = ""  # location in the machine: "joint:3", "base" …
     prior: float | None = None  # prior standard deviation about zero, SI; None: no prior
+    is_stated: bool = True  # model files or corrected readings state it; False: the written model has it at zero
     session: int | None = None  # index of the session whose recorded loads it multiplies by 1 + value; None: no gain
     key: ParameterKey | None = None  # its key in an arm model; None: not part of a model
     plausible_range: tuple[float, float] | None = None  # plausible minimum and maximum, SI; None: unlimited

@@ -60,6 +60,7 @@ class DiagnosisOptions:
 
     max_effects: int = 3  # most effects of forward selection
     predicted: str = ""  # name of the channel in texts
+    unstated: frozenset[tuple[str, str]] = frozenset()  # effects and places that stiffness.yaml cannot state
     is_static: bool = False  # readings at rest: stiffness.yaml and kinematics.yaml state the whole model
     progress: Callable[[str], None] = lambda _: None
 
@@ -139,14 +140,15 @@ class _VerdictReason:
 def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.random.Generator) -> DiagnosisResult:
     """Build the result of a finished search; the columns of all laws are released before the validation."""
     options.progress("rivals and intervals")
-    validated = _validate_findings(state, options.is_static, rng)
+    written_state = fold_fits.fix_unstated_unknowns(state) if options.is_static else state
+    validated = _validate_findings(state, written_state, options, rng)
     judged = _select_verdict(state, validated, rng)
     shares = _locate_mismatch(state, validated, judged.verdict)
     options.progress("detection limits")
     remaining = validated.uncatalogued if validated.withdrawn else state.chosen
     seen = _compute_limits(state, remaining, rng)
     coefficients, shapes = (
-        tuple(_list_base_coefficients(state, validated.written)),
+        tuple(_list_base_coefficients(written_state, validated.written)),
         sum(len(t.shapes) for t in state.whitened_hypotheses),
     )
     state = replace(state, whitened_hypotheses=())
@@ -162,7 +164,7 @@ def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.rand
         proof=proof,
         rmse=holdout_residuals.compute_rmse(state.problem, validated.final.residual, state.used_rows),
         record_change=fold_fits.compute_record_change(state, validated.written),
-        folds=fold_fits.fit_every_fold(state, validated.written),
+        folds=fold_fits.fit_every_fold(written_state, validated.written),
         fitted_findings=(fitted := tuple(c.whitened.hypothesis.name for c in validated.written)),
         unwritten=tuple(n for f in validated.fitted if (n := (f.effect, f.location)) not in fitted),
     )
@@ -216,14 +218,17 @@ def _build_diagnosis_result(
     )
 
 
-def _validate_findings(state: SearchState, is_static: bool, rng: np.random.Generator) -> _ValidatedFindings:
+def _validate_findings(
+    state: SearchState, written_state: SearchState, options: DiagnosisOptions, rng: np.random.Generator
+) -> _ValidatedFindings:
     """Return the findings that improve held-out predictions, those that do not, and the repeatable mismatch."""
     problem, used = state.problem, state.used_rows
     named = [k for k, c in enumerate(state.chosen) if c.whitened.hypothesis.is_in_catalogue]
     nameless = tuple(c for c in state.chosen if not c.whitened.hypothesis.is_in_catalogue)
-    stated = [k for k in named if not is_static or fold_fits.is_stated_by_files(state.chosen[k])]
+    stated = [k for k in named if _is_stated(state.chosen[k], options)]
     written = tuple(state.chosen[k] for k in stated)
-    written = fold_fits.refit_at_shapes(state, written) if len(stated) < len(state.chosen) and written else written
+    if written and (len(stated) < len(state.chosen) or written_state is not state):
+        written = fold_fits.refit_at_shapes(written_state, written)
     values = [written[stated.index(k)] if k in stated else state.chosen[k] for k in named]
     plain, final = state.fit_effects(()), state.fit_effects(values)
     before, after = plain.heldout(), final.heldout()
@@ -264,6 +269,13 @@ def _validate_findings(state: SearchState, is_static: bool, rng: np.random.Gener
         power=power,
         is_relevant=real,
     )
+
+
+def _is_stated(c: SelectedEffect, options: DiagnosisOptions) -> bool:
+    """Return whether the written model contains an effect."""
+    if not options.is_static:
+        return True
+    return c.whitened.hypothesis.name not in options.unstated and fold_fits.is_stated_by_files(c)
 
 
 def _is_mismatch_relevant(state: SearchState, there: repeatable_mismatch.RepeatableMismatch, power: float) -> bool:

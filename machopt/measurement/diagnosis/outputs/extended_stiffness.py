@@ -43,7 +43,8 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
     Under gravity alone a joint deflects by an amount that the joint angles determine, as geometry and harmonics do. A
     spring far from the cell's is then probably an artefact of those and is not included. A fit does not guarantee a
     positive joint compliance with all terms. A finding that would make it negative stays in the diagnosis but is not
-    included. Its joints then keep the springs that fit without it.
+    included. Its joints then keep the springs that fit without it. Findings that the model was already fitted without
+    (``unwritten``) are left out as well.
 
     Args:
         cell: Robot cell.
@@ -54,7 +55,9 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
         The stiffness with notes.
     """
     springs = {c.unknown.spring_joint: c for c in d.coefficients if c.unknown.spring_joint is not None}
-    found = tuple(f.correction for f in d.findings if isinstance(f.correction, StiffnessTerm))
+    named = [(f, f.correction) for f in d.findings if isinstance(f.correction, StiffnessTerm)]
+    found = tuple(c for f, c in named if (f.effect, f.location) not in d.unwritten)
+    unwritten = tuple(c for f, c in named if (f.effect, f.location) in d.unwritten)
     known = () if cell.stiffness is None else cell.stiffness.terms
     if (cell.stiffness is None and len(springs) < JOINTS) or cell.arm_prismatic:
         return ExtendedStiffness(None, None)
@@ -106,7 +109,7 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
         for j in observable_joints
         if _compute_spring_factor(cell, j, springs[j].value) > spring_limit
     ]
-    return ExtendedStiffness(before, after, tuple(withheld), tuple(said))
+    return ExtendedStiffness(before, after, (*withheld, *unwritten), tuple(said))
 
 
 def add_withheld_notes(d: DiagnosisResult, extended_stiffness: ExtendedStiffness) -> DiagnosisResult:

@@ -133,7 +133,9 @@ def build_load_test_problem(
     ]
     if curved is not None:  # known except for the compliances that it depends on
         base = np.concatenate([base, curved[:, :, None]], axis=2)
-        unknowns.append(BaseUnknown(name=GEOMETRIC, unit="1", location="arm", prior=thresholds.RESTING.known_to))
+        unknowns.append(
+            BaseUnknown(name=GEOMETRIC, unit="1", location="arm", prior=thresholds.RESTING.known_to, is_stated=False)
+        )
     if unknown_link_masses.list_links_without_mass(masses) and down is not None:
         weights, moments = unknown_link_masses.build_link_moment_columns(
             readings, down, unknown_link_masses.list_unknown_moments(masses)

@@ -108,7 +108,11 @@ def build_link_moment_columns(
             out.append(column)
             unknowns.append(
                 BaseUnknown(
-                    name=f"weight of link {link}, {name}", unit="kg·m", location=format_link_location(link), prior=prior
+                    name=f"weight of link {link}, {name}",
+                    unit="kg·m",
+                    location=format_link_location(link),
+                    prior=prior,
+                    is_stated=False,
                 )
             )
     return np.stack(out, axis=2) if out else np.zeros((len(r), r.dimensions, 0)), tuple(unknowns)

@@ -20,6 +20,7 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.numerics.array_types import Array
 
+FIXED = 1e9  # prior precision of an unknown at zero, relative to that of the readings
 RECORD_FAMILIES = ("sensor", "environment")  # families of laws that change the reading and not the arm
 
 
@@ -72,6 +73,22 @@ def fit_every_fold(state: SearchState, chosen: Sequence[SelectedEffect]) -> tupl
             )
         )
     return tuple(out)
+
+
+def fix_unstated_unknowns(state: SearchState) -> SearchState:
+    """Return the state with base unknowns at zero that no file states, such as an error of K_C.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state; unchanged if files state all base unknowns.
+    """
+    unstated = np.array([not u.is_stated for u in state.problem.unknowns], bool)
+    if not unstated.any():
+        return state
+    held = np.where(unstated, FIXED * np.diag(state.base.XX.sum(axis=0)) + FIXED, 0.0)
+    return replace(state, base=replace(state.base, prior=state.base.prior + held))
 
 
 def refit_at_shapes(state: SearchState, chosen: Sequence[SelectedEffect]) -> tuple[SelectedEffect, ...]:
