@@ -111,6 +111,7 @@ def test_a_file_that_grows_while_it_is_read_is_held_to_its_limit(
         ["optimize", "{p}", "{p}", "-o", "{o}"],
         ["inspect", "{p}"],
         ["identify", "{p}", "{p}", "-o", "{o}"],
+        ["process", "{p}", "{p}", "-o", "{o}"],
         ["diagnose", "{p}", "{p}", "-o", "{o}"],
         ["map", "{p}", "-o", "{o}"],
         ["plan-poses", "{p}", "-o", "{o}"],

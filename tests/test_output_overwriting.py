@@ -265,6 +265,7 @@ def test_every_command_with_an_output_has_force(capsys: pytest.CaptureFixture[st
         "inspect",
         "validate",
         "identify",
+        "process",
         "plan-poses",
         "map",
         "diagnose",

@@ -47,7 +47,7 @@ ELSEWHERE = {
     "--allow-external": READING,
     "--fit": {"identify"},
     "--compensate": {"optimize"},
-    "--tables": {"optimize", "identify", "diagnose", "map", "plan-poses", "place", "batch"},
+    "--tables": {"optimize", "identify", "process", "diagnose", "map", "plan-poses", "place", "batch"},
 }
 
 
@@ -117,6 +117,7 @@ def test_every_option_named_in_a_message_parses(capsys: pytest.CaptureFixture[st
 COMMANDS = (
     "optimize",
     "identify",
+    "process",
     "diagnose",
     "plan-poses",
     "map",

@@ -83,6 +83,13 @@ PAGES: dict[str, HelpPage] = {
         ),
         "machopt identify cells/cutting_cobot cells/cutting_cobot/recordings/tian2025_table2 -o out/identified",
     ),
+    "process": HelpPage(
+        (
+            ("the coefficients", ("--material", "--level", "--keep-outliers")),
+            OUTPUT,
+        ),
+        "machopt process cells/kr500_milling recordings/slots -o out/al7075 --material al7075",
+    ),
     "diagnose": HelpPage(
         (
             ("the diagnosis", ("--channel", "--max-findings", "--effects", "--accept", "--seed")),

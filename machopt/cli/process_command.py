@@ -22,7 +22,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         commands: The sub-parsers of the main parser.
         common: Parent parser with the options of every command.
     """
-    p = commands.add_parser("process", parents=[common], help="cutting-force coefficients from measured cuts")
+    p = commands.add_parser("process", parents=[common], help="fit cutting-force coefficients to measured cuts")
     add_shared_option(p, "cell")
     p.add_argument("recording", type=Path, help="recording folder of kind cutting")
     for name in ("--out", "--force", "--allow-external", "--tables"):
