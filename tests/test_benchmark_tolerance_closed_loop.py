@@ -1,0 +1,22 @@
+"""Predicted tolerances hold for arms that were drawn anew, simulated with code of their own."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARK = Path(__file__).resolve().parents[1] / "benchmarks" / "tolerance_closed_loop.py"
+
+
+@pytest.mark.proof
+def test_intervals_and_probabilities_hold_on_an_independent_arm() -> None:
+    spec = importlib.util.spec_from_file_location("tolerance_closed_loop", BENCHMARK)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    assert module.main(["--truths", "100", "--positions", "0.3", "0.45"]) == 0
