@@ -110,6 +110,7 @@ def test_all_sides_together_give_the_coefficients_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.values, TRUTH, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
     rng, inside = np.random.default_rng(3), []
     for n in range(60):
@@ -245,6 +246,23 @@ def test_the_command_writes_what_optimize_reads(tmp_path: Path, capsys: pytest.C
     assert "not determined" not in page
     assert main(["process", str(CELL), str(folder), "-o", str(tmp_path / "two"), "--json", "--quiet"]) == 0
     assert json.loads(capsys.readouterr().out)["material"] == "slots"
+
+
+def test_the_cutter_of_the_cell_is_taken_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    head = "\n".join(line for line in HEAD.splitlines() if not line.startswith("cutter")) + "\n"
+    assert main(["process", str(CELL), str(record(tmp_path / "a", head=head)), "-o", str(tmp_path / "out")]) == 0
+    assert "that of the cell is taken: diameter 17 mm, 2 teeth, helix 30°" in capsys.readouterr().out
+
+
+def test_each_command_names_the_one_that_reads_the_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = record(tmp_path / "a")
+    assert main(["identify", str(CELL), str(folder), "-o", str(tmp_path / "out")]) == 2
+    assert "machopt process reads them" in capsys.readouterr().err
+    record(folder, head=HEAD.replace("kind: cutting", "kind: motion"))
+    assert main(["process", str(CELL), str(folder), "-o", str(tmp_path / "out")]) == 2
+    assert "is motion; expected cutting" in capsys.readouterr().err
 
 
 def test_the_command_refuses_with_exit_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -148,6 +148,7 @@ def test_published_depths_of_the_slot_benchmark(immersion: float, expected: tupl
         assert low < 1 < high, (rpm, low, high)
 
 
+@pytest.mark.slow
 def test_semi_discretization_converges_to_the_collocation() -> None:
     """30 intervals a cycle of the mode: its depth is about 1 % too large, as published."""
     system = slot_benchmark(5000, 1.0)
@@ -248,6 +249,7 @@ def test_the_coupled_limit_of_random_modes_against_the_full_solution() -> None:
         assert min(depth, 0.08) < 1.15 * min(exact, 0.08)
 
 
+@pytest.mark.slow
 def test_the_limit_is_the_least_depth_of_the_characteristic_equation() -> None:
     """Brute force: eigenvalues of the expanded equation over depth, chatter below ωT = 1."""
     rng = np.random.default_rng(7)

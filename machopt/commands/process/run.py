@@ -20,7 +20,7 @@ from machopt.measurement.cutting.coefficient_fit import (
     fit_coefficients,
 )
 from machopt.measurement.cutting.coefficients_document import build_coefficients_document, get_material_name
-from machopt.measurement.cutting.force_axes import compute_cut_forces
+from machopt.measurement.cutting.force_axes import compute_cut_forces, note_cutter_of_cell
 from machopt.measurement.cutting.request import ProcessRequest, check_process_request
 from machopt.measurement.recording import load_cutting_recording
 from machopt.output import write_output_folder, write_result
@@ -60,6 +60,7 @@ def run_process(request: ProcessRequest, progress: Callable[[str], None] = lambd
         force = compute_cut_forces(recording, cell)
         try:
             cutter = build_milling_cutter(recording.cutter or cell.tool.cutter)
+            recording = note_cutter_of_cell(recording, cutter)
             fit = fit_coefficients(
                 recording, cutter, force, level=request.level_percent / 100.0, keep_outliers=request.keep_outliers
             )

@@ -1,6 +1,9 @@
-"""Measured forces in the axes of the cut: travel, normal, tool axis."""
+"""Measured forces in the axes of the cut: travel, normal, tool axis; a note on the cutter."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from math import degrees
 
 import numpy as np
 
@@ -9,6 +12,7 @@ from machopt.data_types.measurements.cutting_recording import CuttingRecording
 from machopt.errors import RecordingError
 from machopt.kinematics.robot import load_robot
 from machopt.numerics.array_types import Array
+from machopt.process.milling.milling_cut import MillingCutter
 
 MOST_ALONG_AXIS = 0.5  # sine of 30°: a direction of travel closer to the tool's axis is another quantity
 
@@ -46,3 +50,19 @@ def compute_cut_forces(recording: CuttingRecording, cell: Cell) -> Array:
     travel /= np.linalg.norm(travel, axis=1, keepdims=True)
     frame = np.stack([travel, np.cross(axis, travel), axis], axis=1)
     return np.asarray(np.einsum("nij,nj->ni", frame, recording.force))
+
+
+def note_cutter_of_cell(recording: CuttingRecording, cutter: MillingCutter) -> CuttingRecording:
+    """Return the recording with a note where its cutter is that of the cell.
+
+    Args:
+        recording: measured cuts.
+        cutter: end mill that is used.
+    """
+    if recording.cutter is not None:
+        return recording
+    text = (
+        f"recording.yaml states no cutter; that of the cell is taken: diameter {1e3 * cutter.diameter:g} mm, "
+        f"{cutter.teeth} teeth, helix {degrees(cutter.helix):g}°"
+    )
+    return replace(recording, warnings=(*recording.warnings, text))

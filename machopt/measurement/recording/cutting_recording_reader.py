@@ -65,6 +65,11 @@ def load_cutting_recording(path: Path | str) -> CuttingRecording:
     """
     file = find_recording_yaml(Path(path))
     document = read_yaml(file)
+    kind = document.value.get("kind") if isinstance(document.value, dict) else None
+    if kind in ("deflection", "absolute", "motion"):
+        raise document.build_error(
+            ("kind",), f"is {kind}; expected cutting, measured cuts. machopt identify and diagnose read the other kinds"
+        )
     keys = validate_document(CuttingRecordingKeys, document)
     files = find_data_files(document, keys.data, file.parent)
     tables = [read_table(p, COLUMNS) for p in files]

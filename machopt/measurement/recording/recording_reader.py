@@ -58,6 +58,10 @@ def load_recording(path: Path | str) -> Recording:
     """
     file = find_recording_yaml(Path(path))
     document = read_yaml(file)
+    if isinstance(document.value, dict) and document.value.get("kind") == "cutting":
+        raise document.build_error(
+            ("kind",), "is cutting, measured cuts: machopt process reads them; expected deflection, absolute or motion"
+        )
     keys = validate_document(RecordingKeys, document)
     data = find_data_files(document, keys.data, file.parent)
     targets = by_target.parse_targets(document, keys.targets_mm, keys.kind)
