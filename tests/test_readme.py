@@ -63,12 +63,19 @@ def test_every_command_of_the_pages_is_one_that_there_is() -> None:
     assert refused == []
 
 
+PROCESS = """machopt_process: 1
+operations:
+  default: {kind: force, force_N: {normal: 200, axial: 100}, spread_percent: 20, tolerance: {surface_mm: 1}}
+"""
+
+
 @pytest.mark.slow
 def test_the_commands_run_in_their_own_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On an arm and a part that a newcomer may have; ``view`` waits for a browser and is tested by itself."""
     monkeypatch.chdir(tmp_path)
     Path("robot.urdf").write_text(urdf_text(), encoding="utf-8")
     Path("part.cls").write_text(PART, encoding="utf-8")
+    Path("process.yaml").write_text(PROCESS, encoding="utf-8")
     Path("out").mkdir()
     ended = {}
     for line in commands(README, "machopt|cp"):

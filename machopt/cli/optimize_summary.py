@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from machopt.data_types.manifest import add_scope_to_verdict
-from machopt.data_types.plan_options import FAILED_POINT_PRICE, SHORTFALL_PRICE
+from machopt.data_types.tolerance_prices import FAILED_POINT_PRICE, SHORTFALL_PRICE
 
 if TYPE_CHECKING:
     from machopt.data_types.documents.optimize_document import (

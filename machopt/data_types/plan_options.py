@@ -12,8 +12,6 @@ import numpy as np
 from machopt.numerics.array_types import Array
 
 PlanMethod = Literal["global", "jiao2022", "default"]
-FAILED_POINT_PRICE = 1e4  # of a point whose probability is below the quantile: more than any shortfall and any J
-SHORTFALL_PRICE = 5e3  # of a mean shortfall of 1: 1e-3 of it is more than J usually differs
 PlanObjectiveKind = Literal["index", "tolerance"]
 StiffnessIndex = Literal["auto", "deflection", "stiffness", "jiao2022"]
 

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.plan_options import FAILED_POINT_PRICE, SHORTFALL_PRICE, PlanOptions
+from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.process import CuttingProcess
+from machopt.data_types.tolerance_prices import FAILED_POINT_PRICE, SHORTFALL_PRICE
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.process_force_direction import compute_sideways_directions

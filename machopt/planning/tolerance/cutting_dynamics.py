@@ -33,6 +33,7 @@ from machopt.process.stability.resonance import find_resonances
 from machopt.process.stability.structural_modes import StructuralModes, build_tool_modes, compute_arm_modes
 
 FEEDS = 9  # feeds per tooth at which a force within the revolution is computed; linear between them
+WIDEST_DEPTH = 10.0  # times the planned depth: a larger limit is written as none
 HEIGHTS = 33  # heights of the wall at which the force is computed that makes it
 _SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 
@@ -191,7 +192,8 @@ class _DynamicsTable:
         assert cutter.teeth is not None
         period = compute_tooth_period(60.0 * self.loads.spindle_speed[rows], cutter.teeth)
         some = StructuralModes(modes.omega[mine], modes.zeta[mine], modes.shape[mine])
-        found = compute_depth_limit(some, H, period)
+        depth = self.loads.ap[rows]
+        found = compute_depth_limit(some, H, period, largest=WIDEST_DEPTH * float(depth.max()))
         limit = np.where(poses.is_reached[mine], found.depth, np.nan)
         word = [f"robot:{m + 1}" for m in found.mode]
         tool = self._compute_tool_limit(H, period, poses, mine)
@@ -199,7 +201,6 @@ class _DynamicsTable:
             word = ["spindle" if t < a or np.isnan(a) else w for t, a, w in zip(tool, limit, word, strict=True)]
             limit = np.fmin(limit, tool)
         self.limit[rows] = limit
-        depth = self.loads.ap[rows]
         for n, row in enumerate(rows.tolist()):
             known = np.isfinite(limit[n]) or limit[n] == np.inf
             self.chatter[row] = "unknown" if not known else "stable" if depth[n] < limit[n] else word[n]
