@@ -13,7 +13,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from made_up_loads import CELLS, Truth, arm, load_tests, planned, stand
+from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan_load_tests, solve_equilibrium
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
@@ -34,9 +34,9 @@ def measured_poses(folder: Path, wobble: float = 0.0) -> None:
     a = arm(CELL.name)
     zero = np.zeros(6)
     zero[2] = 3e-4
-    plan = planned(a, rng, poses=50, sessions=2, loads=1, directions=1, force=1e-6)
+    plan = plan_load_tests(a, rng, poses=50, sessions=2, loads=1, directions=1, force=1e-6)
     plan = replace(plan, loaded=~plan.loaded)
-    p, _, _, _ = stand(a, Truth(a.nominal * 1.1, zero=zero), plan)
+    p, _, _, _ = solve_equilibrium(a, HiddenEffects(a.nominal * 1.1, zero=zero), plan)
     keep = plan.loaded
     q, N = plan.q[keep], int(keep.sum())
     nods = wobble * np.stack([np.zeros(N), np.cos(2 * q[:, 0]), np.sin(2 * q[:, 0])], axis=1)
@@ -62,8 +62,8 @@ def loads(folder: Path) -> None:
     """Load tests with a force sensor whose gain is off in one session and whose axis 2 reads too much."""
     rng = np.random.default_rng(8)
     a = arm(CELL.name)
-    plan = planned(a, rng, poses=14, sessions=2, loads=3, directions=3, force=1500.0)
-    recording = load_tests(a, Truth(a.nominal * rng.uniform(0.8, 1.25, 6)), plan, rng)
+    plan = plan_load_tests(a, rng, poses=14, sessions=2, loads=3, directions=3, force=1500.0)
+    recording = load_tests(a, HiddenEffects(a.nominal * rng.uniform(0.8, 1.25, 6)), plan, rng)
     assert recording.wrench is not None
     wrench: Array = recording.wrench.copy()
     wrench[:, 1] *= 1.08

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_up_loads import CELLS, Truth, arm, load_tests, planned, stand
+from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan_load_tests, solve_equilibrium
 
 from machopt.cli import main
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
@@ -25,9 +25,9 @@ def two_laps(soft: bool) -> Recording:
     """Fifteen poses under three rising loads, twice over; the second lap is another session."""
     rng = np.random.default_rng(3)
     a = arm(CELL.name)
-    plan = planned(a, rng, poses=15, sessions=2, loads=3, directions=1, force=1500.0)
+    plan = plan_load_tests(a, rng, poses=15, sessions=2, loads=3, directions=1, force=1500.0)
     k = a.nominal * rng.uniform(0.8, 1.25, 6)
-    recording = load_tests(a, Truth(k, hinges={0: SOFT_BASE} if soft else {}), plan, rng)
+    recording = load_tests(a, HiddenEffects(k, hinges={0: SOFT_BASE} if soft else {}), plan, rng)
     assert recording.branch is not None
     return take(recording, np.flatnonzero(recording.branch == 1))
 
@@ -75,9 +75,9 @@ def poses_read_three_times(return_mm: float) -> Recording:
     """Measured poses: each stay has an error of its own, which its three readings share; two laps, no cycle column."""
     rng = np.random.default_rng(7)
     a = arm(CELL.name)
-    plan = planned(a, rng, poses=40, sessions=2, loads=1, directions=1, force=1e-6)
+    plan = plan_load_tests(a, rng, poses=40, sessions=2, loads=1, directions=1, force=1e-6)
     rows = np.flatnonzero(~plan.loaded)
-    p: Array = stand(a, Truth(a.nominal * 1.1), plan)[0][rows]
+    p: Array = solve_equilibrium(a, HiddenEffects(a.nominal * 1.1), plan)[0][rows]
     p = p + 1e-3 * return_mm * rng.standard_normal(p.shape)
     again = np.repeat(np.arange(len(rows)), 3)
     N = len(again)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_up_loads import CELLS, Truth, arm, load_tests, planned
+from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan_load_tests
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
@@ -33,8 +33,8 @@ def recorded(change: Callable[[Recording], Recording], *, six: bool = False) -> 
     """Load tests of an arm with other springs, and what the change makes of them."""
     rng = np.random.default_rng(8)
     a = arm(CELL.name)
-    plan = planned(a, rng, poses=16, sessions=2, loads=3, directions=3, force=1500.0)
-    return change(load_tests(a, Truth(a.nominal * rng.uniform(0.8, 1.25, 6)), plan, rng))
+    plan = plan_load_tests(a, rng, poses=16, sessions=2, loads=3, directions=3, force=1500.0)
+    return change(load_tests(a, HiddenEffects(a.nominal * rng.uniform(0.8, 1.25, 6)), plan, rng))
 
 
 def misfit(recording: Recording) -> float:

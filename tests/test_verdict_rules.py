@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up_diagnosis import explained, frame, hysteresis, link, recording, zero_offset
+from sample_diagnoses import explained, frame, hysteresis, link, recording, zero_offset
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument

@@ -38,15 +38,37 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     add_shared_option(job, "--out", help="output folder; the same command continues an interrupted search")
     add_shared_option(job, "--force")
+    _add_range_options(job)
+    _add_budget_options(job)
+    _add_moved_body_options(job)
+    add_shared_option(job, "--plan")
+    add_shared_option(job, "--set")
+    add_shared_option(
+        job, "--seed", type=int, default=None, help="seed of the random search around obstacles (default: 0)"
+    )
+    add_shared_option(job, "--tables")
+    add_shared_option(
+        job,
+        "--post",
+        help="robot program for the best positions (default: controller.post of the cell); may be repeated",
+    )
+    add_shared_option(job, "--effects")
+    job.set_defaults(run=_run_place)
+
+
+def _add_range_options(job: argparse.ArgumentParser) -> None:
     for name, reach, what in (
         ("x-mm", 300, "shift along x in world"),
         ("y-mm", 300, "shift along y in world"),
         ("z-mm", 0, "shift along z in world"),
         ("turn-deg", 0, "rotation about the vertical axis through the centre of the toolpaths, or through base_link"),
     ):
-        told = f"{what}, smallest and largest (default: {-reach} {reach})"
+        text = f"{what}, smallest and largest (default: {-reach} {reach})"
         default, ends = [-reach, reach], ("FROM", "TO")
-        job.add_argument(f"--{name}", type=float, nargs=2, default=default, metavar=ends, help=told)
+        job.add_argument(f"--{name}", type=float, nargs=2, default=default, metavar=ends, help=text)
+
+
+def _add_budget_options(job: argparse.ArgumentParser) -> None:
     job.add_argument(
         "--places",
         type=parse_positive_integer,
@@ -84,6 +106,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument(
         "--scheduler", metavar="ADDRESS", help="address of a running Dask scheduler, e.g. tcp://10.0.0.5:8786"
     )
+
+
+def _add_moved_body_options(job: argparse.ArgumentParser) -> None:
     job.add_argument(
         "--move", choices=("workpiece", "base"), default="workpiece", help="what is moved (default: workpiece)"
     )
@@ -100,19 +125,6 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         metavar="OBSTACLE",
         help="obstacle that does not move although it holds the workpiece or robot; may be repeated",
     )
-    add_shared_option(job, "--plan")
-    add_shared_option(job, "--set")
-    add_shared_option(
-        job, "--seed", type=int, default=None, help="seed of the random search around obstacles (default: 0)"
-    )
-    add_shared_option(job, "--tables")
-    add_shared_option(
-        job,
-        "--post",
-        help="robot program for the best positions (default: controller.post of the cell); may be repeated",
-    )
-    add_shared_option(job, "--effects")
-    job.set_defaults(run=_run_place)
 
 
 def _run_place(args: argparse.Namespace) -> int:

@@ -376,6 +376,25 @@ def _find_joint_frame(model: object, joint: int) -> int:
     return int(model.getFrameId(model.names[joint]))  # type: ignore[attr-defined]
 
 
+def _read_shape(cell: Cell, g: Any, T: Array) -> CollisionShape:
+    """One collision body of the URDF, with its (4, 4) pose in base_link."""
+    kind = type(g.geometry).__name__
+    if g.meshPath and kind.startswith("BVH"):
+        return _read_mesh_shape(cell, g, T)
+    if kind == "Box":
+        size = tuple(2.0 * float(h) for h in g.geometry.halfSide)
+        return CollisionShape(name=g.name, kind="box", size=size, mesh=None, T_parent_shape=T)
+    if kind == "Cylinder":
+        extent = float(g.geometry.radius), 2.0 * float(g.geometry.halfLength)
+        return CollisionShape(name=g.name, kind="cylinder", size=extent, mesh=None, T_parent_shape=T)
+    if kind == "Sphere":
+        radius = (float(g.geometry.radius),)
+        return CollisionShape(name=g.name, kind="sphere", size=radius, mesh=None, T_parent_shape=T)
+    raise CellError(
+        f"collision geometry {g.name!r} is a {kind}; mesh, box, cylinder or sphere would work", file=cell.urdf
+    )
+
+
 def _read_link_shapes(
     cell: Cell, model: object, data: object, T_base_world: Array, ids: list[int]
 ) -> tuple[LinkShape, ...]:
@@ -407,33 +426,7 @@ def _read_link_shapes(
             joint = model.parents[joint]  # type: ignore[attr-defined]
         link = next((ids.index(joint) + 1 for joint in above if joint in ids), 0)
         T = T_base_world @ data.oMi[g.parentJoint].homogeneous @ g.placement.homogeneous  # type: ignore[attr-defined]
-        kind = type(g.geometry).__name__
-        if g.meshPath and kind.startswith("BVH"):
-            shape = _read_mesh_shape(cell, g, T)
-        elif kind == "Box":
-            shape = CollisionShape(
-                name=g.name,
-                kind="box",
-                size=tuple(2.0 * float(h) for h in g.geometry.halfSide),
-                mesh=None,
-                T_parent_shape=T,
-            )
-        elif kind == "Cylinder":
-            shape = CollisionShape(
-                name=g.name,
-                kind="cylinder",
-                size=(float(g.geometry.radius), 2.0 * float(g.geometry.halfLength)),
-                mesh=None,
-                T_parent_shape=T,
-            )
-        elif kind == "Sphere":
-            shape = CollisionShape(
-                name=g.name, kind="sphere", size=(float(g.geometry.radius),), mesh=None, T_parent_shape=T
-            )
-        else:
-            raise CellError(
-                f"collision geometry {g.name!r} is a {kind}; mesh, box, cylinder or sphere would work", file=cell.urdf
-            )
+        shape = _read_shape(cell, g, T)
         names = tuple(str(model.names[j]) for j in above)  # type: ignore[attr-defined]
         shapes.append(LinkShape(link, shape, names, str(model.frames[g.parentFrame].name)))  # type: ignore[attr-defined]
     return tuple(shapes)

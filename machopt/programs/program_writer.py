@@ -97,18 +97,7 @@ def write_program(
         )
     loaded = load_post(post)
     keys = loaded.keys
-    if not re.fullmatch(keys.name.pattern, name) or len(name) > keys.name.length:
-        raise PostError(
-            f"{name!r} is no program name for {keys.title}: {keys.name.pattern}, {keys.name.length} characters at most",
-            where="name",
-        )
-    if keys.dialect not in list_template_languages():
-        raise PostError(
-            f"no dialect is named {keys.dialect!r}; "
-            f"{suggest_nearest_word(keys.dialect, list(list_template_languages()))}",
-            file=loaded.origin,
-            where="dialect",
-        )
+    _check_name_and_dialect(loaded, name)
     try:
         files = _build_engine(loaded, name, program, controller).files()
     except InputError as problem:
@@ -125,6 +114,22 @@ def write_program(
             f"writes {taken[0]}, which is a name of the output folder's own", file=loaded.origin, where="file.name"
         )
     return [] if folder is None else write_program_files(folder, files, keys.encoding, keys.line_end)
+
+
+def _check_name_and_dialect(loaded: PostTemplate, name: str) -> None:
+    keys = loaded.keys
+    if not re.fullmatch(keys.name.pattern, name) or len(name) > keys.name.length:
+        raise PostError(
+            f"{name!r} is no program name for {keys.title}: {keys.name.pattern}, {keys.name.length} characters at most",
+            where="name",
+        )
+    if keys.dialect not in list_template_languages():
+        raise PostError(
+            f"no dialect is named {keys.dialect!r}; "
+            f"{suggest_nearest_word(keys.dialect, list(list_template_languages()))}",
+            file=loaded.origin,
+            where="dialect",
+        )
 
 
 def format_program_name(text: str, post: str | Path) -> str:

@@ -106,20 +106,7 @@ def resolve_request(request: MapRequest, cell: Cell) -> MapOptions:
     tool_axis = np.array(parse_numbers(request.tool_axis, 3, "--tool-axis", "0,0,1"))
     if np.linalg.norm(tool_axis) < 1e-9:
         raise OptionError("the tool axis has no length; 0,0,1 is a tool that points down", where="--tool-axis")
-    if request.at is not None and (kind != "slice" or not isfinite(request.at)):
-        raise OptionError(f"goes with --slice and takes a number in mm, found {request.at:g}", where="--at")
-    if request.frame not in ("base", "world", "workpiece"):
-        raise OptionError(f"found {request.frame!r}, expected base, world or workpiece", where="--frame")
-    if request.by is not None and request.by not in {field.key for field in QUANTITIES}:
-        raise OptionError(f"found {request.by!r}, expected one of {', '.join(f.key for f in QUANTITIES)}", where="--by")
-    if request.length is not None and not (isfinite(request.length) and request.length > 0):
-        raise OptionError(f"found {request.length:g} mm, expected a length above 0", where="--length")
-    if request.collision not in ("none", "self", "cell"):
-        raise OptionError(f"found {request.collision!r}, expected none, self or cell", where="--collision")
-    if not (isfinite(request.power) and request.power > 0):
-        raise OptionError(f"found {request.power:g}, expected a power above 0, such as 2", where="--power")
-    if request.neighbours is not None and request.neighbours < 1:
-        raise OptionError(f"found {request.neighbours}, expected one neighbour or more", where="--neighbours")
+    _check_choices(request, kind)
     q = cell.home.copy()
     if request.q is not None:
         if kind != "joints":
@@ -145,6 +132,24 @@ def resolve_request(request: MapRequest, cell: Cell) -> MapOptions:
         length=None if request.length is None else request.length * _MM,
         collision=cast(Literal["none", "self", "cell"], request.collision),
     )
+
+
+def _check_choices(request: MapRequest, kind: str) -> None:
+    """Check the options that are a choice or a positive number."""
+    if request.at is not None and (kind != "slice" or not isfinite(request.at)):
+        raise OptionError(f"goes with --slice and takes a number in mm, found {request.at:g}", where="--at")
+    if request.frame not in ("base", "world", "workpiece"):
+        raise OptionError(f"found {request.frame!r}, expected base, world or workpiece", where="--frame")
+    if request.by is not None and request.by not in {field.key for field in QUANTITIES}:
+        raise OptionError(f"found {request.by!r}, expected one of {', '.join(f.key for f in QUANTITIES)}", where="--by")
+    if request.length is not None and not (isfinite(request.length) and request.length > 0):
+        raise OptionError(f"found {request.length:g} mm, expected a length above 0", where="--length")
+    if request.collision not in ("none", "self", "cell"):
+        raise OptionError(f"found {request.collision!r}, expected none, self or cell", where="--collision")
+    if not (isfinite(request.power) and request.power > 0):
+        raise OptionError(f"found {request.power:g}, expected a power above 0, such as 2", where="--power")
+    if request.neighbours is not None and request.neighbours < 1:
+        raise OptionError(f"found {request.neighbours}, expected one neighbour or more", where="--neighbours")
 
 
 def parse_numbers(text: str, count: int, where: str, example: str) -> tuple[float, ...]:

@@ -9,6 +9,7 @@ import itertools
 import math
 
 from machopt.file_formats.source_file import SourceFile
+from machopt.numerics.array_types import Array
 from machopt.programs.abb.harmless_words import RAPID
 from machopt.programs.abb.program_data import DEEPEST, ENDINGS, RapidData
 from machopt.programs.abb.rapid_syntax import (
@@ -293,11 +294,7 @@ class _RapidReader:
         external = externals(rest[1]) if len(rest) > 1 else []
         bits = parse_confdata(rest[0]) if rest else {}
         if word.startswith("MOVEC"):
-            vx, vy, vz, vq, _ = parse_robtarget(targets[0])
-            via_rows = convert_quaternion(*vq)
-            if via_rows is None:
-                raise RapidSyntaxError(f"quaternion {list(vq)} is not of unit length")
-            via = build_pose_matrix(via_rows, vx * 1e-3, vy * 1e-3, vz * 1e-3)
+            via = _parse_via_pose(targets[0])
             end = build_pose_matrix(rows, x * 1e-3, y * 1e-3, z * 1e-3)
             self.out.circle(via, end, line, feed=feed, blend=blend, external=external, configuration=bits)
             return
@@ -348,3 +345,12 @@ def _get_conditional_instruction(s: RapidStatement) -> str:
 
 def _normalise_statement(s: RapidStatement) -> str:
     return " ".join(t.text for t in s.tokens)[:120]
+
+
+def _parse_via_pose(target: object) -> Array:
+    """(4, 4) m, the point through which an arc leads."""
+    x, y, z, q, _ = parse_robtarget(target)
+    rows = convert_quaternion(*q)
+    if rows is None:
+        raise RapidSyntaxError(f"quaternion {list(q)} is not of unit length")
+    return build_pose_matrix(rows, x * 1e-3, y * 1e-3, z * 1e-3)
