@@ -19,7 +19,10 @@ from machopt.errors import InputError, OptionError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import Robot, load_masses, load_robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
-from machopt.measurement.identification.assessment.misfit_intervals import widen_stiffness_interval
+from machopt.measurement.identification.assessment.misfit_intervals import (
+    compute_gain_covariance,
+    widen_stiffness_interval,
+)
 from machopt.measurement.identification.assessment.model_discrepancy import estimate_identification_discrepancy
 from machopt.measurement.identification.identification_document import build_identification_document
 from machopt.measurement.identification.identification_pipeline import identify_stiffness
@@ -120,7 +123,10 @@ def _widen_intervals(found: IdentificationResult) -> IdentificationResult:
         else j
         for j in found.joints
     )
-    return replace(found, joints=joints)
+    covariance = found.stiffness.covariance
+    if covariance is not None:
+        covariance = covariance + compute_gain_covariance(found.stiffness.joints, found.sessions)
+    return replace(found, joints=joints, stiffness=replace(found.stiffness, covariance=covariance))
 
 
 def _test_misfit(

@@ -21,6 +21,7 @@ from machopt.data_types.discrepancy_names import AXES, format_body_name, format_
 from machopt.data_types.locations import format_link_location
 from machopt.data_types.stiffness import ModelDiscrepancy
 from machopt.measurement.identification import thresholds
+from machopt.numerics.array_types import Array
 
 JOINTS = 6
 ROTATIONS, TRANSLATIONS = AXES[3:], AXES[:3]
@@ -74,6 +75,20 @@ def widen_stiffness_interval(
         low = middle - float(np.hypot(middle - low, shared))
     ends = (1.0 / max(high, 1e-300), 1.0 / low if low > 0.0 else np.inf)
     return min(ends[0], interval[0], k), max(ends[1], interval[1], k)
+
+
+def compute_gain_covariance(joints: Array, sessions: int) -> Array:
+    """Compute the covariance of the compliances by the force gain: a common factor of all joints.
+
+    Args:
+        joints: (6,) N·m/rad.
+        sessions: Number of sessions, each with its own force gain.
+
+    Returns:
+        (6, 6) (rad/(N·m))².
+    """
+    c = 1.0 / joints
+    return np.asarray(np.outer(c, c) * thresholds.IDENTIFIED.force_gain**2 / max(sessions, 1))
 
 
 def find_inseparable_sums(
