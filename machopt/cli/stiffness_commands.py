@@ -129,14 +129,16 @@ def _run_identify(args: argparse.Namespace) -> int:
 
 
 def _format_identify_summary(result: IdentificationDocument) -> list[str]:
-    from machopt.data_types.documents.identification_document import describe_unidentified_joint
+    from machopt.data_types.documents.identification_document import MISFIT_WARNING, describe_unidentified_joint
 
     heldout = result.heldout_rmse_mm
     unseen = "no held-out pose" if heldout is None else f"{heldout:.4f} mm on unseen poses"
+    first = [w for w in result.warnings if w.startswith(MISFIT_WARNING)]
     lines = [
+        *first,
         f"{result.readings} readings, {_format_count(result.poses, 'pose')}, {result.model} model: "
         f"{_convert_null_to_nan(result.rmse_mm):.4f} mm a coordinate, {unseen}, "
-        f"{100 * _convert_null_to_nan(result.explained_share):.1f} % explained"
+        f"{100 * _convert_null_to_nan(result.explained_share):.1f} % explained",
     ]
     for joint in result.joints:
         low, high = joint.interval
@@ -155,7 +157,13 @@ def _format_identify_summary(result: IdentificationDocument) -> list[str]:
         )
     lines += [f"  {text}" for text in result.known_combinations]
     told = {describe_unidentified_joint(j.joint, j.reason) for j in result.joints}  # beside its stiffness above
-    lines += [f"  note: {w}" for w in result.warnings if w not in told]
+    for s in result.inseparable:
+        lines.append(
+            f"  joint {s.joint} and the torsion of the {s.body} are one compliance: together "
+            f"{_format_number(s.sum_ci90_rad_per_Nm[0])} … {_format_number(s.sum_ci90_rad_per_Nm[1])} rad/(N·m); the "
+            f"joint alone has at least {_format_number(s.joint_at_least_Nm_per_rad)} N·m/rad"
+        )
+    lines += [f"  note: {w}" for w in result.warnings if w not in told and w not in first]
     return lines
 
 

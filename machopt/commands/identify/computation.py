@@ -12,13 +12,17 @@ from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.term_parser import parse_term
 from machopt.commands.input_hashes import compute_input_hashes
 from machopt.data_types.cell import Cell, describe_fixed_external_joints
-from machopt.data_types.documents.identification_document import IdentificationDocument
+from machopt.data_types.documents.identification_document import MISFIT_WARNING, IdentificationDocument
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ModelDiscrepancy, describe_ignored_springs
 from machopt.errors import InputError, OptionError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import Robot, load_masses, load_robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.measurement.identification.assessment.misfit_intervals import (
+    compute_gain_covariance,
+    widen_stiffness_interval,
+)
 from machopt.measurement.identification.assessment.model_discrepancy import estimate_identification_discrepancy
 from machopt.measurement.identification.identification_document import build_identification_document
 from machopt.measurement.identification.identification_pipeline import identify_stiffness
@@ -71,10 +75,19 @@ def compute_identification(
     kept = () if cell.stiffness is None else cell.stiffness.external
     placed = None if cell.stiffness is None else cell.stiffness.position
     doubt = _test_misfit(cell, robot, tests, found)
-    found = replace(
-        found,
-        stiffness=replace(found.stiffness, discrepancy=doubt, external=kept, position=placed),
-        warnings=(*found.warnings, *describe_ignored_springs(kept), *describe_fixed_external_joints(cell)),
+    found = replace(found, sessions=len(np.unique(tests.session)))
+    found = replace(found, lever=float(np.linalg.norm(cell.tool.T_flange_tcp[:3, 3])))
+    found = _widen_intervals(
+        replace(
+            found,
+            stiffness=replace(found.stiffness, discrepancy=doubt, external=kept, position=placed),
+            warnings=(
+                *_describe_misfit(request, doubt),
+                *found.warnings,
+                *describe_ignored_springs(kept),
+                *describe_fixed_external_joints(cell),
+            ),
+        )
     )
     result = build_identification_document(
         request, cell, recording, found, compute_input_hashes(cell, request.recordings)
@@ -82,6 +95,38 @@ def compute_identification(
     return IdentifyComputation(
         request=request, cell=cell, recording=recording, tests=tests, identification=found, result=result
     )
+
+
+def _describe_misfit(request: IdentifyRequest, doubt: ModelDiscrepancy | None) -> tuple[str, ...]:
+    """Return the first warning: springs alone do not explain the readings."""
+    if doubt is None or not doubt.misfit:
+        return ()
+    paths = " ".join(str(p) for p in request.recordings)
+    return (
+        f"{MISFIT_WARNING}: they leave {1e3 * doubt.left:.3f} mm, the noise is "
+        f"{1e3 * doubt.noise:.3f} mm; the intervals are widened by that. Next: machopt diagnose {request.cell} {paths} "
+        "-o OUT finds what is missing",
+    )
+
+
+def _widen_intervals(found: IdentificationResult) -> IdentificationResult:
+    """Return the result with joint intervals that hold for the arm as built."""
+    doubt, level = found.stiffness.discrepancy, found.uncertainty.level
+    if doubt is None:
+        return found
+    joints = tuple(
+        replace(
+            j,
+            interval=widen_stiffness_interval(j.joint, j.k, j.interval, doubt, found.sessions, found.lever, level),
+        )
+        if j.identified
+        else j
+        for j in found.joints
+    )
+    covariance = found.stiffness.covariance
+    if covariance is not None:
+        covariance = covariance + compute_gain_covariance(found.stiffness.joints, found.sessions)
+    return replace(found, joints=joints, stiffness=replace(found.stiffness, covariance=covariance))
 
 
 def _test_misfit(

@@ -19,6 +19,8 @@ from machopt.data_types.documents.document_base import (
     Text,
 )
 
+MISFIT_WARNING = "joint springs alone do not explain the readings"
+
 
 def describe_unidentified_joint(joint: int, reason: str) -> str:
     """Return the warning of a joint whose stiffness the readings do not determine.
@@ -117,6 +119,25 @@ class RangeShareSection(DocumentModel):
     largest: Number
 
 
+class MisfitSection(DocumentModel):
+    """Whether springs alone explain the readings; ``next`` is the command that finds what they do not."""
+
+    significant: Flag
+    noise_mm: Known
+    left_mm: Known
+    next: Text
+
+
+class InseparableSumEntry(DocumentModel):
+    """A joint and a body that rotate about one axis: the sum has an interval, each part a bound to one side."""
+
+    joint: Count
+    body: Text
+    sum_ci90_rad_per_Nm: tuple[Known, Known]
+    joint_at_least_Nm_per_rad: Known
+    body_at_most_rad_per_Nm: Known
+
+
 class IdentificationDocument(DocumentModel):
     """The whole file."""
 
@@ -127,7 +148,9 @@ class IdentificationDocument(DocumentModel):
     model: Literal["constant", "grid"]
     readings: Count
     poses: Count
+    misfit: MisfitSection
     joints: tuple[JointStiffnessEntry, ...]
+    inseparable: tuple[InseparableSumEntry, ...]
     terms: tuple[TermCoefficientEntry, ...]
     known_combinations: tuple[Text, ...]
     rmse_mm: Known

@@ -9,9 +9,12 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.identification_document import (
+    MISFIT_WARNING,
     IdentificationDocument,
     IdentifyOptionsSection,
+    InseparableSumEntry,
     JointStiffnessEntry,
+    MisfitSection,
     NoisePartsSection,
     OutlierReadingEntry,
     RangeShareSection,
@@ -20,7 +23,12 @@ from machopt.data_types.documents.identification_document import (
     TermCoefficientEntry,
 )
 from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import ModelDiscrepancy
 from machopt.measurement.identification.assessment.coefficient_uncertainty import compute_coefficient_uncertainty
+from machopt.measurement.identification.assessment.misfit_intervals import (
+    find_inseparable_sums,
+    widen_stiffness_interval,
+)
 from machopt.measurement.identification.data_quality.unit_checks import describe_common_stiffness_factor
 from machopt.measurement.identification.identification_result import IdentificationResult
 from machopt.measurement.identification.request import IdentifyRequest
@@ -46,6 +54,15 @@ def build_identification_document(
     """
     errors, unseen = found.errors, found.heldout
     joints90, terms90 = _compute_90_percent_intervals(found)
+    doubt = found.stiffness.discrepancy
+    known = {j.joint: j.k for j in found.joints if j.identified}
+    if doubt is not None:
+        joints90 = [
+            widen_stiffness_interval(j.joint, j.k, ends, doubt, found.sessions, found.lever, CI90)
+            if j.identified
+            else ends
+            for j, ends in zip(found.joints, joints90, strict=True)
+        ]
     result = IdentificationDocument(
         machopt_identification=1,
         version=__version__,
@@ -54,7 +71,18 @@ def build_identification_document(
         model=found.model,
         readings=found.readings,
         poses=found.poses,
+        misfit=_build_misfit_section(request, doubt),
         joints=_build_joint_entries(found, joints90),
+        inseparable=tuple(
+            InseparableSumEntry(
+                joint=s.joint,
+                body=s.body,
+                sum_ci90_rad_per_Nm=s.compliance,
+                joint_at_least_Nm_per_rad=s.least_joint_stiffness,
+                body_at_most_rad_per_Nm=s.compliance[1],
+            )
+            for s in (() if doubt is None else find_inseparable_sums(known, doubt, found.sessions, CI90))
+        ),
         terms=_build_term_entries(found, terms90),
         known_combinations=tuple(found.combinations),
         rmse_mm=1e3 * errors.rmse,
@@ -74,7 +102,13 @@ def build_identification_document(
             )
             for f in found.findings
         ),
-        warnings=(*cell.warnings, *recording.warnings, *found.warnings, *_describe_common_factor(found, cell)),
+        warnings=(
+            *(w for w in found.warnings if w.startswith(MISFIT_WARNING)),
+            *cell.warnings,
+            *recording.warnings,
+            *(w for w in found.warnings if not w.startswith(MISFIT_WARNING)),
+            *_describe_common_factor(found, cell),
+        ),
         notes=(*found.notes, *([found.why_model] if found.why_model else [])),
         options=IdentifyOptionsSection(
             model=request.model,
@@ -88,6 +122,15 @@ def build_identification_document(
         inputs=inputs,
     )
     return result.model_copy(update=_build_optional_sections(found))
+
+
+def _build_misfit_section(request: IdentifyRequest, doubt: ModelDiscrepancy | None) -> MisfitSection:
+    """Return the misfit with the command that finds its cause."""
+    if doubt is None:
+        return MisfitSection(significant=False, noise_mm=None, left_mm=None, next="")
+    paths = " ".join(str(p) for p in request.recordings)
+    command = f"machopt diagnose {request.cell} {paths} -o OUT" if doubt.misfit else ""
+    return MisfitSection(significant=doubt.misfit, noise_mm=1e3 * doubt.noise, left_mm=1e3 * doubt.left, next=command)
 
 
 def _build_joint_entries(

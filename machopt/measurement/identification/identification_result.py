@@ -98,6 +98,8 @@ class IdentificationResult:
     uncertainty: CoefficientUncertainty
     settled: SettledCoefficients
     grid: GridFit | None = None
+    sessions: int = 1  # each with its own gain of the force sensor
+    lever: float = 0.0  # m, typical distance of the TCP from the flange
     equilibrium_influence: Array | None = (
         None  # (N,) relative change of the translation by K_C, weight and finite rotations
     )

@@ -104,6 +104,9 @@ class IdentificationThresholds:
     misfit: float = _set(
         8.0, "twice the log-likelihood; χ² of two bounded components passes 6 in one of fifty", JUDGEMENT
     )
+    force_gain: float = _set(
+        0.005, "1 sigma of a load cell's gain in one session: data sheets of 0.5 to 1 % of full scale", JUDGEMENT
+    )
     replicates: float = _set(
         3.0, "equations per column, from which replicates are judged beside all columns", JUDGEMENT
     )
