@@ -27,6 +27,12 @@ class WeightKeys(StrictSchema):
     )
     rotation: float | None = Field(default=None, ge=0, description="of rotation about the tool axis, per 180 degrees")
     feed: float | None = Field(default=None, ge=0, description="of the share of the cutting time lost to slow axes")
+    stability: float | None = Field(
+        default=None,
+        ge=0,
+        description="of the shortfall of the stable depth of cut over the length milled: 0 from 1.2 times the planned "
+        "depth on; needs process.yaml with modes",
+    )
     clearance: float | None = Field(
         default=None,
         ge=0,

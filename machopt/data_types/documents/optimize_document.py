@@ -54,6 +54,7 @@ class ObjectivePartsSection(DocumentModel):
     preferred: Known
     clearance: Known
     tolerance: Known = 0.0  # price of the points out of tolerance, with `objective: tolerance`
+    stability: Known = 0.0  # weights.stability times the mean shortfall of the stable depth of cut
 
 
 class ChoiceObjectiveSection(ObjectivePartsSection):

@@ -32,6 +32,7 @@ from machopt.planning.cost.clearance_cost import compute_path_crowding
 from machopt.planning.cost.objective import PlanObjective, compute_objective
 from machopt.planning.cost.process_force_direction import compute_engaged_force
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
+from machopt.planning.pipeline.place_pricing import price_places
 from machopt.planning.pipeline.plan import PathCompensation, Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup
 from machopt.planning.sampling.configurations import PlanningArm
@@ -169,9 +170,7 @@ def rescore_plan(plan: Plan, assignment: JointAssignment) -> Plan:
 
 
 def _objective(plan: Plan, a: JointAssignment, cost: Array) -> PlanObjective:
-    price = 0.0
-    if plan.pricing is not None:
-        price = plan.pricing.with_path(plan.path, plan.directions).price_assignment(plan.setup.cell, a.q)
+    pricing = None if plan.pricing is None else plan.pricing.with_path(plan.path, plan.directions)
     return compute_objective(
         plan.path,
         cost,
@@ -181,7 +180,7 @@ def _objective(plan: Plan, a: JointAssignment, cost: Array) -> PlanObjective:
         plan.setup.velocity,
         plan.options,
         compute_path_crowding(plan.path, plan.setup.collision, a.q, plan.options),
-        tolerance=price,
+        places=price_places(pricing, a.q),
     )
 
 

@@ -48,6 +48,7 @@ class PlanObjective:
     preferred: float
     clearance: float = 0.0  # mean crowding; 0 where it does not count
     tolerance: float = 0.0  # price of the points out of tolerance; 0 where it does not count
+    stability: float = 0.0  # weighted mean shortfall of the stable depth of cut; 0 where it does not count
 
 
 # --- the formulas --------------------------------------------------------------------------------------------------
@@ -298,7 +299,7 @@ def compute_objective(
     options: PlanOptions,
     crowded: Array | None = None,
     elsewhere: float = 0.0,
-    tolerance: float = 0.0,
+    places: tuple[float, float] = (0.0, 0.0),
 ) -> PlanObjective:
     """Return J of one assignment at all planning points; infinite where a counted point has no cost.
 
@@ -312,7 +313,7 @@ def compute_objective(
         options: plan options with the weights.
         crowded: (P,) :func:`compute_crowding`, NaN where it is not known; None: it does not count.
         elsewhere: worst index of the other tools of the job, in units of c₀; a lower worst index brings no gain.
-        tolerance: price of the points out of tolerance.
+        places: prices of the points out of tolerance, and of instability.
     """
     terms, w = ObjectiveTerms.of(path, velocity, options), options.weights
     counted = path.counted
@@ -343,7 +344,8 @@ def compute_objective(
         feed=lost,
         preferred=preferred,
         clearance=clearance,
-        tolerance=tolerance,
+        tolerance=places[0],
+        stability=places[1],
     )
     return replace(parts, total=compute_total(parts, w, elsewhere))
 
@@ -357,7 +359,7 @@ def compute_total(parts: PlanObjective, w: ObjectiveWeights, elsewhere: float = 
         elsewhere: as in :func:`compute_objective`.
     """
     total = compute_node_cost(parts.mean, parts.preferred + w.clearance * parts.clearance, w.mean)
-    total += w.worst * max(parts.worst, elsewhere) + parts.tolerance
+    total += w.worst * max(parts.worst, elsewhere) + parts.tolerance + parts.stability
     return float(
         total + compute_transition_cost(parts.travel, parts.rotation, parts.feed, w.travel, w.rotation, w.feed)
     )

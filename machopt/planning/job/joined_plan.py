@@ -167,6 +167,7 @@ def _summed(parts: Sequence[PlanObjective], share: Array, options: PlanOptions) 
         preferred=mean("preferred"),
         clearance=mean("clearance"),
         tolerance=sum(o.tolerance for o in parts),
+        stability=mean("stability"),
     )
     return replace(whole, total=compute_total(whole, options.weights))
 

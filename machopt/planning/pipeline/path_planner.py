@@ -40,9 +40,9 @@ from machopt.planning.cost.stiffness_index import (
     compute_load_directions,
     score_candidates,
 )
-from machopt.planning.error_probability.tolerance_price import TolerancePricing
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch, CollisionFreeSequence
 from machopt.planning.pipeline.nested_grids import choose_best_nested_grid
+from machopt.planning.pipeline.place_pricing import PlacePricing, price_places
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import (
     PlanningSetup,
@@ -114,9 +114,9 @@ def plan_path(
         scores = score_candidates(path, candidates, setup.elasticity, d, options)
         scores = replace(scores, crowded=compute_grid_crowding(path, setup.collision, candidates, options))
         scores = scores if scale is None else replace(scores, scale=scale)
-        pricing = TolerancePricing.build(cell, toolpath, path, setup.arm, setup.elasticity, d, options)
+        pricing = PlacePricing.build(toolpath, path, setup, d, options)
         if pricing is not None:
-            scores = replace(scores, place_price=pricing.price_grid(cell, candidates))
+            scores = replace(scores, place_price=pricing.price_grid(candidates))
 
     scored = _scorer(path, setup, d, scores, options, pricing)
     search = _search(path, setup, candidates, scores, options, clock) if options.method == "global" else None
@@ -263,7 +263,7 @@ def _scorer(
     d: LoadDirections,
     scores: CandidateScores,
     options: PlanOptions,
-    pricing: TolerancePricing | None,
+    pricing: PlacePricing | None,
 ) -> Callable[[JointAssignment], ScoredAssignment]:
     """Return a function that computes cost and objective of an assignment."""
 
@@ -273,7 +273,7 @@ def _scorer(
         cost[ok] = compute_configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
         crowded = compute_path_crowding(path, setup.collision, assignment.q, options)
         x, v = setup.in_rad(path, assignment.q), setup.velocity
-        price = 0.0 if pricing is None else pricing.price_assignment(setup.cell, assignment.q)
+        price = price_places(pricing, assignment.q)
         value = compute_objective(
             path, cost, x, assignment.phi, scores.scale, v, options, crowded, scores.elsewhere, price
         )
@@ -463,10 +463,11 @@ def _grid_objective(
         crowded = np.interp(np.arange(len(path.index)), st, near)
     x = setup.in_rad(path, plain.seed)
     v = setup.velocity
-    price = 0.0
+    price = 0.0, 0.0  # of tolerances, and of stability: the grid has their sum
     if scores.place_price is not None:
         vertices = scores.place_price[rows, choice.rotation, choice.branch]
-        price = float(vertices[~choice.dropped].sum())
+        total = float(vertices[~choice.dropped].sum())
+        price = (total, 0.0) if options.objective == "tolerance" else (0.0, total)
     objective = compute_objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere, price)
     crossed = compute_worst_index(
         scores.raw, path.counted[st], find_hidden_points(path), choice.rotation, choice.branch

@@ -14,8 +14,8 @@ from machopt.numerics.array_types import Array
 from machopt.planning.collision_handling.path_check import PathCollisions
 from machopt.planning.cost.objective import PlanObjective
 from machopt.planning.cost.stiffness_index import CandidateScores, LoadDirections
-from machopt.planning.error_probability.tolerance_price import TolerancePricing
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSequence
+from machopt.planning.pipeline.place_pricing import PlacePricing
 from machopt.planning.pipeline.planning_setup import PlanningSetup, ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.sampling.configurations import CandidateGrid
@@ -81,7 +81,7 @@ class Plan:
     rounds: int
     rounding: Mapping[int, float] = field(default_factory=dict)  # run → share of the corner tolerances, where below 1
     breaks: tuple[SequenceBreak, ...] = ()  # breaks inside a run
-    pricing: TolerancePricing | None = None  # of the tolerances, where the objective counts them
+    pricing: PlacePricing | None = None  # of tolerances and stability, where the objective counts them
     found: CollisionFreeSequence | None = None  # the search, where that was the method
     notes: dict[int, str] = field(default_factory=dict)  # planning point: reason why it was given up after the choice
     ways: dict[int, SequenceBreak] = field(

@@ -30,6 +30,7 @@ NOT_RECOMPUTED = (
     "objective.jiao2022",
     "objective.grid",
     "objective.chosen.tolerance",
+    "objective.chosen.stability",
     "objective.search.sequence",
     "objective.search.lower_bound",
     "objective.search.external",

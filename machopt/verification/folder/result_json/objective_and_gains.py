@@ -76,6 +76,7 @@ def check_objective(t: ResultComparison) -> Iterable[str]:
             + require_number("preferred", o.preferred)
             + w.clearance * require_number("clearance", o.clearance)
             + require_number("tolerance", o.tolerance)
+            + require_number("stability", o.stability)
         )
         if t.options.objective != "tolerance":
             yield from check_equal(f"objective.{name}.tolerance", o.tolerance, 0.0)
