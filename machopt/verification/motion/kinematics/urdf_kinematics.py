@@ -222,8 +222,13 @@ class UrdfKinematics:
             out.append((data.liMi[j].homogeneous, own[:3], own[3:]))
         return out
 
-    def _build_full_configuration(self, q: Array, external: Array) -> Array:
-        """Configuration of the whole URDF; a joint that turns without end is held as cosine and sine there."""
+    def build_full_configuration(self, q: Array, external: Array) -> Array:
+        """Return the configuration of the whole URDF; a continuous joint is cosine and sine there.
+
+        Args:
+            q: (6,) rad, joints of the arm.
+            external: (E,) rad or m.
+        """
         full = self.rest.copy()
         values = self._compute_joint_values(q[None], external[None])[0]
         for j in (*self.joints, *self._external, *(j for j, *_ in self._follow)):
@@ -363,7 +368,7 @@ class UrdfKinematics:
         data, column = model.createData(), [model.idx_vs[j] for j in self.joints]
         rows = zip(q, self._check_external_positions(q, external), strict=True)
         holding = np.array(
-            [pin.computeGeneralizedGravity(model, data, self._build_full_configuration(*row)) for row in rows]
+            [pin.computeGeneralizedGravity(model, data, self.build_full_configuration(*row)) for row in rows]
         )
         holding = holding.reshape(len(q), -1)
         torque = -holding[:, column]

@@ -28,6 +28,7 @@ class RecomputedLoads:
     operation: np.ndarray  # (N,) operation of process.yaml, −1 for none
     side: np.ndarray  # (N,) 1 up, −1 down, 0 else
     bite: Array  # (N,) m, feed per tooth of milling; NaN elsewhere
+    speed: Array  # (N,) rev/s, NaN where none is stated
     holes: tuple[HoleVisit, ...]
 
 
@@ -89,7 +90,14 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
     pressed = clamp > 0
     arm[pressed, 2] = np.maximum(arm[pressed, 2], clamp[pressed])
     return RecomputedLoads(
-        force=force, moment=moment, arm_force=arm, operation=operation, side=side, bite=bite, holes=tuple(holes)
+        force=force,
+        moment=moment,
+        arm_force=arm,
+        operation=operation,
+        side=side,
+        bite=bite,
+        speed=speed,
+        holes=tuple(holes),
     )
 
 

@@ -1,0 +1,146 @@
+"""Modes and stability of milling at some points, recomputed one by one.
+
+Modes: (K − ω² M) φ = 0 with M of the whole URDF by pinocchio, the tool added at the flange, rotors locked. Limit: the
+least depth a at which the modes with a delay to second order lose their damping,
+
+    (I + a T²/2 G) q̈ + (2 ζ ω − a T G) q̇ + ω² q = 0,    G = Uᵀ H U
+
+found by doubling and bisection of a, with the eigenvalues of the companion matrix. H is averaged by the midpoint rule.
+Where chatter begins below ωT = 1 a stated limit must not be above it; above ωT = 1 the expansion of the delay does not
+hold, and the limit is not compared.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.process import CutSide, ProcessOperation
+from machopt.numerics.array_types import Array
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+
+ANGLES, HALVINGS = 2000, 40
+LARGEST_M = 1.0
+
+
+@dataclass(frozen=True)
+class PointModes:
+    """Modes at one point."""
+
+    omega: Array  # (6,) rad/s, ascending
+    shape: Array  # (6, 3) 1/√kg: travel, normal, axial
+
+    @property
+    def lowest_hz(self) -> float:
+        """Lowest frequency, Hz."""
+        return float(self.omega[0] / (2.0 * math.pi))
+
+
+class ModeModel:
+    """Mass matrix of the arm with its tool."""
+
+    def __init__(self, cell: Cell, arm: UrdfKinematics) -> None:
+        import pinocchio as pin
+
+        self.arm, self.model = arm, arm.model.copy()
+        frame = self.model.frames[self.model.getFrameId(cell.flange_link)]
+        inertia = np.zeros((3, 3)) if cell.tool.inertia is None else np.array(cell.tool.inertia, float)
+        if cell.tool.mass > 0:
+            tool = pin.Inertia(cell.tool.mass, np.array(cell.tool.com, float), inertia)
+            joint = frame.parentJoint
+            self.model.inertias[joint] = self.model.inertias[joint] + frame.placement.act(tool)
+        self.data = self.model.createData()
+        self.columns = [self.model.joints[j].idx_v for j in arm.joints]
+
+    @property
+    def has_inertia(self) -> bool:
+        """Whether any moving link has mass in the URDF."""
+        return any(self.arm.model.inertias[j].mass > 0 for j in self.arm.joints)
+
+    def compute_modes(self, q: Array, external: Array, springs: Array, J: Array, axes: Array) -> PointModes:
+        """Return the modes at one point.
+
+        Args:
+            q: (6,) rad, true angles.
+            external: (E,) external joints.
+            springs: (6,) N·m/rad.
+            J: (6, 6) Jacobian at the TCP in base_link.
+            axes: (3, 3) travel, normal and axis as rows, in base_link.
+        """
+        import pinocchio as pin
+
+        full = self.arm.build_full_configuration(q, external)
+        upper = np.triu(pin.crba(self.model, self.data, full))
+        M = (upper + np.triu(upper, 1).T)[np.ix_(self.columns, self.columns)]
+        values, vectors = scipy.linalg.eigh(np.diag(springs), M)
+        return PointModes(np.sqrt(values), (axes @ J[:3] @ vectors).T)
+
+
+def compute_depth_limit(
+    cell: Cell, one: ProcessOperation, side: CutSide, ae: float, modes: PointModes, speed: float
+) -> float:
+    """Return the largest stable depth by the delay to second order, m; inf where that law does not hold or has none.
+
+    Args:
+        cell: The cell with tool and process.
+        one: The operation.
+        side: Side of the cut.
+        ae: m, radial depth of cut.
+        modes: Modes at the point.
+        speed: rev/s.
+    """
+    cutter, process = cell.tool.cutter, cell.process
+    assert cutter is not None
+    assert cutter.teeth is not None
+    assert process is not None
+    assert process.damping is not None
+    zeta = np.array([process.damping.get_ratio(n) for n in range(6)], float)
+    if np.isnan(zeta).any():
+        return math.nan
+    H = _average_directional_matrix(cell, one, side, ae)
+    T = 1.0 / (speed * cutter.teeth)
+    G = modes.shape @ H @ modes.shape.T
+
+    def find_eigenvalue(a: float) -> complex:
+        mass = np.eye(6) + 0.5 * a * T**2 * G
+        damping = np.diag(2.0 * zeta * modes.omega) - a * T * G
+        inverse = np.linalg.inv(mass)
+        A = np.block([[np.zeros((6, 6)), np.eye(6)], [-inverse * modes.omega**2, -inverse @ damping]])
+        values = np.linalg.eigvals(A)
+        return complex(values[np.argmax(values.real)])
+
+    high = 1e-5
+    while find_eigenvalue(high).real < 0.0:
+        high *= 1.05
+        if high > LARGEST_M:
+            return math.inf
+    low = high / 1.05
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if find_eigenvalue(middle).real < 0.0 else (low, middle)
+    return low if abs(find_eigenvalue(high).imag) * T < 1.0 else math.inf
+
+
+def _average_directional_matrix(cell: Cell, one: ProcessOperation, side: CutSide, ae: float) -> Array:
+    """Return (3, 3) Pa: mean force per depth and displacement of the cutter, travel, normal, axial."""
+    cutter, process = cell.tool.cutter, cell.process
+    assert cutter is not None
+    assert cutter.teeth is not None
+    assert process is not None
+    c = process.materials[one.material].milling
+    assert c is not None
+    theta = math.pi if side == "slot" else math.acos(min(max(1.0 - 2.0 * ae / cutter.diameter, -1.0), 1.0))
+    phi = (np.arange(ANGLES) + 0.5) / ANGLES * theta + (math.pi - theta if side == "down" else 0.0)
+    mirror = 1.0 if one.spindle == "cw" else -1.0
+    hand = math.copysign(1.0, cutter.helix) * mirror if cutter.helix else 0.0
+    s, k = np.sin(phi), np.cos(phi)
+    force = np.stack(
+        [-c.Ktc_Pa * k - c.Krc_Pa * s, mirror * (c.Ktc_Pa * s - c.Krc_Pa * k), np.full_like(phi, -hand * c.Kac_Pa)]
+    )  # per chip thickness and depth
+    chip = np.stack([s, mirror * k, np.zeros_like(phi)])
+    weight = theta / ANGLES * cutter.teeth / (2.0 * math.pi)
+    return np.asarray(weight * force @ chip.T)
