@@ -15,6 +15,7 @@ from machopt.file_formats.strict_yaml import YamlDocument, format_found_value, r
 from machopt.measurement.recording import inclinometer as by_tilt
 from machopt.measurement.recording import motor_channels as by_motor
 from machopt.measurement.recording import tracker_targets as by_target
+from machopt.measurement.recording.foreign_tables import convert_foreign_table
 from machopt.measurement.recording.recording_columns import (
     LABELS,
     find_sliding_joints,
@@ -35,6 +36,7 @@ from machopt.measurement.recording.recording_schema import (
     DATA_NAME,
     UNCERTAINTY,
     YAML_NAME,
+    FormatKeys,
     RecordingKeys,
     UncertaintyKeys,
 )
@@ -69,10 +71,7 @@ def load_recording(path: Path | str) -> Recording:
     motors = by_motor.parse_motor_keys(
         document, keys.motor_gain_Nm_per_A, keys.gear_ratio, keys.coupling_matrix, keys.kind
     )
-    runs = [
-        _read_run(read_table(p, list_allowed_columns(keys.kind)), keys, file.parent, targets, motors, tilted)
-        for p in data
-    ]
+    runs = [_read_run(_read_data_file(document, keys, p), keys, file.parent, targets, motors, tilted) for p in data]
     _refuse_moved(document, keys, runs)
     for other, p in zip(runs[1:], data[1:], strict=True):
         if other.stated_labels != runs[0].stated_labels:
@@ -181,6 +180,22 @@ def _refuse_moved(document: YamlDocument, keys: RecordingKeys, runs: Sequence[Re
             "is fixed, but column frame says that the tracker was moved; expected registration: fit, which fits one "
             "frame a stand",
         )
+
+
+def _read_data_file(document: YamlDocument, keys: RecordingKeys, path: Path) -> RecordingTable:
+    """Read one data file, converted where recording.yaml says that it is written otherwise."""
+    allowed = list_allowed_columns(keys.kind)
+    if not keys.columns and keys.format is None and keys.join is None:
+        return read_table(path, allowed)
+    for k, name in enumerate(keys.join.files if keys.join else ()):
+        if not (path.parent / name).resolve().is_relative_to(path.parent.resolve()):
+            raise document.build_error(
+                ("join", "files", k), f"{name!r} lies outside the recording folder; expected a file inside it"
+            )
+    known = (*allowed.numbers, *allowed.words)
+    return read_table(
+        path, allowed, convert_foreign_table(path, keys.columns, keys.format or FormatKeys(), keys.join, known)
+    )
 
 
 def _read_run(
