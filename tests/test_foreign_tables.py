@@ -133,3 +133,16 @@ def test_what_cannot_be_read_is_named(name: str, tmp_path: Path) -> None:
     keys, files, said = WRONG[name]
     with pytest.raises(InputError, match=said):
         load_recording(write(tmp_path, keys, files))
+
+
+def test_the_example_of_the_manual_is_read(tmp_path: Path) -> None:
+    text = (Path(__file__).resolve().parents[1] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    angles, places, keys = (block.split("\n", 1)[1] for block in text.split("```")[1:6:2])
+    for name, content in (("angles.csv", angles), ("tracker.csv", places), ("recording.yaml", keys)):
+        (tmp_path / name).write_text(content, encoding="utf-8")
+    recording = load_recording(tmp_path)
+    assert recording.position is not None
+    assert recording.temperature is not None
+    np.testing.assert_allclose(recording.position[0], [1.70218, 0.11527, 1.35102])
+    np.testing.assert_allclose(recording.q[1, :2], [0.4363, -1.3963])
+    assert recording.temperature.tolist() == [21.3, 21.4]

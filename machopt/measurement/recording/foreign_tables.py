@@ -1,7 +1,7 @@
 """Tables of other programs as tables of a recording: names, separator, decimal mark, units, and several files.
 
-``columns``, ``format`` and ``join`` of recording.yaml say how a file is to be understood. It is converted to the text of
-a table with our names and units, line by line, so that messages about cells still name the line of the file.
+``columns``, ``format`` and ``join`` of recording.yaml say how a file is to be understood. It is converted to the text
+of a table with our names and units, line by line, so that messages about cells still name the line of the file.
 """
 
 from __future__ import annotations
