@@ -146,3 +146,14 @@ def test_the_example_of_the_manual_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.position[0], [1.70218, 0.11527, 1.35102])
     np.testing.assert_allclose(recording.q[1, :2], [0.4363, -1.3963])
     assert recording.temperature.tolist() == [21.3, 21.4]
+
+
+def test_a_tracker_that_lost_its_target_is_left_out(tmp_path: Path) -> None:
+    header, places = [*(f"q{i}_deg" for i in range(1, 7)), "x_mm", "y_mm", "z_mm"], P.copy()
+    places[[1, 4]] = 0.0
+    recording = load_recording(write(tmp_path, "", {"data.csv": lines(header, np.hstack([Q, places]))}))
+    assert recording.used is not None
+    assert np.flatnonzero(~recording.used).tolist() == [1, 4]
+    assert any("0, 0, 0" in w and "line 3" in w for w in recording.warnings)
+    places[:] = 0.0  # then it is no lost target
+    assert load_recording(write(tmp_path, "", {"data.csv": lines(header, np.hstack([Q, places]))})).used is None

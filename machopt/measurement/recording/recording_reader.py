@@ -8,6 +8,7 @@ from os.path import exists, isdir
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty, TrackerTarget
 from machopt.errors import RecordingError
@@ -41,6 +42,7 @@ from machopt.measurement.recording.recording_schema import (
     UncertaintyKeys,
 )
 from machopt.measurement.recording.recording_table import RecordingTable, read_table
+from machopt.numerics.array_types import Array
 
 _RADIANS_LOOK = 6.3  # all angles within one turn in rad: in degrees the arm would hardly have moved
 
@@ -233,6 +235,9 @@ def _read_run(
     cycle = separate_cycles(pose, given["cycle"], session) if "cycle" in given else np.arange(n, dtype=np.int64)
     branch = read_branches(table) if "branch" in table.words else None
     used = read_used_rows(table)
+    if keys.kind == "absolute":
+        used, lost = _leave_out_lost_targets(table, found["position"], used)
+        warnings += lost
     for array in (pose, session, cycle, branch, target, frame, used, table.lines, *found.values()):
         if array is not None:
             array.setflags(write=False)
@@ -273,6 +278,21 @@ def _read_run(
         warnings=tuple(warnings),
         files=(table.path.name,),
     )
+
+
+def _leave_out_lost_targets(
+    table: RecordingTable, position: Array, used: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.bool_] | None, list[str]]:
+    """Leave out readings of exactly 0, 0, 0, which a tracker writes when it has lost its target."""
+    lost = np.all(position == 0.0, axis=1)
+    if not lost.any() or lost.all():
+        return used, []
+    rows = np.flatnonzero(lost)
+    text = (
+        f"{table.path.name}: {len(rows)} reading{'s' if len(rows) > 1 else ''} of exactly 0, 0, 0 (first in line "
+        f"{table.lines[rows[0]]}): a tracker that lost its target writes that; left out"
+    )
+    return ~lost if used is None else used & ~lost, [text]
 
 
 def _convert_uncertainty(keys: UncertaintyKeys) -> StandardUncertainty:
