@@ -8,7 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_up_loads import ARCMIN, CELLS, Truth, arm, clicking, load_tests, planned, sine_knee
+from simulated_hidden_effects import (
+    ARCMIN,
+    CELLS,
+    HiddenEffects,
+    arm,
+    build_rough_backlash,
+    load_tests,
+    plan_load_tests,
+    sine_knee,
+)
 
 from machopt.cli import main
 from machopt.measurement.recording import write_recording
@@ -28,7 +37,7 @@ def truths(k: Array) -> dict[str, dict[str, Any]]:
         "link 3": {"hinges": {3: 2e-7 * np.diag(TURN)}},
         "tool": {"hinges": {7: 1e-6 * np.diag(TURN)}},
         "gear": {"twist": {2: sine_knee(0.5 / k[2], 600.0)}},
-        "play": {"twist": {1: clicking(0.6 * ARCMIN, 0.2 * ARCMIN)}},
+        "play": {"twist": {1: build_rough_backlash(0.6 * ARCMIN, 0.2 * ARCMIN)}},
     }
 
 
@@ -37,8 +46,8 @@ def identify(folder: Path, seed: int, name: str, capsys: pytest.CaptureFixture[s
     a = arm(CELL.name)
     k = a.nominal * rng.uniform(0.8, 1.25, 6)
     own = np.random.default_rng(seed + 100)
-    plan = planned(a, own, poses=18, sessions=2, loads=3, directions=3, force=1500.0)
-    write_recording(folder / "recording", load_tests(a, Truth(k, **truths(k)[name]), plan, own))
+    plan = plan_load_tests(a, own, poses=18, sessions=2, loads=3, directions=3, force=1500.0)
+    write_recording(folder / "recording", load_tests(a, HiddenEffects(k, **truths(k)[name]), plan, own))
     quiet = [] if capsys else ["--quiet"]
     command = ["identify", str(CELL), str(folder / "recording"), "-o", str(folder / "out"), "--no-studies", "--force"]
     assert main([*command, *quiet]) == 0

@@ -8,6 +8,7 @@ from os.path import exists, isdir
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty, TrackerTarget
 from machopt.errors import RecordingError
@@ -15,6 +16,7 @@ from machopt.file_formats.strict_yaml import YamlDocument, format_found_value, r
 from machopt.measurement.recording import inclinometer as by_tilt
 from machopt.measurement.recording import motor_channels as by_motor
 from machopt.measurement.recording import tracker_targets as by_target
+from machopt.measurement.recording.foreign_tables import convert_foreign_table
 from machopt.measurement.recording.recording_columns import (
     LABELS,
     find_sliding_joints,
@@ -35,10 +37,12 @@ from machopt.measurement.recording.recording_schema import (
     DATA_NAME,
     UNCERTAINTY,
     YAML_NAME,
+    FormatKeys,
     RecordingKeys,
     UncertaintyKeys,
 )
 from machopt.measurement.recording.recording_table import RecordingTable, read_table
+from machopt.numerics.array_types import Array
 
 _RADIANS_LOOK = 6.3  # all angles within one turn in rad: in degrees the arm would hardly have moved
 
@@ -69,10 +73,7 @@ def load_recording(path: Path | str) -> Recording:
     motors = by_motor.parse_motor_keys(
         document, keys.motor_gain_Nm_per_A, keys.gear_ratio, keys.coupling_matrix, keys.kind
     )
-    runs = [
-        _read_run(read_table(p, list_allowed_columns(keys.kind)), keys, file.parent, targets, motors, tilted)
-        for p in data
-    ]
+    runs = [_read_run(_read_data_file(document, keys, p), keys, file.parent, targets, motors, tilted) for p in data]
     _refuse_moved(document, keys, runs)
     for other, p in zip(runs[1:], data[1:], strict=True):
         if other.stated_labels != runs[0].stated_labels:
@@ -183,6 +184,22 @@ def _refuse_moved(document: YamlDocument, keys: RecordingKeys, runs: Sequence[Re
         )
 
 
+def _read_data_file(document: YamlDocument, keys: RecordingKeys, path: Path) -> RecordingTable:
+    """Read one data file, converted where recording.yaml says that it is written otherwise."""
+    allowed = list_allowed_columns(keys.kind)
+    if not keys.columns and keys.format is None and keys.join is None:
+        return read_table(path, allowed)
+    for k, name in enumerate(keys.join.files if keys.join else ()):
+        if not (path.parent / name).resolve().is_relative_to(path.parent.resolve()):
+            raise document.build_error(
+                ("join", "files", k), f"{name!r} lies outside the recording folder; expected a file inside it"
+            )
+    known = (*allowed.numbers, *allowed.words)
+    return read_table(
+        path, allowed, convert_foreign_table(path, keys.columns, keys.format or FormatKeys(), keys.join, known)
+    )
+
+
 def _read_run(
     table: RecordingTable,
     keys: RecordingKeys,
@@ -218,6 +235,9 @@ def _read_run(
     cycle = separate_cycles(pose, given["cycle"], session) if "cycle" in given else np.arange(n, dtype=np.int64)
     branch = read_branches(table) if "branch" in table.words else None
     used = read_used_rows(table)
+    if keys.kind == "absolute":
+        used, lost = _leave_out_lost_targets(table, found["position"], used)
+        warnings += lost
     for array in (pose, session, cycle, branch, target, frame, used, table.lines, *found.values()):
         if array is not None:
             array.setflags(write=False)
@@ -258,6 +278,21 @@ def _read_run(
         warnings=tuple(warnings),
         files=(table.path.name,),
     )
+
+
+def _leave_out_lost_targets(
+    table: RecordingTable, position: Array, used: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.bool_] | None, list[str]]:
+    """Leave out readings of exactly 0, 0, 0, which a tracker writes when it has lost its target."""
+    lost = np.all(position == 0.0, axis=1)
+    if not lost.any() or lost.all():
+        return used, []
+    rows = np.flatnonzero(lost)
+    text = (
+        f"{table.path.name}: {len(rows)} reading{'s' if len(rows) > 1 else ''} of exactly 0, 0, 0 (first in line "
+        f"{table.lines[rows[0]]}): a tracker that lost its target writes that; left out"
+    )
+    return ~lost if used is None else used & ~lost, [text]
 
 
 def _convert_uncertainty(keys: UncertaintyKeys) -> StandardUncertainty:

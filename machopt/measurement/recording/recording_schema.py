@@ -31,10 +31,28 @@ class UncertaintyKeys(StrictSchema):
     tilt_mrad: float | None = Field(default=None, gt=0, description="1 sigma of an inclinometer in mrad")
 
 
+class FormatKeys(StrictSchema):
+    separator: str = Field(default=",", min_length=1, description='between columns: a character, "tab" or "space"')
+    decimal: Literal[".", ","] = Field(default=".", description="decimal mark")
+    encoding: str = Field(default="utf-8", min_length=1, description="of the text, e.g. latin-1")
+    angle_unit: Literal["deg", "rad", "mrad"] | None = Field(default=None, description="of all angles of the file")
+    length_unit: Literal["mm", "m", "cm", "um", "inch"] | None = Field(default=None, description="of all lengths")
+    quaternion: Literal["wxyz", "xyzw"] = Field(default="wxyz", description="order of the four columns qw, qx, qy, qz")
+    skip_lines: int = Field(default=0, ge=0, description="lines before the header")
+
+
+class JoinKeys(StrictSchema):
+    files: list[str] = Field(min_length=1, description="tables whose columns are added")
+    by: str = Field(default="row", min_length=1, description="row, or the name of a column that all files have")
+
+
 class RecordingKeys(StrictSchema):
     machopt_recording: Literal[1] = Field(description="the format, 1")
     kind: Literal["deflection", "absolute", "motion"] = Field(description="load tests, measured poses, or motion")
     data: Any = Field(description="a data file, or a list of them")
+    join: JoinKeys | None = Field(default=None, description="further files that add columns")
+    columns: dict[str, str] = Field(default_factory=dict, description="our name: name of the column in the file")
+    format: FormatKeys | None = Field(default=None, description="how the file is written")
     wrench_frame: Literal["base", "tool"] = Field(default="base", description="axes of forces and moments")
     displacement_frame: Literal["base", "tool"] = Field(default="base", description="axes of displacements")
     wrench_point_mm: list[float] | None = Field(

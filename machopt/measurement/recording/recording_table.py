@@ -76,12 +76,13 @@ class RecordingTable:
         return RecordingError(message, file=self.path, where=place + ("" if column is None else f", column {column}"))
 
 
-def read_table(path: Path, vocabulary: AllowedColumns) -> RecordingTable:
+def read_table(path: Path, vocabulary: AllowedColumns, converted: bytes | None = None) -> RecordingTable:
     """Read a CSV file (UTF-8, commas, decimal points, one header line, ``#`` comment lines) or a Parquet file.
 
     Args:
         path: Path of the file.
         vocabulary: Allowed columns.
+        converted: Text of the table where the file itself is written otherwise.
 
     Returns:
         The table.
@@ -91,6 +92,10 @@ def read_table(path: Path, vocabulary: AllowedColumns) -> RecordingTable:
             wrong number of fields; a cell is empty, no number or not finite. Names file, line (row of a Parquet
             file) and column.
     """
+    if converted is not None:
+        table = _read_csv(path, converted, vocabulary)
+        _refuse_absurd_values(table)
+        return table
     data = read_file(path, expected="a table of readings, CSV or Parquet", most=TABLE)
     if data.startswith(b"PAR1") or path.suffix.lower() == ".parquet":
         table = _read_parquet(path, data, vocabulary)

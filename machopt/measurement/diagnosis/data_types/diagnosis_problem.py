@@ -202,6 +202,7 @@ class EffectHypothesis:
     refinement: ShapeRefinement | None = None  # refinement of the selected shape; None: a grid shape is final
     # whether coefficients and shape are plausible for a real machine
     is_plausible: Callable[[Array, Shape], bool] = lambda x, shape: True
+    least_size: float = 0.0  # size, in its unit, below which the effect is no fault
     is_exact: bool = False  # the law describes its effect without remainder (a clock offset, a measured lag)
     # wrench (N, 6, p) N, N·m at the TCP, base_link axes, that acted in addition to the recorded one, per unit of each
     # coefficient; None: the law changes the displacement

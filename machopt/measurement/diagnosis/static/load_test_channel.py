@@ -123,7 +123,7 @@ def build_load_test_problem(
     ]
     unknowns += [
         BaseUnknown(
-            name=f"force gain, session {s + 1}",
+            name=f"force gain, session {_describe_session(recording, s)}",
             unit="1",
             location="sensor:force",
             prior=thresholds.RESTING.force_gain,
@@ -298,6 +298,13 @@ def build_load_test_catalogue(r: StaticReadings, curved: Array | None) -> Hypoth
         axes["time"] = r.recording.time
     axes |= {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
     return HypothesisCatalogue(tuple(out), tuple(missing), axes)
+
+
+def _describe_session(recording: Recording, index: int) -> int:
+    """Return the label of a session as the file states it; sessions of several files are counted from 1."""
+    if "session" not in recording.stated_labels or int(recording.session.min()) == 0:
+        return index + 1
+    return int(np.unique(recording.session)[index])
 
 
 def select_replicate_visits(recording: Recording, replicate: Ints, visit: Ints) -> Ints | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import stdtr, stdtrit
@@ -31,6 +32,9 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
 from machopt.numerics.array_types import Array
 
 MAX_LISTED = 10
+ROUND_OFF = 1e-9  # relative to the largest number of the same unit: what rounding leaves of a zero
+MAX_RELATIVE_WIDTH = 50.0  # width of an interval around zero per value, from which on the number says nothing
+COMPONENTS = ("_x", "_y", "_z", " x", " y", " z")  # ends of the names of vector components
 MAX_INTERVAL_RATIO = 1000  # ratio of interval end to size from which on the interval of a body counts as unbounded
 
 
@@ -156,6 +160,34 @@ def estimate_parameters(
             (min(float(low[0]), q.value), max(float(high[0]), q.value)),
             (min(float(low[1]), q.value), max(float(high[1]), q.value)),
         )
+    return drop_meaningless_estimates(out)
+
+
+def drop_meaningless_estimates(estimates: dict[str, EstimatedValue]) -> dict[str, EstimatedValue]:
+    """Set numbers of round-off to zero, and leave out numbers that the readings do not determine at all.
+
+    The size, which comes first, and components of vectors are kept.
+
+    Args:
+        estimates: Estimates by name.
+
+    Returns:
+        The estimates.
+    """
+    largest: dict[str, float] = {}
+    for e in estimates.values():
+        largest[e.unit] = max(largest.get(e.unit, 0.0), abs(e.value))
+    out = {}
+    for n, (name, e) in enumerate(estimates.items()):
+        low, high = e.ci95
+        around_zero = low <= 0.0 <= high
+        if around_zero and abs(e.value) <= ROUND_OFF * max(largest[e.unit], abs(low), abs(high)):
+            out[name] = replace(e, value=0.0)
+            continue
+        is_component = name.endswith(COMPONENTS)
+        if n and not is_component and around_zero and high - low > MAX_RELATIVE_WIDTH * abs(e.value):
+            continue
+        out[name] = e
     return out
 
 

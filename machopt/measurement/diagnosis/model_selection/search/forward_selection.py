@@ -118,6 +118,8 @@ def _has_plausible_sizes(s: ScoredHypothesis) -> bool:
     h = s.whitened.hypothesis
     size = next(iter(h.quantities(s.x * s.whitened.unit[s.shape], s.whitened.shapes[s.shape]).values()))
     known = registry.find_effect(h.effect)
+    if abs(size.value) < h.least_size:
+        return False
     return known is None or abs(size.value) <= known.plausible_sizes.get(size.unit, np.inf)
 
 
