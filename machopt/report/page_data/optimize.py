@@ -41,6 +41,7 @@ from machopt.report.page_data.optimize_series import (
     compute_cut_length,
     interpolate_path_length,
 )
+from machopt.report.page_data.optimize_stability_map import build_stability_map
 from machopt.report.page_data.optimize_tolerances import build_tolerance_data
 from machopt.report.page_data.optimize_worst_points import list_worst_points
 from machopt.report.page_types import optimize_report as page
@@ -156,7 +157,7 @@ def build_report_data(
         front=tuple(_build_trade_off_point(p) for p in front),
         timings=tuple(timings.items()),
         events=toolpath.events,
-        tolerances=build_tolerance_data(points),
+        tolerances=build_tolerance_data(points, build_stability_map(plan, toolpath, s)),
     )
 
 

@@ -21,11 +21,12 @@ MAX_ROWS = 200
 _LIMIT_NAMES = {"position_mm": "position", "axis_deg": "axis", "depth_mm": "depth", "surface_mm": "surface"}
 
 
-def build_tolerance_data(points: PointResults) -> page.ToleranceData | None:
+def build_tolerance_data(points: PointResults, stability: page.StabilityMap | None) -> page.ToleranceData | None:
     """Return the data of the tolerances; None where the cell has no process.
 
     Args:
         points: Results at the toolpath's points.
+        stability: The stability map; None where there is none.
     """
     summary, columns = merge_process_summaries(points.process), points.table.process
     if summary is None or columns is None:
@@ -45,6 +46,7 @@ def build_tolerance_data(points: PointResults) -> page.ToleranceData | None:
         sources=tuple(summary.sources.items()),
         validity=summary.validity,
         series=_build_series(columns),
+        stability=stability,
     )
 
 

@@ -326,6 +326,16 @@ class ToleranceSeries:
     force: Array  # (N, 3) N along travel, normal, axis
 
 
+@dataclass(frozen=True)
+class StabilityMap:
+    """Stable depth of cut over the planned depth: S places along the path, R rotations."""
+
+    s: Array  # (S,) m
+    rotation: Array  # (R,) rad
+    ratio: Array  # (S, R) inf: no limit; NaN: no posture
+    chosen: Array  # (S,) rad, NaN where there is none
+
+
 @dataclass(frozen=True, kw_only=True)
 class ToleranceData:
     """Tolerances of the job."""
@@ -339,6 +349,7 @@ class ToleranceData:
     sources: tuple[tuple[str, str], ...]
     validity: tuple[str, ...]
     series: ToleranceSeries | None = None
+    stability: StabilityMap | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from machopt.report.page_shell import build_section
 from machopt.report.page_types.optimize_report import ReportData, ToleranceData, TolerancePointRow
 from machopt.report.pages.report_tables import TableColumn, build_folded_block, build_pair_table, build_table
+from machopt.report.svg.stability_picture import draw_stability_map
 from machopt.report.template_rendering import join_markup, render_macro, render_part
 
 if TYPE_CHECKING:
@@ -35,6 +36,9 @@ def build_tolerance_section(data: ReportData, charts: set[str]) -> Body:
         body += _build_outcomes(found)
         body += render_part("heading", "Holes and points, worst first") + _build_points(data, found)
     body += join_markup(render_part("chart", name) for name in _CHARTS if name in charts)
+    if found.stability is not None:
+        body += render_part("heading", "Stability over the rotation: stable depth of cut over the planned depth")
+        body += render_part("scrolled", draw_stability_map(found.stability))
     body += _build_basis(found)
     lead = (
         "Predicted errors under the cutting force at the feed that the motion reaches, against the tolerances of "
