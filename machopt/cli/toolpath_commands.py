@@ -78,6 +78,15 @@ def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning:
         default=None,
         help="shift the commanded path by the deflection predicted under force_N, in the opposite direction",
     )
+    _add_result_options(job)
+    add_shared_option(job, "--seed", default=None, help="seed of the random search around obstacles (default: 0)")
+    add_shared_option(job, "--jobs")
+    add_shared_option(job, "--effects")
+    add_shared_option(job, "--process")
+    job.set_defaults(run=_run_optimize)
+
+
+def _add_result_options(job: argparse.ArgumentParser) -> None:
     add_shared_option(
         job,
         "--post",
@@ -100,11 +109,6 @@ def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning:
     )
     add_shared_option(job, "--tables")
     job.add_argument("--sample-ms", type=float, help="time between the samples of trajectory.csv, ms (default: 12)")
-    add_shared_option(job, "--seed", default=None, help="seed of the random search around obstacles (default: 0)")
-    add_shared_option(job, "--jobs")
-    add_shared_option(job, "--effects")
-    add_shared_option(job, "--process")
-    job.set_defaults(run=_run_optimize)
 
 
 def _add_inspect(commands: Commands, common: argparse.ArgumentParser) -> None:

@@ -133,43 +133,24 @@ def build_arm_views(data: PosePlanPageData) -> list[Spec]:
             arms[:, :, 2],
         ),
     ]
+    frame: Spec = {"equal": True, "height": 510}
     return [
-        {
-            "id": name,
-            "title": title,
-            "xlabel": xlabel,
-            "ylabel": ylabel,
-            "equal": True,
-            "height": 510,
-            "layers": [
-                {
-                    "type": "points",
-                    "name": "candidates",
-                    "color": "#c3c9d1",
-                    "size": 1.4,
-                    "x": round_for_json(cx, 4),
-                    "y": round_for_json(cy, 4),
-                },
-                {
-                    "type": "line",
-                    "name": "arms",
-                    "color": "#d9730d",
-                    "width": 1.1,
-                    "x": _join_with_gaps(ax),
-                    "y": _join_with_gaps(ay),
-                },
-                {
-                    "type": "points",
-                    "name": "chosen",
-                    "color": PLAN_COLOR,
-                    "size": 4,
-                    "x": round_for_json(ax[:, -1], 5),
-                    "y": round_for_json(ay[:, -1], 5),
-                    "labels": [[["pose", str(n + 1)]] for n in range(len(ax))],
-                },
-            ],
-        }
-        for name, title, xlabel, ylabel, cx, cy, ax, ay in views
+        {"id": name, "title": title, "xlabel": xlabel, "ylabel": ylabel, **frame, "layers": _build_arm_layers(*data_xy)}
+        for name, title, xlabel, ylabel, *data_xy in views
+    ]
+
+
+def _build_arm_layers(cloud_x: Array, cloud_y: Array, arm_x: Array, arm_y: Array) -> list[Spec]:
+    """Candidates (C,), arms (B, K) as lines through their axes, and the chosen TCPs at their ends."""
+    grey: Spec = {"type": "points", "name": "candidates", "color": "#c3c9d1", "size": 1.4}
+    lines: Spec = {"type": "line", "name": "arms", "color": "#d9730d", "width": 1.1}
+    chosen: Spec = {"type": "points", "name": "chosen", "color": PLAN_COLOR, "size": 4}
+    labels = [[["pose", str(n + 1)]] for n in range(len(arm_x))]
+    ends = {"x": round_for_json(arm_x[:, -1], 5), "y": round_for_json(arm_y[:, -1], 5)}
+    return [
+        {**grey, "x": round_for_json(cloud_x, 4), "y": round_for_json(cloud_y, 4)},
+        {**lines, "x": _join_with_gaps(arm_x), "y": _join_with_gaps(arm_y)},
+        {**chosen, **ends, "labels": labels},
     ]
 
 
