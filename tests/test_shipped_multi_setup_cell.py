@@ -33,7 +33,7 @@ def test_the_scripts_make_the_committed_files(tmp_path: Path) -> None:
 
 
 def test_without_the_cell_the_file_is_told_what_is_missing() -> None:
-    with pytest.raises(InputError, match=r"how they lie to each other is not in the file; .*by the cell's offsets"):
+    with pytest.raises(InputError, match=r"their relative position is not in the file; .*by the cell's offsets"):
         read_toolpath(FILE)
 
 

@@ -172,7 +172,7 @@ def find_options_without_effect(options: PlanOptions) -> tuple[str, ...]:
         why = f"method {options.method} chooses without"
         idle(("weights", "preferred_rotation_deg"), why)
     if options.method == "default":
-        idle(("rotation_range_deg",), "method default takes the file's own rotation")
+        idle(("rotation_range_deg",), "method default uses the rotation of the CAM file")
     return (*out, *(said for axis in options.external for said in _find_unused_external_keys(axis)))
 
 

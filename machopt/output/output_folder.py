@@ -67,7 +67,9 @@ def write_output_folder(path: Path | str, *, force: bool = False, inputs: Iterab
             _refuse_foreign_folder(target, named, force=force, inputs=read)
             held.callback(_remove_empty, _make_parents(target.parent))
             held.enter_context(
-                hold_file_lock(place.lock, "another run is writing this folder; wait for it, or name another", named)
+                hold_file_lock(
+                    place.lock, "another run is writing this folder; wait for it, or give another folder", named
+                )
             )
             place.recover()
             _refuse_foreign_folder(target, named, force=force, inputs=read)

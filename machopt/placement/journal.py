@@ -41,7 +41,7 @@ def refuse_foreign_journal(path: Path, *, force: bool) -> None:
         first = _parse_line(line.decode("utf-8", errors="replace")) if line else {"placement": ""}
     if not (isinstance(first, dict) and set(first) == {"placement"}):
         raise InputError(
-            "is where the search notes its progress, and machopt did not write it; move it, name another output "
+            "is the progress file of the search, but machopt did not write it; move it, name another output "
             "folder, or give --force",
             file=path,
         )

@@ -212,7 +212,7 @@ QUANTITIES: tuple[MapQuantity, ...] = (
         unit="N/m",
         better="more",
         needs=_STIFFNESS_NOTE,
-        note="1/λmax of the translational compliance: no force meets less.",
+        note="1/λmax of the translational compliance: the smallest stiffness of all directions.",
         function=lambda s: 1.0 / s.principal_compliances[:, 2],
     ),
     MapQuantity(

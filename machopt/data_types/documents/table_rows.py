@@ -36,7 +36,7 @@ class TrajectoryTableRow(DocumentModel):
     e3_deg: Number = Field(default=0.0, description=TURNS)
     gamma_deg: Known = Field(description="rotation about the tool axis as driven; empty in rapid moves and lifts")
     feed_mm_min: Known = Field(
-        description="speed of the tool tip as the workpiece sees it, over the step that ends there"
+        description="speed of the tool tip relative to the workpiece, over the step that ends there"
     )
     tool: Text = Field(default="", description="the tool in hand, where the cell has a table of them")
 

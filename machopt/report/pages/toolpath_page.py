@@ -86,7 +86,9 @@ def build_toolpath_html(toolpath: Toolpath, summary: InspectedToolpathDocument) 
 def _build_scene(toolpath: Toolpath) -> Body:
     if len(toolpath) < 2:
         return ""
-    lead = "Drag to turn; cuts in the order of the file from dark to bright, other moves thin and grey."
+    lead = (
+        "Drag to turn; cuts are coloured in the order of the file from dark to bright, other moves are thin and grey."
+    )
     return build_section("scene", "The toolpath", lead, render_macro("report.html", "view"))
 
 

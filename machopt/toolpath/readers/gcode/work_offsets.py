@@ -161,7 +161,7 @@ class WorkOffsetReader(BlockMotionReader):
             return (None if found.nothing else found), ""
         where = "" if name == first or key not in self.table else f" (G10 L2 gives it in the machine, and {first} not)"
         return None, (
-            f"the work offset changes from {first} to {name}: how they lie to each other is not in the file{where}; "
+            f"the work offset changes from {first} to {name}: their relative position is not in the file{where}; "
             f"give it with --offset {name.replace(' ', '')}=X,Y,Z (its origin in {first}, mm), or by the "
             "cell's offsets, or split the file, one offset in each"
         )

@@ -202,7 +202,7 @@ def check_same_items(name: str, found: Mapping[str, object], expected: Mapping[s
     """
     for key in sorted(found.keys() | expected.keys()):
         if key not in expected:
-            yield f"{name}.{key} is {format_json_value(found[key])}, nothing of that name follows"
+            yield f"{name}.{key} is {format_json_value(found[key])}, which is not expected here"
         elif key not in found:
             yield f"{name}.{key} is missing"
         else:
