@@ -18,6 +18,9 @@ import make_diagrams
 from PIL import Image
 
 import machopt
+from machopt.report.page_data.optimize_series import compute_cut_length
+from machopt.report.page_data.optimize_stability_map import build_stability_map
+from machopt.report.svg.stability_picture import draw_stability_map
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = Path(__file__).with_name("pictures")
@@ -62,6 +65,24 @@ def make_plan_pictures(folder: Path) -> None:
     plan = machopt.optimize(cell, ROOT / "toolpaths" / "cylinder_head_face.cls")
     plan.figures.map().save(folder / "rotation_map_deck.svg")
     machopt.map(machopt.Cell.load(ROOT / "cells" / "kr240_drilling")).figures.map().save(folder / "workspace_map.svg")
+
+
+def make_stability_picture(folder: Path) -> None:
+    """Draw the stability over rotation and path of the shipped wall, with the rotation that avoids chatter.
+
+    Args:
+        folder: where the SVG file goes.
+    """
+    name = ROOT / "cells" / "kr500_milling"
+    cell = machopt.Cell.load(name, process=name / "process.yaml")
+    plan = machopt.optimize(cell, ROOT / "toolpaths" / "contour_5axis.csv", weights={"stability": 30})
+    job = plan._made.job_result
+    length = compute_cut_length(job.toolpath, job.plan.path.counted[job.points.rows])
+    found = build_stability_map(job.plan, job.toolpath, length)
+    assert found is not None
+    drawn = str(draw_stability_map(found)).replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
+    style = "<style>text{font:12px sans-serif;fill:#333}</style>"
+    (folder / "stability_map.svg").write_text(drawn.replace(">", f">{style}", 1) + "\n", encoding="utf-8")
 
 
 def make_tolerance_picture(folder: Path) -> None:
@@ -164,6 +185,7 @@ def main(folder: Path) -> None:
         make_cell_pictures(made)
         make_plan_pictures(made)
         make_tolerance_picture(made)
+        make_stability_picture(made)
         make_diagnosis_picture(made)
         folder.mkdir(parents=True, exist_ok=True)
         for picture in made.iterdir():

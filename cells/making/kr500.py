@@ -17,6 +17,19 @@ KR500_TIP_MM = 400.0
 KR500_TOP_MM = (2140.7, -23.5, 300.0 + 884.3 - KR500_TIP_MM)  # middle of the two tags, in world
 
 
+PROCESS = """\
+machopt_process: 1
+materials:
+  al7075:
+    milling: {Ktc: 767, Krc: 169, Kac: 222, Kte: 27.7, Kre: 26.6, Kae: 0.7, spread_percent: 25, h_mm: [0.02, 0.12],
+      source: "Chin. J. Mech. Eng. 34 (2021), 10.1186/s10033-021-00536-9, table 5, 7075-T6"}
+operations:   # a finishing pass along a wall
+  default: {kind: milling, material: al7075, spindle_rpm: 12000, ae_mm: 1, ap_mm: 6, cut: down, surface: side,
+    tolerance: {surface_mm: 0.1, reference: relative}}
+modes: {damping_percent: 3, source: assumed}
+"""
+
+
 def kr500_milling() -> CellFiles:
     arm = industrial_arm(
         a1=0.500,
@@ -64,6 +77,7 @@ def kr500_milling() -> CellFiles:
             "[1.58e7, 6.12e6, 5.28e6, 4.66e5, 2.19e5, 3.49e5]",
         ),
         extra={
+            "process.yaml": PROCESS,
             "stiffness_two_grid.yaml": f"""\
 # jiao2022, eqs. 39 and 40: the 1200 × 600 × 600 mm calibration space (long side along y) in two cubes of 600 mm.
 # The paper gives neither the space's origin nor which side is grid 1. Ours is centred on the head's top face,
@@ -77,7 +91,7 @@ grid:
   joints_Nm_per_rad:
     - [1.48e7, 5.57e6, 6.80e6, 3.38e5, 1.20e5, 2.17e5]   # eq. 39
     - [1.50e7, 6.29e6, 4.56e6, 2.79e5, 3.28e5, 1.61e5]   # eq. 40
-"""
+""",
         },
     )
 

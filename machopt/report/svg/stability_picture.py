@@ -41,7 +41,7 @@ def draw_stability_map(found: StabilityMap) -> Markup:
     Args:
         found: Data of the map.
     """
-    wide, high = WIDTH - MARGIN - 12.0, HEIGHT - 84.0
+    wide, high = WIDTH - MARGIN - 26.0, HEIGHT - 84.0
     pixels = _colour(found.ratio)[:, ::-1].transpose(1, 0, 2)  # rotation upwards
     url = f"data:image/png;base64,{base64.b64encode(encode_png(pixels)).decode()}"
     inside: list[SvgShape] = [
