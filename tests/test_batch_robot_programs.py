@@ -172,6 +172,7 @@ def test_a_program_that_does_not_read_back_is_the_reason_in_the_summary() -> Non
         "cycle_time_s": 1.0,
         "feed_held_share": 1.0,
         "warnings": [],
+        "process": None,
         "verification": {
             "checks": [
                 {"name": "cut throughout", "passed": True, "where": ""},

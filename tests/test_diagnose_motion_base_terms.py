@@ -143,7 +143,7 @@ def test_a_gain_is_of_the_load_besides_too(tmp_path: Path) -> None:
     said = {(f.effect, f.location): next(iter(f.parameters.values())) for f in found.findings}
     assert set(said) == {("payload", "tool"), ("units", "column:tau2_Nm")}
     assert said["payload", "tool"].value == pytest.approx(6.0, rel=0.05)
-    assert said["units", "column:tau2_Nm"].value == pytest.approx(50.0, rel=0.05)
+    assert said["units", "column:tau2_Nm"].value == pytest.approx(-50.0, rel=0.05)
     assert found.heldout_after < 1.05 * found.noise_floor
 
 

@@ -387,13 +387,20 @@ def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> P
         "verdict": "explained",
         "channel": "deflection",
         "rmse_unit": "mm",
-        "baseline": {"heldout_rmse": 0.06, "noise_floor": 0.02, "repeatable_rmse": 0.05, "p_value": 0.01},
-        "final": {"heldout_rmse": 0.02, "explained_share": 0.9, "repeatable_rmse": None},
+        "baseline": {
+            "heldout_rmse": 0.06,
+            "noise_floor": 0.02,
+            "measured_noise": 0.02,
+            "repeatable_rmse": 0.05,
+            "p_value": 0.01,
+        },
+        "final": {"rmse": 0.02, "heldout_rmse": 0.02, "explained_share": 0.9, "repeatable_rmse": None},
         "version": "1",
         "cell": "c",
         "recording": "r",
         "sentence": "",
         "predicted": "load tests",
+        "unnamed_corrections": [],
         "not_testable": [],
         "model": None,
         "kinematics": None,
@@ -504,7 +511,7 @@ def test_what_cannot_be_planned_for_is_refused(tmp_path: Path) -> None:
     (old / "diagnosis.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match="fresh machopt diagnose"):
         read_diagnosis(old)
-    with pytest.raises(InputError, match="leaves nothing"):
+    with pytest.raises(InputError, match="no explanations"):
         run_plan_poses(
             PosesRequest(
                 cell=CELL, out=tmp_path / "out", discriminate=diagnosis(tmp_path / "n", [], verdict="consistent")
@@ -551,7 +558,7 @@ def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
     assert pair["cycles_until_diagnose_excludes"] <= told["cycles"]  # by its own test, which six poses do not pass
     assert 6 < len(np.unique(table.pose)) <= MOST_POSES
     assert "Explanations it separates" in (folder / "report.html").read_text()
-    assert "told apart" in done.message
+    assert "1 of 1 pairs" in done.message
 
 
 def test_cycles_are_stepped_where_a_law_remembers(tmp_path: Path) -> None:

@@ -187,7 +187,7 @@ def test_one_post_lies_in_the_output_folder(tmp_path: Path, capsys: pytest.Captu
         (["--post", "karel"], "no post is named 'karel'"),
         (["--post", "nowhere.toml"], "no such file"),
         (["--post", "fanuc"], "controller.nonflip_j5"),
-        (["--post", "krl", "--post", "krl"], "asked for twice"),
+        (["--post", "krl", "--post", "krl"], "twice"),
         (["--post", "FIELD"], "no field is named 'a7'"),
         (["--post", "TAKEN"], "result.json, which is a name of the output folder's own"),
         (["--post", "UNCALLED"], "does not define how to run one"),

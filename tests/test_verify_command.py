@@ -76,7 +76,7 @@ def test_what_a_cell_leaves_out_stands_in_the_verdict(tmp_path: Path) -> None:
     cell = load_cell(tmp_path / "cell")
     assert coverage.list_unchecked(cell, load_options(cell.plan)) == ()
     half = replace(read_toolpath(PATHS / "plain.csv"), meta={"incomplete": "no FINI"})
-    assert "NOT done (it seems cut off)" in coverage.list_unchecked(cell, load_options(cell.plan), half)[0]
+    assert "after the end of the CAM file" in coverage.list_unchecked(cell, load_options(cell.plan), half)[0]
     lines = [line for line in text.splitlines() if not line.strip().startswith(("geometry:", "cutter:"))]
     kept = "\n".join(lines)
     start = kept.index("obstacles:")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.data_types.locations import format_joint_location
 from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.tolerance.error_columns import TargetPoses
@@ -21,7 +22,7 @@ def compute_contributions(plan: Plan, poses: TargetPoses, wrench: Array, directi
         direction: (M, 3) unit, in base_link.
     """
     elasticity, arm = plan.setup.elasticity, plan.setup.arm
-    names = [f"joint:{j}" for j in range(1, 7)]
+    names = [format_joint_location(j) for j in range(1, 7)]
     names += [f"{t.effect} {t.location}" for t in elasticity.terms] + ["discrepancy", "external axes", "part"]
     out = np.full((len(wrench), len(names)), np.nan)
     known = np.flatnonzero(poses.is_reached)
