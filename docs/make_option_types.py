@@ -22,6 +22,7 @@ from pydantic import BaseModel
 from machopt.api.request_options import list_option_names
 from machopt.batch.request import BatchRequest
 from machopt.cell_setup.template.init_request import InitRequest
+from machopt.measurement.cutting.request import ProcessRequest
 from machopt.measurement.design.request import PosesRequest
 from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.measurement.identification.request import IdentifyRequest
@@ -32,6 +33,7 @@ from machopt.workspace_map.request import MapRequest
 MODULE = Path(__file__).resolve().parents[1] / "machopt" / "api" / "option_types.py"
 REQUESTS: tuple[tuple[str, str, type[Any], tuple[str, ...]], ...] = (
     ("IdentifyOptions", "machopt.identify", IdentifyRequest, ()),
+    ("CuttingCoefficientsOptions", "machopt.fit_cutting_coefficients", ProcessRequest, ()),
     ("DiagnoseOptions", "machopt.diagnose", DiagnoseRequest, ()),
     ("PlanPosesOptions", "machopt.plan_poses", PosesRequest, ()),
     ("MapOptions", "machopt.map", MapRequest, ()),

@@ -45,6 +45,7 @@ from machopt.version import __version__
 if TYPE_CHECKING:
     from machopt.api import (
         Cell,
+        CuttingCoefficients,
         Diagnosis,
         Figure,
         Identification,
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
         Toolpath,
         batch,
         diagnose,
+        fit_cutting_coefficients,
         identify,
         map,
         optimize,
@@ -65,6 +67,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Cell",
+    "CuttingCoefficients",
     "Diagnosis",
     "Figure",
     "Identification",
@@ -80,6 +83,7 @@ __all__ = [
     "__version__",
     "batch",
     "diagnose",
+    "fit_cutting_coefficients",
     "identify",
     "map",
     "optimize",

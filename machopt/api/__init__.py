@@ -6,6 +6,7 @@
                 ├─ optimize ─► Plan ── points, joints, deflection, figures.map(), verify(), save(OUT)
     Toolpath.read ┘
     identify ─► Identification   diagnose ─► Diagnosis   map ─► Map   plan_poses ─► PosePlan
+    fit_cutting_coefficients ─► CuttingCoefficients
 
 Each function calls the service that its command calls, so ``save(OUT)`` writes what the command writes, and takes the
 command's options under the names that ``manifest.json`` has for them. Numbers have the units of the files: mm, degrees,
@@ -17,6 +18,7 @@ The names stand in ``machopt/__init__.py``; this package is not imported before 
 
 from machopt.api.batch_run import batch
 from machopt.api.cell import Cell
+from machopt.api.cutting_coefficients import CuttingCoefficients, fit_cutting_coefficients
 from machopt.api.diagnosis import Diagnosis, diagnose
 from machopt.api.figure import Figure
 from machopt.api.identification import Identification, identify
@@ -29,6 +31,7 @@ from machopt.api.workspace_map import Map, map
 
 __all__ = [
     "Cell",
+    "CuttingCoefficients",
     "Diagnosis",
     "Figure",
     "Identification",
@@ -40,6 +43,7 @@ __all__ = [
     "Toolpath",
     "batch",
     "diagnose",
+    "fit_cutting_coefficients",
     "identify",
     "map",
     "optimize",

@@ -70,6 +70,16 @@ class IdentifyOptions(TypedDict, total=False):
     overwrite: bool  # default False
 
 
+class CuttingCoefficientsOptions(TypedDict, total=False):
+    """Options of ``machopt.fit_cutting_coefficients``."""
+
+    material: str  # default ''
+    level_percent: float  # default 90.0
+    keep_outliers: bool  # default False
+    tables: str  # default 'csv'
+    overwrite: bool  # default False
+
+
 class DiagnoseOptions(TypedDict, total=False):
     """Options of ``machopt.diagnose``."""
 

@@ -17,6 +17,7 @@ R = TypeVar("R")
 NON_OPTION_ARGUMENTS = (
     "cell",
     "recordings",
+    "recording",
     "jobs",
     "robot",
     "out",

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import machopt
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.process_file import load_process
 from machopt.cli import main
@@ -246,6 +247,18 @@ def test_the_command_writes_what_optimize_reads(tmp_path: Path, capsys: pytest.C
     assert "not determined" not in page
     assert main(["process", str(CELL), str(folder), "-o", str(tmp_path / "two"), "--json", "--quiet"]) == 0
     assert json.loads(capsys.readouterr().out)["material"] == "slots"
+
+
+def test_the_function_gives_the_files_of_the_command(tmp_path: Path) -> None:
+    folder = record(tmp_path / "slots")
+    assert main(["process", str(CELL), str(folder), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    found = machopt.fit_cutting_coefficients(CELL, folder, level_percent=90.0)
+    assert found.values[0] == pytest.approx(958.8599, rel=1e-4)
+    assert found.covariance.shape == (6, 6)
+    file = found.save(tmp_path / "again")
+    assert file.read_bytes() == (tmp_path / "out" / "process.yaml").read_bytes()
+    with pytest.raises(InputError, match="level_percent"):
+        machopt.fit_cutting_coefficients(CELL, folder, level_percent=3.0)
 
 
 def test_the_cutter_of_the_cell_is_taken_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,6 +10,8 @@ from machopt.cell.cell_reader import load_cell
 from machopt.cell.process_file.process_writer import MeasuredCut, write_process
 from machopt.commands.input_hashes import compute_input_hashes, list_recording_inputs, list_request_paths
 from machopt.commands.manifest import write_command_manifest
+from machopt.data_types.cell import Cell
+from machopt.data_types.cutting_coefficients import MillingCoefficients
 from machopt.data_types.documents.coefficients_document import CoefficientsDocument
 from machopt.data_types.measurements.cutting_recording import CuttingRecording
 from machopt.errors import CuttingInputError, RecordingError
@@ -31,6 +33,19 @@ from machopt.report.page_types.coefficients_page_data import CoefficientsPageDat
 from machopt.report.pages.coefficients_page import write_coefficients_page
 
 
+@dataclass(frozen=True, kw_only=True)
+class ProcessComputation:
+    """Result of a regression in memory, not written yet."""
+
+    request: ProcessRequest
+    cell: Cell
+    recording: CuttingRecording
+    fit: CoefficientFit
+    found: MillingCoefficients
+    diameter: float  # m, of the cutter
+    result: CoefficientsDocument
+
+
 @dataclass(frozen=True)
 class ProcessResult:
     """Result of ``machopt process``."""
@@ -50,57 +65,91 @@ def run_process(request: ProcessRequest, progress: Callable[[str], None] = lambd
     Raises:
         InputError: bad cell, recording, options or output folder; cuts that do not determine the coefficients.
     """
-    check_process_request(request)
     with write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder:
         refuse_without_pyarrow(request.tables)
-        progress("reading cell and recording")
-        cell = load_cell(request.cell, allow_external=request.allow_external, bodies=False)
-        recording = load_cutting_recording(request.recording)
-        progress("fitting")
-        force = compute_cut_forces(recording, cell)
-        try:
-            cutter = build_milling_cutter(recording.cutter or cell.tool.cutter)
-            recording = note_cutter_of_cell(recording, cutter)
-            fit = fit_coefficients(
-                recording, cutter, force, level=request.level_percent / 100.0, keep_outliers=request.keep_outliers
-            )
-            _write_process_file(folder / "process.yaml", request, recording, fit, cutter.diameter)
-        except CuttingInputError as problem:
-            raise RecordingError(problem.reason, file=recording.files[0]) from None
-        result = build_coefficients_document(
-            request, cell, recording, fit, compute_input_hashes(cell, (request.recording,))
-        )
+        done = compute_process(request, progress)
         progress("report")
-        write_cuts_csv(
-            folder / "cuts.csv",
-            places=[recording.format_place(row) for row in range(len(recording))],
-            feed_per_tooth=fit.feed_per_tooth,
-            measured=fit.measured,
-            predicted=fit.predicted,
-            reasons=fit.reasons,
+        write_process_files(done, folder)
+    return ProcessResult(done.fit, done.result, request.out / "report.html")
+
+
+def compute_process(
+    request: ProcessRequest, progress: Callable[[str], None], cell: Cell | None = None
+) -> ProcessComputation:
+    """Fit the cutting coefficients of one material to measured cuts.
+
+    Args:
+        request: The validated request; its ``out`` is not used.
+        progress: Called with the name of each stage when it begins.
+        cell: The cell, if it is loaded already.
+
+    Raises:
+        InputError: bad cell, recording or options; cuts that do not determine the coefficients.
+    """
+    check_process_request(request)
+    progress("reading cell and recording")
+    cell = load_cell(request.cell, allow_external=request.allow_external, bodies=False) if cell is None else cell
+    recording = load_cutting_recording(request.recording)
+    progress("fitting")
+    force = compute_cut_forces(recording, cell)
+    try:
+        cutter = build_milling_cutter(recording.cutter or cell.tool.cutter)
+        recording = note_cutter_of_cell(recording, cutter)
+        fit = fit_coefficients(
+            recording, cutter, force, level=request.level_percent / 100.0, keep_outliers=request.keep_outliers
         )
-        page = CoefficientsPageData(result, fit.feed_per_tooth, fit.measured, fit.predicted, fit.used)
-        write_coefficients_page(folder / "report.html", page)
-        write_result(folder / "coefficients.json", result)
-        inputs = list_recording_inputs((request.recording,))
-        write_command_manifest(folder, "process", request, cell, verdict="identified", inputs=inputs)
-    return ProcessResult(fit, result, request.out / "report.html")
+        found = _build_coefficients(recording, fit)
+    except CuttingInputError as problem:
+        raise RecordingError(problem.reason, file=recording.files[0]) from None
+    result = build_coefficients_document(
+        request, cell, recording, fit, compute_input_hashes(cell, (request.recording,))
+    )
+    return ProcessComputation(
+        request=request,
+        cell=cell,
+        recording=recording,
+        fit=fit,
+        found=found,
+        diameter=cutter.diameter,
+        result=result,
+    )
 
 
-def _write_process_file(
-    path: Path, request: ProcessRequest, recording: CuttingRecording, fit: CoefficientFit, diameter: float
-) -> None:
-    feeds = fit.feed_per_tooth[fit.used]
-    source = f"mean forces of {int(fit.used.sum())} measured cuts, recording {recording.source}"
-    found = build_milling_coefficients(fit.values, (float(feeds.min()), float(feeds.max())), fit.sigma_log, source)
-    check_milling_coefficients(found)
-    row = int(fit.used.argmax())
+def write_process_files(done: ProcessComputation, folder: Path) -> None:
+    """Write process.yaml, cuts.csv, report.html, coefficients.json and manifest.json into an empty folder.
+
+    Args:
+        done: Result of the computation.
+        folder: The empty folder.
+    """
+    recording, fit, row = done.recording, done.fit, int(done.fit.used.argmax())
     side = recording.side[row]
     cut = MeasuredCut(
         spindle_speed=float(recording.spindle_speed[row]),
         spindle=recording.spindle,
-        ae=diameter if side == "slot" else float(recording.ae[row]),
+        ae=done.diameter if side == "slot" else float(recording.ae[row]),
         ap=float(recording.ap[row]),
         side=side,
     )
-    write_process(path, get_material_name(request, recording), found, cut)
+    write_process(folder / "process.yaml", get_material_name(done.request, recording), done.found, cut)
+    write_cuts_csv(
+        folder / "cuts.csv",
+        places=[recording.format_place(row) for row in range(len(recording))],
+        feed_per_tooth=fit.feed_per_tooth,
+        measured=fit.measured,
+        predicted=fit.predicted,
+        reasons=fit.reasons,
+    )
+    page = CoefficientsPageData(done.result, fit.feed_per_tooth, fit.measured, fit.predicted, fit.used)
+    write_coefficients_page(folder / "report.html", page)
+    write_result(folder / "coefficients.json", done.result)
+    inputs = list_recording_inputs((done.request.recording,))
+    write_command_manifest(folder, "process", done.request, done.cell, verdict="identified", inputs=inputs)
+
+
+def _build_coefficients(recording: CuttingRecording, fit: CoefficientFit) -> MillingCoefficients:
+    feeds = fit.feed_per_tooth[fit.used]
+    source = f"mean forces of {int(fit.used.sum())} measured cuts, recording {recording.source}"
+    found = build_milling_coefficients(fit.values, (float(feeds.min()), float(feeds.max())), fit.sigma_log, source)
+    check_milling_coefficients(found)
+    return found
