@@ -16,6 +16,7 @@ from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import Robot, RobotMasses, load_masses, load_robot
 from machopt.measurement.diagnosis.data_quality import (
     exchanged_inclinometer_columns,
+    joint_conventions,
     misplaced_reflectors,
     moved_tracker_or_target,
     outlier_rows,
@@ -171,6 +172,8 @@ def _correct_recording(
     """Correct columns and units first, then reflectors and sessions, then labels and gains."""
     T, prior = cell.tool.T_flange_tcp, None if cell.stiffness is None else cell.stiffness.joints
     recording, found = pose_units.correct_pose_units(recording, robot, T, accept)
+    recording, convention = joint_conventions.correct_joint_convention(recording, robot, T, accept)
+    found = [*found, *convention]
     recording, reflector_notes = reflectors_and_tracker_frames.transform_to_base(recording, robot, T)
     guessed = cell.stiffness is not None and cell.stiffness.estimated
     recording, findings, warnings = static_record_correction.correct_static_record(

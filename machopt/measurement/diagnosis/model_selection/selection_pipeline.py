@@ -44,7 +44,11 @@ from machopt.measurement.diagnosis.model_selection.evaluation.geometric_stiffnes
 from machopt.measurement.diagnosis.model_selection.evaluation.holdout_validation import validate_on_holdout
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.search import extended_search
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
+    BODY,
+    SelectedEffect,
+    add_selected_effects,
+)
 from machopt.measurement.diagnosis.model_selection.search.search_iterations import Rebuild, search_iteratively
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.statistics import holdout_residuals, instrument_uncertainty_check
@@ -373,6 +377,7 @@ def _build_finding(state: SearchState, k: int, written: SelectedEffect) -> Findi
     full = state.fit_effects(state.chosen)
     others, names = find_rival_explanations(state.base, state.chosen, k, state.catalogue_hypotheses)
     names = [*names, *(u.name for u in state.catalogue.untestable if u.same_as in names)]
+    is_kept = c is state.chosen[k] or h.family == BODY  # sizes of bodies are those that readings determine
     estimates = estimate_parameters(state.base, state.chosen, k, state.catalogue_hypotheses)
     curve = None if h.curve is None else h.curve(x, shape)
     left = None if curve is None else _project_residual(full.residual, h.columns(shape), x, curve.per_reading)
@@ -383,7 +388,7 @@ def _build_finding(state: SearchState, k: int, written: SelectedEffect) -> Findi
         equation=h.equation,
         note=h.note,
         one_of=tuple(names),
-        parameters=estimates if c is state.chosen[k] else _move_estimates(estimates, h.quantities(x, shape)),
+        parameters=estimates if is_kept else _move_estimates(estimates, h.quantities(x, shape)),
         before=holdout_residuals.compute_rmse(state.problem, without, state.used_rows),
         after=holdout_residuals.compute_rmse(state.problem, full.heldout(), state.used_rows),
         p_value=c.p_value,
