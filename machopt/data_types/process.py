@@ -78,8 +78,10 @@ class ProcessOperation:
 
     @property
     def is_hole(self) -> bool:
-        """Whether the operation makes holes along the tool axis."""
-        return self.kind in HOLE_KINDS
+        """Whether the operation makes holes along the tool axis: by its kind, or a given force with limits of holes."""
+        limits = self.tolerance
+        is_point_operation = self.kind == "force" and min(limits.position, limits.axis, limits.depth) < inf
+        return self.kind in HOLE_KINDS or is_point_operation
 
 
 @dataclass(frozen=True, kw_only=True)

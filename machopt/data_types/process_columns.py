@@ -58,9 +58,10 @@ class ToleranceSummary:
     counts: Mapping[str, int]  # of each outcome
     worst_point: int  # toolpath point; −1 without any
     worst_number: int  # from 1, of the hole or milled point within the job (of one tool: within its part)
-    worst_error: float  # m, across a hole or normal to a surface, nominal
+    worst_error: float  # m, across or along a hole or normal to a surface, nominal; rad where only the axis counts
     worst_p_in: float
     worst_cause: str
+    is_angle: bool = False  # the worst error is that of the axis
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,6 +29,7 @@ _REQUIRED: dict[str, tuple[str, ...]] = {
     "force": ("force_N",),
 }
 _COMMON = {"kind", "points", "tolerance"}
+_HOLE_LIMITS, _SURFACE_LIMITS = ("position_mm", "axis_deg", "depth_mm"), ("surface_mm",)
 
 
 class MillingKeys(StrictSchema):
@@ -86,7 +87,7 @@ class OperationKeys(StrictSchema):
     points: list[int] | None = Field(
         default=None, min_length=2, max_length=2, description="[first, last] toolpath point, from 0"
     )
-    spindle_rpm: float | None = Field(default=None, gt=0, description="1/min; left out: that of the CAM file")
+    spindle_rpm: float | None = Field(default=None, gt=0, le=1e6, description="1/min; left out: that of the CAM file")
     spindle: Literal["cw", "ccw"] = Field(default="cw", description="seen from the shank; cw is M3")
     layers: list[LayerKeys] = Field(default=[], description="of the stack, from the surface on")
     material: str | None = Field(default=None, min_length=1, description="a name under materials")
@@ -124,11 +125,34 @@ class OperationKeys(StrictSchema):
             raise ValueError(f"kind {self.kind} needs layers: [{{material, thickness_mm}}, …], or one material")
         if self.kind == "milling":
             self._check_milling()
+        self._check_limits()
         if not 0 < self.wear[0] <= self.wear[1]:
             raise ValueError(f"wear: found {self.wear}; expected [lowest, highest] factor above 0")
         if self.points is not None and not 0 <= self.points[0] <= self.points[1]:
             raise ValueError(f"points: found {self.points}; expected [first, last] from 0 on")
         return self
+
+    def _check_limits(self) -> None:
+        """Refuse a limit that the kind never compares with anything."""
+        if self.tolerance is None:
+            return
+        given = sorted(self.tolerance.model_fields_set - {"reference"})
+        of_hole = [key for key in given if key in _HOLE_LIMITS]
+        of_surface = [key for key in given if key in _SURFACE_LIMITS]
+        if not given:
+            raise ValueError(
+                f"tolerance: no limit is given; expected {', '.join((*_HOLE_LIMITS, *_SURFACE_LIMITS))}, each optional"
+            )
+        if self.kind == "milling" and of_hole:
+            raise ValueError(f"tolerance.{of_hole[0]} has no meaning for kind milling; surface_mm would work")
+        if self.kind == "force" and of_hole and of_surface:
+            raise ValueError(
+                f"tolerance: {of_hole[0]} is a limit of a hole, surface_mm one of a milled surface; expected one"
+            )
+        if self.kind not in ("milling", "force") and of_surface:
+            raise ValueError(
+                f"tolerance.surface_mm has no meaning for kind {self.kind}; {', '.join(_HOLE_LIMITS)} would work"
+            )
 
     def _check_milling(self) -> None:
         if self.engagement == "stock":
@@ -178,3 +202,10 @@ class ProcessKeys(StrictSchema):
     )
     stock: StockKeys | None = Field(default=None, description="the part before machining")
     modes: ModeDampingKeys | None = Field(default=None, description="damping of the arm's modes")
+
+    @model_validator(mode="after")
+    def _check_default(self) -> ProcessKeys:
+        one = self.operations.get("default")
+        if one is not None and one.points is not None:
+            raise ValueError("operations.default.points: default names every other point; give the range with a label")
+        return self

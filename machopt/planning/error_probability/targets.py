@@ -32,7 +32,7 @@ class HoleTargets:
     thrust: Array  # (H,) N, nominal: largest of its strokes
     torque: Array  # (H,) N·m
     force: Array  # (H, 2) N, nominal along travel and normal: of a hole with a given force
-    clamp: Array  # (H,) N
+    clamp: Array  # (H,) N, least axial load of the arm; −inf without a pressure foot
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def list_hole_targets(process: CuttingProcess, toolpath: Toolpath, loads: PointL
         thrust=loads.force[at, 2],
         torque=loads.moment[at],
         force=loads.force[at, :2],
-        clamp=np.array([process.operations[h.operation].clamp for h in holes], float),
+        clamp=np.array([process.operations[h.operation].clamp or -np.inf for h in holes], float),
     )
 
 

@@ -266,7 +266,7 @@ class TolerancePricing:
             mine = self.holes.operation[target] == k
             wear = compute_mean_wear(one)
             t = self.holes.thrust[target[mine]][:, None] / wear * self.draws.compute_load_factor(self.process, one)
-            thrust[mine] = np.maximum(t, one.clamp)
+            thrust[mine] = np.maximum(t, one.clamp or -np.inf)
             m = self.draws.compute_load_factor(self.process, one, torque=True)
             torque[mine] = self.holes.torque[target[mine]][:, None] / wear * m
         nominal = np.maximum(self.holes.thrust[target], self.holes.clamp[target])[:, None]

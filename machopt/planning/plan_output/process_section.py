@@ -58,7 +58,9 @@ def _format_part(rows: list[ToleranceSummary], noun: str) -> str:
     text += "".join(f", {counts[word]} {word}" for word in ("marginal", "fail", "unknown") if counts[word])
     worst = min(rows, key=_rank)
     if math.isfinite(worst.worst_error):
-        text += f", worst {noun} {worst.worst_number}: {1e3 * worst.worst_error:.3g} mm"
+        number = worst.worst_number if worst.is_hole else worst.worst_point
+        error = f"{math.degrees(worst.worst_error):.3g}°" if worst.is_angle else f"{1e3 * worst.worst_error:.3g} mm"
+        text += f", worst {noun} {number}: {error}"
         if worst.worst_cause:
             name, share = worst.worst_cause.rsplit(" ", 1)
             text += f", {name.replace(':', ' ')} {100 * float(share):.0f} %"
@@ -78,7 +80,7 @@ def _build_entry(row: ToleranceSummary) -> ToleranceEntry:
         reference=row.reference,
         counts=dict(row.counts),
         worst_point=row.worst_point,
-        worst_error_mm=1e3 * row.worst_error if math.isfinite(row.worst_error) else None,
+        worst_error_mm=1e3 * row.worst_error if math.isfinite(row.worst_error) and not row.is_angle else None,
         worst_p_in=row.worst_p_in if math.isfinite(row.worst_p_in) else None,
         worst_cause=row.worst_cause,
     )

@@ -27,7 +27,7 @@ class PositionScatter:
     """Position scatter at M poses."""
 
     std: Array  # (M,) m, a coordinate; NaN where it is not known
-    tilt_std: float  # rad, about an axis; 0 where it does not count
+    tilt_std: Array  # (M,) rad, about an axis; 0 where it does not count
     lost_motion: Array  # (M, 6, 6) twist per joint for a full step to the positive side; zero where it does not count
     sides: Array  # (M, 6) ±1 where the side is decided, else 0
     pose_root: Array  # (M, 6, 6) twist of the tool relative to the part, per standard normal number
@@ -58,9 +58,8 @@ def compute_position_scatter(
         if masses is not None:
             torque = torque + compute_weight_torque(plan.setup.robot, masses, state)
             sides[known] = np.where(np.abs(torque) > UNDECIDED, np.sign(torque), 0.0)
-    tilt = 0.0
-    if accuracy is not None and np.isfinite(accuracy.absolute_angle) and absolute.any():
-        tilt = accuracy.absolute_angle
+    angle = 0.0 if accuracy is None or np.isnan(accuracy.absolute_angle) else accuracy.absolute_angle
+    tilt = np.where(absolute, angle, 0.0)
     return PositionScatter(std, tilt, lost, sides, _compute_pose_root(cell, poses, absolute))
 
 

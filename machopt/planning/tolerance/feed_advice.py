@@ -1,10 +1,10 @@
 """Largest feed at which each point with a tolerance still passes.
 
-The probability falls as the load grows. Of a hole the load is thrust and torque, which grow with the feed as
-f^(1 − mc) (the chisel edge with f): the largest thrust is found first, then its feed. Of a milled point the load is
-affine in the feed per tooth. A feed is searched within the chip thickness that the coefficients hold for; where they
-state none, up to ``WIDEST`` times the programmed feed. Zero: no feed suffices, because edge forces or the clamp alone
-are too much.
+The probability falls as the load grows; with a compensated path it falls on both sides of the planned load. Of a hole
+the load is thrust and torque, which grow with the feed as f^(1 − mc) (the chisel edge with f): the largest thrust is
+found first, then its feed. Of a milled point the load is affine in the feed per tooth. A feed is searched within the
+chip thickness that the coefficients hold for; where they state none, up to ``WIDEST`` times the programmed feed. Zero:
+no feed suffices, because edge forces or the clamp alone are too much.
 """
 
 from __future__ import annotations
@@ -83,11 +83,13 @@ def _find_load_scale(model: HoleErrorModel, h: int, draws: UncertaintyDraws) -> 
         found = draw_hole_errors(other, h, draws, position=True)
         return compute_hole_probability(other, h, found) >= model.process.quantile
 
-    if not passes(0.0):
-        return 0.0
     low, high = 0.0, WIDEST
     if passes(high):
         return high
+    if passes(1.0):  # a compensated path passes here, and may not with a smaller load
+        low = 1.0
+    elif not passes(0.0):
+        return 0.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if passes(middle) else (low, middle)
@@ -177,6 +179,8 @@ def _find_milling_feeds(
         errors = draw_surface_errors(other, slice(None), draws, factor, position=True)
         return np.asarray(compute_surface_probability(errors, limit, std) >= model.process.quantile)
 
+    own_feed = np.clip(bite, low, high)
+    low = np.where(passes(own_feed), own_feed, low)
     ok, widest = passes(low), passes(high)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

@@ -144,8 +144,8 @@ def compute_hole_probability(model: HoleErrorModel, h: int, errors: HoleDraws) -
 
 def _project(model: HoleErrorModel, h: int, twists: list[Array], noise: UncertaintyDraws | None) -> HoleDraws:
     """Return the errors from the twists (D, 6) at entry and exit."""
-    sideways = [_build_sideways(model.poses[pose].axis[h]) for pose in (ENTRY, EXIT)]
-    tilt_noise = 0.0 if noise is None else model.scatter[ENTRY].tilt_std * noise.tilt
+    sideways = [build_sideways(model.poses[pose].axis[h]) for pose in (ENTRY, EXIT)]
+    tilt_noise = 0.0 if noise is None else model.scatter[ENTRY].tilt_std[h] * noise.tilt
     tilts = [np.linalg.norm(t[:, 3:] @ s.T + tilt_noise, axis=1) for t, s in zip(twists, sideways, strict=True)]
     return HoleDraws(
         across=twists[ENTRY][:, :3] @ sideways[ENTRY].T,
@@ -154,8 +154,12 @@ def _project(model: HoleErrorModel, h: int, twists: list[Array], noise: Uncertai
     )
 
 
-def _build_sideways(axis: Array) -> Array:
-    """Return two unit vectors across an axis, (2, 3)."""
+def build_sideways(axis: Array) -> Array:
+    """Return two unit vectors across an axis, (2, 3).
+
+    Args:
+        axis: (3,) unit.
+    """
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)

@@ -156,7 +156,8 @@ class _ErrorTable:
         draws = build_draws(self.spread, HOLE_DRAWS)
         for h, row in enumerate(holes.row.tolist()):
             one = self.process.operations[holes.operation[h]]
-            self.tolerance[row] = min(one.tolerance.position, one.tolerance.depth, one.tolerance.surface)
+            limit = min(one.tolerance.position, one.tolerance.depth)
+            self.tolerance[row] = limit if np.isfinite(limit) else np.nan  # an angle alone is no length
             if not (model.poses[ENTRY].is_reached[h] and model.poses[EXIT].is_reached[h]):
                 self._mark_unknown(row, "the point has no posture")
                 continue
@@ -238,13 +239,15 @@ class _ErrorTable:
         operations = model.targets.operation[some]
         limit = np.array([self.process.operations[k].tolerance.surface for k in operations])
         self.tolerance[rows] = limit
-        self.errors["normal"][rows] = model.columns[some, 0] + model.tool[some] + model.offset[some]
+        known = model.targets.is_known[some]
+        nominal = model.columns[some, 0] + model.tool[some] + model.offset[some]
+        self.errors["normal"][rows] = np.where(known, nominal, np.nan)
         factor = compute_load_factors(model, some, draws)
         full = draw_surface_errors(model, some, draws, factor, position=True)
         std = model.scatter.std[some]
         noise = np.nan_to_num(std)[:, None] * draws.position[:, 0]
         low, high = np.quantile(full + noise, (LOW, HIGH), axis=1)
-        self.lower["normal"][rows], self.upper["normal"][rows] = low, high
+        self.lower["normal"][rows], self.upper["normal"][rows] = (np.where(known, v, np.nan) for v in (low, high))
         p = compute_surface_probability(full, limit, np.nan_to_num(std))
         bare = draw_surface_errors(model, some, draws, factor, position=False)
         deflection = compute_surface_probability(bare, limit, np.zeros(len(rows)))

@@ -16,6 +16,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.tolerance.cutting_dynamics import CuttingDynamics, compute_cutting_dynamics
+from machopt.planning.tolerance.foot_skid import list_skid_notes
 from machopt.planning.tolerance.point_errors import PointErrors, compute_point_errors, list_tolerance_rows
 from machopt.process.binding.job_binding import compute_loads
 from machopt.process.binding.point_loads import PointLoads
@@ -101,7 +102,12 @@ def _summarise(
         tolerances=_summarise_operations(process, toolpath, found),
         variance_shares=_compute_variance_shares(found),
         sources=_list_sources(process, plan, toolpath),
-        validity=(*loads.notes, *dynamics.notes, *_list_limits_of_validity(process, plan, toolpath, found)),
+        validity=(
+            *loads.notes,
+            *list_skid_notes(process, plan, loads),
+            *dynamics.notes,
+            *_list_limits_of_validity(process, plan, toolpath, found),
+        ),
     )
 
 
@@ -144,7 +150,7 @@ def _summarise_operation(
         "depth_mm": limits.depth * MM,
         "surface_mm": limits.surface * MM,
     }
-    name = "across" if np.isfinite(limits.position) else "along" if one.is_hole else "normal"
+    name = _choose_shown_error(one)
     error = np.abs(found.errors[name][mine])
     probability = np.where(np.isfinite(found.p_in[mine]), found.p_in[mine], found.p_in_deflection_only[mine])
     order = np.lexsort((-np.nan_to_num(error), np.nan_to_num(probability, nan=1.0)))
@@ -159,9 +165,17 @@ def _summarise_operation(
         worst_point=int(mine[worst]),
         worst_number=1 + int(np.searchsorted(rows, mine[worst])),
         worst_error=float(error[worst]),
+        is_angle=name == "axis",
         worst_p_in=float(probability[worst]),
         worst_cause=found.cause[mine[worst]],
     )
+
+
+def _choose_shown_error(one: ProcessOperation) -> str:
+    """Return the error that the headline states: the first that has a limit."""
+    limits = one.tolerance
+    pairs = (("across", limits.position), ("along", limits.depth), ("axis", limits.axis), ("normal", limits.surface))
+    return next((name for name, limit in pairs if np.isfinite(limit)), "normal")
 
 
 def _compute_variance_shares(found: PointErrors) -> dict[str, float]:

@@ -10,6 +10,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
+from machopt.errors import ConfigurationKeyError
 from machopt.numerics.array_types import Array
 from machopt.process.binding.point_loads import PointLoads, compute_point_loads
 
@@ -42,7 +43,26 @@ def attach_programmed_force(cell: Cell, toolpath: Toolpath) -> Toolpath:
         ConfigurationKeyError: an operation lacks a value, or has one that its force model does not accept.
     """
     loads = compute_loads(cell, toolpath, toolpath.feed)
-    return toolpath if loads is None else replace(toolpath, force=loads.arm_force)
+    if loads is None:
+        return toolpath
+    _check_any_force(cell, toolpath, loads.arm_force)
+    return replace(toolpath, force=loads.arm_force)
+
+
+def _check_any_force(cell: Cell, toolpath: Toolpath, force: Array) -> None:
+    """Refuse operations that apply no force anywhere: there is no deflection to minimise."""
+    assert cell.process is not None
+    assert toolpath.process_operation is not None
+    cut = force[toolpath.cutting]
+    if not len(cut) or np.isnan(cut).any() or cut.any():
+        return
+    used = sorted({cell.process.operations[k].label for k in toolpath.process_operation[toolpath.cutting].tolist()})
+    raise ConfigurationKeyError(
+        "no cut move has a cutting force: force_N is zero, or every move ends above the surface that depth_mm states",
+        file=cell.process.file,
+        where=f"operations.{used[0]}",
+        key=used[0],
+    )
 
 
 def compute_loads(cell: Cell, toolpath: Toolpath, feed: Array) -> PointLoads | None:

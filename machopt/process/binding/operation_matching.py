@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,8 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.errors import ConfigurationKeyError, suggest_nearest_word
 from machopt.numerics.array_types import Array
 
+_TURNS_LEFT = re.compile(r"(?:^|\W)(?:M0?4|M14|CCLW)(?:\W|$)", re.IGNORECASE)
+_SPEED_ALONE = re.compile(r"\s*S[\d.]+\s*", re.IGNORECASE)  # changes the speed, not the direction
 DEFAULT = "default"  # label of the operation that stands for every other one
 NO_OPERATION = -1
 
@@ -51,11 +54,32 @@ def match_operations(process: CuttingProcess, toolpath: Toolpath) -> NDArray[np.
     for label, k in named.items():
         one = process.operations[k]
         mine = _find_points(one, label_of_point)
-        if label != DEFAULT and not mine.any():
-            _refuse_unmatched(process, one, labels, len(toolpath))
+        if label != DEFAULT and (not mine.any() or (one.points is not None and one.points[1] >= len(toolpath))):
+            _refuse_unmatched(process, one, label_of_point)
         if label != DEFAULT:
             out[mine] = k
+    _check_spindle_directions(process, toolpath, out)
     return out
+
+
+def _check_spindle_directions(process: CuttingProcess, toolpath: Toolpath, operation: NDArray[np.int32]) -> None:
+    """Refuse an operation with ``spindle: cw`` whose spindle the file turns counter-clockwise (M4)."""
+    left = np.zeros(len(toolpath), bool)
+    words = [""] * len(toolpath)
+    for event in toolpath.events:
+        if event.kind == "spindle" and event.value > 0 and not _SPEED_ALONE.fullmatch(event.text):
+            left[event.index :] = _TURNS_LEFT.search(event.text) is not None
+            words[event.index :] = [event.text] * (len(toolpath) - event.index)
+    for k, one in enumerate(process.operations):
+        wrong = np.flatnonzero(toolpath.cutting & (operation == k) & left)
+        if len(wrong) and one.spindle == "cw" and one.kind != "force":
+            raise ConfigurationKeyError(
+                f"the toolpath turns the spindle counter-clockwise ({words[wrong[0]]}) at point {wrong[0]}, and the "
+                "operation is for clockwise, seen from the shank; spindle: ccw would work",
+                file=process.file,
+                where=f"operations.{one.label}.spindle",
+                key="spindle",
+            )
 
 
 def compute_spindle_speeds(process: CuttingProcess, toolpath: Toolpath) -> Array:
@@ -84,13 +108,14 @@ def _find_points(one: ProcessOperation, label_of_point: NDArray[np.object_]) -> 
     return mine
 
 
-def _refuse_unmatched(process: CuttingProcess, one: ProcessOperation, labels: list[str], count: int) -> None:
-    known = list(dict.fromkeys(labels))
+def _refuse_unmatched(process: CuttingProcess, one: ProcessOperation, label_of_point: NDArray[np.object_]) -> None:
+    known = list(dict.fromkeys(label_of_point.tolist()))
     if one.label in known:
         first, last = one.points or (0, 0)
+        own = np.flatnonzero(label_of_point == one.label)
         raise ConfigurationKeyError(
-            f"points [{first}, {last}] lie outside operation {one.label!r}; the toolpath has the points 0 to "
-            f"{count - 1}",
+            f"points [{first}, {last}] do not lie in operation {one.label!r}; it has points between {own[0]} and "
+            f"{own[-1]}, and the toolpath 0 to {len(label_of_point) - 1}",
             file=process.file,
             where=f"operations.{one.label}.points",
             key="points",

@@ -22,6 +22,7 @@ from machopt.process.binding.cutting_tools import build_drilling_layers, build_d
 from machopt.process.binding.holes import DrilledHole, find_holes
 from machopt.process.binding.operation_matching import NO_OPERATION, compute_spindle_speeds
 from machopt.process.binding.pass_sides import find_reversed_moves
+from machopt.process.binding.validity_notes import list_hole_notes
 from machopt.process.drilling.stroke_phases import build_drilling_stroke, compute_stroke_maximum
 from machopt.process.milling.engagement_angles import compute_contact_arc
 from machopt.process.milling.mean_force import compute_mean_load
@@ -125,8 +126,11 @@ class _LoadBuilder:
         rows = np.flatnonzero(self.toolpath.cutting & (self.operation == k))
         if not len(rows):
             return
-        if one.is_hole:
-            self._add_holes(one, [hole for hole in holes if hole.operation == k])
+        mine = [hole for hole in holes if hole.operation == k]
+        if one.kind == "force" and one.is_hole:
+            self._add_given_force(one, np.concatenate([hole.rows[hole.is_cutting] for hole in mine]))
+        elif one.is_hole:
+            self._add_holes(one, mine)
         elif one.kind == "force":
             self._add_given_force(one, rows)
         else:
@@ -147,6 +151,8 @@ class _LoadBuilder:
                 self._check_speed(one, row)
                 self.bite[row] = self.feed[row] / self.speed[row]
                 first = max(float(hole.start_depth[n]), 0.0)
+                if first >= stroke.through_depth:  # below the stack
+                    continue
                 found = compute_stroke_maximum(stroke, self.bite[row], float(hole.end_depth[n]), first)
                 self.force[row, 2] = wear * float(found.thrust[0])
                 self.moment[row] = wear * float(found.torque[0]) * (1.0 if one.spindle == "cw" else -1.0)
@@ -155,6 +161,7 @@ class _LoadBuilder:
             self.notes.append(
                 f"{one.label}: the thrust is more than the clamp force of {one.clamp:g} N, so that the foot lifts"
             )
+        self.notes += list_hole_notes(one, stroke, holes, self.bite)
 
     def _add_milling(self, one: ProcessOperation, rows: NDArray[np.intp]) -> None:
         coefficients = self.process.materials[one.material].milling

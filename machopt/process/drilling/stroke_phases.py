@@ -35,6 +35,11 @@ class DrillingStroke:
     boundaries: tuple[float, ...]  # m, depths of the layers' surfaces: 0, end of the first layer, …
     laws: tuple[FeedPowerLaw, ...]  # one a layer
 
+    @property
+    def through_depth(self) -> float:
+        """Depth of the tip at which the lips have left the last layer, m; inf: the hole ends in it."""
+        return self.boundaries[-1] + self.tool.point_length
+
 
 def build_drilling_stroke(tool: DrillingTool, layers: tuple[MaterialLayer, ...]) -> DrillingStroke:
     """Return the stroke of a tool through a stack.
@@ -147,8 +152,10 @@ def list_stroke_depths(stroke: DrillingStroke, last_depth: float = math.inf, fir
         CuttingInputError: no stroke between the depths.
     """
     length = stroke.tool.point_length
-    through = stroke.boundaries[-1] + length
-    last = min(last_depth, through if math.isfinite(through) else max(length, stroke.boundaries[-2] + length))
+    through = stroke.through_depth
+    if math.isinf(through):  # the load is constant once the lips are in the last layer
+        through = max(stroke.boundaries[-2], first_depth) + length
+    last = min(last_depth, through)
     if not last > first_depth:
         raise CuttingInputError(
             f"a stroke from {first_depth * 1e3:g} to {last_depth * 1e3:g} mm cuts nothing", key="depth_mm"

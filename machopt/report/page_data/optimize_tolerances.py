@@ -52,7 +52,8 @@ def build_tolerance_data(points: PointResults, stability: page.StabilityMap | No
 
 def _describe_operation(row: ToleranceSummary) -> tuple[str, str, str, str, str]:
     counts = ", ".join(f"{count} {word}" for word, count in row.counts.items() if count)
-    worst = f"{1e3 * row.worst_error:.3f} mm" if np.isfinite(row.worst_error) else "–"
+    shown = f"{np.degrees(row.worst_error):.3f}°" if row.is_angle else f"{1e3 * row.worst_error:.3f} mm"
+    worst = shown if np.isfinite(row.worst_error) else "–"
     return row.operation, _format_limits(dict(row.limits)), row.reference, counts, worst
 
 
@@ -72,13 +73,17 @@ def _list_rows(table: PointsTable, columns: ProcessColumns, summary: ProcessSumm
     size = np.nanmax(np.abs([columns.errors[name][at] for name in ("across", "along", "normal")]), axis=0, initial=0.0)
     order = np.lexsort((-np.nan_to_num(size), np.nan_to_num(probability, nan=1.0)))
     limits = {row.operation: _format_limits(dict(row.limits)) for row in summary.tolerances}
+    has_holes = {row.operation: row.is_hole for row in summary.tolerances}
+    labels = [table.operations[table.operation[row]] for row in at]
+    is_hole = np.array([has_holes.get(label, has_holes.get("default", False)) for label in labels], bool)
+    number = np.where(is_hole, np.cumsum(is_hole), 0)
     out = []
     for n in order[:MAX_ROWS].tolist():
         row = int(at[n])
-        label = table.operations[table.operation[row]]
+        label = labels[n]
         out.append(
             page.TolerancePointRow(
-                number=n + 1,
+                number=int(number[n]),
                 point=row,
                 operation=label,
                 outcome=columns.outcome[row],

@@ -65,16 +65,17 @@ def _describe_main_compliance(plan: Plan, row: int) -> str:
     plan, row = plan.at(row)
     elasticity, d = plan.setup.elasticity, plan.directions
     elastic = d.elastic(elasticity, plan.chosen.assignment.q[row][None], np.array([row]))
-    direction = d.force[row] if plan.options.force.given else d.axial[row]
+    is_loaded = plan.options.force.given and bool(np.any(d.force[row]))
+    direction = d.force[row] if is_loaded else d.axial[row]
     wrench = np.concatenate([direction, np.zeros(3)])[None]
     part = dict(
         zip((f"joint {i}" for i in range(1, 7)), (elastic.state.J[0, :3].T @ direction) ** 2 / d.k[row], strict=True)
     )
     for term in elasticity.terms:
-        twist = term.compute_twist(elastic.loaded_state, wrench, small=not plan.options.force.given)[0, :3]
+        twist = term.compute_twist(elastic.loaded_state, wrench, small=not is_loaded)[0, :3]
         part[f"{term.effect.replace('_', ' ')} of {term.location.replace(':', ' ')}"] = float(direction @ twist)
     if elasticity.shift is not None:
-        twist = elasticity.shift.compute_twist(elastic.loaded_state, wrench, small=not plan.options.force.given)[0, :3]
+        twist = elasticity.shift.compute_twist(elastic.loaded_state, wrench, small=not is_loaded)[0, :3]
         part["what the readings show beyond the stiffness file"] = float(direction @ twist)
     carried = ExternalJointCompliance.build(plan.setup.arm.machine, elasticity.stiffness.external)
     if carried is not None:
@@ -82,5 +83,5 @@ def _describe_main_compliance(plan: Plan, row: int) -> str:
         for own in carried.list_parts(e, plan.setup.arm.places(e, place)):
             part[own.name] = float(wrench[0] @ own.matrix[0] @ wrench[0])
     most = max(part, key=lambda name: part[name])
-    along = "the force" if plan.options.force.given else "the tool axis"
+    along = "the force" if is_loaded else "the tool axis"
     return f"{most} causes {100 * part[most] / sum(part.values()):.0f} % of the deflection along {along}"

@@ -53,14 +53,15 @@ def _build_outcomes(found: ToleranceData) -> Body:
         [row for row in found.counts if any(row[1:])],
     )
     operations = build_table(
-        [TableColumn(t) for t in ("Operation", "Limits", "Reference", "Outcomes", "Largest error")], found.operations
+        [TableColumn(t) for t in ("Operation", "Limits", "Reference", "Outcomes", "Error of the worst")],
+        found.operations,
     )
     return counts + render_part("heading", "Operations with a tolerance") + operations
 
 
 def _build_points(data: ReportData, found: ToleranceData) -> Body:
     columns = [
-        TableColumn("No.", "n"),
+        TableColumn("Hole", "n"),
         TableColumn("Point", "n"),
         TableColumn("Operation"),
         TableColumn("Outcome", "html"),
@@ -80,7 +81,7 @@ def _format_row(data: ReportData, row: TolerancePointRow) -> tuple[object, ...]:
     if row.deflection_only and probability != "–":
         probability += " (deflection only)"
     return (
-        row.number,
+        row.number or "–",
         row.point if data.view is None else render_macro("report.html", "place", row.point),
         row.operation,
         render_part("toned", _TONES.get(row.outcome, "none"), row.outcome),

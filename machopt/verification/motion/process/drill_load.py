@@ -52,6 +52,20 @@ def compute_drill_load(
     return float(thrust.max()), float(torque.max())
 
 
+def compute_through_depth(one: ProcessOperation, cutter: CutterGeometry | None) -> float:
+    """Return the depth of the tip at which the tool has left the stack, m.
+
+    Args:
+        one: The operation.
+        cutter: The cutter of the tool; None for a given force.
+    """
+    if one.kind == "force" or cutter is None:
+        return math.inf
+    inner, outer, kappa, _ = _get_lips(one, cutter)
+    point = (outer - inner) / math.tan(kappa) if kappa < math.pi / 2 - 1e-9 else 0.0
+    return sum(layer.thickness for layer in one.layers) + point
+
+
 def _get_lips(one: ProcessOperation, cutter: CutterGeometry) -> tuple[float, float, float, int]:
     """Return inner and outer radius in m, half the point angle in rad, and the number of lips."""
     if one.kind == "countersinking":

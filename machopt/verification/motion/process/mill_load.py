@@ -34,7 +34,7 @@ def compute_mill_load(
     assert cutter.teeth is not None
     R, rc = 0.5 * cutter.diameter, cutter.corner
     edge, slope = np.zeros(4), np.zeros(4)
-    for dz, r, kappa in _cut_into_slices(R, rc, ap):
+    for dz, r, kappa in _cut_into_slices(R, rc, ap, ae):
         reach = 1.0 - ae / r if side != "slot" else -1.0  # material beyond r − ae, after a pass of the same tool
         theta = math.acos(min(max(reach, -1.0), 1.0))
         phi = (np.arange(ANGLES) + 0.5) / ANGLES * theta + (math.pi - theta if side == "down" else 0.0)
@@ -59,17 +59,21 @@ def compute_mill_load(
     return edge, slope
 
 
-def _cut_into_slices(R: float, rc: float, ap: float) -> list[tuple[float, float, float]]:
-    """Return thickness, radius and κ of slices: thin ones of equal angle in the corner, one above it."""
+def _cut_into_slices(R: float, rc: float, ap: float, ae: float) -> list[tuple[float, float, float]]:
+    """Return thickness, radius and κ of slices: thin ones in the corner, one above it.
+
+    Slices get thinner towards the radius ae / 2: below it the whole turn cuts, and the arc changes like a root there.
+    """
     out = []
     top = min(ap, rc)
     if rc > 0 and top > 0:
         last = math.acos(1.0 - top / rc)
-        for n in range(SLICES):
-            a, b = last * n / SLICES, last * (n + 1) / SLICES
-            middle = 0.5 * (a + b)
-            dz = rc * (math.cos(a) - math.cos(b))
-            out.append((dz, R - rc + rc * math.sin(middle), middle))
+        kink = min(math.asin(min(max((0.5 * ae - R + rc) / rc, 0.0), 1.0)), last)
+        for end in (0.0, last):
+            for n in range(SLICES if end != kink else 0):
+                a, b = (kink + (end - kink) * (s / SLICES) ** 2 for s in (n, n + 1))
+                middle = 0.5 * (a + b)
+                out.append((rc * abs(math.cos(a) - math.cos(b)), R - rc + rc * math.sin(middle), middle))
     if ap > rc:
         out.append((ap - rc, R, 0.5 * math.pi))
     return out

@@ -11,7 +11,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.motion.process.drill_load import compute_drill_load
+from machopt.verification.motion.process.drill_load import compute_drill_load, compute_through_depth
 from machopt.verification.motion.process.hole_strokes import HoleVisit, list_holes
 from machopt.verification.motion.process.mill_load import compute_mill_load
 
@@ -70,16 +70,23 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
     holes = list_holes(process, toolpath, operation)
     for hole in holes:
         one = process.operations[hole.operation]
-        assert cell.tool.cutter is not None
+        through = compute_through_depth(one, cell.tool.cutter)
         for stroke in hole.strokes:
             p = stroke.point
+            if one.force is not None:
+                force[p] = _mean_wear(one) * np.array([one.force.travel, one.force.normal, one.force.axial])
+                clamp[p] = one.clamp
+                continue
+            assert cell.tool.cutter is not None
+            if stroke.start >= through:  # below the stack
+                continue
             load = compute_drill_load(process, one, cell.tool.cutter, feed[p] / speed[p], stroke.start, stroke.end)
             force[p, 2], moment[p] = (_mean_wear(one) * value for value in load)
             moment[p] *= 1.0 if one.spindle == "cw" else -1.0
             clamp[p] = one.clamp
     for k, one in enumerate(process.operations):
         points = np.flatnonzero((operation == k) & (toolpath.move == MoveKind.CUT))
-        if one.kind == "force" and one.force is not None:
+        if one.force is not None and not one.is_hole:
             force[points] = _mean_wear(one) * np.array([one.force.travel, one.force.normal, one.force.axial])
             clamp[points] = one.clamp
         elif one.kind == "milling":

@@ -114,7 +114,9 @@ class _Predictor:
         poses = [self._pose(self._find_entry(hole)), self._pose(float(hole.deepest))]
         strongest = max((s.point for s in hole.strokes), key=lambda p: self.loads.force[p, 2], default=hole.deepest)
         thrust, torque = float(self.loads.force[strongest, 2]), float(self.loads.moment[strongest])
-        nominal = [_deflect(p, self.cell, max(thrust, one.clamp), torque, None)[0] for p in poses]
+        sideways = self.loads.force[strongest, :2]
+        least = one.clamp or -math.inf  # without a foot the arm bears the thrust
+        nominal = [_deflect(p, self.cell, max(thrust, least), torque, None, sideways)[0] for p in poses]
         row, entry, bottom = hole.deepest, nominal[0], nominal[1]
         e, axis = entry[:3] + poses[0].offset, poses[0].axis
         out.across[row] = np.linalg.norm(e - (e @ axis) * axis)
@@ -123,21 +125,22 @@ class _Predictor:
         out.size[row] = np.linalg.norm(bottom[:3])
         sigma = get_position_std(self.cell, one.tolerance.reference)
         if self.compliances is not None and np.isfinite(sigma):
-            out.p_in[row] = self._draw_hole(one, poses, thrust, torque, sigma)
+            out.p_in[row] = self._draw_hole(one, poses, (thrust, torque, sideways), sigma)
 
     def _draw_hole(
-        self, one: ProcessOperation, poses: list[_Pose], thrust: float, torque: float, sigma: float
+        self, one: ProcessOperation, poses: list[_Pose], load: tuple[float, float, Array], sigma: float
     ) -> float:
+        thrust, torque, sideways = load
         rng = np.random.default_rng(SEED + 1)
         wear = 0.5 * (one.wear[0] + one.wear[1])
         factor, turn = draw_load_factors(self.process, one, rng)
-        T, M = np.maximum(thrust / wear * factor, one.clamp), torque / wear * turn
+        T, M = np.maximum(thrust / wear * factor, one.clamp or -math.inf), torque / wear * turn
         noise = sigma * rng.standard_normal((DRAWS, 3))
         part = self._draw_part(one, rng)
         tilt = self._draw_tilt(one, rng)
         limits, moved, angles = one.tolerance, [], []
         for pose in poses:
-            twist = _deflect(pose, self.cell, T, M, self.compliances)
+            twist = _deflect(pose, self.cell, T, M, self.compliances, (factor / wear)[:, None] * sideways)
             twist[:, :3] += pose.offset + noise
             twist += self._move_part(pose, part)
             moved.append(twist)
@@ -171,13 +174,14 @@ class _Predictor:
         wrench = np.r_[force, self.loads.moment[row] * pose.axis]
         twist = _apply(pose, self.cell, wrench[None], None)[0]
         tool = self._bend_tool(one, row) * float(normal @ np.cross(pose.axis, pose.travel))
-        out.normal[row] = normal @ (twist[:3] + pose.offset) + tool
         out.size[row] = np.linalg.norm(twist[:3]) + abs(tool)
         cutter = self.cell.tool.cutter
         rounded = cutter is not None and cutter.corner > 0
         sigma = get_position_std(self.cell, one.tolerance.reference)
         stated = self.toolpath.surface_normal is not None and np.isfinite(self.toolpath.surface_normal[row]).all()
         known = stated or not (rounded or one.surface == "table")
+        if known:
+            out.normal[row] = normal @ (twist[:3] + pose.offset) + tool
         if self.compliances is None or not np.isfinite(sigma) or not known:
             return
         by_joint = (normal @ pose.J[:3]) * (wrench @ pose.J) * pose.joints  # error by each joint at nominal
@@ -288,10 +292,13 @@ class _Predictor:
         return (angle if np.isfinite(angle) else 0.0) * rng.standard_normal((DRAWS, 2))
 
 
-def _deflect(pose: _Pose, cell: Cell, thrust: Array | float, torque: Array | float, drawn: Array | None) -> Array:
-    """Return (D, 6) the twist under thrust and torque about the tool axis."""
-    thrust, torque = np.atleast_1d(thrust), np.atleast_1d(torque)
-    wrench = np.hstack([thrust[:, None] * pose.axis, torque[:, None] * pose.axis])
+def _deflect(
+    pose: _Pose, cell: Cell, thrust: Array | float, torque: Array | float, drawn: Array | None, sideways: Array
+) -> Array:
+    """Return (D, 6) the twist under thrust, torque about the tool axis, and forces along travel and normal."""
+    thrust, torque, sideways = np.atleast_1d(thrust), np.atleast_1d(torque), np.atleast_2d(sideways)
+    force = thrust[:, None] * pose.axis + sideways @ np.stack([pose.travel, np.cross(pose.axis, pose.travel)])
+    wrench = np.hstack([force, torque[:, None] * pose.axis])
     return _apply(pose, cell, wrench, drawn)
 
 
