@@ -86,6 +86,12 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "data_quality.misplaced_reflectors.LOOSE_UNCERTAINTY_FACTOR",
     "statistics.replicate_noise.LEAST_SIGMA",
     "outputs.effect_on_toolpath.TEST_FORCE",
+    "outputs.corrected_recording.MM",
+    "outputs.written_model.CONVERGED_M",
+    "outputs.written_model.UNDETERMINED",
+    "model_selection.evaluation.fold_fits.FIXED",
+    "model_selection.evaluation.finding_estimates.ROUND_OFF",
+    "effect_columns.gravity_compensator.EQUIVALENT_RCOND",
 }
 
 

@@ -11,6 +11,7 @@ from machopt.data_types.locations import COLUMN, parse_joint_location, parse_loc
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.joint.drive_gain import DriveGainError
 from machopt.effects.protocol import Effect, MotorLaw, MotorLoading
+from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     EffectHypothesis,
     Quantity,
@@ -31,7 +32,6 @@ from machopt.measurement.diagnosis.model_selection.search.shape_refinement impor
 from machopt.numerics.array_types import Array
 
 ROUNDS = 3  # alternating fits of load and gain
-LEAST_GAIN_PERCENT = 0.5  # torque constants of data sheets hold to several per cent; less is no fault of a unit
 MAX_SHAPES = 3  # most shapes of a law in the search, because columns of two joints use much memory
 
 
@@ -242,7 +242,7 @@ def _build_drive_hypothesis(
         equation=law.equation,
         columns=columns,
         quantities=sizes,
-        least_size=LEAST_GAIN_PERCENT if isinstance(law, DriveGainError) else 0.0,
+        least_size=thresholds.MOTION.least_gain_percent if isinstance(law, DriveGainError) else 0.0,
         shapes=grid,
         lower=lower if np.isfinite(lower).any() else (),
         family="drive",

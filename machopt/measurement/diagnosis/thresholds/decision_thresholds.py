@@ -135,6 +135,12 @@ class ProofThresholds:
     most_closed: float = _set(
         0.5, "share of the repeatable mismatch that is most of it: the contract of the verdict `explained`", JUDGEMENT
     )
+    widest: float = _set(
+        50.0, "times the largest number of its unit: an interval around zero that is wider says nothing", JUDGEMENT
+    )
+    widest_percent: float = _set(
+        1000.0, "per cent; an interval around zero of a share or gain that is wider says nothing", JUDGEMENT
+    )
     named_gain: float = _set(
         0.02,
         "of the error that all corrections take and of the error that is left: a correction that takes less of both is "

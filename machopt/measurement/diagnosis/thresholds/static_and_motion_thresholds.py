@@ -152,6 +152,9 @@ class MotionThresholds:
     mostly_under_way: float = _set(0.2, "of the readings; with fewer under way all of them tell the clock", JUDGEMENT)
     moves: float = _set(0.002, "rad (m); a joint that turns less does not move", JUDGEMENT)
     slow_s: float = _set(0.5, "s between samples: a clock in milliseconds rather than a motion", JUDGEMENT)
+    least_gain_percent: float = _set(
+        0.5, "per cent; torque constants of data sheets hold to several, so less is no wrong unit", JUDGEMENT
+    )
     few_degrees: float = _set(6.3, "deg; a range within it is rather of radians", JUDGEMENT)
     few_millimetres: float = _set(5.0, "mm; a range within it is rather of metres", JUDGEMENT)
     loaded: float = _set(

@@ -33,8 +33,6 @@ from machopt.numerics.array_types import Array
 
 MAX_LISTED = 10
 ROUND_OFF = 1e-9  # relative to the largest number of the same unit: what rounding leaves of a zero
-MAX_RELATIVE_WIDTH = 50.0  # width of an interval around zero per largest number of its unit: beyond it says nothing
-MAX_PERCENT = 1000.0  # width of an interval around zero in per cent, beyond which a share or gain says nothing
 COMPONENTS = ("_x", "_y", "_z", " x", " y", " z")  # ends of the names of vector components
 MAX_INTERVAL_RATIO = 1000  # ratio of interval end to size from which on the interval of a body counts as unbounded
 
@@ -186,7 +184,8 @@ def drop_meaningless_estimates(estimates: dict[str, EstimatedValue]) -> dict[str
             out[name] = replace(e, value=0.0)
             continue
         is_component = name.endswith(COMPONENTS)
-        most = MAX_PERCENT if e.unit == "%" else MAX_RELATIVE_WIDTH * largest[e.unit]
+        limits = thresholds.PROOF
+        most = limits.widest_percent if e.unit == "%" else limits.widest * largest[e.unit]
         if n and not is_component and around_zero and high - low > most > 0.0:
             continue
         out[name] = e
