@@ -2,7 +2,9 @@
 
 The arm is that of the cell with the written stiffness and kinematics. Only the registration is fitted again, by least
 squares over the positions: the tracker frames and, with ``registration: fit`` or named reflectors, their places in the
-flange. Nothing else is fitted, and the discrepancy of the stiffness is not used.
+flange. Nothing else is fitted, and the discrepancy of the stiffness is not used. Where neither the cell nor a written
+file states springs (no stiffness.yaml holds a joint that slides), they are fitted with the registration: they bend the
+arm with and without the corrections.
 """
 
 from __future__ import annotations
@@ -88,8 +90,8 @@ def _compute_load_test_residual(cell: Cell, recording: Recording) -> Array:
 
 def _compute_pose_residual(cell: Cell, recording: Recording, fitted: Flags) -> Array:
     """Return the residual (N, 3) of measured poses with the registration fitted to some readings."""
-    every = frozenset(range(1, JOINTS + 1))
-    model = NominalPoseModel(recording, cell, load_robot(cell), read_stated_masses(cell), every)
+    stated = frozenset(range(1, JOINTS + 1)) if cell.stiffness is not None else frozenset()
+    model = NominalPoseModel(recording, cell, load_robot(cell), read_stated_masses(cell), stated)
     terms = () if cell.stiffness is None else existing_terms.select_known_terms(cell.stiffness.terms)
     at = FirstPoseFit(
         np.zeros((model.frame_count, 3)), np.zeros((model.frame_count, 3)), np.zeros((model.targets, 3)), model.nominal
@@ -120,9 +122,12 @@ def _solve_registration(columns: Array, residual: Array) -> Array:
 
 def _move_registration(at: FirstPoseFit, step: BaseStep) -> FirstPoseFit:
     Q = convert_vector_to_rotation(at.turn)
+    compliance = at.compliance.copy()
+    for joint, change in step.springs.items():
+        compliance[joint] = max(compliance[joint] + change, 0.0)
     return FirstPoseFit(
         at.shift + np.einsum("fij,fj->fi", Q, step.shift),
         convert_to_rotation_vector(Q @ convert_vector_to_rotation(step.turn)),
         at.target + step.target,
-        at.compliance,
+        compliance,
     )
