@@ -6,6 +6,7 @@ import csv
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -240,3 +241,21 @@ def test_a_ball_cutter_without_normals_is_unknown_and_verified(tmp_path: Path) -
     assert {row["outcome"] for row in rows} == {"unknown"}
     assert all(not row["error_normal_mm"] and not row["p_in"] for row in rows)
     assert all(float(row["f_normal_N"]) > 50.0 for row in rows)
+
+
+def test_a_part_of_the_path_keeps_the_force_of_its_points(tmp_path: Path) -> None:
+    from machopt.planning.stations.path_subset import select_path_runs
+    from machopt.planning.stations.planning_path import build_planning_path
+
+    moves = ((40, "rapid", ""), (25, "rapid", ""), (0, "cut", "420"), (40, "retract", ""))
+    rows = [(x, -200.0, z, move, feed) for x in (-150.0, 150.0) for z, move, feed in moves]
+    (tmp_path / "path.csv").write_text(write_rows(*rows))
+    toolpath = read_toolpath(tmp_path / "path.csv")
+    force = np.arange(3.0 * len(toolpath)).reshape(-1, 3)
+    path = build_planning_path(replace(toolpath, force=force))
+    part = select_path_runs(path, [len(path.runs) - 1], 10)
+    assert part.force is not None
+    assert part.force.shape == part.position.shape
+    assert path.force is not None
+    last = path.runs[-1]
+    assert np.array_equal(part.force, path.force[last[0] : last[1] + 1])

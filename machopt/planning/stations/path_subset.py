@@ -63,6 +63,7 @@ def select_path_runs(path: PlanningPath, runs: Sequence[int], stations: int, bus
     return replace(
         path,
         **fields,
+        force=None if path.force is None else path.force[rows],
         run=np.repeat(np.arange(len(runs), dtype=np.int32), size),
         stations=keep.astype(np.int32),
         runs=tuple((int(b - n), int(b) - 1) for b, n in zip(ends, size, strict=True)),
