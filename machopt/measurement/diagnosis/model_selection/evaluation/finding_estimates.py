@@ -131,7 +131,9 @@ def estimate_parameters(
         p = t.X.shape[2]
         for s in range(len(t.shapes)):
             m = model_without.with_law(t, s, held=True)
-            if m.rss > most and (t is not c.whitened or s != c.scored.shape):
+            more = max(p - c.whitened.X.shape[2], 0)  # coefficients; they have to pay as in the selection
+            cost = thresholds.DETECTION.per_coefficient * more * m.residual_variance
+            if m.rss + cost > most and (t is not c.whitened or s != c.scored.shape):
                 continue
             x, covariance, freedom = compute_cluster_robust_fit(m)
             intervals = _compute_quantity_intervals(t, s, x[-p:], covariance[-p:, -p:], freedom, doubt)
