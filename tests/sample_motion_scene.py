@@ -8,6 +8,7 @@ import numpy as np
 from sample_report_data import full_result
 
 from machopt.data_types.cell import Cell
+from machopt.data_types.process_columns import OUTCOMES
 from machopt.kinematics.robot import Robot, load_chain
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
 from machopt.report.page_types.optimize_report import ReportData
@@ -46,6 +47,9 @@ def build_report_with_motion_scene(
             value=1e3 * p.deflection,
             label="deflection (mm)",
             large_is_good=False,
+            outcome=(1 + np.arange(points) % len(OUTCOMES)).astype(np.uint8),
+            p_in=np.full(points, 0.61),
+            cause=("joint:2 0.72",) * points,
         ),
         stations=StationPostures(
             q=np.pad(q, still),

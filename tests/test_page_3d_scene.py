@@ -21,6 +21,7 @@ from test_map_page import build_sample_map
 from test_pages_in_browser import ASSETS, in_browser
 
 from machopt.data_types.cell import Cell
+from machopt.data_types.process_columns import OUTCOMES
 from machopt.kinematics.robot import load_chain
 from machopt.report.charts.scene_json import build_posture_view, build_scene_spec, pack_joint_levels, reduce_bodies
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
@@ -147,6 +148,7 @@ def test_slider_map_curves_and_tables_move_one_robot(tmp_path: Path) -> None:
     assert found["slider"][0] != found["slider"][1]
     bend = data.path.deflection[round(found["linked"])] if data.path is not None else np.nan
     assert f"Deflection{1e3 * bend:.3f} mm" in found["at"]  # as the tables and curves have it
+    assert f"Tolerance{OUTCOMES[round(found['linked']) % 4]}, probability 61 %" in found["at"]
     assert found["link"] == [pytest.approx(found["linked"], abs=0.1), "#scene"]
     assert "φ, γ" in found["tip"]
     assert found["keyboard"]

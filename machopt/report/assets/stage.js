@@ -244,4 +244,23 @@ function pathLines(stage, path) {
   }
   if (air.length) stage.lines(air, null, 1);
   if (cut.length) stage.lines(cut, colors, path.known ? 3.5 : 2);
+  if (path.outcome) outcomeDots(stage, path, at, linear);
+}
+
+// Points with a tolerance as dots in the colour of their outcome; where there are many, those in tolerance are thinned.
+const OUTCOME_COLORS = { pass: [42, 143, 76], marginal: [217, 164, 0], fail: [200, 30, 30], unknown: [122, 132, 144] };
+function outcomeDots(stage, path, at, linear) {
+  const outcome = bytes(path.outcome), dots = [], colors = [];
+  let all = 0;
+  for (const code of outcome) all += code > 0;
+  const every = Math.max(1, Math.ceil(all / 1500));
+  let n = 0;
+  for (let k = 0; k < outcome.length; k++) {
+    const word = outcome[k] && path.outcomes[outcome[k] - 1];
+    if (!word || (word === "pass" && n++ % every)) continue;
+    const p = at.subarray(3 * k, 3 * k + 3), color = OUTCOME_COLORS[word].map(linear);
+    dots.push(...p, p[0], p[1], p[2] + 1e-5); // a line this short is drawn as a round dot
+    colors.push(...color, ...color);
+  }
+  if (dots.length) stage.lines(dots, colors, 9);
 }

@@ -69,6 +69,14 @@ function robotView(host, data) {
       make("div", "bar", scale).style.background = `linear-gradient(to right, ${RAMP.map(c => `rgb(${c.join(",")})`).join(",")})`;
       make("span", "", scale, `stiff ${+ends[1].toPrecision(3)}: ${path.label}`);
     }
+    if (path.outcome) {
+      const codes = bytes(path.outcome), counts = path.outcomes.map((word, n) => [word, codes.reduce((sum, code) => sum + (code === n + 1), 0)]);
+      for (const [word, count] of counts) if (count) {
+        const entry = make("span", "", box), dot = make("i", "outcome-dot", entry);
+        dot.style.background = `rgb(${OUTCOME_COLORS[word].join(",")})`;
+        entry.append(`${word === "pass" ? "in tolerance" : word} ${count.toLocaleString("en")}`);
+      }
+    }
     if (soft && chosen && firstRow(chosen)) make("span", "", box, "blue body: where a unit force from each side would push the tip (compliance)");
     if (force && chosen && firstRow(chosen)) make("span", "", box, "red arrow: deflection under the process force, enlarged");
     make("span", "", box, `bodies as they are checked for collisions, drawn with ${scene.bodies.reduce((n, b) => n + bytes(b.faces).length / (b.wide ? 12 : 6), 0).toLocaleString("en")} of their ${scene.triangles.toLocaleString("en")} triangles`);
@@ -186,6 +194,16 @@ function robotView(host, data) {
     return Math.abs(pathPoint[k] - place.point) < 1e-3 ? pathValue[k] : NaN;
   };
 
+  // Whether the tolerances hold at a toolpath point of the chosen plan.
+  const outcomeCode = path.outcome && bytes(path.outcome), chance = path.outcome && unpack(path.p_in, Float32Array);
+  const outcomeAt = place => {
+    if (!outcomeCode || !place.chosen || !Number.isFinite(place.point)) return null;
+    const k = pathRow(place.point), word = outcomeCode[k] && Math.abs(pathPoint[k] - place.point) < 1e-3 && path.outcomes[outcomeCode[k] - 1];
+    if (!word) return null;
+    const p = Number.isFinite(chance[k]) ? `, probability ${(100 * chance[k]).toFixed(0)} %` : "";
+    return { word, text: `${word}${p}${path.cause[k] && word !== "pass" ? `, ${path.cause[k]}` : ""}` };
+  };
+
   // Which of the scene's tools is on: as the motion says, else as the nearest place of the map.
   const toolOf = place => place.tool ?? (stations && stations.tool && place.k >= 0 ? stations.tool[place.k] : 0);
 
@@ -237,6 +255,8 @@ function robotView(host, data) {
     const same = cell >= 0 && indexAt(cell) !== null && map.label === "deflection"; // told above, with all terms
     if (Number.isFinite(toldBend(place))) row("Deflection", `${toldBend(place).toFixed(3)} mm`);
     else if (d && !same) row("Deflection", `${(1e3 * Math.hypot(...d)).toFixed(3)} mm${exact || !stations.terms.length ? "" : " by the joints' springs alone"}`);
+    const tolerance = outcomeAt(place);
+    if (tolerance) row("Tolerance", tolerance.text, tolerance.word === "pass" ? "pass" : tolerance.word === "fail" ? "fail" : "");
     if (C) {
       const [most, , least] = FK.eigenvalues(C);
       row("Stiffness", `${(1e-6 / most).toPrecision(3)} N/µm softest, ${(1e-6 / least).toPrecision(3)} N/µm stiffest way`);

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.process_columns import OUTCOMES
 from machopt.numerics.array_types import Array
 from machopt.report.charts.point_reduction import round_for_json
 from machopt.report.page_types.display_units import ANGLE, LENGTH
@@ -105,6 +106,18 @@ def build_path_spec(path: ToolpathScene) -> Spec:
         "from": low,
         "to": high,
         "large_is_good": path.large_is_good,
+        **_build_outcome_spec(path),
+    }
+
+
+def _build_outcome_spec(path: ToolpathScene) -> Spec:
+    if path.outcome is None or path.p_in is None:
+        return {}
+    return {
+        "outcomes": OUTCOMES,
+        "outcome": base64.b64encode(path.outcome.tobytes()).decode("ascii"),
+        "p_in": pack_floats(path.p_in),
+        "cause": list(path.cause),
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.process_columns import OUTCOMES
 from machopt.data_types.toolpath import Toolpath
 from machopt.kinematics.robot import load_chain
 from machopt.numerics.array_types import Array, Bools, compute_any_last
@@ -104,7 +105,21 @@ def _build_toolpath_scene(plan: Plan, toolpath: Toolpath, points: PointResults, 
         value=np.where(counted, value, np.nan)[k],
         label="predicted deflection (mm)" if by_bend else "stiffness (N/µm)",
         large_is_good=not by_bend,
+        **_build_outcomes(points, k),
     )
+
+
+def _build_outcomes(points: PointResults, k: NDArray[np.intp]) -> dict[str, Any]:
+    """Return outcome, probability and cause of the drawn points ``k``."""
+    found = points.table.process
+    if found is None:
+        return {}
+    codes = {"": 0, **{word: n + 1 for n, word in enumerate(OUTCOMES)}}
+    return {
+        "outcome": np.array([codes[found.outcome[i]] for i in k], np.uint8),
+        "p_in": found.p_in[k],
+        "cause": tuple(found.cause[i] for i in k),
+    }
 
 
 def _build_stations(plan: Plan, points: PointResults, shown: CollisionMap) -> StationPostures | None:

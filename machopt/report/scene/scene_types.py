@@ -65,6 +65,9 @@ class ToolpathScene:
     value: Array  # (P,) what colours it, NaN where unknown
     label: str  # what that is, with its unit
     large_is_good: bool
+    outcome: NDArray[np.uint8] | None = None  # (P,) 0: no tolerance, else 1 + index in OUTCOMES; None: no process
+    p_in: Array | None = None  # (P,) probability that the tolerances hold
+    cause: tuple[str, ...] = ()  # (P,) largest cause of the error, as in points.csv
 
 
 @dataclass(frozen=True, kw_only=True)
