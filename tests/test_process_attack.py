@@ -259,3 +259,23 @@ def test_a_part_of_the_path_keeps_the_force_of_its_points(tmp_path: Path) -> Non
     assert path.force is not None
     last = path.runs[-1]
     assert np.array_equal(part.force, path.force[last[0] : last[1] + 1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (", point_deg: 135", "", "no tool of the cell fits: the point angle"),
+        ("(?m)^accuracy:.*$", "", "accuracy of cell.yaml is not stated"),
+        ("xxx", "", "valid, 0 warnings"),
+    ],
+)
+def test_validate_names_what_the_process_file_lacks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, words: str
+) -> None:
+    cell = tmp_path / "cell"
+    shutil.copytree(ROOT / "cells" / "kr240_drilling", cell)
+    text = (cell / "cell.yaml").read_text()
+    (cell / "cell.yaml").write_text(re.sub(old, new, text) + "process: process.yaml\n")
+    assert main(["validate", str(cell)]) == 0
+    out, err = capsys.readouterr()
+    assert words in out + err
