@@ -93,7 +93,8 @@ def test_the_deflection_is_that_of_the_thrust(planned: tuple[list[dict[str, str]
 
 
 @pytest.mark.parametrize(
-    ("column", "change"), [("p_in", 0.05), ("f_axial_N", 5.0), ("error_across_mm", 0.02), ("error_axis_deg", 0.01)]
+    ("column", "change"),
+    [("p_in", 0.05), ("f_axial_N", 5.0), ("error_across_mm", 0.02), ("error_axis_deg", 0.01), ("tolerance_mm", -0.1)],
 )
 def test_a_changed_column_fails_the_verification(
     job: Path, planned: tuple[list[dict[str, str]], dict[str, object]], column: str, change: float, tmp_path: Path
@@ -123,6 +124,36 @@ def test_a_changed_column_fails_the_verification(
         manifest=read_manifest(out)[0],
     )
     assert any(column in c.name for c in found.failed), [c.name for c in found.failed]
+
+
+def test_a_failure_that_is_stated_as_unknown_fails_the_verification(
+    job: Path, planned: tuple[list[dict[str, str]], dict[str, object]], tmp_path: Path
+) -> None:
+    del planned
+    out = tmp_path / "out"
+    shutil.copytree(job / "out", out)
+    with (out / "points.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    row = next(r for r in rows if r["p_in"])
+    row["p_in"], row["outcome"] = "", "unknown"
+    with (out / "points.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    from machopt.cell.cell_reader import load_cell
+    from machopt.data_types.plan_options import PlanOptions, ProcessForce
+    from machopt.output.manifest_file import read_manifest
+    from machopt.toolpath.toolpath_reader import read_toolpath
+    from machopt.verification.folder.folder_checks import check_contents
+
+    found = check_contents(
+        load_cell(job / "cell"),
+        read_toolpath(job / "holes.csv"),
+        out,
+        options=PlanOptions(force=ProcessForce(axial=250.0)),
+        manifest=read_manifest(out)[0],
+    )
+    assert any("unknown outcomes" in c.name for c in found.failed), [c.name for c in found.failed]
 
 
 @pytest.mark.parametrize(

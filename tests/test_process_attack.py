@@ -259,3 +259,38 @@ def test_a_part_of_the_path_keeps_the_force_of_its_points(tmp_path: Path) -> Non
     assert path.force is not None
     last = path.runs[-1]
     assert np.array_equal(part.force, path.force[last[0] : last[1] + 1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (", point_deg: 135", "", "no tool of the cell fits: the point angle"),
+        ("(?m)^accuracy:.*$", "", "accuracy of cell.yaml is not stated"),
+        ("xxx", "", "valid, 0 warnings"),
+    ],
+)
+def test_validate_names_what_the_process_file_lacks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, words: str
+) -> None:
+    cell = tmp_path / "cell"
+    shutil.copytree(ROOT / "cells" / "kr240_drilling", cell)
+    text = (cell / "cell.yaml").read_text()
+    (cell / "cell.yaml").write_text(re.sub(old, new, text) + "process: process.yaml\n")
+    assert main(["validate", str(cell)]) == 0
+    out, err = capsys.readouterr()
+    assert words in out + err
+
+
+def test_an_unknown_chisel_edge_is_noted(tmp_path: Path) -> None:
+    material = (
+        "  al: {drilling: {kc1: 800, mc: 0.25, thrust_spread_percent: 25, torque_spread_percent: 9, source: t}}\n"
+    )
+    assert run_job(tmp_path / "known", drill())[0] == 0
+    known = json.loads((tmp_path / "known" / "out" / "result.json").read_text())["process"]["validity"]
+    file = tmp_path / "process.yaml"
+    file.write_text("machopt_process: 1\nmaterials:\n" + material + "operations:\n" + drill())
+    cell, path, out = (str(tmp_path / name) for name in ("known/cell", "known/path.csv", "out"))
+    assert main(["optimize", cell, path, "--process", str(file), "-o", out, "--quiet"]) == 0
+    validity = json.loads((tmp_path / "out" / "result.json").read_text())["process"]["validity"]
+    assert not any("chisel" in note for note in known)
+    assert any("chisel_N_mm2 is not stated" in note for note in validity)

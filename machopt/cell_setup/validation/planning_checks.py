@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from machopt.cell_setup.validation.process_checks import list_process_problems
 from machopt.cell_setup.workpiece_placement import (
     NO_ROTATION,
     compute_pointing_rpy,
@@ -70,6 +71,8 @@ def list_remarks(cell: Cell) -> Iterator[CellRemark]:
         yield CellRemark("error", "plan", str(problem))
         options = load_options(None)
     yield from _check_options(cell, options)
+    for key, said in list_process_problems(cell):
+        yield CellRemark("warning", "process", f"{key}: {said}")
     setup: PlanningSetup | None = None
     if cell.stiffness is None:
         yield CellRemark("error", "stiffness", _NO_STIFFNESS)

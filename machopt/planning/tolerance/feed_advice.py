@@ -1,6 +1,7 @@
 """Largest feed at which each point with a tolerance still passes.
 
-The probability falls as the load grows; with a compensated path it falls on both sides of the planned load. Of a hole
+The probability falls as the load grows, but for a path that is compensated, or an offset that the load counters: it
+then falls on both sides of a load, and the largest load that passes is found from above, in ``STEPS`` steps. Of a hole
 the load is thrust and torque, which grow with the feed as f^(1 − mc) (the chisel edge with f): the largest thrust is
 found first, then its feed. Of a milled point the load is affine in the feed per tooth. A feed is searched within the
 chip thickness that the coefficients hold for; where they state none, up to ``WIDEST`` times the programmed feed. Zero:
@@ -9,6 +10,7 @@ no feed suffices, because edge forces or the clamp alone are too much.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -37,7 +39,8 @@ from machopt.process.milling.mean_force import compute_mean_load
 from machopt.process.milling.milling_cut import CutSide, MillingCut
 
 DRAWS = 256
-HALVINGS = 12
+STEPS = 24  # of the search from above; the programmed feed is one of them
+HALVINGS = 8
 WIDEST = 3.0  # times the programmed feed
 _SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 
@@ -83,13 +86,11 @@ def _find_load_scale(model: HoleErrorModel, h: int, draws: UncertaintyDraws) -> 
         found = draw_hole_errors(other, h, draws, position=True)
         return compute_hole_probability(other, h, found) >= model.process.quantile
 
-    low, high = 0.0, WIDEST
-    if passes(high):
-        return high
-    if passes(1.0):  # a compensated path passes here, and may not with a smaller load
-        low = 1.0
-    elif not passes(0.0):
-        return 0.0
+    scales = [WIDEST * n / STEPS for n in range(STEPS + 1)]
+    n = next((n for n in range(STEPS, -1, -1) if passes(scales[n])), -1)
+    if n < 0 or n == STEPS:
+        return scales[n] if n > 0 else 0.0
+    low, high = scales[n], scales[n + 1]
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if passes(middle) else (low, middle)
@@ -179,15 +180,35 @@ def _find_milling_feeds(
         errors = draw_surface_errors(other, slice(None), draws, factor, position=True)
         return np.asarray(compute_surface_probability(errors, limit, std) >= model.process.quantile)
 
-    own_feed = np.clip(bite, low, high)
-    low = np.where(passes(own_feed), own_feed, low)
     ok, widest = passes(low), passes(high)
+    low, high, some = _bracket_feeds(low, high, passes)
+    ok |= some
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         good = passes(middle)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
     found = np.where(widest, np.minimum(np.full(len(rows), largest), WIDEST * bite), low)
     return np.where(ok, found * loads.spindle_speed[rows] * cutter.teeth, 0.0)
+
+
+def _bracket_feeds(
+    low: Array, high: Array, passes: Callable[[Array], NDArray[np.bool_]]
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return the highest of ``STEPS`` intervals whose lower end passes, and whether there is one; else the whole range.
+
+    Args:
+        low: (n,) m, least feed per tooth.
+        high: (n,) m, largest.
+        passes: Whether feeds (n,) pass.
+    """
+    lower, upper, found = low, high, np.zeros(len(low), bool)
+    for n in range(STEPS - 1, 0, -1):
+        feed = low + n / STEPS * (high - low)
+        good = passes(feed) & ~found
+        lower = np.where(good, feed, lower)
+        upper = np.where(good, low + (n + 1) / STEPS * (high - low), upper)
+        found |= good
+    return lower, np.where(found, upper, low + (high - low) / STEPS), found
 
 
 def _take_draws(draws: UncertaintyDraws) -> UncertaintyDraws:

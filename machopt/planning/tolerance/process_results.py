@@ -11,6 +11,7 @@ from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.process_columns import ProcessColumns, ProcessSummary, ToleranceSummary
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
+from machopt.planning.error_probability.draws import has_unknown_chisel_edge
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes
@@ -215,7 +216,12 @@ def _list_used_operations(process: CuttingProcess, toolpath: Toolpath) -> list[P
 def _list_limits_of_validity(process: CuttingProcess, plan: Plan, toolpath: Toolpath, found: PointErrors) -> list[str]:
     cell = plan.setup.cell
     used = _list_used_operations(process, toolpath)
-    out: list[str] = []
+    out = [
+        f"{one.label}: the thrust of the chisel edge is not counted, and the spread upwards is doubled: "
+        "chisel_N_mm2 is not stated"
+        for one in used
+        if has_unknown_chisel_edge(process, one)
+    ]
     if not any(one.tolerance.is_given for one in used):
         return out
     if cell.workpiece.stiffness is None:

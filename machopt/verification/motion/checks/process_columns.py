@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.process import CutSide
+from machopt.data_types.process import CutSide, CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import (
@@ -84,7 +84,8 @@ def check_process_columns(
     true_points = replace(points, q=compute_true_angles(cell.kinematics, points.q))
     found = predict_errors(cell, toolpath, loads, true_motion, true_points, arm, law)
     checks += [*_check_errors(points, found), *_check_stability(cell, toolpath, loads, true_points, arm, law)]
-    return [*checks, *_check_probabilities(cell, points, found)]
+    checks.append(_check_tolerances(cell, toolpath, points))
+    return [*checks, *_check_probabilities(cell, points, found), _check_unknown(cell, toolpath, points, found)]
 
 
 def find_largest_feed(toolpath: Toolpath, motion: ExportedMotion) -> Array:
@@ -190,6 +191,47 @@ def _check_stability(
         build_worst_value_check("points.csv f1_Hz", "of its limit", off, 1.0, lambda n: f"point {at[n]}"),
         build_worst_value_check("points.csv a_lim_mm", "1 above", above, LIMIT_SHARE, lambda n: f"point {at[n]}"),
     ]
+
+
+def _check_tolerances(cell: Cell, toolpath: Toolpath, points: ExportedPoints) -> VerificationCheck:
+    """Compare tolerance_mm of each point that has an outcome with the limit of its operation."""
+    assert cell.process is not None
+    assert toolpath.process_operation is not None
+    wanted = np.full(len(toolpath), np.nan)
+    for point, word in enumerate(points.words.get("outcome", ())):
+        k = toolpath.process_operation[point]
+        if word and k >= 0:
+            limits = cell.process.operations[k].tolerance
+            least = min(limits.position, limits.depth, limits.surface)
+            wanted[point] = 1e3 * least if np.isfinite(least) else np.nan
+    return _compare(points, "tolerance_mm", wanted, np.full(len(toolpath), 1e-5))
+
+
+def _check_unknown(cell: Cell, toolpath: Toolpath, points: ExportedPoints, found: PredictedErrors) -> VerificationCheck:
+    """Find outcomes that are stated as unknown although every input is there."""
+    assert cell.process is not None
+    assert toolpath.process_operation is not None
+    stiffness = cell.stiffness
+    is_complete = stiffness is not None and not stiffness.estimated and stiffness.position is None
+    has_spread = [_states_spread(cell.process, one) for one in cell.process.operations]
+    wrong = [
+        f"point {points.point[n]}: p_in {found.p_in[n]:.3f} follows"
+        for n, word in enumerate(points.words.get("outcome", ()))
+        if is_complete
+        and word == "unknown"
+        and np.isfinite(found.p_in[n])
+        and has_spread[toolpath.process_operation[n]]
+    ]
+    return build_count_check("points.csv unknown outcomes", wrong, "points")
+
+
+def _states_spread(process: CuttingProcess, one: ProcessOperation) -> bool:
+    """Return whether the spread of an operation's force is stated."""
+    if one.kind == "force":
+        return one.spread is not None
+    if one.kind == "milling":
+        return process.materials[one.material].has_milling_spread
+    return all(process.materials[layer.material].has_drilling_spread for layer in one.layers)
 
 
 def _fits(word: str, probability: float, quantile: float) -> bool:
