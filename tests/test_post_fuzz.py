@@ -38,7 +38,7 @@ def ls(line: str, position: str = "", more: str = "") -> str:
         ("a.src", "DEF a()\nFOR i=1 TO 99999999\nLIN " + POSE + "\nENDFOR\nEND\n", "line 2: FOR runs 99999999 times"),
         ("a.src", "DEF a()\na()\nEND\n", "calls itself"),
         ("a.src", "DEF a()\nIF $IN[1] THEN\nLIN " + POSE + "\nENDIF\nEND\n", "line 2: IF decides about moves"),
-        ("a.src", "DEF a()\nLIN_REL {X 1}\nEND\n", "line 2: LIN_REL starts where the robot stands"),
+        ("a.src", "DEF a()\nLIN_REL {X 1}\nEND\n", "line 2: LIN_REL starts"),
         ("a.src", "DEF a()\nLIN XP1\nEND\n", "line 2: XP1 is declared in none of the files read"),
         ("a.src", "DEF a()\nLIN {X 1,Y 1}\nEND\n", "line 2: Z is not given here or earlier"),
         ("a.src", "DEF a()\nPTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 1e9}\nEND\n", "axis at 1e[+]09 degrees"),

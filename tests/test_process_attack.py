@@ -281,16 +281,20 @@ def test_validate_names_what_the_process_file_lacks(
     assert words in out + err
 
 
-def test_an_unknown_chisel_edge_is_noted(tmp_path: Path) -> None:
+def test_an_unknown_chisel_edge_and_an_unused_stock_are_noted(tmp_path: Path) -> None:
     material = (
         "  al: {drilling: {kc1: 800, mc: 0.25, thrust_spread_percent: 25, torque_spread_percent: 9, source: t}}\n"
     )
     assert run_job(tmp_path / "known", drill())[0] == 0
     known = json.loads((tmp_path / "known" / "out" / "result.json").read_text())["process"]["validity"]
     file = tmp_path / "process.yaml"
-    file.write_text("machopt_process: 1\nmaterials:\n" + material + "operations:\n" + drill())
+    file.write_text(
+        "machopt_process: 1\nmaterials:\n" + material + "operations:\n" + drill() + "stock: {mesh: s.stl}\n"
+    )
     cell, path, out = (str(tmp_path / name) for name in ("known/cell", "known/path.csv", "out"))
     assert main(["optimize", cell, path, "--process", str(file), "-o", out, "--quiet"]) == 0
     validity = json.loads((tmp_path / "out" / "result.json").read_text())["process"]["validity"]
     assert not any("chisel" in note for note in known)
     assert any("chisel_N_mm2 is not stated" in note for note in validity)
+    assert not any(note.startswith("stock") for note in known)
+    assert any(note.startswith("stock is not used") for note in validity)

@@ -122,6 +122,7 @@ class CuttingProcess:
     materials: Mapping[str, CuttingMaterial] = field(default_factory=dict)
     quantile: float = 0.95  # probability that "pass" needs
     damping: ModeDamping | None = None
+    has_stock: bool = False  # a stock mesh is named; no operation uses it
     file: Path | None = field(default=None, compare=False)
 
 

@@ -60,6 +60,7 @@ def load_process(path: Path | str) -> CuttingProcess:
         materials=materials,
         quantile=keys.quantile,
         damping=damping,
+        has_stock=keys.stock is not None,
         file=Path(path),
     )
 

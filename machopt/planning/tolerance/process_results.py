@@ -104,6 +104,7 @@ def _summarise(
         variance_shares=_compute_variance_shares(found),
         sources=_list_sources(process, plan, toolpath),
         validity=(
+            *(("stock is not used: the depths of cut are those of the operations",) if process.has_stock else ()),
             *loads.notes,
             *list_skid_notes(process, plan, loads),
             *dynamics.notes,

@@ -105,7 +105,7 @@ def _describe_first_infeasible(data: ReportData) -> str:
         return ""
     p = data.infeasible[0]
     x, y, z = (LENGTH.format_value(float(v)) for v in p.position)
-    return f", the first point {p.point} at x {x}, y {y}, z {z} mm{f', {p.shortfall}' if p.shortfall else ''},"
+    return f", the first point {p.point} at x {x}, y {y}, z {z} mm{f', {p.shortfall}' if p.shortfall else ''}"
 
 
 def build_key_figures(data: ReportData) -> list[KeyFigure]:

@@ -1,0 +1,153 @@
+"""Damages of the process columns of points.csv and of the process section of result.json."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
+from output_damage.damage_case import CELLS, HEADER, JOBS, PASS, Damage, Job, build_json_change, build_table_change
+
+Rows = list[dict[str, str]]
+HOLE = """operations:
+  default:
+    kind: drilling
+    spindle_rpm: 3000
+    layers: [{material: al7075, thickness_mm: 4}]
+    depth_mm: 7
+    tolerance: {position_mm: 0.4, axis_deg: 0.5, depth_mm: 1.5, reference: relative}
+"""
+
+
+def plan_milled_wall(folder: Path) -> Job:
+    """The pass as a finished wall with a tolerance, in the milling cell with its process file."""
+    toolpath = folder / "pass.csv"
+    toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
+    shutil.copytree(CELLS / "kr500_milling", folder / "cell")
+    cell = folder / "cell" / "cell.yaml"
+    cell.write_text(cell.read_text(encoding="utf-8") + "process: process.yaml\n", encoding="utf-8")
+    out = folder / "out"
+    request = OptimizeRequest(cell=folder / "cell", toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",))
+    assert run_optimize(request).exit_code == 0
+    return Job(folder / "cell", toolpath, out)
+
+
+def plan_drilled_hole(folder: Path) -> Job:
+    """One hole with limits of position, depth and axis, in the drilling cell."""
+    toolpath = folder / "pass.csv"
+    rows = ((40, "rapid", ""), (25, "rapid", ""), (0, "cut", "420"), (40, "retract", ""))
+    toolpath.write_text(HEADER + "\n" + "".join(f"-150,-200,{z},0,0,1,{move},{feed}\n" for z, move, feed in rows))
+    shutil.copytree(CELLS / "kr240_drilling", folder / "cell")
+    cell, file = folder / "cell" / "cell.yaml", folder / "cell" / "process.yaml"
+    cell.write_text(cell.read_text(encoding="utf-8") + "process: process.yaml\n", encoding="utf-8")
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text[: text.index("operations:")] + HOLE, encoding="utf-8")
+    out = folder / "out"
+    request = OptimizeRequest(cell=folder / "cell", toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",))
+    assert run_optimize(request).exit_code == 0
+    return Job(folder / "cell", toolpath, out)
+
+
+JOBS["process"] = plan_milled_wall
+JOBS["drilled"] = plan_drilled_hole
+
+
+def scale_column(name: str, factor: float, rows: Rows) -> None:
+    """One cell, the first that is neither empty nor zero."""
+    row = next(r for r in rows if r[name] and float(r[name]) != 0.0)
+    row[name] = repr(float(row[name]) * factor)
+
+
+def replace_word(name: str, word: str, rows: Rows) -> None:
+    """One cell, the first that is not empty and another word."""
+    next(r for r in rows if r[name] and r[name] != word)[name] = word
+
+
+def forget_outcome(rows: Rows) -> None:
+    row = next(r for r in rows if r["outcome"])
+    row["outcome"], row["p_in"] = "unknown", ""
+
+
+def in_points(name: str, factor: float) -> Callable[[Job], None]:
+    return build_table_change("points.csv", partial(scale_column, name, factor))
+
+
+def in_process(change: Callable[[dict[str, Any]], None]) -> Callable[[Job], None]:
+    return build_json_change("result.json", lambda result: change(result["process"]))
+
+
+def count_one_more(process: dict[str, Any]) -> None:
+    counts = process["in_tolerance"]["after"]
+    fewer = next(word for word, n in counts.items() if n)
+    counts[fewer] -= 1
+    more = next(word for word in counts if word != fewer)
+    counts[more] += 1
+
+
+def double_first_share(process: dict[str, Any]) -> None:
+    shares = process["variance_shares"]
+    shares[max(shares, key=shares.__getitem__)] *= 2.0
+
+
+COLUMNS = (  # column, factor, check that finds it
+    ("f_travel_N", 1.03, "points.csv f_travel_N"),
+    ("f_normal_N", 1.03, "points.csv f_normal_N"),
+    ("f_axial_N", 3.0, "points.csv f_axial_N"),
+    ("error_normal_mm", 1.05, "points.csv error_normal_mm"),
+    ("p_in", 0.8, "points.csv p_in"),
+    ("tolerance_mm", 2.0, "points.csv tolerance_mm"),
+    ("f1_Hz", 1.05, "points.csv f1_Hz"),
+    ("a_lim_mm", 3.0, "points.csv a_lim_mm"),  # checked from above only
+)
+
+HOLE_COLUMNS = (
+    ("m_axial_Nm", 1.05, "points.csv m_axial_Nm"),
+    ("error_along_mm", 1.05, "points.csv error_along_mm"),
+    ("error_across_mm", 1.3, "points.csv error_across_mm"),
+    ("error_axis_deg", 1.3, "points.csv error_axis_deg"),
+)
+
+DAMAGES = [
+    *(
+        Damage(f"points.csv {name} scaled", f"×{factor}", in_points(name, factor), check, "drilled")
+        for name, factor, check in HOLE_COLUMNS
+    ),
+    Damage(
+        "points.csv chatter changed",
+        "1 cell",
+        build_table_change("points.csv", partial(replace_word, "chatter", "robot:3")),
+        "points.csv chatter",
+        "process",
+    ),
+    Damage(
+        "points.csv outcome withheld",
+        "1 cell",
+        build_table_change("points.csv", forget_outcome),
+        "points.csv unknown outcomes",
+        "process",
+    ),
+    *(
+        Damage(f"points.csv {name} scaled", f"×{factor}", in_points(name, factor), check, "process")
+        for name, factor, check in COLUMNS
+    ),
+    Damage(
+        "points.csv outcome changed",
+        "1 cell",
+        build_table_change("points.csv", partial(replace_word, "outcome", "pass")),
+        "points.csv outcome",
+        "process",
+    ),
+    Damage("result.json outcome counts", "1 point", in_process(count_one_more), "result.json process", "process"),
+    Damage("result.json variance share", "×2", in_process(double_first_share), "result.json process", "process"),
+    Damage(
+        "result.json quantile",
+        "0.95 → 0.9",
+        in_process(lambda process: process.update(quantile=0.9)),
+        "result.json process",
+        "process",
+    ),
+]
