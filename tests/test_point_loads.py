@@ -213,6 +213,19 @@ CYCLES = {
 }
 
 
+def test_a_spindle_that_starts_again_has_its_speed(tmp_path: Path) -> None:
+    text = CYCLES["h.apt"].replace("RAPID\n", "SPINDL/OFF\nSPINDL/ON\nRAPID\n", 1)
+    (tmp_path / "again.apt").write_text(text)
+    toolpath = read_toolpath(tmp_path / "again.apt", unit="mm")
+    assert [e.value for e in toolpath.events if e.text == "SPINDL/ON"] == [3000.0]
+    file = tmp_path / "process.yaml"
+    file.write_text(MATERIALS + HOLES.replace("holes:", "default:").replace("spindle_rpm: 3000, ", ""))
+    assert "spindle_rpm" not in file.read_text()
+    process = load_process(file)
+    loads = compute_point_loads(process, attach_process(process, toolpath), DRILL, toolpath.feed)
+    assert loads.spindle_speed[loads.holes[0].rows[-1]] == pytest.approx(50.0)
+
+
 @pytest.mark.parametrize("name", CYCLES)
 def test_the_depth_of_a_hole_comes_from_the_cycle_that_states_it(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text(CYCLES[name])

@@ -205,6 +205,8 @@ class _AptReader(OperationStatementReader):
         surface = any(p in ("SFM", "SMM", "SFPM", "SMPM") for p in parts)
         if value is not None:
             self.rpm = math.nan if surface else value
+        elif parts and parts[0] in ("ON", "CLW", "CCLW"):
+            value = self.rpm  # starts again at the speed before
         text = f"SPINDL/{rest}"
         if self.dialect is CamDialect.HSM and parts[:1] in (
             ["ON"],
