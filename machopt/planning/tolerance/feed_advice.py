@@ -16,13 +16,13 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.process import CuttingProcess, ProcessOperation
+from machopt.data_types.process import ProcessOperation
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.draws import UncertaintyDraws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.tolerance.error_columns import compute_twist_columns
-from machopt.planning.tolerance.hole_errors import HoleErrorModel, compute_hole_probability, draw_hole_errors
+from machopt.planning.tolerance.hole_errors import HoleErrorModel, compute_hole_probability, draw_hole_terms
 from machopt.planning.tolerance.surface_errors import (
     BLOCK,
     SurfaceErrorModel,
@@ -65,26 +65,30 @@ def find_hole_feeds(plan: Plan, model: HoleErrorModel, loads: PointLoads, draws:
     some = _take_draws(draws)
     targets = model.targets
     feeds = np.full(len(targets.row), np.nan)
+    depth_by_row = {hole.deepest: hole.depth for hole in loads.holes}
+    groups: dict[tuple[int, float], list[tuple[int, float]]] = {}  # operation and depth: hole and scale of its load
     for h in range(len(targets.row)):
         if not (model.poses[0].is_reached[h] and model.poses[1].is_reached[h]) or not targets.thrust[h] > 0:
             continue
-        one = model.process.operations[targets.operation[h]]
-        if one.kind == "force":
+        k = int(targets.operation[h])
+        if model.process.operations[k].kind == "force":
             continue
         scale = _find_load_scale(model, h, some)
-        feeds[h] = _find_drilling_feed(plan, model.process, one, model, h, scale, loads)
+        groups.setdefault((k, depth_by_row[int(targets.row[h])]), []).append((h, scale))
+    for (k, depth), found in groups.items():
+        holes = np.array([h for h, _ in found], np.intp)
+        scales = np.array([scale for _, scale in found])
+        feeds[holes] = _find_drilling_feeds(plan, model, model.process.operations[k], depth, holes, scales, loads)
     return FeedLimits(targets.row, feeds)
 
 
 def _find_load_scale(model: HoleErrorModel, h: int, draws: UncertaintyDraws) -> float:
     """Return by which factor thrust and torque may grow; 0 where the clamp alone is too much."""
 
+    terms = draw_hole_terms(model, h, draws, position=True)
+
     def passes(scale: float) -> bool:
-        thrust, torque = model.targets.thrust.copy(), model.targets.torque.copy()
-        thrust[h], torque[h] = scale * thrust[h], scale * torque[h]
-        other = replace(model, targets=replace(model.targets, thrust=thrust, torque=torque))
-        found = draw_hole_errors(other, h, draws, position=True)
-        return compute_hole_probability(other, h, found) >= model.process.quantile
+        return compute_hole_probability(model, h, terms.compute_errors(scale)) >= model.process.quantile
 
     scales = [WIDEST * n / STEPS for n in range(STEPS + 1)]
     n = next((n for n in range(STEPS, -1, -1) if passes(scales[n])), -1)
@@ -97,24 +101,22 @@ def _find_load_scale(model: HoleErrorModel, h: int, draws: UncertaintyDraws) -> 
     return low
 
 
-def _find_drilling_feed(
+def _find_drilling_feeds(
     plan: Plan,
-    process: CuttingProcess,
-    one: ProcessOperation,
     model: HoleErrorModel,
-    h: int,
-    scale: float,
+    one: ProcessOperation,
+    depth: float,
+    holes: NDArray[np.intp],
+    scales: Array,
     loads: PointLoads,
-) -> float:
-    if scale == 0.0:
-        return 0.0
-    row = int(model.targets.row[h])
+) -> Array:
+    """Return (n,) m/s of holes of one operation and depth whose load may grow by a factor."""
+    row = model.targets.row[holes]
     tool = build_drilling_tool(plan.setup.cell.tool.cutter, one)
-    stroke = build_drilling_stroke(tool, build_drilling_layers(process, one))
-    depth = next(hole.depth for hole in loads.holes if hole.deepest == row)
-    thrust = scale * float(model.targets.thrust[h]) / compute_mean_wear(one)
-    per_turn = float(find_largest_feed(stroke, thrust, depth)[0])
-    return min(per_turn, WIDEST * float(loads.bite[row])) * float(loads.spindle_speed[row])
+    stroke = build_drilling_stroke(tool, build_drilling_layers(model.process, one))
+    thrust = scales * model.targets.thrust[holes] / compute_mean_wear(one)
+    per_turn = np.minimum(find_largest_feed(stroke, thrust, depth), WIDEST * loads.bite[row])
+    return np.asarray(np.where(scales > 0.0, per_turn * loads.spindle_speed[row], 0.0))
 
 
 def find_surface_feeds(

@@ -99,23 +99,71 @@ def draw_hole_errors(model: HoleErrorModel, h: int, draws: UncertaintyDraws, *, 
         draws: The draws.
         position: Include position, lost motion and pose of the part; False: deflection alone.
     """
+    return draw_hole_terms(model, h, draws, position=position).compute_errors()
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoleTerms:
+    """Drawn parts of the errors of one hole, so that its load can be changed; D draws."""
+
+    model: HoleErrorModel
+    hole: int
+    noise: UncertaintyDraws | None  # None: deflection alone
+    thrust: Array  # (D,) N, without the clamp
+    torque: Array  # (D,) N·m
+    axial: tuple[Array, Array]  # (D, 6) twist by a unit thrust, entry and exit
+    turning: tuple[Array, Array]  # (D, 6) by a unit torque
+    rest: tuple[Array, Array]  # (D, 6) that does not depend on thrust and torque
+
+    def compute_errors(self, scale: float = 1.0) -> HoleDraws:
+        """Return the errors for a multiple of thrust and torque.
+
+        Args:
+            scale: Factor on thrust and torque; the clamp stays.
+        """
+        thrust = np.maximum(scale * self.thrust, self.model.targets.clamp[self.hole])
+        twists = [
+            thrust[:, None] * self.axial[pose] + (scale * self.torque)[:, None] * self.turning[pose] + self.rest[pose]
+            for pose in (ENTRY, EXIT)
+        ]
+        return _project(self.model, self.hole, twists, self.noise)
+
+
+def draw_hole_terms(model: HoleErrorModel, h: int, draws: UncertaintyDraws, *, position: bool) -> HoleTerms:
+    """Return the drawn parts of the errors of one hole.
+
+    Args:
+        model: The error model.
+        h: Index of the hole.
+        draws: The draws.
+        position: Include position, lost motion and pose of the part; False: deflection alone.
+    """
     process = model.process
     one = process.operations[model.targets.operation[h]]
     wear = compute_mean_wear(one)
     factor = draws.compute_load_factor(process, one)
-    thrust = np.maximum(model.targets.thrust[h] / wear * factor, model.targets.clamp[h])
-    torque = model.targets.torque[h] / wear * draws.compute_load_factor(process, one, torque=True)
-    twists = []
+    axial, turning, rest = [], [], []
     for pose in (ENTRY, EXIT):
-        twist = thrust[:, None] * (draws.stiffness @ model.axial[pose][h].T)
-        twist += torque[:, None] * (draws.stiffness @ model.turning[pose][h].T)
-        twist += (factor / wear)[:, None] * (draws.stiffness @ model.lateral[pose][h].T)
-        twist[:, :3] += model.poses[pose].offset[h] + model.local * thrust[:, None] * draws.local
+        along = draws.stiffness @ model.axial[pose][h].T
+        along[:, :3] += model.local * draws.local
+        axial.append(along)
+        turning.append(draws.stiffness @ model.turning[pose][h].T)
+        still = (factor / wear)[:, None] * (draws.stiffness @ model.lateral[pose][h].T)
+        still[:, :3] += model.poses[pose].offset[h]
         if position:
-            twist += draw_position(model.scatter[pose], h, draws)
-            twist[:, :3] += np.nan_to_num(model.scatter[pose].std[h]) * draws.position
-        twists.append(twist)
-    return _project(model, h, twists, draws if position else None)
+            still += draw_position(model.scatter[pose], h, draws)
+            still[:, :3] += np.nan_to_num(model.scatter[pose].std[h]) * draws.position
+        rest.append(still)
+    return HoleTerms(
+        model=model,
+        hole=h,
+        noise=draws if position else None,
+        thrust=model.targets.thrust[h] / wear * factor,
+        torque=model.targets.torque[h] / wear * draws.compute_load_factor(process, one, torque=True),
+        axial=(axial[ENTRY], axial[EXIT]),
+        turning=(turning[ENTRY], turning[EXIT]),
+        rest=(rest[ENTRY], rest[EXIT]),
+    )
 
 
 def compute_nominal_hole_errors(model: HoleErrorModel, h: int) -> HoleDraws:
