@@ -25,7 +25,7 @@ from machopt.measurement.recording import load_recording, write_recording
 from machopt.numerics.array_types import Array
 
 CELL = CELLS / "kr240_drilling"
-SCRIPT = Path(__file__).resolve().parents[1] / "benchmarks" / "written_model.py"
+SCRIPT = Path(__file__).resolve().parents[1] / "benchmarks" / "recompute_diagnosis_errors.py"
 
 
 def measured_poses(folder: Path, wobble: float = 0.0) -> None:

@@ -276,7 +276,9 @@ def test_one_file_without_load_goes_through_every_command(tmp_path: Path, capsys
     assert "kinematics.yaml encoder_scale at joint:1" in verdict
     capsys.readouterr()
     assert main(["verify", str(cell), str(path), str(tmp_path / "plan"), *mine]) == 0
-    assert "encoder_scale at joint:1 NOT checked" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "encoder_scale at joint:1 NOT checked" in printed
+    assert "no independent formula for 'encoder_scale'" in printed  # and why
     grid = ["--step", "700", "--collision", "none"]
     assert main(["map", str(cell), *mine, *grid, *QUIET, str(tmp_path / "map")]) == 0
     assert main(["map", str(cell), *grid, *QUIET, str(tmp_path / "unknown")]) == 2  # without its file

@@ -136,12 +136,12 @@ class Cell:
         """(J,) home position by encoder, degrees; mm for prismatic joints."""
         slides = (*(self.description.arm_prismatic or (False,) * 6), *self.description.external_prismatic)
         si = np.concatenate([self.description.home, self.description.external_home])
-        return _copy_read_only(np.where(slides, si * 1e3, np.degrees(si)))
+        return copy_read_only(np.where(slides, si * 1e3, np.degrees(si)))
 
     @property
     def joint_stiffness(self) -> Array | None:
         """(6,) constant joint stiffness, N·m/rad; None where the cell names no stiffness file."""
-        return None if self.description.stiffness is None else _copy_read_only(self.description.stiffness.joints)
+        return None if self.description.stiffness is None else copy_read_only(self.description.stiffness.joints)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -176,7 +176,12 @@ def load_cell_argument(cell: Cell | str | os.PathLike[str]) -> Cell:
     return cell.unchanged() if isinstance(cell, Cell) else Cell.load(cell)
 
 
-def _copy_read_only(values: Array) -> Array:
+def copy_read_only(values: Array) -> Array:
+    """Return a copy that cannot be changed.
+
+    Args:
+        values: Numbers of any shape.
+    """
     out = np.array(values, float)
     out.setflags(write=False)
     return out

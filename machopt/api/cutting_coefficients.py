@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 
 from machopt.api.argument_names import use_argument_names
-from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.cell import Cell, copy_read_only, load_cell_argument
 from machopt.api.option_types import CuttingCoefficientsOptions
 from machopt.api.request_options import NOWHERE, build_request, convert_to_path
 from machopt.api.result_saving import Named, Progress, ignore_progress, save_result
@@ -34,12 +34,12 @@ class CuttingCoefficients:
     @property
     def values(self) -> Array:
         """(6,) Ktc, Krc, Kac in N/mm², Kte, Kre, Kae in N/mm."""
-        return _copy_read_only([entry.value for entry in self.result.coefficients])
+        return copy_read_only(np.array([entry.value for entry in self.result.coefficients], float))
 
     @property
     def covariance(self) -> Array:
         """(6, 6) of :attr:`values`."""
-        return _copy_read_only(self.result.covariance)
+        return copy_read_only(np.array(self.result.covariance, float))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -76,7 +76,7 @@ def fit_cutting_coefficients(
     Args:
         cell: a cell, or the path of its folder.
         recording: a recording folder of kind ``cutting``.
-        progress: told what is being done.
+        progress: called with the name of each stage.
         options: as :class:`machopt.measurement.cutting.request.ProcessRequest` has them, e.g. ``level_percent=95.0``.
 
     Raises:
@@ -92,9 +92,3 @@ def fit_cutting_coefficients(
         allow_external=a_cell.allow_external,
     )
     return CuttingCoefficients(a_cell, compute_process(request, progress, a_cell.description))
-
-
-def _copy_read_only(values: object) -> Array:
-    out = np.array(values, float)
-    out.setflags(write=False)
-    return out

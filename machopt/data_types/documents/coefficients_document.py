@@ -44,7 +44,7 @@ class ForceComponentEntry(DocumentModel):
 
 
 class ProcessOptionsSection(DocumentModel):
-    """As asked for."""
+    """Options as given."""
 
     material: Text
     level_percent: Number

@@ -88,7 +88,7 @@ class RecordingFindingEntry(DocumentModel):
 
 
 class IdentifyOptionsSection(DocumentModel):
-    """As asked for."""
+    """Options as given."""
 
     model: Text
     fit: tuple[Text, ...]

@@ -40,7 +40,7 @@ class MapLoadSection(DocumentModel):
 
 
 class MapOptionsSection(DocumentModel):
-    """As asked for; null where the kind of map has no such thing."""
+    """Options as given; null where the kind of map has no such thing."""
 
     at_mm: Known
     tool_axis: Numbers | None

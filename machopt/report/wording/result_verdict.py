@@ -62,7 +62,7 @@ def build_verdict(data: ReportData) -> ResultVerdict:
         )
     tolerances = data.tolerances
     headline = tolerances.headline if tolerances is not None and tolerances.operations else ""
-    parts = [headline, _describe_gain(s), _describe_mean_gain(s)]
+    parts = [_describe_gain(s), _describe_mean_gain(s)]
     if math.isfinite(s.feed_held):
         parts.append(
             f"programmed feed reached for {SHARE.format_value(s.feed_held, unit=True)} of the cutting "
@@ -83,7 +83,8 @@ def build_verdict(data: ReportData) -> ResultVerdict:
         )
     )
     sentence = "; ".join(p for p in parts if p)
-    sentence = _join_sentences(sentence[:1].upper() + sentence[1:] + ".", s.note)
+    outcome = f"{headline}." if headline else ""
+    sentence = _join_sentences(outcome, sentence[:1].upper() + sentence[1:] + ".", s.note)
     if s.verification == "failed" or s.outcome == "verification_failed":
         return ResultVerdict(
             add_scope_to_verdict("VERIFICATION FAILED: DO NOT RUN", s.unchecked), "bad", sentence, _list_cautions(data)

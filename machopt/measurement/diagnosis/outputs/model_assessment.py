@@ -22,7 +22,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisR
 from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording
 from machopt.measurement.diagnosis.outputs.corrected_recording import build_corrected_recording, place_tool_where_found
 from machopt.measurement.diagnosis.outputs.extended_stiffness import ExtendedStiffness, build_extended_stiffness
-from machopt.measurement.diagnosis.outputs.written_model import WrittenModel, compute_written_residual
+from machopt.measurement.diagnosis.outputs.written_model_error import WrittenModel, compute_written_residual
 from machopt.numerics.array_types import Array, Ints
 
 STIFFNESS, KINEMATICS = "stiffness.yaml", "kinematics.yaml"

@@ -1,8 +1,9 @@
 """Recompute the errors that ``machopt diagnose`` states, from its output files alone.
 
-``python benchmarks/written_model.py CELL OUT RECORDING`` reads the cell, the model files, the corrected readings and
-the folds of OUT. It prints stated and recomputed ``final.rmse`` and ``final.heldout_rmse``, and ends with 4 where they
-differ by more than 0.1 %. The recording is read to count its readings: fewer corrected rows are an error too.
+``python benchmarks/recompute_diagnosis_errors.py CELL OUT RECORDING`` reads the cell and, from OUT, the model files,
+the corrected readings and the folds. It prints stated and recomputed ``final.rmse`` and ``final.heldout_rmse``, and
+ends with 4 where they differ by more than 0.1 %. The recording is read to count its readings: fewer corrected rows are
+an error too.
 """
 
 from __future__ import annotations
