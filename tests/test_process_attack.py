@@ -105,6 +105,16 @@ def test_what_no_kind_evaluates_is_refused(tmp_path: Path, operations: str, word
         read_operations(tmp_path, operations)
 
 
+@pytest.mark.parametrize(
+    ("old", "new"), [("kc1: 800", "kc1: 8.0e+8"), ("Ktc: 767", "Ktc: 7.67e+8"), ("Kte: 27.7", "Kte: 27700")]
+)
+def test_coefficients_in_si_units_are_refused(tmp_path: Path, old: str, new: str) -> None:
+    file = tmp_path / "process.yaml"
+    file.write_text((HEAD + drill()).replace(old, new))
+    with pytest.raises(InputError, match=new.split(":", maxsplit=1)[0]):
+        load_process(file)
+
+
 def test_points_beyond_the_toolpath_are_refused(tmp_path: Path) -> None:
     (tmp_path / "path.csv").write_text(ONE_HOLE)
     toolpath = read_toolpath(tmp_path / "path.csv")

@@ -31,14 +31,23 @@ _REQUIRED: dict[str, tuple[str, ...]] = {
 _COMMON = {"kind", "points", "tolerance"}
 _HOLE_LIMITS, _SURFACE_LIMITS = ("position_mm", "axis_deg", "depth_mm"), ("surface_mm",)
 
+LARGEST_PRESSURE = 50_000.0  # N/mm²; ten times nickel alloys: a larger one is in Pa
+LARGEST_EDGE_FORCE = 5_000.0  # N/mm; a larger one is in N/m
+
 
 class MillingKeys(StrictSchema):
-    Ktc: float = Field(description="tangential cutting coefficient, N/mm²")
-    Krc: float = Field(description="radial cutting coefficient, N/mm²")
-    Kac: float = Field(default=0.0, description="axial cutting coefficient, N/mm²")
-    Kte: float = Field(default=0.0, ge=0, description="tangential edge coefficient, N/mm")
-    Kre: float = Field(default=0.0, description="radial edge coefficient, N/mm")
-    Kae: float = Field(default=0.0, description="axial edge coefficient, N/mm")
+    Ktc: float = Field(le=LARGEST_PRESSURE, description="tangential cutting coefficient, N/mm²")
+    Krc: float = Field(le=LARGEST_PRESSURE, description="radial cutting coefficient, N/mm²")
+    Kac: float = Field(
+        default=0.0, ge=-LARGEST_PRESSURE, le=LARGEST_PRESSURE, description="axial cutting coefficient, N/mm²"
+    )
+    Kte: float = Field(default=0.0, ge=0, le=LARGEST_EDGE_FORCE, description="tangential edge coefficient, N/mm")
+    Kre: float = Field(
+        default=0.0, ge=-LARGEST_EDGE_FORCE, le=LARGEST_EDGE_FORCE, description="radial edge coefficient, N/mm"
+    )
+    Kae: float = Field(
+        default=0.0, ge=-LARGEST_EDGE_FORCE, le=LARGEST_EDGE_FORCE, description="axial edge coefficient, N/mm"
+    )
     spread_percent: float | None = Field(default=None, ge=0, description="1 sigma of all six together")
     h_mm: list[float] | None = Field(
         default=None, min_length=2, max_length=2, description="[least, largest] chip thickness that they hold for"
@@ -48,9 +57,11 @@ class MillingKeys(StrictSchema):
 
 
 class DrillingKeys(StrictSchema):
-    kc1: float = Field(gt=0, description="specific cutting force at 1 mm chip thickness, N/mm²")
+    kc1: float = Field(gt=0, le=LARGEST_PRESSURE, description="specific cutting force at 1 mm chip thickness, N/mm²")
     mc: float = Field(ge=0, lt=1, description="exponent of the chip thickness")
-    chisel_N_mm2: float | None = Field(default=None, ge=0, description="chisel edge, N/mm²; null: not known")
+    chisel_N_mm2: float | None = Field(
+        default=None, ge=0, le=LARGEST_PRESSURE, description="chisel edge, N/mm²; null: not known"
+    )
     thrust_spread_percent: float | None = Field(default=None, ge=0, description="1 sigma of the thrust")
     torque_spread_percent: float | None = Field(default=None, ge=0, description="1 sigma of the torque")
     source: str = Field(min_length=1, description="where the numbers come from")
