@@ -11,6 +11,7 @@ import pytest
 from small_cell import small_cell
 from test_planning_path import Rows, toolpath
 
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import FixedRotation, PlanOptions
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.data_types.toolpath import MoveKind
@@ -20,7 +21,8 @@ from machopt.numerics.parallel_map import count_threads, map_in_threads, run_two
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
 from machopt.planning.pipeline.planning_setup import PlanningSetup, prepare_planning
 from machopt.planning.sampling import configurations as module
-from machopt.planning.sampling.configurations import CandidateGrid, enumerate_candidates
+from machopt.planning.sampling.candidate_grid import CandidateGrid
+from machopt.planning.sampling.configurations import enumerate_candidates, solve_station
 from machopt.planning.stations.planning_path import PlanningPath as Way
 from machopt.planning.stations.planning_path import build_planning_path, compute_tcp_poses
 
@@ -76,7 +78,7 @@ def test_each_vertex_is_the_pose_asked_for(setup: PlanningSetup) -> None:
     reached = setup.robot.compute_fk(c.q[s, r, b], arm.T_flange_tcp)
     np.testing.assert_allclose(reached, poses[s, r], atol=1e-9)
     one = arm.solver.solve(poses[4] @ invert_transform(arm.T_flange_tcp))
-    np.testing.assert_allclose(wrap_angle(c.q[4] - one.q), 0.0, atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(c.q[4] - one.q[:, c.branch]), 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("upper", [100.0, 179.0, 185.0, 270.0, 350.0, 360.0, 720.0])
@@ -142,3 +144,44 @@ def test_a_nudge_moves_the_whole_grid_of_its_station(setup: PlanningSetup) -> No
     same = np.setdiff1d(np.arange(len(path.stations)), moved)
     assert free.q[same].tobytes() == fixed.q[same].tobytes()
     assert not np.array_equal(free.q[moved], fixed.q[moved], equal_nan=True)
+
+
+def test_branches_that_are_usable_nowhere_are_left_out_with_their_reasons(setup: PlanningSetup) -> None:
+    path, arm = leaning(200), setup.arm
+    every = enumerate_candidates(path, arm, OPTIONS, every_branch=True)
+    c = enumerate_candidates(path, arm, OPTIONS)
+    assert len(c.branch) < len(every.branch) == arm.solver.branches
+    assert c.dropped is not None
+    np.testing.assert_array_equal(c.branch, np.flatnonzero(every.feasible.any(axis=(0, 1, 3))))
+    np.testing.assert_array_equal(c.q, every.q[:, :, c.branch])
+    np.testing.assert_array_equal(c.feasible, every.feasible[:, :, c.branch])
+    np.testing.assert_array_equal(c.reason_of_rotation(), every.reason_of_rotation())
+    np.testing.assert_array_equal(c.is_out_of_reach(), every.is_out_of_reach())
+    for s in (0, len(c.q) - 1):
+        np.testing.assert_array_equal(np.sort(c.reasons_at(s)), np.sort(every.reason[s]))
+    again = c.expand_branches(every.branch)
+    np.testing.assert_array_equal(again.feasible, every.feasible)
+    np.testing.assert_array_equal(again.reason_of_rotation(), every.reason_of_rotation())
+
+
+def test_a_branch_usable_at_few_stations_has_its_joints_everywhere(
+    setup: PlanningSetup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A block of stations without it is solved again."""
+    path, size = leaning(200), 7
+    monkeypatch.setattr(module, "CHUNK", 24 * size)
+    every = enumerate_candidates(path, setup.arm, OPTIONS, every_branch=True)
+    usable = every.feasible.any(axis=(1, 3))  # (S, A)
+    by_block = np.array([usable[k : k + size].any(axis=0) for k in range(0, len(usable), size)])
+    assert (by_block.any(axis=0) & ~by_block.all(axis=0)).any()
+    c = enumerate_candidates(path, setup.arm, OPTIONS)
+    np.testing.assert_array_equal(c.q, every.q[:, :, c.branch])
+    np.testing.assert_array_equal(c.reason, every.reason[:, :, c.branch])
+
+
+def test_a_station_is_solved_again_with_every_branch(setup: PlanningSetup) -> None:
+    path, arm = leaning(30), setup.arm
+    every = enumerate_candidates(path, arm, PlanOptions(), every_branch=True)
+    q, reason = solve_station(path, arm, every, 7)
+    np.testing.assert_allclose(q, every.q[7], atol=1e-12)
+    np.testing.assert_array_equal(reason == InfeasibilityReason.LIMIT, every.reason[7] == InfeasibilityReason.LIMIT)

@@ -19,7 +19,7 @@ from machopt.options.plan_option_reader import load_options
 from machopt.planning.collision_handling.exclusions import ExclusionTracker
 from machopt.planning.pipeline import collision_free_search
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions, TransitionCollector
 from machopt.toolpath.toolpath_reader import read_toolpath
@@ -101,6 +101,7 @@ def banded(checker: Bands, stations: int, rotations: int = 36) -> ExclusionTrack
         stations=np.arange(S), run=np.zeros(S, int), may_touch=np.zeros(S, bool), external=np.zeros((S, 0))
     )
     candidates = CandidateGrid(
+        branch=np.arange(1),
         phi=phi,
         q=q,
         turns=np.zeros((1, 6)),

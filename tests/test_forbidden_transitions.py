@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceGrid
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
 from machopt.planning.sequence_search.transition_cost_table import TransitionCostTable
@@ -23,6 +23,7 @@ def random_grid(seed: int) -> SequenceGrid:
     rng = np.random.default_rng(seed)
     feasible = rng.uniform(size=(S, R, 1, 1)) < 0.8
     candidates = CandidateGrid(
+        branch=np.arange(1),
         phi=np.arange(R) * 2 * np.pi / R,
         q=np.zeros((S, R, 1, 6)),
         turns=np.zeros((1, 6)),

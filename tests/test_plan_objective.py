@@ -15,7 +15,7 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.cost.objective import NEAR, ObjectiveTerms, PlanObjective, compute_crowding, compute_objective
 from machopt.planning.cost.stiffness_index import CandidateScores
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.smoothing.corridor import REACH, SmoothingStretch, StretchEnds
 from machopt.planning.smoothing.cost_interpolation import CostInterpolation

@@ -10,7 +10,7 @@ import pytest
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak, find_sequence_breaks
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 
 ROTATIONS, BRANCHES = 8, 2
@@ -48,7 +48,14 @@ def broken(
         reason[2, changes["other"], 1], feasible[2, changes["other"], 1] = InfeasibilityReason.OK, True
     phi = np.arange(ROTATIONS) * 2 * np.pi / ROTATIONS - np.pi
     candidates = CandidateGrid(
-        phi=phi, q=q, turns=np.zeros((1, 6)), reason=reason, feasible=feasible, stable=True, shortfall=np.zeros(3)
+        branch=np.arange(BRANCHES),
+        phi=phi,
+        q=q,
+        turns=np.zeros((1, 6)),
+        reason=reason,
+        feasible=feasible,
+        stable=True,
+        shortfall=np.zeros(3),
     )
     reached = np.zeros((3, ROTATIONS * BRANCHES), bool)
     reached[1, 0] = True

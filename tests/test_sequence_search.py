@@ -16,7 +16,8 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.cost.objective import AXIS_SPEED, NEAR
 from machopt.planning.cost.stiffness_index import CandidateScores
-from machopt.planning.sampling.configurations import CandidateGrid, _forbid_by_user
+from machopt.planning.sampling.candidate_grid import CandidateGrid
+from machopt.planning.sampling.configurations import _forbid_by_user
 from machopt.planning.sampling.joint_path import MARGINS, JointAssignment
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, SequenceGrid, choose_sequence
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
@@ -57,6 +58,7 @@ def random_problem(
     cost = np.where(feasible.any(axis=-1), rng.uniform(0.5, 2.0, (S, rotations, B)), np.nan)
     reason = np.where(feasible.any(axis=-1), InfeasibilityReason.OK, InfeasibilityReason.LIMIT).astype(np.uint8)
     candidates = CandidateGrid(
+        branch=np.arange(reason.shape[2]),
         phi=np.arange(rotations) * np.pi / 2 - np.pi,
         q=wrap_angle(q),
         turns=turns,
@@ -312,6 +314,7 @@ def winding(path: PlanningPath, limit_turns: tuple[int, ...]) -> tuple[Candidate
     turns[:, 5] = 2 * np.pi * np.array(limit_turns)
     feasible = np.ones((S, 1, 1, len(turns)), bool)
     candidates = CandidateGrid(
+        branch=np.arange(1),
         phi=np.zeros(1),
         q=q,
         turns=turns,
@@ -358,6 +361,7 @@ def test_branch_changes_only_over_a_rapid_move() -> None:
     cost = np.ones((6, 1, 2))
     cost[:3, :, 1] = cost[3:, :, 0] = 5.0
     candidates = CandidateGrid(
+        branch=np.arange(2),
         phi=np.zeros(1),
         q=q,
         turns=NO_TURN,
@@ -432,6 +436,7 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
         path = build_planning_path(toolpath(rows, feed=feed))
         n, S = 72, len(path.stations)
         candidates = CandidateGrid(
+            branch=np.arange(1),
             phi=np.arange(n) * 2 * np.pi / n - np.pi,
             q=np.zeros((S, n, 1, 6)),
             turns=NO_TURN,
@@ -455,6 +460,7 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
 def open_grid(path: PlanningPath, n: int = 72) -> CandidateGrid:
     S = len(path.stations)
     return CandidateGrid(
+        branch=np.arange(1),
         phi=np.arange(n) * 2 * np.pi / n - np.pi,
         q=np.zeros((S, n, 1, 6)),
         turns=NO_TURN,

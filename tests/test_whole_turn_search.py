@@ -7,7 +7,7 @@ import pytest
 
 from machopt.kinematics.inverse.solver import choose_angle_origin, shift_angles
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceGrid, _Part
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
 from machopt.planning.sequence_search.transition_cost_table import TransitionCostTable
@@ -39,6 +39,7 @@ def grid_of(
 ) -> SequenceGrid:
     S, R, B, _ = feasible.shape
     candidates = CandidateGrid(
+        branch=np.arange(B),
         phi=np.arange(R) * TURN / R,
         q=q,
         turns=turns,

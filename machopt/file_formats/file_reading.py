@@ -9,10 +9,12 @@ from __future__ import annotations
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from machopt.errors import FileAccessError, InputError
 
 MIB = 1 << 20
+BLOCK = 1 << 16  # bytes read at once beyond the stated size
 TOOLPATH = 512 * MIB  # some twenty million blocks; the readers hold every line
 TABLE = 1024 * MIB  # an hour of a motion at 1 kHz with thirty columns
 YAML = 8 * MIB  # the parser takes half a million values, which is less
@@ -42,9 +44,10 @@ def read_file(path: Path, *, expected: str, most: int) -> bytes:
     """
     handle = _open_regular_file(path, expected)
     try:
-        _check_file_status(path, os.fstat(handle), expected, most)
+        status = os.fstat(handle)
+        _check_file_status(path, status, expected, most)
         with os.fdopen(handle, "rb", closefd=False) as file:
-            data = file.read(most + 1)  # it may have grown since, and the sizes of /proc are zero
+            data = _read_at_most(file, status.st_size, most + 1)
     except OSError as problem:
         raise _build_unreadable_error(path, problem, expected) from None
     finally:
@@ -52,6 +55,15 @@ def read_file(path: Path, *, expected: str, most: int) -> bytes:
     if len(data) > most:
         raise _build_too_large_error(path, f"more than {_format_size(most)}", expected, most)
     return data
+
+
+def _read_at_most(file: BinaryIO, size: int, most: int) -> bytes:
+    """Return up to ``most`` bytes; memory follows the content, which may exceed ``size`` (a file that grows, /proc)."""
+    parts, count = [], 0
+    while count < most and (block := file.read(min(max(size + 1 - count, BLOCK), most - count))):
+        parts.append(block)
+        count += len(block)
+    return b"".join(parts)
 
 
 def read_text(path: Path, *, expected: str, most: int) -> str:

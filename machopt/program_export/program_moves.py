@@ -24,6 +24,8 @@ from machopt.verification.folder.programs.post_lookup import (
     list_external_axes,
 )
 
+SAMPLES_AT_ONCE = 50_000  # samples of the motion whose poses are held at a time
+
 
 @dataclass(frozen=True)
 class MotionProgram:
@@ -73,15 +75,7 @@ def build_robot_program(
     X, index, feed, at = X[needed], index[needed], feed[needed], at[needed]
     move, drawn = move[needed], drawn[needed]
     driven = np.hstack([trajectory.q, trajectory.external])
-    external = (trajectory.external, X[:, 6:]) if cell.external_joints else None
-    added = insert_targets(
-        _compute_tcp_poses(plan, driven),
-        _compute_tcp_poses(plan, X),
-        at,
-        np.isfinite(feed),
-        tolerance or ProgramTolerance(),
-        external,
-    )
+    added = _find_inserted_targets(plan, driven, X, at, np.isfinite(feed), tolerance or ProgramTolerance())
     if len(added):
         place = np.searchsorted(at, added, side="left")  # each goes before the target of its line
         X = np.insert(X, place, driven[added], axis=0)
@@ -92,6 +86,32 @@ def build_robot_program(
     operation = np.where(np.isfinite(index), toolpath.operation[_find_toolpath_points(index)], -1).astype(np.int32)
     made = _build_base_program(plan, X, kind, feed, move, operation, toolpath, _place_events(toolpath, index, drawn))
     return MotionProgram(replace(made, blend=(tolerance or ProgramTolerance()).position), at, len(added))
+
+
+def _find_inserted_targets(
+    plan: Plan, driven: Array, x: Array, at: Array, linear: NDArray[np.bool_], tolerance: ProgramTolerance
+) -> NDArray[np.intp]:
+    """Return the samples that become targets, ascending; of some moves at a time, as the poses need much memory.
+
+    Args:
+        plan: The plan.
+        driven: (S, 6 + E) rad or m, the samples of the motion.
+        x: (M, 6 + E) rad or m, the targets.
+        at: (M,) place of each target among the samples, fractional, not falling.
+        linear: (M,) True where the move to the target is a straight line.
+        tolerance: The tolerance of the program.
+    """
+    found, first = [np.empty(0, np.intp)], 0
+    while first < len(at) - 1:
+        last = int(np.searchsorted(at, at[first] + SAMPLES_AT_ONCE, side="right")) - 1
+        last = min(max(last, first + 1), len(at) - 1)
+        start, some = int(at[first]), slice(first, last + 1)
+        samples, targets = driven[start : int(np.ceil(at[last])) + 1], x[some]
+        external = (samples[:, 6:], targets[:, 6:]) if plan.setup.cell.external_joints else None
+        poses = _compute_tcp_poses(plan, samples), _compute_tcp_poses(plan, targets)
+        found.append(start + insert_targets(*poses, at[some] - start, linear[some], tolerance, external))
+        first = last
+    return np.concatenate(found)
 
 
 def build_sampled_program(plan: Plan, toolpath: Toolpath, timeline: MotionTimeline) -> MotionProgram:

@@ -238,13 +238,13 @@ class ViewSession:
 
     def _build_steering_data(self) -> SteeringData:
         cell, toolpath = self.optimize_inputs.cell, self.optimize_inputs.toolpath
-        candidates = self.current.job_result.plan.candidates
+        plan = self.current.job_result.plan
         labels = list(dict.fromkeys(o.label for o in toolpath.operations))
         parts = [(label, tuple(list_steered_stretches(SteeringRule(operation=label), toolpath))) for label in labels]
         return SteeringData(
             operations=tuple((label, points) for label, points in parts if points),
             points=len(toolpath),
-            branches=candidates.q.shape[2] if candidates.stable else 0,
+            branches=plan.setup.arm.solver.branches if plan.candidates.stable else 0,
             axes=tuple(_build_axis(cell, k) for k in range(len(cell.external_joints))),
             wishes=self.list_wishes(),
             compared=compare_plans(

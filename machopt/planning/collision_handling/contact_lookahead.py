@@ -17,7 +17,7 @@ from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 
 Rows = NDArray[np.intp]
 BRANCHES = 8  # every n-th vertex also checks the other branches of its pose; contacts found there spread further

@@ -17,7 +17,7 @@ from machopt.numerics.array_types import Array, compute_any_last
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.collision_handling.contact_lookahead import ContactLookahead
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions, TransitionCollector

@@ -13,7 +13,7 @@ from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import compute_crowding
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.stations.planning_path import PlanningPath
 
 MEASURED = 32  # number of stations at which every configuration is measured

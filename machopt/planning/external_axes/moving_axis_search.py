@@ -215,7 +215,7 @@ def _best_way(
 
     def at(g: int) -> tuple[Array, Array, bool]:
         there = replace(part, external=values[station_of, g])
-        candidates = enumerate_candidates(there, setup.arm, options)
+        candidates = enumerate_candidates(there, setup.arm, options, every_branch=True)
         d = compute_load_directions(there, setup.arm, setup.elasticity, options.force, across)
         cost = score_candidates(there, candidates, setup.elasticity, d, options).cost
         if clear:

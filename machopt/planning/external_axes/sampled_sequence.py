@@ -13,7 +13,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.planning.collision_handling.contact_lookahead import ContactLookahead
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.pipeline.planning_setup import PlanningSetup
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.stations.planning_path import PlanningPath
 

@@ -43,7 +43,8 @@ from machopt.planning.external_axis_optimization.value_grid_sequences import Val
 from machopt.planning.external_axis_optimization.whole_turns import compute_run_turns
 from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings
-from machopt.planning.sampling.configurations import CandidateGrid, enumerate_candidates
+from machopt.planning.sampling.candidate_grid import CandidateGrid
+from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sampling.joint_path import interpolate_between_stations
 from machopt.planning.sequence_search.worst_value_constraint import GAP
 from machopt.planning.stations.path_subset import select_path_runs
@@ -316,7 +317,7 @@ def build_value_grid_sequences(
 
     def at(k: int) -> tuple[CandidateGrid, Array]:
         there = replace(own, external=np.ascontiguousarray(value[:, k]))
-        candidates = enumerate_candidates(there, setup.arm, options)
+        candidates = enumerate_candidates(there, setup.arm, options, every_branch=True)
         d = compute_load_directions(there, setup.arm, setup.elasticity, options.force, across)
         cost = score_candidates(there, candidates, setup.elasticity, d, options).cost / scale
         return candidates, np.where(exists[:, k, None, None], cost, np.nan)

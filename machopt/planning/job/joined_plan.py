@@ -18,7 +18,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import PlanObjective, compute_total
@@ -26,7 +28,7 @@ from machopt.planning.cost.stiffness_index import CandidateScores, LoadDirection
 from machopt.planning.pipeline.plan import PathCompensation, Plan, ToolPlanPart
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import CHANGE, HOME, SequenceBreak
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid, spread_branches
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.stations.planning_path import PlanningPath
 
@@ -64,8 +66,8 @@ def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None)
         cost = np.concatenate([s.cost for s in some])
         return ScoredAssignment(assignment, cost, _summed([s.objective for s in some], share, options))
 
-    candidates = _candidates([p.candidates for p in plans])
-    crowded = [p.scores.crowded for p in plans if p.scores.crowded is not None]
+    numbers = np.unique(np.concatenate([p.candidates.branch for p in plans]))
+    candidates = _candidates([p.candidates.expand_branches(numbers) for p in plans])
     return Plan(
         setup=first.setup,
         options=options,
@@ -74,13 +76,7 @@ def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None)
             **{f.name: _stacked([getattr(p.directions, f.name) for p in plans]) for f in fields(LoadDirections)}
         ),
         candidates=candidates,
-        scores=CandidateScores(
-            np.concatenate([p.scores.cost for p in plans]),
-            first.scores.index,
-            first.scores.scale,
-            crowded=np.concatenate(crowded) if len(crowded) == len(plans) else None,
-            place_price=_join_place_prices(plans),
-        ),
+        scores=_join_scores(plans, numbers),
         choice=_choice(plans, candidates, stations),
         chosen=scored(lambda p: p.chosen),
         chosen_from=" / ".join(dict.fromkeys(p.chosen_from for p in plans)),
@@ -99,12 +95,25 @@ def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None)
     )
 
 
-def _join_place_prices(plans: Sequence[Plan]) -> Array | None:
-    """Return the prices of the tolerances at all stations; None where no tool has any."""
-    if all(p.scores.place_price is None for p in plans):
-        return None
-    return np.concatenate(
-        [np.zeros(p.scores.cost.shape) if p.scores.place_price is None else p.scores.place_price for p in plans]
+def _join_scores(plans: Sequence[Plan], numbers: NDArray[np.intp]) -> CandidateScores:
+    """Return the scores at all stations, over the branches ``numbers``; the prices where no tool has any are None."""
+
+    def joined(tables: Sequence[Array | None], missing: float) -> Array:
+        every = []
+        for p, table in zip(plans, tables, strict=True):
+            own = np.full(p.scores.cost.shape, missing) if table is None else table
+            to = np.searchsorted(numbers, p.candidates.branch)
+            every.append(spread_branches(own, to, len(numbers), missing, axis=2))
+        return np.concatenate(every)
+
+    crowded = [p.scores.crowded for p in plans]
+    place = [p.scores.place_price for p in plans]
+    return CandidateScores(
+        joined([p.scores.cost for p in plans], np.nan),
+        plans[0].scores.index,
+        plans[0].scores.scale,
+        crowded=None if any(c is None for c in crowded) else joined(crowded, np.nan),
+        place_price=None if all(c is None for c in place) else joined(place, 0.0),
     )
 
 
@@ -201,8 +210,15 @@ def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
     return replace(paths[0], runs=tuple(runs), **{name: _stacked(some) for name, some in columns.items()})
 
 
+def _furthest_dropped(c: CandidateGrid) -> NDArray[np.uint8]:
+    """Return (S, R, 1) the reason of the branch left out that came furthest."""
+    if c.dropped is None:
+        return np.full((*c.reason.shape[:2], 1), InfeasibilityReason.UNREACHABLE, np.uint8)
+    return np.asarray(c.dropped.max(axis=2, keepdims=True))
+
+
 def _candidates(some: Sequence[CandidateGrid]) -> CandidateGrid:
-    """Return all stations with the union of their whole turns."""
+    """Return all stations of grids with the same branches, with the union of their whole turns."""
     turns = np.unique(np.concatenate([c.turns for c in some]), axis=0)
     feasible = []
     for c in some:
@@ -211,8 +227,10 @@ def _candidates(some: Sequence[CandidateGrid]) -> CandidateGrid:
         feasible.append(wide)
     nudged = any(c.nudge is not None for c in some)
     nudge = [np.zeros(len(c.q)) if c.nudge is None else c.nudge for c in some]
+    dropped = [_furthest_dropped(c) for c in some]
     return CandidateGrid(
         phi=some[0].phi,
+        branch=some[0].branch,
         q=np.concatenate([c.q for c in some]),
         turns=turns,
         reason=np.concatenate([c.reason for c in some]),
@@ -220,6 +238,7 @@ def _candidates(some: Sequence[CandidateGrid]) -> CandidateGrid:
         stable=all(c.stable for c in some),
         shortfall=np.concatenate([c.shortfall for c in some]),
         nudge=np.concatenate(nudge) if nudged else None,
+        dropped=None if all(c.dropped is None for c in some) else np.concatenate(dropped),
     )
 
 
@@ -230,13 +249,15 @@ def _places(turns: Array, among: Array) -> Array:
 
 def _choice(plans: Sequence[Plan], candidates: CandidateGrid, stations: Sequence[int]) -> SequenceChoice:
     choices = [p.choice for p in plans]
-    turn = []
+    turn, branch = [], []
     for p in plans:
         place = _places(p.candidates.turns, candidates.turns)
         turn.append(np.where(p.choice.turn >= 0, place[np.maximum(p.choice.turn, 0)], -1).astype(p.choice.turn.dtype))
+        to = np.searchsorted(candidates.branch, p.candidates.branch)
+        branch.append(np.where(p.choice.branch >= 0, to[p.choice.branch], -1).astype(p.choice.branch.dtype))
     return SequenceChoice(
         rotation=np.concatenate([c.rotation for c in choices]),
-        branch=np.concatenate([c.branch for c in choices]),
+        branch=np.concatenate(branch),
         turn=np.concatenate(turn),
         q=np.concatenate([c.q for c in choices]),
         broken=tuple(s + at for c, at in zip(choices, stations, strict=True) for s in c.broken),

@@ -67,8 +67,8 @@ def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) ->
     if not is_complete(plan):  # missing points and gouges belong to the plan; another search would not remove them
         return first
     driven, timeline = first
-    B = plan.candidates.q.shape[2]
-    shut, descriptions = _Shut(np.zeros((B, B), bool), frozenset(), ()), dict[str, str]()
+    A = plan.setup.arm.solver.branches
+    shut, descriptions = _Shut(np.zeros((A, A), bool), frozenset(), ()), dict[str, str]()
     for _ in range(TRIES):
         stops = _stops(timeline)
         if timeline is None or timeline.trajectory is not None or not stops or is_used_up():

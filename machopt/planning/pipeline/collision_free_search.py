@@ -34,7 +34,7 @@ from machopt.numerics.parallel_map import run_two_in_threads
 from machopt.planning.collision_handling.exclusions import ExclusionTracker
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
 from machopt.planning.cost.stiffness_index import CandidateScores
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions

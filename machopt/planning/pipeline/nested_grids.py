@@ -18,7 +18,7 @@ from machopt.numerics.parallel_map import count_threads
 from machopt.planning.collision_handling.path_check import PathCollisions
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch, CollisionFreeSequence
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.smoothing.rotation_smoothing import SmoothedRotation, follow_grid_rotation, smooth_rotation

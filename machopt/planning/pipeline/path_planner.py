@@ -52,7 +52,8 @@ from machopt.planning.pipeline.planning_setup import (
     prepare_planning,
 )
 from machopt.planning.pipeline.sequence_breaks import find_configuration_jumps, find_sequence_breaks
-from machopt.planning.sampling.configurations import CandidateGrid, enumerate_candidates
+from machopt.planning.sampling.candidate_grid import CandidateGrid
+from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sampling.joint_path import JointAssignment
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.sequence_search.worst_index_across_swings import compute_worst_index, find_hidden_points
@@ -203,13 +204,14 @@ def search_without_branch_changes(
     Args:
         before: plan without gaps or breaks; its candidates are not changed.
         found: result of its search.
-        shut: (B, B) branch changes that rapid moves must not make.
-        ends: stations at the ends of the path, and branches that cannot be reached there.
+        shut: (A, A) branch changes that rapid moves must not make, by the arm's branch numbers.
+        ends: stations at the ends of the path, and numbers of branches that cannot be reached there.
         clock: stage timings.
     """
     c = before.candidates
     candidates = replace(_own(c), shut=shut if c.shut is None else shut | c.shut)
-    for station, branch in ends:
+    for station, number in ends:
+        branch = candidates.branch == number
         candidates.feasible[station, :, branch] = False
         candidates.reason[station, :, branch] = np.where(
             c.reason[station, :, branch] == InfeasibilityReason.OK,
@@ -358,6 +360,9 @@ def _with_names(
     at = np.minimum(np.searchsorted(path.stations, np.arange(len(path.index))), len(path.stations) - 1)
     dropped = choice.dropped[at] & (scored.assignment.reason == InfeasibilityReason.NO_PATH)
     known = np.where(candidates.reason == InfeasibilityReason.BOUNDS, 0, candidates.reason).max(axis=(1, 2))
+    if candidates.dropped is not None:
+        beyond = np.where(candidates.dropped == InfeasibilityReason.BOUNDS, 0, candidates.dropped)
+        known = np.maximum(known, beyond.max(axis=(1, 2)))
     furthest = np.where(
         known == InfeasibilityReason.OK, InfeasibilityReason.BOUNDS, known
     )  # the user's bounds, where they alone are in the way

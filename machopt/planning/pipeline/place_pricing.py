@@ -11,7 +11,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.cost.stiffness_index import LoadDirections
 from machopt.planning.error_probability.tolerance_price import TolerancePricing
 from machopt.planning.pipeline.planning_setup import PlanningSetup
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.stability.depth_ratio import StabilityModel
 from machopt.planning.stability.stability_price import StabilityPricing
 from machopt.planning.stations.planning_path import PlanningPath

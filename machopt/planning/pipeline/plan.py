@@ -18,7 +18,7 @@ from machopt.planning.pipeline.collision_free_search import CollisionFreeSequenc
 from machopt.planning.pipeline.place_pricing import PlacePricing
 from machopt.planning.pipeline.planning_setup import PlanningSetup, ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.stations.planning_path import PlanningPath
 

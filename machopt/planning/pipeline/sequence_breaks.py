@@ -20,7 +20,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSequence
 from machopt.planning.pipeline.planning_setup import PlanningSetup, ScoredAssignment
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.search_kernels import compute_joint_jump_limit
 from machopt.planning.stations.planning_path import PlanningPath
 

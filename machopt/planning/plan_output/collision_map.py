@@ -16,7 +16,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Bools, compute_any_last
 from machopt.planning.collision_handling.contact_lookahead import ContactLookahead
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid, spread_branches
 
 SECONDS = 30.0  # time limit for the unchecked configurations
 COARSE = 32  # stations apart in the first pass, half of that in each next
@@ -86,11 +86,16 @@ def compute_collision_map(plan: Plan, full: bool = False, seconds: float = SECON
 
 def _of_all(plan: Plan, parts: list[CollisionMap]) -> CollisionMap:
     """Return the map of a whole job from its stretches."""
-    some = [p.candidates for p in parts]
+    numbers = plan.candidates.branch
+    some = [p.candidates.expand_branches(numbers) for p in parts]
     reason = np.concatenate([c.reason for c in some])
     usable = np.concatenate([c.usable for c in some])
     c = replace(plan.candidates, reason=reason, feasible=plan.candidates.feasible & usable[..., None])
-    return CollisionMap(c, np.concatenate([p.known for p in parts]), parts[0].asked, sum(p.seconds for p in parts))
+    known = [
+        spread_branches(p.known, np.searchsorted(numbers, p.candidates.branch), len(numbers), False, axis=2)
+        for p in parts
+    ]
+    return CollisionMap(c, np.concatenate(known), parts[0].asked, sum(p.seconds for p in parts))
 
 
 def _look(ahead: ContactLookahead, known: Bools, rows: NDArray[np.intp]) -> None:

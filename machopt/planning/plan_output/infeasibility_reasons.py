@@ -13,6 +13,7 @@ from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.external_axis_reasons import explain_external_axes, list_overruled_pins
 from machopt.planning.plan_output.reach_advice import compute_reach_shift
 from machopt.planning.plan_output.unit_check import compute_maximum_reach
+from machopt.planning.sampling.configurations import solve_station
 from machopt.planning.uncertainty.external_axis_settlement import describe_settlement
 from machopt.planning.uncertainty.position_error import predict_position_error
 
@@ -96,7 +97,7 @@ def describe_remedy(plan: Plan, point: int) -> str:
     if plan.options.method != "global" and (rotations == InfeasibilityReason.OK).any():
         word = "would" if plan.setup.collision is None else "may"  # collisions were not checked
         return f"--method global, which chooses among them, {word} help{_left_out(plan)}"
-    if (plan.candidates.reason[s] == InfeasibilityReason.UNREACHABLE).all():
+    if (plan.candidates.reasons_at(s) == InfeasibilityReason.UNREACHABLE).all():
         return _towards(plan, point)
     words = [_HELP[r] for r in _HELP if (rotations == r).any()]
     missed = _missed_limit(plan, s)[1] if (rotations == InfeasibilityReason.LIMIT).any() else 0.0
@@ -162,7 +163,6 @@ def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> st
         return plan.notes[point]
     if plan.compensation is not None and plan.compensation.lost[point]:
         return _lost_by_shift(plan, reason, point)
-    rows = plan.candidates.reason[s]  # (R, B)
     rotations = plan.candidates.reason_of_rotation()[s]
     feasible = int((rotations == InfeasibilityReason.OK).sum())
     if reason == InfeasibilityReason.COLLIDING and plan.check is not None and plan.setup.collision is not None:
@@ -187,7 +187,7 @@ def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> st
             "points without leaving the path: a retract between them, another rotation range or a smaller "
             "singularity margin would help"
         )
-    is_out_of_reach = bool((rows == InfeasibilityReason.UNREACHABLE).all())
+    is_out_of_reach = bool((plan.candidates.reasons_at(s) == InfeasibilityReason.UNREACHABLE).all())
     external = explain_external_axes(plan, point, out_of_reach=is_out_of_reach)
     positions = f" {external.stands}" if external.stands else ""
     if is_out_of_reach:
@@ -292,10 +292,8 @@ def _limiting_joint(plan: Plan, s: int) -> str:
 def _missed_limit(plan: Plan, s: int) -> tuple[int, float]:
     """Return, for the configuration of station s nearest to the limits, its joint and the violation in rad."""
     arm = plan.setup.arm
-    q = (
-        np.asarray(wrap_angle(plan.candidates.q[s][plan.candidates.reason[s] == InfeasibilityReason.LIMIT]))[:, None]
-        + arm.turns
-    )  # (L, K, 6)
+    joints, reason = solve_station(plan.path, arm, plan.candidates, s)
+    q = np.asarray(wrap_angle(joints[reason == InfeasibilityReason.LIMIT]))[:, None] + arm.turns  # (L, K, 6)
     over = np.maximum(arm.lower - q, q - arm.upper).clip(min=0.0)
     best = np.unravel_index(over.max(axis=-1).argmin(), over.shape[:2])
     joint = int(over[best].argmax())

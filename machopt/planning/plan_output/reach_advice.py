@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan
 
@@ -42,7 +41,7 @@ def compute_reach_shift(plan: Plan, point: int) -> ReachShift:
     at = plan.setup.arm.places(path.external, path.position) - centre
     distance = np.linalg.norm(at, axis=1)
     station = np.minimum(np.searchsorted(path.stations, np.arange(len(distance))), len(path.stations) - 1)
-    unreached = (plan.candidates.reason[station] == InfeasibilityReason.UNREACHABLE).all(axis=(1, 2))
+    unreached = plan.candidates.is_out_of_reach()[station]
     radius = distance - shortfall[station]
     own = _shift(at[[point]], radius[[point]])
     out = unreached & path.is_point

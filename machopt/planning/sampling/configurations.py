@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +21,10 @@ from machopt.kinematics.inverse.solver import (
     shift_angles,
 )
 from machopt.kinematics.machine import Machine
-from machopt.numerics.array_types import Array, Bools, compute_any_last
+from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
@@ -126,108 +126,156 @@ def _turned(R: Array, v: Array) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CandidateGrid:
-    """Candidate configurations with S stations, R rotations, B branches, T turns."""
+class _GridBlock:
+    """Configurations of some neighbouring stations, n of them."""
 
-    phi: Array  # (R,) rad, the grid about the transported reference, full circle
-    q: Array  # (S, R, B, 6) rad in [origin, origin + 2π), NaN where the branch does not exist
-    turns: Array  # (T, 6) rad, the whole turns that occur; q + turns[t] are the joints of the robot
-    reason: NDArray[np.uint8]  # (S, R, B) Reason; OK where at least one turn lies within the limits
-    feasible: NDArray[np.bool_]  # (S, R, B, T)
-    stable: bool  # the branch index is the same assembly mode at every pose
-    shortfall: Array  # (S,) m, least missing reach over the rotations; 0 where some rotation is reached
-    nudge: Array | None = (
-        None  # (S,) rad, added to phi where the user fixed a rotation between grid steps; None: nowhere
-    )
-    shut: Bools | None = None  # (B, B) forbidden branch changes of rapid moves; None: all are permitted
+    turns: NDArray[np.intp]  # (t,) whole turns that occur
+    fits: NDArray[np.bool_]  # (n, R, A, t)
+    branch: NDArray[np.intp]  # (b,) branches that fit somewhere in the block, or all
+    q: Array  # (n, R, b, 6) rad
 
-    @property
-    def usable(self) -> Bools:
-        """(S, R, B) whether any turn is feasible."""
-        return compute_any_last(self.feasible)
 
-    def phi_at(self, rotation: NDArray[np.integer[Any]] | None = None) -> Array:
-        """Return the rotation in rad: (S, R) of every vertex, or (S,) of one index per station.
+@dataclass(frozen=True, kw_only=True)
+class _GridSolver:
+    """Inverse kinematics of every station and rotation, block by block."""
 
-        Args:
-            rotation: (S,) rotation index at each station; None: all rotations.
-        """
-        nudge = np.zeros(len(self.q)) if self.nudge is None else self.nudge
-        if rotation is None:
-            return np.asarray(self.phi[None, :] + nudge[:, None])
-        return np.asarray(self.phi[rotation] + nudge)
+    arm: PlanningArm
+    phi: Array  # (R,) rad
+    nudge: Array  # (S,) rad
+    turning: tuple[Array, Array, Array]  # (S, 1, 4, 4) each, of _turning_poses
+    reason: NDArray[np.uint8]  # (S, R, A), written by each block
+    shortfall: Array  # (S,) m, the same
+    size: int  # stations of a block
 
-    def phi_of(self, stations: NDArray[np.integer[Any]], rotation: NDArray[np.integer[Any]]) -> Array:
-        """Return the (n,) rotation in rad at some stations.
+    def solve(self, start: int) -> tuple[Array, NDArray[np.bool_]]:
+        """Write reason and shortfall of a block; return its joints (n, R, A, 6) and what fits (n, R, A, T).
 
         Args:
-            stations: (n,) station index.
-            rotation: (n,) rotation index.
+            start: first station.
         """
-        return np.asarray(self.phi[rotation] + (0.0 if self.nudge is None else self.nudge[stations]))
+        arm, rows, R = self.arm, slice(start, start + self.size), len(self.phi)
+        still, cosine, sine = self.turning
+        angle = (self.phi + self.nudge[rows, None])[..., None, None]
+        poses = still[rows] + np.cos(angle) * cosine[rows]
+        poses += np.sin(angle) * sine[rows]
+        n, A = len(poses), arm.solver.branches
+        branches = arm.solver.solve_grid(poses, np.empty((n * R, A, 6)))
+        shift_angles(arm.origin, branches.q)
+        why, fits = check_branches(branches, arm.margins, arm.windings, arm.lower, arm.upper)
+        self.reason[rows] = why.reshape(n, R, A)
+        self.shortfall[rows] = branches.shortfall.reshape(n, R).min(axis=1)
+        return branches.q.reshape(n, R, A, 6), fits.reshape(n, R, A, -1)
 
-    def reason_of_rotation(self) -> NDArray[np.uint8]:
-        """Return (S, R) OK where any branch is feasible, else the reason of the branch that came furthest."""
-        ok = compute_any_last(self.reason == InfeasibilityReason.OK)
-        return np.where(
-            ok, InfeasibilityReason.OK, np.where(self.reason == InfeasibilityReason.OK, 0, self.reason).max(axis=2)
-        ).astype(np.uint8)
+    def block(self, start: int, every: bool) -> _GridBlock:
+        """Return the configurations of a block.
+
+        Args:
+            start: first station.
+            every: keep all branches, usable or not.
+        """
+        q, fits = self.solve(start)
+        occurs: Bools = np.asarray(fits.any(axis=(0, 1)))  # (A, T)
+        turns = np.flatnonzero(occurs.any(axis=0))
+        branch = np.arange(len(occurs)) if every else np.flatnonzero(occurs.any(axis=1))
+        kept = q if len(branch) == len(occurs) else np.ascontiguousarray(q[:, :, branch])
+        return _GridBlock(turns=turns, fits=fits[..., turns], branch=branch, q=kept)
+
+    def joints(self, blocks: list[_GridBlock | None], branch: NDArray[np.intp]) -> Array:
+        """Return (S, R, B, 6) the joints of some branches; a block that lacks one of them is solved again.
+
+        Args:
+            blocks: all blocks in order; each is released once its joints are copied.
+            branch: (B,) branch numbers.
+        """
+        out = np.empty((len(self.shortfall), len(self.phi), len(branch), 6))
+        for k, block in enumerate(blocks):
+            assert block is not None
+            rows = slice(k * self.size, (k + 1) * self.size)
+            if np.isin(branch, block.branch).all():
+                out[rows] = block.q[:, :, np.searchsorted(block.branch, branch)]
+            else:
+                reason = self.reason[rows].copy()  # with what the user forbids
+                out[rows] = self.solve(k * self.size)[0][:, :, branch]
+                self.reason[rows] = reason
+            blocks[k] = None
+        return out
 
 
-def enumerate_candidates(path: PlanningPath, arm: PlanningArm, options: PlanOptions) -> CandidateGrid:
+def enumerate_candidates(
+    path: PlanningPath, arm: PlanningArm, options: PlanOptions, every_branch: bool = False
+) -> CandidateGrid:
     """Solve the inverse kinematics of every station × rotation and remove what violates limits and margins.
+
+    A branch that is usable at no vertex is left out: of the branches of an arm, rarely more than half are usable on one
+    path, and time and memory of the search follow their number. Where branches have no fixed number, all are kept.
 
     Args:
         path: planning points.
         arm: arm model.
         options: plan options.
+        every_branch: keep the branches that are usable nowhere.
     """
     R = max(round(2 * np.pi / options.rotation_step), 1)
     phi: Array = np.asarray(np.arange(R) * (2 * np.pi / R) - np.pi, float)
-    S, B, T = len(path.stations), arm.solver.branches, len(arm.windings)
-    q = np.empty((S, R, B, 6))
-    reason = np.empty((S, R, B), np.uint8)
-    shortfall = np.empty(S)
-    nudge = _nudges(path, phi, options)
-    still, cosine, sine = _turning_poses(path, arm)
-
-    def block(start: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """The turns that occur among ``size`` stations, and which fit where (n, R, B, len)."""
-        rows = slice(start, start + size)
-        angle = (phi + nudge[rows, None])[..., None, None]
-        poses = still[rows] + np.cos(angle) * cosine[rows]
-        poses += np.sin(angle) * sine[rows]
-        n = len(poses)
-        branches = arm.solver.solve_grid(poses, q[rows].reshape(n * R, B, 6))
-        shift_angles(arm.origin, branches.q)
-        why, fits = check_branches(branches, arm.margins, arm.windings, arm.lower, arm.upper)
-        reason[rows] = why.reshape(n, R, B)
-        shortfall[rows] = branches.shortfall.reshape(n, R).min(axis=1)
-        occur = np.flatnonzero(fits.any(axis=(0, 1)))
-        return occur, fits.reshape(n, R, B, T)[..., occur]
-
-    size = max((CHUNK if arm.solver.branch_stable else TRACKED) // R, 1)
-    starts = range(0, S, size)
-    parts = map_in_threads(block, starts)
-    used = np.unique(np.concatenate([[0], *(occur for occur, _ in parts)]))  # at least one turn
-    feasible = np.zeros((S, R, B, len(used)), bool)
-    for start, (occur, fits) in zip(starts, parts, strict=True):
-        feasible[start : start + size][..., np.searchsorted(used, occur)] = fits
-    _forbid_by_user(path, phi, options, reason, feasible, nudge, numbered=arm.solver.branch_stable)
-    left = np.asarray(feasible.any(axis=(0, 1)).any(axis=0))  # this order is faster than all axes at once
+    S, A = len(path.stations), arm.solver.branches
+    grid = _GridSolver(
+        arm=arm,
+        phi=phi,
+        nudge=_nudges(path, phi, options),
+        turning=_turning_poses(path, arm),
+        reason=np.empty((S, R, A), np.uint8),
+        shortfall=np.empty(S),
+        size=max((CHUNK if arm.solver.branch_stable else TRACKED) // R, 1),
+    )
+    every = every_branch or not arm.solver.branch_stable
+    blocks = map_in_threads(lambda start: grid.block(start, every), range(0, S, grid.size))
+    used = np.unique(np.concatenate([[0], *(one.turns for one in blocks)]))  # at least one turn
+    feasible = np.zeros((S, R, A, len(used)), bool)
+    for k, one in enumerate(blocks):
+        feasible[k * grid.size : (k + 1) * grid.size][..., np.searchsorted(used, one.turns)] = one.fits
+    _forbid_by_user(path, phi, options, grid.reason, feasible, grid.nudge, numbered=arm.solver.branch_stable)
+    occurs: Bools = np.asarray(feasible.any(axis=(0, 1)))  # (A, T)
+    left = np.asarray(occurs.any(axis=0))
     left[0] = True
-    if not left.all():
-        used, feasible = used[left], np.ascontiguousarray(feasible[..., left])
+    kept = np.ones(A, bool) if every else np.asarray(occurs.any(axis=1))
+    kept[0] |= not kept.any()
+    branch = np.flatnonzero(kept)
+    q = grid.joints(list(blocks), branch)
+    if not (left.all() and kept.all()):
+        feasible = np.ascontiguousarray(feasible[:, :, kept][..., left])
     return CandidateGrid(
         phi=phi,
+        branch=branch,
         q=q,
-        turns=arm.windings[used],
-        reason=reason,
+        turns=arm.windings[used[left]],
+        reason=grid.reason if kept.all() else np.ascontiguousarray(grid.reason[:, :, kept]),
         feasible=feasible,
         stable=arm.solver.branch_stable,
-        shortfall=shortfall,
-        nudge=nudge,
+        shortfall=grid.shortfall,
+        nudge=grid.nudge,
+        dropped=None if kept.all() else np.ascontiguousarray(grid.reason[:, :, ~kept]),
     )
+
+
+def solve_station(
+    path: PlanningPath, arm: PlanningArm, candidates: CandidateGrid, station: int
+) -> tuple[Array, NDArray[np.uint8]]:
+    """Return all branches of the arm at every rotation of a station, usable or not.
+
+    Args:
+        path: planning points.
+        arm: arm model.
+        candidates: grid of rotations.
+        station: station index.
+
+    Returns:
+        Joints (R, A, 6) rad, and (R, A) the reason without what the user forbids.
+    """
+    row = path.stations[[station]]
+    poses = arm.in_base(path.external[row], compute_tcp_poses(path, row, candidates.phi_at()[[station]]))
+    branches = arm.solver.solve((poses @ invert_transform(arm.T_flange_tcp)).reshape(-1, 4, 4))
+    shift_angles(arm.origin, branches.q)
+    return branches.q, check_branches(branches, arm.margins, arm.windings, arm.lower, arm.upper)[0]
 
 
 def _turning_poses(path: PlanningPath, arm: PlanningArm) -> tuple[Array, Array, Array]:

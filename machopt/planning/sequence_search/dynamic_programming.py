@@ -19,7 +19,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array, Bools, compute_any_last, make_arrays_read_only
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.stiffness_index import CandidateScores
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
 from machopt.planning.sequence_search.joint_turns import compute_shortest_turns, count_whole_turns, fit_turns
 from machopt.planning.sequence_search.search_kernels import find_cheapest_sequence
@@ -440,4 +440,4 @@ class _Part:
 
 def _shut(c: CandidateGrid) -> Bools:
     """Return (B, B) the branch pairs without a rapid move between them."""
-    return np.zeros((c.q.shape[2],) * 2, bool) if c.shut is None else c.shut
+    return np.zeros((c.q.shape[2],) * 2, bool) if c.shut is None else c.shut[np.ix_(c.branch, c.branch)]

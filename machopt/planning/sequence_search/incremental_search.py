@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.stiffness_index import CandidateScores
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, SequenceGrid
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
 from machopt.planning.sequence_search.transition_windows import FREE

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array, Bools
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
 
 Ints = NDArray[np.int32]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import AXIS_SPEED, ObjectiveTerms, compute_node_cost
 from machopt.planning.cost.stiffness_index import CandidateScores
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.stations.planning_path import PlanningPath
 
 Ints = NDArray[np.int32]

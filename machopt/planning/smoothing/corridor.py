@@ -15,7 +15,7 @@ from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.cache import compute_cached, is_cache_active
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.stiffness_index import CandidateScores
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.smoothing.cubic_curves import CubicSpline
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations

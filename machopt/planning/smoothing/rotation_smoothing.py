@@ -17,7 +17,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.stiffness_index import CandidateScores
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.joint_path import interpolate_between_stations
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.smoothing.corridor import (

@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.stiffness_index import LoadDirections
-from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.stability.depth_ratio import StabilityModel
 from machopt.planning.stations.planning_path import PlanningPath
 

@@ -32,9 +32,11 @@ def build_stability_map(plan: Plan, toolpath: Toolpath, s: Array) -> page.Stabil
         return None
     milled = np.flatnonzero(model.is_milled[path.stations])
     shown = milled[np.unique(np.linspace(0, len(milled) - 1, min(len(milled), STATIONS)).round().astype(int))]
-    branch = plan.chosen.assignment.branch[path.stations[shown]]
+    number = plan.chosen.assignment.branch[path.stations[shown]]
+    branch = np.minimum(np.searchsorted(c.branch, number), len(c.branch) - 1)
     q = c.q[shown[:, None], np.arange(c.q.shape[1])[None], branch[:, None]]  # (S, R, 6)
-    usable = c.usable[shown[:, None], np.arange(c.q.shape[1])[None], branch[:, None]] & (branch >= 0)[:, None]
+    usable = c.usable[shown[:, None], np.arange(c.q.shape[1])[None], branch[:, None]]
+    usable &= (c.branch[branch] == number)[:, None]
     n, r = np.nonzero(usable)
     ratio = np.full(usable.shape, np.nan)
     ratio[n, r] = model.compute_ratios(path.stations[shown[n]].astype(np.intp), q[n, r])
