@@ -16,6 +16,7 @@ from bushing_simulator.effect_size import (
     EffectSize,
     compute_size,
     list_equivalent_bodies,
+    list_equivalent_geometry,
     record_without_noise,
     scale_effect,
 )
@@ -122,11 +123,14 @@ def _state_effect(
     plain: object,
 ) -> dict:
     accepted = list(effect.accepted)
-    if isinstance(plan, LoadPlan) and effect.effect.endswith(("compliance", "coupling", "compensator")):
+    loads = isinstance(plan, LoadPlan)
+    if effect.effect.endswith(("compliance", "coupling", "compensator") if loads else ("offset", "geometry")):
         changed = copy.deepcopy(lab)
-        effect.apply(changed, size.scale)
+        shrink = min(1.0, 0.5 / size.ratio)  # the linear part: what the columns of a catalogue can equal
+        effect.apply(changed, size.scale * shrink)
         record = record_without_noise(robot, changed, plan)
-        accepted += list_equivalent_bodies(robot, plan, record.mismatch - plain.mismatch, record)
+        find_rivals = list_equivalent_bodies if loads else list_equivalent_geometry
+        accepted += find_rivals(robot, plan, (record.mismatch - plain.mismatch) / shrink, record)
     return {
         "effect": effect.effect,
         "location": effect.location,

@@ -138,15 +138,16 @@ def measure_effect(
 def list_equivalent_bodies(
     robot: RobotDescription, plan: LoadPlan, difference: np.ndarray, record: NoiseFreeRecord
 ) -> list[tuple[str, str]]:
-    """Return the compliances whose 6×6 takes the contribution away to a noncentrality below 2."""
+    """Return the compliances whose 6×6 takes the contribution away to a noncentrality below 2 or 1 %."""
     assert record.force is not None
+    most = max(2.0, 0.01 * compute_size(difference, record.base, plan, 1.0).noncentrality)
     q = np.repeat(plan.q, record.force.shape[1], axis=0)
     wrench = np.concatenate([record.force.reshape(-1, 3), np.zeros((len(q), 3))], axis=1)
     found = []
     for body in range(8):
         columns = list_body_columns(robot, q, wrench, body, 3).reshape(-1, 21)
         size = compute_size(difference, np.concatenate([record.base, columns], axis=1), plan, 1.0)
-        if size.noncentrality < 2.0:
+        if size.noncentrality < most:
             name = {0: ("base_compliance", "base"), 7: ("tool_compliance", "tool")}
             found.append(name.get(body, ("link_compliance", f"link:{body}")))
     J = compute_jacobian(robot, q)
@@ -155,6 +156,39 @@ def list_equivalent_bodies(
         for j in range(i + 1, 6):
             column = (J[:, :3, i] * torque[:, j, None] + J[:, :3, j] * torque[:, i, None]).reshape(-1, 1)
             size = compute_size(difference, np.concatenate([record.base, column], axis=1), plan, 1.0)
-            if size.noncentrality < 2.0:
+            if size.noncentrality < most:
                 found.append(("joint_coupling", f"joint:{i + 1}-{j + 1}"))
     return found
+
+
+def list_equivalent_geometry(
+    robot: RobotDescription, plan: PosePlan, difference: np.ndarray, record: NoiseFreeRecord
+) -> list[tuple[str, str]]:
+    """Return the kinematic corrections whose columns leave a noncentrality below 2 or 1 % in a pose set."""
+    most = max(
+        2.0, 0.01 * compute_size(difference, record.base, plan, 1.0).noncentrality
+    )  # columns are those without sag
+    places, rotations, _, axes = compute_frames(robot, plan.q)
+    seen = places[:, 6, None] + np.einsum("nij,tj->nti", rotations[:, 6], plan.targets)
+    candidates = {}
+    for joint in range(8):  # the frame before joint 1 … 6, and the tool
+        index = min(max(joint - 1, 0), 6) if joint < 7 else 6
+        R = (
+            np.broadcast_to(np.eye(3), rotations[:, 0].shape)
+            if joint <= 1
+            else rotations[:, index if joint == 7 else joint - 2]
+        )
+        lever = seen - places[:, index][:, None]
+        columns = np.zeros((*seen.shape, 6))
+        for k in range(3):
+            columns[..., k] = R[:, None, :, k]
+            columns[..., 3 + k] = np.cross(R[:, None, :, k], lever)
+        name = {0: "base", 7: "tool"}.get(joint, f"joint:{joint}")
+        candidates[("geometry", name)] = columns.reshape(-1, 6)
+        if 1 <= joint <= 6:
+            candidates[("joint_zero_offset", name)] = np.cross(axes[:, joint - 1][:, None], lever).reshape(-1, 1)
+    return [
+        name
+        for name, columns in candidates.items()
+        if compute_size(difference, np.concatenate([record.base, columns], axis=1), plan, 1.0).noncentrality < most
+    ]
