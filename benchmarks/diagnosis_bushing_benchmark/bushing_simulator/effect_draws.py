@@ -74,6 +74,12 @@ def draw_gear_effect(
             state_no_parameters,
             accepted,
         )
+    return _draw_angle_error(effect, j, rng)
+
+
+def _draw_angle_error(effect: str, j: int, rng: np.random.Generator) -> DrawnEffect:
+    """Return an error of a joint angle that does not depend on load."""
+    place = f"joint:{j + 1}"
     if effect == "transmission_error":
         order, phase = int(rng.choice([2, 3, 9, 17, 36])), float(rng.uniform(0, 6.28))
         return DrawnEffect(
@@ -162,6 +168,11 @@ def draw_body_effect(effect: str, robot: RobotDescription, rng: np.random.Genera
             state_no_parameters,
             (("joint_pose_dependent_stiffness", "joint:2"),),
         )
+    return _draw_nominal_error(effect, robot, rng)
+
+
+def _draw_nominal_error(effect: str, robot: RobotDescription, rng: np.random.Generator) -> DrawnEffect:
+    """Return a wrong payload or as-built geometry."""
     if effect == "payload":
         sign = float(rng.choice([-1, 1]))
 
@@ -235,6 +246,11 @@ def draw_laboratory_effect(effect: str, robot: RobotDescription, rng: np.random.
             60.0,
             lambda s: {"offset": (5.0 * s, "mm")},
         )
+    return _draw_place_error(effect, n)
+
+
+def _draw_place_error(effect: str, n: np.ndarray) -> DrawnEffect:
+    """Return a turned tracker or the growth of links; ``n`` is a unit vector (3,)."""
     if effect == "displacement_frame":
         return DrawnEffect(
             effect,
