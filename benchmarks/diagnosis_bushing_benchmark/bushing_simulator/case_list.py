@@ -62,7 +62,17 @@ def list_cases(draw: int = 0, repeats: int = 3) -> list[CasePlan]:
         for kind, faults in (("deflection", LOAD_FAULTS), ("absolute", POSE_FAULTS)):
             for k, fault in enumerate(faults):
                 cases.append(CasePlan(f"faults/{kind}/{fault}/{n}", "faults", kind, robots[(n + k) % 3], fault=fault))
-    return [CasePlan(c.key, c.group, c.kind, c.robot, c.effects, c.fault, draw) for c in cases]
+    return [CasePlan(c.key, c.group, c.kind, c.robot, c.effects, c.fault, draw) for c in _mix_kinds(cases)]
+
+
+def _mix_kinds(cases: list[CasePlan]) -> list[CasePlan]:
+    """Return the cases with load tests and pose sets spread evenly over each round of a group."""
+    rounds: dict[tuple[str, str, str], list[CasePlan]] = {}
+    for case in cases:
+        number = "" if case.group in ("null", "several") else case.key.rpartition("/")[2]
+        rounds.setdefault((case.group, number, case.kind), []).append(case)
+    placed = [(g, n, (k + 0.5) / len(r), c) for (g, n, _), r in rounds.items() for k, c in enumerate(r)]
+    return [c for *_, c in sorted(placed, key=lambda x: x[:3])]
 
 
 def _list_several(robots: list[str]) -> list[CasePlan]:
