@@ -66,11 +66,17 @@ def run_diagnosis(folder: Path) -> tuple[float, str]:
     return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime, problem.replace("\n", " ")
 
 
+def is_finished(case: CasePlan, out: Path, commit: str) -> bool:
+    """Return whether OUT holds the answer of this commit."""
+    run = out / case.key.replace("/", "_") / "run.json"
+    return run.is_file() and json.loads(run.read_text())["commit"] == commit
+
+
 def score_one(case: CasePlan, out: Path, commit: str) -> CaseScore:
     """Write, diagnose and score one case; a finished one is only scored."""
     folder = out / case.key.replace("/", "_")
     run = folder / "run.json"
-    if not run.is_file() or json.loads(run.read_text())["commit"] != commit:
+    if not is_finished(case, out, commit):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "diagnosis.json").unlink(missing_ok=True)
         write_case(case, folder)
@@ -116,7 +122,8 @@ def main(arguments: list[str] | None = None) -> int:
     commit, start = find_commit(), monotonic()
 
     def work(case: CasePlan) -> CaseScore | None:
-        if options.minutes and monotonic() - start > 60 * options.minutes:
+        late = options.minutes and monotonic() - start > 60 * options.minutes
+        if late and not is_finished(case, options.out, commit):
             return None
         return score_one(case, options.out, commit)
 
