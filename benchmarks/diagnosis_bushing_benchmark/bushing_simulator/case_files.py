@@ -123,6 +123,9 @@ def _state_effect(
     plain: object,
 ) -> dict:
     accepted = list(effect.accepted)
+    beyond_joint_6 = [("link_compliance", "link:6"), ("tool_compliance", "tool")]  # one frame, loaded at the TCP only
+    if (effect.effect, effect.location) in beyond_joint_6:
+        accepted += beyond_joint_6
     loads = isinstance(plan, LoadPlan)
     if effect.effect.endswith(("compliance", "coupling", "compensator") if loads else ("offset", "geometry")):
         changed = copy.deepcopy(lab)

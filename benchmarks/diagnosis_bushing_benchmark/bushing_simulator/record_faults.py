@@ -31,7 +31,8 @@ def scale_columns(
         rows = _find_session(table) if session else np.ones(len(table["session"]), bool)
         for c in columns:
             table[c][rows] *= factor
-        return _list_names(("units", "columns"), columns)
+        group = next((g for g in (MOVED, FORCE, PLACE) if columns[0] in g), columns)  # named by its first column
+        return _list_names(("units", "columns"), group)
 
     return apply
 
