@@ -93,7 +93,8 @@ def test_a_point_that_is_near_enough_is_not_to_be_moved_by_nothing(made: Plan) -
     c = made.candidates
     reason, shortfall = c.reason.copy(), c.shortfall.copy()
     reason[0] = InfeasibilityReason.UNREACHABLE
-    beyond = lost(replace(made, candidates=replace(c, reason=reason)), row, InfeasibilityReason.UNREACHABLE)
+    out_of_reach = replace(made, candidates=replace(c, reason=reason, dropped=None))
+    beyond = lost(out_of_reach, row, InfeasibilityReason.UNREACHABLE)
     told = [explain_points(p)[row] for p in (beyond, _short(beyond, shortfall, 0.0), _short(beyond, shortfall, 0.05))]
     assert told[0] == told[1]
     assert "not too far away" in told[0]

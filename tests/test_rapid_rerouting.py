@@ -118,7 +118,7 @@ def test_without_a_turn_that_helps_another_branch_comes_from_home(
     assert timeline is not None
     assert timeline.trajectory is not None
     assert plan.chosen.assignment.branch[0] != taken
-    assert made.candidates.feasible[0, :, taken].any()  # a plan keeps its own candidates
+    assert made.candidates.feasible[0][:, made.candidates.branch == taken].any()  # a plan keeps its own candidates
     assert f"to branch {taken}" in timeline.detours[-1]
 
 
@@ -128,7 +128,8 @@ def test_without_a_turn_that_helps_the_branch_is_not_changed_there(
     """As a plan that changes branch between the cuts, whose first half the search itself would not take."""
     monkeypatch.setattr(rapid_rerouting, "plan_rapid", nothing_is_free)
     a, begin = made.chosen.assignment, int(np.searchsorted(made.path.index, 4.0))
-    other = int(next(b for b in range(8) if made.candidates.feasible[0, :, b].any() and b != a.branch[0]))
+    usable = made.candidates.branch[made.candidates.feasible[0].any(axis=(0, 2))]
+    other = int(next(b for b in usable if b != a.branch[0]))
     branch = a.branch.copy()
     branch[:begin] = other
     mixed = replace(made, chosen=replace(made.chosen, assignment=replace(a, branch=branch)))

@@ -29,7 +29,6 @@ from machopt.errors import InputError
 from machopt.numerics.array_types import Array
 from machopt.output.tables.plan_tables import list_points_columns, list_trajectory_columns
 from machopt.planning.pipeline.planning_setup import StageTimings
-from machopt.planning.plan_output.collision_map import compute_collision_map
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks
 from machopt.report.page_data.optimize_rotation_map import build_rotation_map
 from machopt.report.page_data.optimize_series import compute_cut_length
@@ -52,7 +51,7 @@ class PlanFigures:
         """
         made = self._made.job_result
         s = compute_cut_length(made.toolpath, made.plan.path.counted[made.points.rows])
-        data = build_rotation_map(made.plan, compute_collision_map(made.plan, self._made.inputs.map_all), s)
+        data = build_rotation_map(made.plan, made.shown, s)
         if data is None:
             raise InputError("the toolpath has no cutting point, and a map is of these", file=made.toolpath.source)
         index = made.plan.scores.index

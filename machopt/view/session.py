@@ -26,7 +26,6 @@ from machopt.planning.cache import StepCache, use_step_cache
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.job.constraint_conflicts import is_complete
 from machopt.planning.pipeline.planning_setup import Progress, StageTimings
-from machopt.planning.plan_output.collision_map import compute_collision_map
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks
 from machopt.report.page_data.optimize import build_report_data, format_measured_value
 from machopt.report.page_types.steering import SteeringAxis, SteeringData
@@ -209,7 +208,7 @@ class ViewSession:
             made.points,
             made.timeline,
             None,
-            shown=compute_collision_map(made.plan),
+            shown=made.shown,
             blockers=made.production_blockers,
             before=None if self.previous is None else self.previous.job_result.plan,
             hashes=map_hashes_by_name(made.manifest.inputs),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from machopt.commands.optimize.request import OptimizeInputs
 from machopt.planning.job.job_planner import plan_job
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.plan_output.collision_map import compute_collision_map
 
 if TYPE_CHECKING:
     from machopt.commands.optimize.job_result import OptimizeJobResult
@@ -35,6 +36,9 @@ def compute_optimize_plan(
         before: Earlier plans of the same segments with other steering rules, whose unchanged steps are reused.
     """
     job = plan_job(given.stints, given.toolpath, given.options, timings, before)
+    with timings.stage("map"):
+        shown = compute_collision_map(job.plan, given.map_all)
+    shown = replace(shown, candidates=shown.candidates.without_joints())
     from machopt.commands.optimize.job_result import OptimizeJobResult, ToolSegmentResult
     from machopt.program_export.exported_programs import (
         list_omitted_programs,
@@ -45,10 +49,12 @@ def compute_optimize_plan(
         toolpath=given.toolpath,
         options=given.options,
         stints=tuple(
-            ToolSegmentResult(s, p.stretch.plan, p.timeline) for s, p in zip(given.stints, job.parts, strict=True)
+            ToolSegmentResult(s, p.stretch.plan.without_grid_joints(), p.timeline)
+            for s, p in zip(given.stints, job.parts, strict=True)
         ),
-        plan=job.plan,
+        plan=job.plan.without_grid_joints(),
         points=job.points,
+        shown=shown,
         timeline=job.timeline,
         verification=None,
         programs=list_omitted_programs(given.posts, given.tolerance, "there is no motion"),

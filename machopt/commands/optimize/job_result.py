@@ -14,6 +14,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.planning.job.pareto_front import FrontPlan
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
+from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.program_export.exported_programs import ExportedProgram, add_read_back_results
 from machopt.verification import Verification
@@ -37,8 +38,9 @@ class OptimizeJobResult:
     toolpath: Toolpath
     options: PlanOptions
     stints: tuple[ToolSegmentResult, ...]  # one, or one a tool that is on where the job changes it
-    plan: Plan
+    plan: Plan  # without the joints of the candidate grid
     points: PointResults
+    shown: CollisionMap  # of the feasible rotations and branches, for the pages
     timeline: MotionTimeline | None
     verification: Verification | None
     programs: tuple[ExportedProgram, ...]

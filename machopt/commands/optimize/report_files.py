@@ -16,23 +16,19 @@ from machopt.output.tables.plan_tables import write_compensation_csv, write_poin
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
-from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.program_export.exported_programs import remove_programs
 from machopt.report.page_data.optimize import build_report_data
 from machopt.report.pages.optimize.optimize_page import write_report
 
 
-def write_report_files(
-    made: OptimizeJobResult, folder: Path, timings: StageTimings, shown: CollisionMap
-) -> OptimizeDocument:
+def write_report_files(made: OptimizeJobResult, folder: Path, timings: StageTimings) -> OptimizeDocument:
     """Write report, result and manifest; remove the programs where the motion failed its verification.
 
     Args:
         made: Result of the run.
         folder: The output folder.
         timings: Computing time of each stage.
-        shown: The map of feasible rotations and branches.
     """
     if made.exit_code != 0 and any(p.files for p in made.programs):
         made = made.with_programs(remove_programs(folder, made.programs, made.verdict))
@@ -45,7 +41,7 @@ def write_report_files(
             made.verification,
             [p.to_page_data() for p in made.programs],
             front=made.front,
-            shown=shown,
+            shown=made.shown,
             unchecked=made.unchecked,
             blockers=made.production_blockers,
             hashes=map_hashes_by_name(made.manifest.inputs),

@@ -11,8 +11,8 @@ from machopt.commands.optimize.trade_off_front import FRONT_FILE as FRONT
 from machopt.commands.optimize.trade_off_front import compute_trade_off_front, write_trade_off_front
 from machopt.data_types.documents.optimize_document import OptimizeDocument
 from machopt.file_formats.parquet_tables import write_parquet_copies
+from machopt.numerics.heap_release import release_free_memory
 from machopt.planning.job.pareto_front import measure_front_plan
-from machopt.planning.plan_output.collision_map import compute_collision_map
 from machopt.program_export.exported_programs import write_programs
 from machopt.verification import Verification
 from machopt.verification.folder.folder_checks import check_contents, verify_folder
@@ -41,12 +41,14 @@ def write_verified_files(the_plan: OptimizeComputation, folder: Path) -> Verifie
 def _write_and_verify(the_plan: OptimizeComputation, folder: Path) -> VerifiedFiles:
     given, made, timings = the_plan.inputs, the_plan.job_result.with_touching_pairs(), the_plan.timings
     timeline = made.timeline
+    release_free_memory()
     with timings.stage("export"):
         write_plan_tables(folder, made.plan, made.points, timeline)
     if timeline is not None and timeline.trajectory is not None:
         with timings.stage("programs"):
             jobs = [(s.stint, s.plan, s.timeline) for s in made.stints]
             made = made.with_programs(write_programs(folder, given.posts, jobs, given.tolerance))
+        release_free_memory()
         with timings.stage("verify"):
             found = check_contents(given.cell, given.toolpath, folder, options=given.options, manifest=made.manifest)
             made = made.with_verification(found)
@@ -58,9 +60,8 @@ def _write_and_verify(the_plan: OptimizeComputation, folder: Path) -> VerifiedFi
     if given.tables == "parquet":
         with timings.stage("export"):
             write_parquet_copies(folder.glob("*.csv"))
-    with timings.stage("map"):
-        shown = compute_collision_map(made.plan, given.map_all)
-    result = write_report_files(made, folder, timings, shown)
+    release_free_memory()
+    result = write_report_files(made, folder, timings)
     whole = made.verification
     if made.verification is not None:
         whole = verify_folder(
@@ -72,5 +73,5 @@ def _write_and_verify(the_plan: OptimizeComputation, folder: Path) -> VerifiedFi
             contents=made.verification,
         )
         if made.verification.ok and not whole.ok:  # what was written is not what was meant: a bug, or a bad disk
-            result = write_report_files(replace(made, verification=whole), folder, timings, shown)
+            result = write_report_files(replace(made, verification=whole), folder, timings)
     return VerifiedFiles(result, whole)

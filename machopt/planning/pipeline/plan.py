@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +126,11 @@ class Plan:
             points: (n,) planning points of the whole job.
         """
         return np.searchsorted([one.row for one in self.parts], points, side="right") - 1
+
+    def without_grid_joints(self) -> Plan:
+        """Return the plan without the joints of its candidate grids, which only the search needs."""
+        parts = tuple(replace(part, plan=part.plan.without_grid_joints()) for part in self.parts)
+        return replace(self, candidates=self.candidates.without_joints(), parts=parts)
 
     @property
     def missing(self) -> NDArray[np.intp]:

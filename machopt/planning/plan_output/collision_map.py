@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
-from machopt.numerics.array_types import Bools, compute_any_last
+from machopt.numerics.array_types import Array, Bools, compute_any_last
 from machopt.planning.collision_handling.contact_lookahead import ContactLookahead
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.sampling.candidate_grid import CandidateGrid, spread_branches
@@ -31,6 +31,7 @@ class CollisionMap:
     known: Bools  # (S, R, B) found free; colliding ones are no longer feasible
     asked: bool  # a full check was requested
     seconds: float = 0.0  # s, duration of the check
+    postures: NDArray[np.float32] | None = None  # (N, R, 6) rad, at the N cut stations; None: the grid has no joints
 
     @property
     def open(self) -> int:
@@ -53,6 +54,13 @@ def compute_collision_map(plan: Plan, full: bool = False, seconds: float = SECON
     """
     if plan.parts:
         return _of_all(plan, [compute_collision_map(p.plan, full, seconds * p.share) for p in plan.parts])
+    found = _check_configurations(plan, full, seconds)
+    if not found.candidates.q.shape[-1]:
+        return found
+    return replace(found, postures=_select_postures(plan, found))
+
+
+def _check_configurations(plan: Plan, full: bool, seconds: float) -> CollisionMap:
     c = plan.candidates
     checked = np.zeros(c.reason.shape, bool) if plan.found is None else plan.found.looked
     known = checked & c.usable
@@ -95,7 +103,52 @@ def _of_all(plan: Plan, parts: list[CollisionMap]) -> CollisionMap:
         spread_branches(p.known, np.searchsorted(numbers, p.candidates.branch), len(numbers), False, axis=2)
         for p in parts
     ]
-    return CollisionMap(c, np.concatenate(known), parts[0].asked, sum(p.seconds for p in parts))
+    postures = [p.postures for p in parts if p.postures is not None]
+    return CollisionMap(
+        c,
+        np.concatenate(known),
+        parts[0].asked,
+        sum(p.seconds for p in parts),
+        np.concatenate(postures) if len(postures) == len(parts) else None,
+    )
+
+
+def find_cut_stations(plan: Plan) -> NDArray[np.intp]:
+    """Return (N,) the stations that the map shows: those that the tool cuts to.
+
+    Args:
+        plan: The plan.
+    """
+    return np.flatnonzero(plan.path.counted[plan.path.stations])
+
+
+def find_best_branch(plan: Plan, shown: CollisionMap, st: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+    """Return (N, R) the feasible branch with the least cost, and that cost; infinite where none is feasible.
+
+    Args:
+        plan: The plan.
+        shown: The map of feasible rotations and branches.
+        st: (N,) numbers of the stations.
+    """
+    usable = compute_any_last(shown.candidates.feasible[st])
+    rated = np.where(usable, plan.scores.cost[st], np.inf)
+    first = rated.argmin(axis=2)
+    return first, np.take_along_axis(rated, first[:, :, None], axis=2)[:, :, 0]
+
+
+def _select_postures(plan: Plan, shown: CollisionMap) -> NDArray[np.float32]:
+    """Return (N, R, 6) rad the posture at each cut station and rotation whose index or reason the map shows.
+
+    It is wound into the middle of the joint limits, and NaN where there is none.
+    """
+    c, limits, st = shown.candidates, plan.setup.driven.limits, find_cut_stations(plan)
+    usable: Bools = compute_any_last(c.feasible[st])
+    branch, _ = find_best_branch(plan, shown, st)
+    farthest = np.where(np.isfinite(c.q[st, :, :, 0]), c.reason[st], 0).argmax(axis=2)
+    pick = np.where(usable.any(axis=2), branch, farthest)
+    q = c.q[st[:, None], np.arange(pick.shape[1]), pick]
+    middle = 0.5 * (limits.lower[:6] + limits.upper[:6])
+    return np.asarray(q - 2 * np.pi * np.round((q - middle) / (2 * np.pi)), np.float32)
 
 
 def _look(ahead: ContactLookahead, known: Bools, rows: NDArray[np.intp]) -> None:

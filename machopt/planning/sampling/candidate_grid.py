@@ -55,6 +55,10 @@ class CandidateGrid:
         """
         return np.asarray(self.phi[rotation] + (0.0 if self.nudge is None else self.nudge[stations]))
 
+    def without_joints(self) -> CandidateGrid:
+        """Return the grid without its joints, (S, R, B, 0): by far its largest table, which only the search needs."""
+        return replace(self, q=np.empty((*self.q.shape[:3], 0)))
+
     def reason_of_rotation(self) -> NDArray[np.uint8]:
         """Return (S, R) OK where any branch is feasible, else the reason of the branch that came furthest."""
         ok = compute_any_last(self.reason == InfeasibilityReason.OK)

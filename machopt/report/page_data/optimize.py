@@ -21,7 +21,7 @@ from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.optimality_certificate import compute_certificate, find_external_axis_bound
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
-from machopt.planning.plan_output.collision_map import CollisionMap, compute_collision_map
+from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.document_sections import build_worst_point_entry
 from machopt.planning.plan_output.infeasibility_reasons import (
     compute_reach_shortfall,
@@ -77,7 +77,7 @@ def build_report_data(
     programs: Sequence[page.ProgramRow] = (),
     *,
     front: Sequence[FrontPlan] = (),
-    shown: CollisionMap | None = None,
+    shown: CollisionMap,
     before: Plan | None = None,
     unchecked: tuple[str, ...] = (),
     blockers: tuple[str, ...] = (),
@@ -95,7 +95,7 @@ def build_report_data(
         verification: The verification; None where there is none.
         programs: The exported programs.
         front: Plans of the trade-off front.
-        shown: The map of feasible rotations and branches; None where there is none.
+        shown: The map of feasible rotations and branches.
         before: A plan to compare with, on the rotation map.
         unchecked: Names of what was not checked.
         blockers: What has to be settled before production.
@@ -111,7 +111,6 @@ def build_report_data(
     summary = _build_summary(plan, points, timeline, verification, quantity, float(s[-1]), shift)
     summary = replace(summary, unchecked=unchecked, blockers=blockers)
     models = [p.setup.collision for p in ([part.plan for part in plan.parts] or [plan]) if p.setup.collision]
-    shown = shown or compute_collision_map(plan)
     return page.ReportData(
         title=f"{plan.setup.cell.name}: {toolpath.source}",
         cell=plan.setup.cell.name,

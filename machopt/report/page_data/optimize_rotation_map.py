@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
-from machopt.numerics.array_types import Array, compute_any_last
+from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
-from machopt.planning.plan_output.collision_map import CollisionMap
+from machopt.planning.plan_output.collision_map import CollisionMap, find_best_branch, find_cut_stations
 from machopt.report.page_data.optimize_series import interpolate_path_length
 from machopt.report.page_types import optimize_report as page
 from machopt.report.page_types.place_codes import PlaceCode, convert_to_place_codes
@@ -62,29 +61,6 @@ def build_rotation_map(
         collisions=_describe_collision_coverage(plan, shown),
         before=line(before.chosen) if before is not None and len(before.path.index) == len(plan.path.index) else None,
     )
-
-
-def find_cut_stations(plan: Plan) -> NDArray[np.intp]:
-    """Return (N,) the stations that the map shows: those that the tool cuts to.
-
-    Args:
-        plan: The plan.
-    """
-    return np.flatnonzero(plan.path.counted[plan.path.stations])
-
-
-def find_best_branch(plan: Plan, shown: CollisionMap, st: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
-    """Return (N, R) the feasible branch with the least cost, and that cost; infinite where none is feasible.
-
-    Args:
-        plan: The plan.
-        shown: The map of feasible rotations and branches.
-        st: (N,) numbers of the stations.
-    """
-    usable = compute_any_last(shown.candidates.feasible[st])
-    rated = np.where(usable, plan.scores.cost[st], np.inf)
-    first = rated.argmin(axis=2)
-    return first, np.take_along_axis(rated, first[:, :, None], axis=2)[:, :, 0]
 
 
 def _describe_collision_coverage(plan: Plan, shown: CollisionMap) -> str:

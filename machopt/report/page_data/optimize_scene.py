@@ -12,15 +12,14 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.process_columns import OUTCOMES
 from machopt.data_types.toolpath import Toolpath
 from machopt.kinematics.robot import load_chain
-from machopt.numerics.array_types import Array, Bools, compute_any_last
+from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup
-from machopt.planning.plan_output.collision_map import CollisionMap
+from machopt.planning.plan_output.collision_map import CollisionMap, find_cut_stations
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
-from machopt.report.page_data.optimize_rotation_map import find_best_branch, find_cut_stations
 from machopt.report.page_data.optimize_series import compute_cut_length, interpolate_path_length
 from machopt.report.scene.scene_types import CellScene, MotionScene, OptimizeScene, StationPostures, ToolpathScene
 
@@ -124,7 +123,7 @@ def _build_outcomes(points: PointResults, k: NDArray[np.intp]) -> dict[str, Any]
 
 def _build_stations(plan: Plan, points: PointResults, shown: CollisionMap) -> StationPostures | None:
     st = find_cut_stations(plan)
-    if not len(st):
+    if not len(st) or shown.postures is None:
         return None
     rows = plan.path.stations[st]
     a, d = plan.chosen.assignment, plan.directions
@@ -144,7 +143,7 @@ def _build_stations(plan: Plan, points: PointResults, shown: CollisionMap) -> St
             bend[some] = elastic.compute_deflection(d.force[rows[some]])
     near = np.clip(np.round(plan.path.index[rows]).astype(int), 0, len(points.rows) - 1)
     return StationPostures(
-        q=_append_external_joints(_select_postures(plan, shown, st), plan.path.external[rows][:, None]),
+        q=_append_external_joints(np.asarray(shown.postures), plan.path.external[rows][:, None]),
         chosen=_append_external_joints(
             np.where((a.reason[rows] == InfeasibilityReason.OK)[:, None], a.q[rows], np.nan), plan.path.external[rows]
         ),
@@ -160,19 +159,7 @@ def _build_stations(plan: Plan, points: PointResults, shown: CollisionMap) -> St
     )
 
 
-def _select_postures(plan: Plan, shown: CollisionMap, st: NDArray[np.intp]) -> Array:
-    """(N, R, 6) the posture whose index or reason the map shows, wound into the middle of the limits; NaN without."""
-    c, limits = shown.candidates, plan.setup.driven.limits
-    usable: Bools = compute_any_last(c.feasible[st])
-    branch, _ = find_best_branch(plan, shown, st)
-    farthest = np.where(np.isfinite(c.q[st, :, :, 0]), c.reason[st], 0).argmax(axis=2)
-    pick = np.where(usable.any(axis=2), branch, farthest)
-    q = c.q[st[:, None], np.arange(pick.shape[1]), pick]
-    middle = 0.5 * (limits.lower[:6] + limits.upper[:6])
-    return np.asarray(q - 2 * np.pi * np.round((q - middle) / (2 * np.pi)), np.float32)
-
-
-def _append_external_joints(q: Array, external: Array) -> Array:
+def _append_external_joints(q: Array | NDArray[np.float32], external: Array) -> Array:
     """Joints of the arm (…, 6) and where the external ones stand there (…, E), as the picture has them: (…, 6 + E)."""
     stands = np.broadcast_to(external, (*q.shape[:-1], external.shape[-1])).astype(q.dtype)
     return np.concatenate([q, stands], axis=-1)

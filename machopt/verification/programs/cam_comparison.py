@@ -135,7 +135,7 @@ def _find_streamed_cut_moves(
     offset, tilt = (
         np.column_stack([np.interp(line.sample, rows, of[:, c]) for c in range(3)]) for of in (cuts.offset, cuts.tilt)
     )
-    place, shank = line.T[:, :3, 3] + offset, -line.T[:, :3, 2] + tilt
+    place, shank = line.position + offset, -line.rotation[:, :, 2] + tilt
     known = np.flatnonzero(np.isfinite(at_index))
     reached, gap, tilted = np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan)
     asked = np.flatnonzero(cuts.wanted)

@@ -67,12 +67,11 @@ def match_targets(
             np.abs(motion.q - program.q).max(axis=1),
         )
     driven, wanted = motion.q, program.q
-    if np.isfinite(
-        program.external
-    ).all():  # rails and tables tell places apart as joints do; a metre counts as a radian
+    if motion.external.shape[1] and np.isfinite(program.external).all():
+        # rails and tables tell places apart as joints do; a metre counts as a radian
         driven, wanted = np.hstack([motion.q, motion.external]), np.hstack([program.q, program.external])
     line = build_motion_polyline(motion, tcp, driven, path)
-    p, R = line.T[:, :3, 3], line.T[:, :3, :3]
+    p, R = line.position, line.rotation
     right = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + program.place_step
     limits = [
         (right, max(MAX_JOINT_DISTANCE_RAD, 3.0 * program.joint_step)),
@@ -83,8 +82,8 @@ def match_targets(
     ]
     T = program.T_workpiece_tcp
     on_line, gap = match_targets_in_order(
-        np.ascontiguousarray(p),
-        np.ascontiguousarray(R),
+        p,
+        R,
         np.ascontiguousarray(line.joints, float),
         np.ascontiguousarray(T[:, :3, 3]),
         np.ascontiguousarray(T[:, :3, :3]),

@@ -144,7 +144,7 @@ class _ComparisonContext:
             motion, points, shift = tables.motion, tables.points, tables.shift
         arm = UrdfKinematics(cell, drawn=True)  # as the controller reckons
         tcp = arm.compute_tcp_in_workpiece(motion.q, motion.external)
-        offset, tilt = np.zeros((len(tcp), 3)), np.zeros((len(tcp), 3))
+        offset = tilt = np.broadcast_to(np.zeros(3), (len(tcp), 3))
         if cell.kinematics is not None:
             true = UrdfKinematics(cell).compute_tcp_in_workpiece(
                 compute_true_angles(cell.kinematics, motion.q), motion.external

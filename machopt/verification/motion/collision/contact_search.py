@@ -52,12 +52,14 @@ def find_contacts(
         external: (S, E) positions of the external joints, rad or m.
         free: (S,) the move to the sample is no feed move of the CAM file, so the cutter must not touch the workpiece.
     """
-    joints = np.hstack([q, external])
-    parts = np.maximum(np.ceil(np.abs(np.diff(joints, axis=0)).max(axis=1) / MAX_JOINT_STEP_RAD), 1).astype(int)
+    joints = np.hstack([q, external]) if external.shape[1] else q
+    parts = np.maximum(np.ceil(_compute_steps(joints) / MAX_JOINT_STEP_RAD), 1).astype(int)
     before = np.repeat(np.arange(len(parts)), parts)
     nth = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)  # 0 … parts − 1 in each step
     place = np.append(0.0, before + (nth + 1.0) / parts[before])
-    rows = np.column_stack([np.interp(place, np.arange(len(q)), column) for column in joints.T])
+    rows = np.empty((len(place), joints.shape[1]))
+    for n in range(joints.shape[1]):
+        rows[:, n] = np.interp(place, np.arange(len(q)), joints[:, n])
     fast = free[np.ceil(place - 1e-9).astype(int)]
     stops = _select_stop_rows(rows, fast)
     bodies = [b for pair in wanted for b in pair]
@@ -74,6 +76,14 @@ def find_contacts(
         for (a, b), found in zip(wanted, hits, strict=True)
         if found
     ]
+
+
+def _compute_steps(rows: Array) -> Array:
+    """(M − 1,) rad or m, the largest joint step between neighbouring rows (M, n)."""
+    out = np.zeros(max(len(rows) - 1, 0))
+    for column in rows.T:
+        np.maximum(out, np.abs(np.diff(column)), out=out)
+    return out
 
 
 def _split_blocks(stops: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
@@ -276,7 +286,7 @@ class _PairContactSearch:
 
 def _select_stop_rows(rows: Array, fast: Bools) -> NDArray[np.int64]:
     """Rows STEP apart in the joint that moves farthest, and those where free moves begin and end."""
-    gone = np.append(0.0, np.cumsum(np.abs(np.diff(rows, axis=0)).max(axis=1)))
+    gone = np.append(0.0, np.cumsum(_compute_steps(rows)))
     keep = np.append(True, np.diff(np.floor(gone / MAX_JOINT_STEP_RAD)) > 0)
     keep[:-1] |= fast[1:] != fast[:-1]
     keep[[0, -1]] = True

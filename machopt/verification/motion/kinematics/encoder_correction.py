@@ -32,8 +32,10 @@ def compute_true_angles(kinematics: KinematicCorrections | None, q: Array) -> Ar
     Raises:
         ValueError: an effect that is no kinematic correction.
     """
+    if kinematics is None:
+        return q
     stands = q.copy()
-    for entry in kinematics.corrections if kinematics is not None else ():
+    for entry in kinematics.corrections:
         if entry.effect == GEOMETRY_EFFECT:  # no angle: :mod:`machopt.verification.motion.kinematics.as_built_frames`
             continue
         joints = parse_joint_location(entry.location)

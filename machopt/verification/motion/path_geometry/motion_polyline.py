@@ -37,7 +37,8 @@ class CommandedPath:
 class MotionPolyline:
     """Polyline of V vertices in order of time."""
 
-    T: Array  # (V, 4, 4) of the TCP in the workpiece
+    position: Array  # (V, 3) m, of the TCP in the workpiece
+    rotation: Array  # (V, 3, 3) of the TCP in the workpiece
     joints: Array  # (V, n) rad or m, joints and external axes
     sample: Array  # (V,) fractional index of the sample, rising
 
@@ -62,17 +63,26 @@ def build_motion_polyline(
         path: None: the samples alone.
     """
     rows = np.arange(len(tcp), dtype=float)
+    own = MotionPolyline(
+        position=np.ascontiguousarray(tcp[:, :3, 3]),
+        rotation=np.ascontiguousarray(tcp[:, :3, :3]),
+        joints=driven,
+        sample=rows,
+    )
     if path is None or len(tcp) < 2:
-        return MotionPolyline(T=tcp, joints=driven, sample=rows)
+        return own
     before, corner = _find_corners(motion, path)
     T, share = _compute_corner_poses(tcp, path, before, corner)
     keep = _is_off_chord(tcp, T, before, share)
     before, share, T = before[keep], share[keep], T[keep]
+    if not len(T):
+        return own
     sample = before + share
     order = np.argsort(np.concatenate([rows, sample]), kind="stable")
     between = driven[before] + share[:, None] * (driven[before + 1] - driven[before])
     return MotionPolyline(
-        T=np.concatenate([tcp, T])[order],
+        position=np.concatenate([own.position, T[:, :3, 3]])[order],
+        rotation=np.concatenate([own.rotation, T[:, :3, :3]])[order],
         joints=np.concatenate([driven, between])[order],
         sample=np.concatenate([rows, sample])[order],
     )
