@@ -5,7 +5,7 @@ All points of a job share one set of draws: a scrambled Sobol sequence with a fi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 
 HOLE_DRAWS = 8192
+SHARE_DRAWS = 1024  # of variances by source, and of the baselines, of which only outcomes are counted
 SURFACE_DRAWS = 1024  # position noise is integrated exactly there
 SEED = 20
 DOUBLED = 2.0  # factor of the spread of a thrust above nominal, where the chisel edge is unknown
@@ -37,6 +38,14 @@ class UncertaintyDraws:
 
     def __len__(self) -> int:
         return len(self.thrust)
+
+    def take_first(self, count: int) -> UncertaintyDraws:
+        """Return the first draws, which are evenly spread themselves where their number is a power of two.
+
+        Args:
+            count: Number of draws.
+        """
+        return replace(self, **{f.name: getattr(self, f.name)[:count] for f in fields(self)})
 
     def compute_load_factor(self, process: CuttingProcess, one: ProcessOperation, *, torque: bool = False) -> Array:
         """Return (D,) the factor of a force relative to that of an unworn tool.

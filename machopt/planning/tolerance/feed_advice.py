@@ -11,7 +11,7 @@ no feed suffices, because edge forces or the clamp alone are too much.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ def find_hole_feeds(plan: Plan, model: HoleErrorModel, loads: PointLoads, draws:
         loads: Loads of the toolpath.
         draws: Draws, of which the first ``DRAWS`` count.
     """
-    some = _take_draws(draws)
+    some = draws.take_first(DRAWS)
     targets = model.targets
     feeds = np.full(len(targets.row), np.nan)
     depth_by_row = {hole.deepest: hole.depth for hole in loads.holes}
@@ -131,7 +131,7 @@ def find_surface_feeds(
         spread: Random part of the stiffness.
         draws: Draws, of which the first ``DRAWS`` count.
     """
-    some = _take_draws(draws)
+    some = draws.take_first(DRAWS)
     rows = model.targets.row
     feeds = np.full(len(rows), np.nan)
     for k in np.unique(model.targets.operation):
@@ -211,11 +211,6 @@ def _bracket_feeds(
         upper = np.where(good, low + (n + 1) / STEPS * (high - low), upper)
         found |= good
     return lower, np.where(found, upper, low + (high - low) / STEPS), found
-
-
-def _take_draws(draws: UncertaintyDraws) -> UncertaintyDraws:
-    """Return the first draws."""
-    return replace(draws, **{f.name: getattr(draws, f.name)[:DRAWS] for f in fields(draws)})
 
 
 def _project_load(plan: Plan, model: SurfaceErrorModel, spread: StiffnessSpread, part: Array) -> Array:

@@ -65,7 +65,7 @@ def compute_lateral_force(plan: Plan, poses: TargetPoses, clamp: float) -> Array
     """
     limits = plan.setup.cell.limits
     spread = StiffnessSpread.of(plan.setup.elasticity, (limits.lower[:6], limits.upper[:6]))
-    sideways = np.stack([build_sideways(axis) for axis in poses.axis])  # (M, 2, 3)
+    sideways = build_sideways(poses.axis)  # (M, 2, 3)
     zero = np.zeros_like(poses.axis)
     moved = [
         compute_twist_columns(plan, spread, poses, np.hstack([unit, zero]))[:, :3, 0]

@@ -22,6 +22,7 @@ from machopt.planning.tolerance.error_columns import TargetPoses, compute_twist_
 from machopt.process.binding.point_loads import compute_mean_wear
 
 ENTRY, EXIT = 0, 1
+ACROSS, TILT_ENTRY, ALONG, TILT_EXIT = slice(0, 2), slice(2, 4), 4, slice(5, 7)  # of the components
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +31,11 @@ class HoleErrorModel:
 
     targets: HoleTargets
     poses: tuple[TargetPoses, TargetPoses]  # entry and exit
-    axial: tuple[Array, Array]  # (H, 6, 1 + R) twist per N along the axis, at entry and exit
-    turning: tuple[Array, Array]  # (H, 6, 1 + R) twist per N·m about the axis
-    lateral: tuple[Array, Array]  # (H, 6, 1 + R) twist of the nominal load along travel and normal
+    rows: tuple[Array, Array]  # (H, 4, 6) and (H, 3, 6) what of a twist at entry and exit the errors need
+    axial: Array  # (H, 7, 1 + R) these components per N along the axis
+    turning: Array  # (H, 7, 1 + R) per N·m about the axis
+    lateral: Array  # (H, 7, 1 + R) of the nominal load along travel and normal
+    nominal: tuple[Array, Array, Array]  # (H, 3) displacement at entry: per N, per N·m, of the load across
     scatter: tuple[PositionScatter, PositionScatter]
     process: CuttingProcess
     spread: StiffnessSpread
@@ -50,7 +53,7 @@ class HoleDraws:
     @property
     def distance(self) -> Array:
         """(D,) m across the axis."""
-        return np.asarray(np.linalg.norm(self.across, axis=1))
+        return np.asarray(np.hypot(self.across[:, 0], self.across[:, 1]))
 
 
 def build_hole_model(
@@ -76,13 +79,16 @@ def build_hole_model(
         lateral.append(compute_twist_columns(plan, spread, pose, np.hstack([across, zero])))
         wrench = np.hstack([targets.thrust[:, None] * pose.axis + across, targets.torque[:, None] * pose.axis])
         scatter.append(compute_position_scatter(plan, pose, reference, wrench))
+    rows = _list_component_rows(poses)
     discrepancy = plan.setup.elasticity.stiffness.discrepancy
     return HoleErrorModel(
         targets=targets,
         poses=poses,
-        axial=(axial[ENTRY], axial[EXIT]),
-        turning=(turning[ENTRY], turning[EXIT]),
-        lateral=(lateral[ENTRY], lateral[EXIT]),
+        rows=rows,
+        axial=_project(rows, axial),
+        turning=_project(rows, turning),
+        lateral=_project(rows, lateral),
+        nominal=(axial[ENTRY][:, :3, 0], turning[ENTRY][:, :3, 0], lateral[ENTRY][:, :3, 0]),
         scatter=(scatter[ENTRY], scatter[EXIT]),
         process=process,
         spread=spread,
@@ -111,9 +117,9 @@ class HoleTerms:
     noise: UncertaintyDraws | None  # None: deflection alone
     thrust: Array  # (D,) N, without the clamp
     torque: Array  # (D,) N·m
-    axial: tuple[Array, Array]  # (D, 6) twist by a unit thrust, entry and exit
-    turning: tuple[Array, Array]  # (D, 6) by a unit torque
-    rest: tuple[Array, Array]  # (D, 6) that does not depend on thrust and torque
+    axial: Array  # (D, 7) components by a unit thrust, in the order of _list_component_rows
+    turning: Array  # (D, 7) by a unit torque
+    rest: Array  # (D, 7) that do not depend on thrust and torque
 
     def compute_errors(self, scale: float = 1.0) -> HoleDraws:
         """Return the errors for a multiple of thrust and torque.
@@ -122,11 +128,11 @@ class HoleTerms:
             scale: Factor on thrust and torque; the clamp stays.
         """
         thrust = np.maximum(scale * self.thrust, self.model.targets.clamp[self.hole])
-        twists = [
-            thrust[:, None] * self.axial[pose] + (scale * self.torque)[:, None] * self.turning[pose] + self.rest[pose]
-            for pose in (ENTRY, EXIT)
-        ]
-        return _project(self.model, self.hole, twists, self.noise)
+        y = thrust[:, None] * self.axial + (scale * self.torque)[:, None] * self.turning + self.rest
+        noise = 0.0 if self.noise is None else self.model.scatter[ENTRY].tilt_std[self.hole] * self.noise.tilt
+        at_entry, at_exit = y[:, TILT_ENTRY] + noise, y[:, TILT_EXIT] + noise
+        tilt = np.maximum(np.hypot(at_entry[:, 0], at_entry[:, 1]), np.hypot(at_exit[:, 0], at_exit[:, 1]))
+        return HoleDraws(across=y[:, ACROSS], along=y[:, ALONG], axis=tilt)
 
 
 def draw_hole_terms(model: HoleErrorModel, h: int, draws: UncertaintyDraws, *, position: bool) -> HoleTerms:
@@ -142,28 +148,49 @@ def draw_hole_terms(model: HoleErrorModel, h: int, draws: UncertaintyDraws, *, p
     one = process.operations[model.targets.operation[h]]
     wear = compute_mean_wear(one)
     factor = draws.compute_load_factor(process, one)
-    axial, turning, rest = [], [], []
-    for pose in (ENTRY, EXIT):
-        along = draws.stiffness @ model.axial[pose][h].T
-        along[:, :3] += model.local * draws.local
-        axial.append(along)
-        turning.append(draws.stiffness @ model.turning[pose][h].T)
-        still = (factor / wear)[:, None] * (draws.stiffness @ model.lateral[pose][h].T)
-        still[:, :3] += model.poses[pose].offset[h]
-        if position:
-            still += draw_position(model.scatter[pose], h, draws)
-            still[:, :3] += np.nan_to_num(model.scatter[pose].std[h]) * draws.position
-        rest.append(still)
+    rows = model.rows[ENTRY][h], model.rows[EXIT][h]
+    columns = np.concatenate([model.axial[h], model.turning[h], model.lateral[h]])
+    drawn = draws.stiffness @ columns.T  # (D, 21)
+    axial, turning, rest = drawn[:, :7], drawn[:, 7:14], (factor / wear)[:, None] * drawn[:, 14:]
+    linear = np.concatenate([P[:, :3] for P in rows])  # (7, 3) of a displacement that both poses share
+    if model.local:
+        axial = axial + model.local * (draws.local @ linear.T)
+    rest += np.concatenate([P[:, :3] @ model.poses[pose].offset[h] for pose, P in enumerate(rows)])
+    if position:
+        shift = [draw_position(model.scatter[pose], h, draws) @ P.T for pose, P in enumerate(rows)]
+        std = np.concatenate([np.full(len(P), np.nan_to_num(model.scatter[n].std[h])) for n, P in enumerate(rows)])
+        rest += np.hstack(shift) + std * (draws.position @ linear.T)
     return HoleTerms(
         model=model,
         hole=h,
         noise=draws if position else None,
         thrust=model.targets.thrust[h] / wear * factor,
         torque=model.targets.torque[h] / wear * draws.compute_load_factor(process, one, torque=True),
-        axial=(axial[ENTRY], axial[EXIT]),
-        turning=(turning[ENTRY], turning[EXIT]),
-        rest=(rest[ENTRY], rest[EXIT]),
+        axial=axial,
+        turning=turning,
+        rest=rest,
     )
+
+
+def _list_component_rows(poses: tuple[TargetPoses, TargetPoses]) -> tuple[Array, Array]:
+    """Return (H, 4, 6) and (H, 3, 6): what of a twist at entry and at exit the errors need.
+
+    In this order: two displacements across the axis and two turns at entry, the displacement along the axis and two
+    turns at exit.
+    """
+    entry, leave = (build_sideways(pose.axis) for pose in poses)
+    zero, along = np.zeros_like(entry), poses[EXIT].axis[:, None]
+    turns = [np.concatenate([zero, across], axis=2) for across in (entry, leave)]
+    ahead = np.concatenate([along, np.zeros_like(along)], axis=2)
+    return (
+        np.concatenate([np.concatenate([entry, zero], axis=2), turns[ENTRY]], axis=1),
+        np.concatenate([ahead, turns[EXIT]], axis=1),
+    )
+
+
+def _project(rows: tuple[Array, Array], columns: list[Array]) -> Array:
+    """Return (H, 7, 1 + R) the components of the twists (H, 6, 1 + R) at entry and exit."""
+    return np.concatenate([rows[ENTRY] @ columns[ENTRY], rows[EXIT] @ columns[EXIT]], axis=1)
 
 
 def compute_nominal_hole_errors(model: HoleErrorModel, h: int) -> HoleDraws:
@@ -190,25 +217,13 @@ def compute_hole_probability(model: HoleErrorModel, h: int, errors: HoleDraws) -
     return float(np.mean(good))
 
 
-def _project(model: HoleErrorModel, h: int, twists: list[Array], noise: UncertaintyDraws | None) -> HoleDraws:
-    """Return the errors from the twists (D, 6) at entry and exit."""
-    sideways = [build_sideways(model.poses[pose].axis[h]) for pose in (ENTRY, EXIT)]
-    tilt_noise = 0.0 if noise is None else model.scatter[ENTRY].tilt_std[h] * noise.tilt
-    tilts = [np.linalg.norm(t[:, 3:] @ s.T + tilt_noise, axis=1) for t, s in zip(twists, sideways, strict=True)]
-    return HoleDraws(
-        across=twists[ENTRY][:, :3] @ sideways[ENTRY].T,
-        along=twists[EXIT][:, :3] @ model.poses[EXIT].axis[h],
-        axis=np.maximum(*tilts),
-    )
-
-
 def build_sideways(axis: Array) -> Array:
-    """Return two unit vectors across an axis, (2, 3).
+    """Return two unit vectors across each axis, (H, 2, 3).
 
     Args:
-        axis: (3,) unit.
+        axis: (H, 3) unit.
     """
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    helper = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
     first = np.cross(axis, helper)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(axis, first)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(axis, first)], axis=1)

@@ -14,6 +14,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.draws import (
     HOLE_DRAWS,
+    SHARE_DRAWS,
     SURFACE_DRAWS,
     UncertaintyDraws,
     build_draws,
@@ -153,7 +154,8 @@ class _ErrorTable:
 
     def _add_holes(self, holes: HoleTargets) -> None:
         model = build_hole_model(self.plan, self.chosen, self.process, holes, self.spread)
-        draws = build_draws(self.spread, HOLE_DRAWS)
+        draws = build_draws(self.spread, HOLE_DRAWS if self.is_full else SHARE_DRAWS)
+        isolated = _isolate(draws.take_first(SHARE_DRAWS), self.spread)
         for h, row in enumerate(holes.row.tolist()):
             one = self.process.operations[holes.operation[h]]
             limit = min(one.tolerance.position, one.tolerance.depth)
@@ -166,7 +168,7 @@ class _ErrorTable:
             full = draw_hole_errors(model, h, draws, position=True)
             self._write_interval(row, full)
             if self.is_full:
-                self._add_hole_variance(model, h, row, draws)
+                self._add_hole_variance(model, h, row, isolated)
             if why:
                 self._mark_unknown(row, why)
                 self.p_deflection[row] = compute_hole_probability(
@@ -193,9 +195,11 @@ class _ErrorTable:
         for name, values in (("across", found.distance), ("along", found.along), ("axis", found.axis)):
             self.lower[name][row], self.upper[name][row] = np.quantile(values, (LOW, HIGH))
 
-    def _add_hole_variance(self, model: HoleErrorModel, h: int, row: int, draws: UncertaintyDraws) -> None:
+    def _add_hole_variance(
+        self, model: HoleErrorModel, h: int, row: int, isolated: Mapping[str, UncertaintyDraws]
+    ) -> None:
         direction = _find_hole_direction(compute_nominal_hole_errors(model, h).across[0])
-        for name, some in _isolate(draws, self.spread).items():
+        for name, some in isolated.items():
             found = draw_hole_errors(model, h, some, position=name == "position")
             self.variance[name][row] = float(np.var(found.across @ direction))
 
@@ -314,8 +318,8 @@ def load_twist(model: HoleErrorModel, wrench: Array, axis: Array) -> Array:
     """
     axial = np.sum(wrench[:, :3] * axis, axis=1)
     turning = np.sum(wrench[:, 3:] * axis, axis=1)
-    out = axial[:, None] * model.axial[ENTRY][:, :3, 0] + turning[:, None] * model.turning[ENTRY][:, :3, 0]
-    return np.asarray(out + model.lateral[ENTRY][:, :3, 0])
+    by_thrust, by_torque, across = model.nominal
+    return np.asarray(axial[:, None] * by_thrust + turning[:, None] * by_torque + across)
 
 
 def _find_hole_direction(across: Array) -> Array:

@@ -80,8 +80,7 @@ def predict_errors(
     names = ("along", "across", "normal", "axis", "size", "p_in")
     out = PredictedErrors(**{name: np.full(n, np.nan) for name in names})
     predictor = _Predictor(cell, toolpath, loads, motion, points, arm, law)
-    for hole in loads.holes:
-        predictor.add_hole(hole, out)
+    predictor.add_holes(out)
     predictor.add_surfaces(out)
     return out
 
@@ -107,11 +106,19 @@ class _Predictor:
         self.walls: dict[tuple[str, str], tuple[Array, Array]] = {}
         self.compliances = draw_compliances(cell.stiffness, np.random.default_rng(SEED))
 
-    def add_hole(self, hole: HoleVisit, out: PredictedErrors) -> None:
+    def add_holes(self, out: PredictedErrors) -> None:
+        holes = [
+            hole
+            for hole in self.loads.holes
+            if self.process.operations[hole.operation].tolerance.is_given and self.points.ok[hole.deepest]
+        ]
+        entry = self._locate_poses(np.array([self._find_entry(hole) for hole in holes]))
+        bottom = self._locate_poses(np.array([float(hole.deepest) for hole in holes]))
+        for hole, *poses in zip(holes, entry, bottom, strict=True):
+            self._add_hole(hole, poses, out)
+
+    def _add_hole(self, hole: HoleVisit, poses: list[_Pose], out: PredictedErrors) -> None:
         one = self.process.operations[hole.operation]
-        if not one.tolerance.is_given or not self.points.ok[hole.deepest]:
-            return
-        poses = [self._pose(self._find_entry(hole)), self._pose(float(hole.deepest))]
         strongest = max((s.point for s in hole.strokes), key=lambda p: self.loads.force[p, 2], default=hole.deepest)
         thrust, torque = float(self.loads.force[strongest, 2]), float(self.loads.moment[strongest])
         sideways = self.loads.force[strongest, :2]
@@ -161,13 +168,19 @@ class _Predictor:
             rows = np.flatnonzero(mine)
             factor = draw_load_factors(self.process, one, rng)[0] / (0.5 * (one.wear[0] + one.wear[1]))
             part, noise = self._draw_part(one, rng), rng.standard_normal(DRAWS)
-            for row in rows.tolist():
-                self._add_surface(one, row, factor, part, noise, out)
+            poses = self._locate_poses(rows.astype(float))
+            for row, pose in zip(rows.tolist(), poses, strict=True):
+                self._add_surface(one, row, pose, (factor, part, noise), out)
 
     def _add_surface(
-        self, one: ProcessOperation, row: int, factor: Array, part: Array, noise: Array, out: PredictedErrors
+        self,
+        one: ProcessOperation,
+        row: int,
+        pose: _Pose,
+        drawn: tuple[Array, Array, Array],
+        out: PredictedErrors,
     ) -> None:
-        pose = self._pose(float(row))
+        factor, part, noise = drawn
         normal = self._find_normal(one, row, pose)
         f = self.loads.arm_force[row]
         force = f[0] * pose.travel + f[1] * np.cross(pose.axis, pose.travel) + f[2] * pose.axis
@@ -236,42 +249,51 @@ class _Predictor:
                 return stroke.point - min(back, 1.0)
         return float(hole.deepest)
 
-    def _pose(self, index: float) -> _Pose:
-        row = round(index)
-        if abs(index - row) < 1e-9:
-            q, external = self.points.q[row], self.points.external[row]
-        else:
-            at = self.motion.point[self.order]
-            after = int(np.clip(np.searchsorted(at, index), 1, len(at) - 1))
-            a, b = self.order[after - 1], self.order[after]
-            span = self.motion.point[b] - self.motion.point[a]
-            f = (index - self.motion.point[a]) / span if span > 0 else 1.0
-            q = (1 - f) * self.motion.q[a] + f * self.motion.q[b]
-            external = (1 - f) * self.motion.external[a] + f * self.motion.external[b]
-        low, high = math.floor(index), min(math.ceil(index), len(self.toolpath) - 1)
-        f = index - low
+    def _locate_poses(self, index: Array) -> list[_Pose]:
+        """Return the poses at fractional toolpath indices (K,)."""
+        if not len(index):
+            return []
+        joints = [self._interpolate_joints(float(i)) for i in index]
+        q, external = (np.array([pair[n] for pair in joints]) for n in (0, 1))
+        low = np.floor(index).astype(int)
+        high, f = np.minimum(np.ceil(index).astype(int), len(self.toolpath) - 1), (index - low)[:, None]
         position = (1 - f) * self.toolpath.position[low] + f * self.toolpath.position[high]
-        axis = interpolate_axis(self.toolpath.axis[low][None], self.toolpath.axis[high][None], np.array([f]))[0]
-        T = self.arm.T_base_workpiece(external[None])[0]
-        R = T[:3, :3]
-        stance = self.arm.compute_configuration(q[None], external[None])
-        state = self.law.evaluate(stance, (R @ position + T[:3, 3])[None])
-        joints = 1.0 / state.k[0]
-        J = state.J[0]
-        rest = state.small_load_compliance[0] - J @ np.diag(joints) @ J.T
-        shift = np.zeros(3)
+        axis = interpolate_axis(self.toolpath.axis[low], self.toolpath.axis[high], f[:, 0])
+        T = np.broadcast_to(self.arm.T_base_workpiece(external), (len(index), 4, 4))
+        R = T[:, :3, :3]
+        stance = self.arm.compute_configuration(q, external)
+        state = self.law.evaluate(stance, np.einsum("nij,nj->ni", R, position) + T[:, :3, 3])
+        shift = np.zeros((len(index), 3))
         if self.points.shift is not None:
             shift = (1 - f) * self.points.shift[low] + f * self.points.shift[high]
-        return _Pose(
-            axis=R @ axis,
-            travel=R @ self.side[low],
-            R=R,
-            place=position,
-            J=J,
-            joints=joints,
-            rest=rest,
-            offset=R @ shift,
-        )
+        compliance = 1.0 / state.k
+        by_joints = np.einsum("nij,nj,nkj->nik", state.J, compliance, state.J)
+        return [
+            _Pose(
+                axis=R[n] @ axis[n],
+                travel=R[n] @ self.side[low[n]],
+                R=R[n],
+                place=position[n],
+                J=state.J[n],
+                joints=compliance[n],
+                rest=state.small_load_compliance[n] - by_joints[n],
+                offset=R[n] @ shift[n],
+            )
+            for n in range(len(index))
+        ]
+
+    def _interpolate_joints(self, index: float) -> tuple[Array, Array]:
+        """Return (6,) and (E,) joint positions at a fractional toolpath index."""
+        row = round(index)
+        if abs(index - row) < 1e-9:
+            return self.points.q[row], self.points.external[row]
+        at = self.motion.point[self.order]
+        after = int(np.clip(np.searchsorted(at, index), 1, len(at) - 1))
+        a, b = self.order[after - 1], self.order[after]
+        span = self.motion.point[b] - self.motion.point[a]
+        f = (index - self.motion.point[a]) / span if span > 0 else 1.0
+        q = (1 - f) * self.motion.q[a] + f * self.motion.q[b]
+        return q, (1 - f) * self.motion.external[a] + f * self.motion.external[b]
 
     def _draw_part(self, one: ProcessOperation, rng: np.random.Generator) -> Array:
         covariance = self.cell.workpiece.pose_covariance
