@@ -24,9 +24,9 @@ lock() {  # FILE WHAT SOURCES AND OPTIONS…
   { echo "# $what: versions that were tried together, with hashes. Made by benchmarks/update_lock_files.sh"; cat "$made/lock"; } > "$file"
   rm "$made/lock"
 }
-lock .requirements-test.lock 'What `make test` installs' pyproject.toml "$made/build.in" --extra dev --extra batch --extra parquet
+lock .requirements-test.lock 'What `make test` installs' pyproject.toml "$made/build.in" --extra dev --extra batch --extra parquet --extra excel
 lock .requirements.lock 'What `make run` installs: every command and every format' pyproject.toml "$made/build.in" \
-  --extra batch --extra parquet --constraint .requirements-test.lock
+  --extra batch --extra parquet --extra excel --constraint .requirements-test.lock
 lock .requirements-lowest.lock 'What `make lowest` installs, nothing above its bound in pyproject.toml' pyproject.toml "$made/build.in" \
-  --extra dev --extra batch --extra parquet --resolution lowest-direct
+  --extra dev --extra batch --extra parquet --extra excel --resolution lowest-direct
 lock .requirements-docs.lock 'What `make docs` installs' "$made/docs.in"

@@ -79,9 +79,9 @@ def own(folder: str) -> set[str]:
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [
-        ("machopt", ("batch", "parquet", "frames")),
-        ("tests", ("batch", "parquet", "frames", "dev", "compare")),
-        ("benchmarks", ("batch", "parquet", "frames", "dev", "compare")),
+        ("machopt", ("batch", "parquet", "frames", "excel")),
+        ("tests", ("batch", "parquet", "frames", "excel", "dev", "compare")),
+        ("benchmarks", ("batch", "parquet", "frames", "excel", "dev", "compare")),
         ("cells", ()),
         ("toolpaths", ()),
     ],
@@ -104,7 +104,7 @@ def test_nothing_is_declared_that_nobody_imports() -> None:
     known = known_packages()
     everywhere = {name for folder in ("machopt", "tests", "benchmarks") for name, _ in imported(folder)}
     used = {name_of(d) for name in everywhere for d in known.get(name, [DISTRIBUTION.get(name, name)])}
-    assert declared("batch", "parquet", "frames", "dev", "compare") - used - TOOLS == set()
+    assert declared("batch", "parquet", "frames", "excel", "dev", "compare") - used - TOOLS == set()
 
 
 def test_every_bound_is_from_a_version_to_none_and_says_which() -> None:
@@ -122,9 +122,9 @@ def pins(lock: Path) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("lock", "extras"),
     [
-        (LOCK, ("batch", "parquet")),
-        (TEST_LOCK, ("batch", "parquet", "dev")),
-        (LOWEST, ("batch", "parquet", "dev")),
+        (LOCK, ("batch", "parquet", "excel")),
+        (TEST_LOCK, ("batch", "parquet", "excel", "dev")),
+        (LOWEST, ("batch", "parquet", "excel", "dev")),
     ],
 )
 def test_a_lock_holds_all_that_is_declared_with_hashes_and_no_place(lock: Path, extras: tuple[str, ...]) -> None:

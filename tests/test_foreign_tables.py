@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.errors import InputError
-from machopt.measurement.recording import load_recording
+from machopt.errors import InputError, RecordingError
+from machopt.measurement.recording import load_recording, workbook_tables
 from machopt.numerics.array_types import Array
 
 RNG = np.random.default_rng(3)
@@ -157,3 +157,86 @@ def test_a_tracker_that_lost_its_target_is_left_out(tmp_path: Path) -> None:
     assert any("0, 0, 0" in w and "line 3" in w for w in recording.warnings)
     places[:] = 0.0  # then it is no lost target
     assert load_recording(write(tmp_path, "", {"data.csv": lines(header, np.hstack([Q, places]))})).used is None
+
+
+def write_workbook(file: Path, header: list[str], rows: np.ndarray, sheet: str = "Messung", before: int = 0) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.title = "Notes"
+    page = book.create_sheet(sheet)
+    for _ in range(before):
+        page.append(["measured by hand"])
+    page.append(header)
+    for row in rows.tolist():
+        page.append(row)
+    book.save(file)
+
+
+def check_readings(folder: Path) -> None:
+    recording = load_recording(folder)
+    np.testing.assert_allclose(np.degrees(recording.q), Q, atol=1e-9)
+    assert recording.position is not None
+    np.testing.assert_allclose(1e3 * recording.position, P, atol=1e-9)
+
+
+def test_a_sheet_of_a_workbook(tmp_path: Path) -> None:
+    header = [*(f"{j} [rad]" for j in J), "X [m]", "Y [m]", "Z [m]"]
+    keys = f"{names(' [rad]', ' [m]')}format: {{sheet: Messung, skip_lines: 2}}\n"
+    folder = write(tmp_path, keys.replace("data.csv", "data.xlsx"), {})
+    (folder / "recording.yaml").write_text((folder / "recording.yaml").read_text().replace("data.csv", "data.xlsx"))
+    write_workbook(folder / "data.xlsx", header, np.hstack([np.radians(Q), P / 1e3]), before=2)
+    check_readings(folder)
+    text = (folder / "recording.yaml").read_text().replace("Messung", "Mesung")
+    (folder / "recording.yaml").write_text(text)
+    with pytest.raises(RecordingError, match="Messung"):
+        load_recording(folder)
+
+
+def matlab_folder(tmp_path: Path, content: dict[str, object], columns: str) -> Path:
+    from scipy.io import savemat
+
+    folder = write(tmp_path, columns, {})
+    text = (folder / "recording.yaml").read_text().replace("data.csv", "data.mat")
+    (folder / "recording.yaml").write_text(text)
+    savemat(folder / "data.mat", content, do_compression=True)
+    return folder
+
+
+MATRIX = "columns: {" + ", ".join(f'q{i}_deg: "Q(:,{i})"' for i in range(1, 7))
+
+
+def test_vectors_matrices_and_structures_of_a_matlab_file(tmp_path: Path) -> None:
+    columns = MATRIX + ', x_mm: "log.x", y_mm: "log.y", z_mm: "log.z"}\n'
+    place = {name: P[:, n : n + 1] for n, name in enumerate("xyz")}
+    check_readings(matlab_folder(tmp_path, {"Q": Q, "log": place, "label": "a", "rate": 8.0}, columns))
+
+
+def test_matlab_columns_of_different_lengths_are_refused(tmp_path: Path) -> None:
+    columns = MATRIX + ", x_mm: x, y_mm: y, z_mm: z}\n"
+    folder = matlab_folder(tmp_path, {"Q": Q, "x": P[:-1, 0], "y": P[:, 1], "z": P[:, 2]}, columns)
+    with pytest.raises(RecordingError, match="same number"):
+        load_recording(folder)
+
+
+@pytest.mark.parametrize("name", ["data.mat", "data.xlsx"])
+@pytest.mark.parametrize(
+    "content", [b"", b"no such file", b"MATLAB 7.3 MAT-file, Platform: GLNXA64", b"PK\x03\x04" + b"0" * 99]
+)
+def test_damaged_binary_files_are_refused(tmp_path: Path, name: str, content: bytes) -> None:
+    folder = write(tmp_path, "", {})
+    text = (folder / "recording.yaml").read_text().replace("data.csv", name)
+    (folder / "recording.yaml").write_text(text)
+    (folder / name).write_bytes(content)
+    with pytest.raises(InputError):
+        load_recording(folder)
+
+
+def test_a_file_that_unpacks_to_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workbook_tables, "MOST_UNPACKED", 1 << 20)
+    folder = matlab_folder(tmp_path, {"Q": Q, "zeros": np.zeros((1 << 18, 2))}, MATRIX + "}\n")
+    with pytest.raises(RecordingError, match="unpacks"):
+        load_recording(folder)
+    write_workbook(folder / "data.xlsx", list("abc"), np.zeros((40_000, 3)))
+    (folder / "recording.yaml").write_text((folder / "recording.yaml").read_text().replace("data.mat", "data.xlsx"))
+    with pytest.raises(RecordingError, match="unpacks"):
+        load_recording(folder)

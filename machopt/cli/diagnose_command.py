@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from machopt.cli.progress_display import ProgressDisplay, parse_natural_number, print_result
+from machopt.cli.recording_preview_output import print_recording_preview
 from machopt.cli.shared_options import add_shared_option, warn_of_unused_options
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     add_shared_option(p, "--seed")
     add_shared_option(p, "--jobs")
     add_shared_option(p, "--tables")
+    add_shared_option(p, "--dry-run")
     p.set_defaults(run=_run_diagnose)
 
 
@@ -83,6 +85,8 @@ def _run_diagnose(args: argparse.Namespace) -> int:
     from machopt.commands.diagnose.run import run_diagnose
     from machopt.measurement.diagnosis.request import DiagnoseRequest
 
+    if args.dry_run:
+        return print_recording_preview(args)
     if args.toolpath is None:
         warn_of_unused_options(args.set, "nothing is planned without --toolpath", quiet=args.quiet)
     request = DiagnoseRequest(

@@ -78,7 +78,7 @@ PAGES: dict[str, HelpPage] = {
     "identify": HelpPage(
         (
             ("the model", ("--model", "--fit", "--geometric", "--level")),
-            ("the recording", ("--accept", "--keep-outliers")),
+            ("the recording", ("--dry-run", "--accept", "--keep-outliers")),
             OUTPUT,
         ),
         "machopt identify cells/cutting_cobot cells/cutting_cobot/recordings/tian2025_table2 -o out/identified",
@@ -92,7 +92,7 @@ PAGES: dict[str, HelpPage] = {
     ),
     "diagnose": HelpPage(
         (
-            ("the diagnosis", ("--channel", "--max-findings", "--effects", "--accept", "--seed")),
+            ("the diagnosis", ("--dry-run", "--channel", "--max-findings", "--effects", "--accept", "--seed")),
             ("effect on a job", ("--toolpath", "--set")),
             OUTPUT,
         ),

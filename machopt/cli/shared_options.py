@@ -42,9 +42,26 @@ def parse_xacro_argument(text: str) -> tuple[str, str]:
     return name, value
 
 
+class DryRunAction(argparse.Action):
+    """Set the flag, and require no output folder: nothing is written."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *_: object) -> None:
+        setattr(namespace, self.dest, True)
+        for action in parser._actions:
+            if action.dest == "out":
+                action.required = False
+
+
 SHARED: dict[str, dict[str, Any]] = {
     "cell": {"type": Path, "help": "folder of the cell, or its cell.yaml"},
     "toolpath": {"type": Path, "help": "CAM file or point table"},
+    "--dry-run": {
+        "action": DryRunAction,
+        "nargs": 0,
+        "default": False,
+        "help": "print how each column is understood, and the residuals of the cell's own model; compute and write "
+        "nothing (-o is not needed)",
+    },
     "--out": {"flags": ("-o",), "type": Path, "required": True, "help": "output folder"},
     "--force": {
         "dest": "overwrite",

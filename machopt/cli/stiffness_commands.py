@@ -12,6 +12,7 @@ from machopt.cli.map_command import add_map_options
 from machopt.cli.option_values import parse_floats, parse_integers
 from machopt.cli.plan_poses_command import add_plan_poses_options
 from machopt.cli.progress_display import ProgressDisplay, print_result
+from machopt.cli.recording_preview_output import print_recording_preview
 from machopt.cli.shared_options import add_shared_option
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
     )
     add_shared_option(p, "--accept")
     add_shared_option(p, "--effects")
+    add_shared_option(p, "--dry-run")
     p.set_defaults(run=_run_identify)
 
 
@@ -96,6 +98,8 @@ def _run_identify(args: argparse.Namespace) -> int:
     from machopt.commands.identify.run import run_identify
     from machopt.measurement.identification.request import IdentifyRequest
 
+    if args.dry_run:
+        return print_recording_preview(args)
     warn_of_effect_code(args)
     request = IdentifyRequest(
         cell=args.cell,

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.errors import RecordingError, suggest_nearest_word
 from machopt.file_formats.file_reading import TABLE, read_file
 from machopt.measurement.recording.recording_schema import FormatKeys, JoinKeys
+from machopt.measurement.recording.workbook_tables import MATLAB, WORKBOOK, read_matlab_rows, read_workbook_rows
 
 SEPARATORS = {"tab": "\t", "space": " "}
 LENGTH = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "um": 1e-3, "µm": 1e-3, "in": 25.4, "inch": 25.4}
@@ -36,7 +37,7 @@ UNITS = {
 }
 """Factors to the unit of our columns, by the end of the column's name. The longest end that fits counts."""
 QUATERNION = ("qw", "qx", "qy", "qz")
-_BRACKET = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
+_BRACKET = re.compile(r"[\[(](?!:,\d)\s*([^\])]+?)\s*[\])]\s*$")
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def convert_foreign_table(
     Raises:
         RecordingError: A named column or key is missing, a unit is unknown, or the files do not match.
     """
-    tables = [_read_raw(path, form), *(_read_raw(path.parent / name, form) for name in (join.files if join else ()))]
+    tables = _read_tables(path, columns, form, join, known)
     _check_mapped_names(tables, columns, known)
     first = tables[0]
     parts: dict[str, list[str]] = {}
@@ -87,7 +88,72 @@ def convert_foreign_table(
     return _write_lines(first, parts)
 
 
-def _read_raw(path: Path, form: FormatKeys) -> _RawTable:
+def _read_tables(
+    path: Path, columns: Mapping[str, str], form: FormatKeys, join: JoinKeys | None, known: Sequence[str]
+) -> list[_RawTable]:
+    """Return the table and those that are joined to it."""
+    wanted = {*columns.values(), *known, *((join.by,) if join else ())}
+    return [_read_raw(file, form, wanted) for file in (path, *(path.parent / n for n in (join.files if join else ())))]
+
+
+@dataclass(frozen=True)
+class ColumnReading:
+    """How one column of a file is understood."""
+
+    file: str
+    column: str  # its name in the file
+    name: str  # our name; empty: not used
+    factor: float  # from the file's unit to ours
+    first: str  # first cell, as the file has it
+
+
+def list_column_readings(
+    path: Path, columns: Mapping[str, str], form: FormatKeys, join: JoinKeys | None, known: Sequence[str]
+) -> tuple[ColumnReading, ...]:
+    """Return how each column of a file, and of those joined to it, is understood.
+
+    Args:
+        path: Path of the table.
+        columns: Our name → name in the file.
+        form: Separator, decimal mark, encoding and units.
+        join: Further files whose columns are added.
+        known: Our column names.
+
+    Raises:
+        RecordingError: As :func:`convert_foreign_table`.
+    """
+    tables = _read_tables(path, columns, form, join, known)
+    _check_mapped_names(tables, columns, known)
+    theirs = {name: ours for ours, name in columns.items()}
+    out = []
+    for table in tables:
+        for n, name in enumerate(table.header):
+            ours = theirs.get(name) or (name if name in known and name not in columns else "")
+            factor = _find_factor(table, name, ours, form) if ours else 1.0
+            out.append(ColumnReading(table.path.name, name, ours, factor, table.rows[0][n] if table.rows else ""))
+    return tuple(out)
+
+
+def is_binary_table(path: Path) -> bool:
+    """Return whether a data file is an Excel workbook or a MATLAB file, by its name.
+
+    Args:
+        path: Path of the file.
+    """
+    return path.suffix.lower() in (WORKBOOK, MATLAB)
+
+
+def _read_raw(path: Path, form: FormatKeys, wanted: Collection[str] = ()) -> _RawTable:
+    if not is_binary_table(path):
+        return _build_raw_table(path, _read_text_rows(path, form), form)
+    if path.suffix.lower() == WORKBOOK:
+        rows = read_workbook_rows(path, form.sheet)
+        return _build_raw_table(path, ((line, row) for line, row in rows if line > form.skip_lines), form)
+    return _build_raw_table(path, read_matlab_rows(path, wanted), form)
+
+
+def _read_text_rows(path: Path, form: FormatKeys) -> Iterator[tuple[int, tuple[str, ...]]]:
+    """Yield line number and cells of each line that holds any."""
     data = read_file(path, expected="a table of readings", most=TABLE)
     try:
         text = data.decode("utf-8-sig" if form.encoding.lower() in ("utf-8", "utf8") else form.encoding)
@@ -96,14 +162,19 @@ def _read_raw(path: Path, form: FormatKeys) -> _RawTable:
             f"is not {form.encoding} text; another format.encoding would work, latin-1 for example", file=path
         ) from None
     mark = SEPARATORS.get(form.separator, form.separator)
-    lines: list[int] = []
-    rows: list[tuple[str, ...]] = []
     for line, row in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
         if line <= form.skip_lines or not row.strip() or row.lstrip().startswith("#"):
             continue
-        lines.append(line)
         cells = row.split() if mark == " " else next(csv.reader([row], delimiter=mark))
-        rows.append(tuple(c.strip() for c in cells))
+        yield line, tuple(c.strip() for c in cells)
+
+
+def _build_raw_table(path: Path, found: Iterator[tuple[int, tuple[str, ...]]], form: FormatKeys) -> _RawTable:
+    """Return header and rows; refuse none at all, and rows of another width than the header."""
+    lines, rows = [], []
+    for line, cells in found:
+        lines.append(line)
+        rows.append(cells)
     if not rows:
         raise RecordingError("holds no rows; expected a header line and one line a reading", file=path)
     header = rows[0]

@@ -16,7 +16,12 @@ from machopt.file_formats.strict_yaml import YamlDocument, format_found_value, r
 from machopt.measurement.recording import inclinometer as by_tilt
 from machopt.measurement.recording import motor_channels as by_motor
 from machopt.measurement.recording import tracker_targets as by_target
-from machopt.measurement.recording.foreign_tables import convert_foreign_table
+from machopt.measurement.recording.foreign_tables import (
+    ColumnReading,
+    convert_foreign_table,
+    is_binary_table,
+    list_column_readings,
+)
 from machopt.measurement.recording.recording_columns import (
     LABELS,
     find_sliding_joints,
@@ -92,6 +97,27 @@ def load_recording(path: Path | str) -> Recording:
         *by_target.find_unmeasured_targets(recording),
     )
     return replace(recording, warnings=warnings)
+
+
+def describe_columns(path: Path | str) -> tuple[ColumnReading, ...]:
+    """Return how each column of the data files of a recording folder is understood.
+
+    Args:
+        path: the folder, or the ``recording.yaml`` in it.
+
+    Raises:
+        InputError: as :func:`load_recording`.
+    """
+    file = find_recording_yaml(Path(path))
+    document = read_yaml(file)
+    keys = validate_document(RecordingKeys, document)
+    allowed = list_allowed_columns(keys.kind)
+    known = (*allowed.numbers, *allowed.words)
+    out: list[ColumnReading] = []
+    for table in find_data_files(document, keys.data, file.parent):
+        if table.suffix.lower() != ".parquet":
+            out += list_column_readings(table, keys.columns, keys.format or FormatKeys(), keys.join, known)
+    return tuple(out)
 
 
 def load_recordings(paths: Sequence[Path | str]) -> Recording:
@@ -187,7 +213,7 @@ def _refuse_moved(document: YamlDocument, keys: RecordingKeys, runs: Sequence[Re
 def _read_data_file(document: YamlDocument, keys: RecordingKeys, path: Path) -> RecordingTable:
     """Read one data file, converted where recording.yaml says that it is written otherwise."""
     allowed = list_allowed_columns(keys.kind)
-    if not keys.columns and keys.format is None and keys.join is None:
+    if not keys.columns and keys.format is None and keys.join is None and not is_binary_table(path):
         return read_table(path, allowed)
     for k, name in enumerate(keys.join.files if keys.join else ()):
         if not (path.parent / name).resolve().is_relative_to(path.parent.resolve()):

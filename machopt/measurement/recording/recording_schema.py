@@ -38,6 +38,7 @@ class FormatKeys(StrictSchema):
     angle_unit: Literal["deg", "rad", "mrad"] | None = Field(default=None, description="of all angles of the file")
     length_unit: Literal["mm", "m", "cm", "um", "inch"] | None = Field(default=None, description="of all lengths")
     quaternion: Literal["wxyz", "xyzw"] = Field(default="wxyz", description="order of the four columns qw, qx, qy, qz")
+    sheet: str | None = Field(default=None, description="of an Excel workbook; the first one if absent")
     skip_lines: int = Field(default=0, ge=0, description="lines before the header")
 
 
