@@ -214,76 +214,87 @@ def _convert_to_json(m: FolderManifest) -> dict[str, Any]:
     ).to_json_types()
 
 
-def _parse_manifest(value: Mapping[str, Any], file: Path) -> FolderManifest:
-    def wrong(where: str, found: object, expected: str) -> InputError:
-        return OutputFolderError(f"found {_shorten_value(found)}; expected {expected}", file=file, where=where)
+@dataclass(frozen=True)
+class _ManifestParser:
+    """Parts of a manifest, each checked; errors name file and key."""
 
-    def files(key: str) -> tuple[ManifestFile, ...]:
-        out = []
-        for name, item in value[key].items():
-            where = f"{key}.{name}"
-            if not isinstance(item, dict) or set(item) != {"role", "sha256", "size"}:
-                raise wrong(where, item, "role, sha256 and size")
-            role, sha256, size = item["role"], item["sha256"], item["size"]
-            if not isinstance(role, str) or not isinstance(size, int) or isinstance(size, bool) or size < 0:
-                raise wrong(where, item, "a word as role and a count of bytes as size")
-            if not isinstance(sha256, str) or not _SHA.fullmatch(sha256):
-                raise wrong(f"{where}.sha256", sha256, "64 hexadecimal digits")
-            if key == "files" and not _is_inside_folder(name):
-                raise wrong(where, name, "a name inside the folder")
-            out.append(ManifestFile(name, role, sha256, size))
-        return tuple(out)
+    value: Mapping[str, Any]
+    file: Path
 
-    def words(key: str, items: object) -> tuple[str, ...]:
+    def build_error(self, where: str, found: object, expected: str) -> InputError:
+        return OutputFolderError(f"found {_shorten_value(found)}; expected {expected}", file=self.file, where=where)
+
+    def parse_files(self, key: str) -> tuple[ManifestFile, ...]:
+        return tuple(self._parse_file(key, name, item) for name, item in self.value[key].items())
+
+    def _parse_file(self, key: str, name: str, item: object) -> ManifestFile:
+        where = f"{key}.{name}"
+        if not isinstance(item, dict) or set(item) != {"role", "sha256", "size"}:
+            raise self.build_error(where, item, "role, sha256 and size")
+        role, sha256, size = item["role"], item["sha256"], item["size"]
+        if not isinstance(role, str) or not isinstance(size, int) or isinstance(size, bool) or size < 0:
+            raise self.build_error(where, item, "a word as role and a count of bytes as size")
+        if not isinstance(sha256, str) or not _SHA.fullmatch(sha256):
+            raise self.build_error(f"{where}.sha256", sha256, "64 hexadecimal digits")
+        if key == "files" and not _is_inside_folder(name):
+            raise self.build_error(where, name, "a name inside the folder")
+        return ManifestFile(name, role, sha256, size)
+
+    def parse_words(self, key: str, items: object) -> tuple[str, ...]:
         if not isinstance(items, list) or not all(isinstance(i, str) for i in items):
-            raise wrong(key, items, "a list of words")
+            raise self.build_error(key, items, "a list of words")
         return tuple(items)
 
-    def pairs(key: str, names: tuple[str, str], more: frozenset[str] = frozenset()) -> list[tuple[Any, Any]]:
-        for n, item in enumerate(value[key]):
+    def parse_pairs(
+        self, key: str, names: tuple[str, str], more: frozenset[str] = frozenset()
+    ) -> list[tuple[Any, Any]]:
+        for n, item in enumerate(self.value[key]):
             if not isinstance(item, dict) or set(item) - more != set(names) or not isinstance(item[names[0]], str):
-                raise wrong(f"{key}.{n}", item, " and ".join(names))
-        return [(item[names[0]], item[names[1]]) for item in value[key]]
+                raise self.build_error(f"{key}.{n}", item, " and ".join(names))
+        return [(item[names[0]], item[names[1]]) for item in self.value[key]]
 
-    def programs() -> tuple[ManifestProgram, ...]:
+    def parse_programs(self) -> tuple[ManifestProgram, ...]:
         out = []
-        named = pairs("programs", ("post", "files"), frozenset({"stint"}))
-        for n, ((post, own), item) in enumerate(zip(named, value["programs"], strict=True)):
+        named = self.parse_pairs("programs", ("post", "files"), frozenset({"stint"}))
+        for n, ((post, own), item) in enumerate(zip(named, self.value["programs"], strict=True)):
             segment = item.get("stint", 0)
             if not isinstance(segment, int) or segment < 0:
-                raise wrong(f"programs.{n}.stint", segment, "a number from 1")
-            out.append(ManifestProgram(post, words("programs", own), segment))
+                raise self.build_error(f"programs.{n}.stint", segment, "a number from 1")
+            out.append(ManifestProgram(post, self.parse_words("programs", own), segment))
         return tuple(out)
 
-    def touching_pairs() -> tuple[TouchingPair, ...] | None:
-        if "touching_pairs" not in value:
+    def parse_touching_pairs(self) -> tuple[TouchingPair, ...] | None:
+        if "touching_pairs" not in self.value:
             return None
-        for n, item in enumerate(value["touching_pairs"]):
+        for n, item in enumerate(self.value["touching_pairs"]):
             if not isinstance(item, dict) or set(item) != {"a", "b", "reason"}:
-                raise wrong(f"touching_pairs.{n}", item, "a, b and reason")
-            words(f"touching_pairs.{n}", list(item.values()))
-        return tuple(TouchingPair(**item) for item in value["touching_pairs"])
+                raise self.build_error(f"touching_pairs.{n}", item, "a, b and reason")
+            self.parse_words(f"touching_pairs.{n}", list(item.values()))
+        return tuple(TouchingPair(**item) for item in self.value["touching_pairs"])
 
+
+def _parse_manifest(value: Mapping[str, Any], file: Path) -> FolderManifest:
+    parser = _ManifestParser(value, file)
     versions = value["versions"]
     if not all(isinstance(v, str) for v in versions.values()):
-        raise wrong("versions", versions, "a word for each name")
+        raise parser.build_error("versions", versions, "a word for each name")
     tolerance = value["program_tolerance_mm"]
     return FolderManifest(
         command=value["command"],
         verdict=value["verdict"],
         exit_code=value["exit_code"],
         versions=versions,
-        inputs=files("inputs"),
-        files=files("files"),
+        inputs=parser.parse_files("inputs"),
+        files=parser.parse_files("files"),
         options=value["options"],
         reading=value["reading"],
-        programs=programs(),
+        programs=parser.parse_programs(),
         program_tolerance_mm=None if tolerance is None else float(tolerance),
-        checked=tuple(CheckCoverage(what, str(how)) for what, how in pairs("checked", ("what", "how"))),
-        unchecked=words("unchecked", value["unchecked"]),
-        not_recomputed=words("not_recomputed", value.get("not_recomputed", [])),
-        touching_pairs=touching_pairs(),
-        warnings=words("warnings", value["warnings"]),
+        checked=tuple(CheckCoverage(what, str(how)) for what, how in parser.parse_pairs("checked", ("what", "how"))),
+        unchecked=parser.parse_words("unchecked", value["unchecked"]),
+        not_recomputed=parser.parse_words("not_recomputed", value.get("not_recomputed", [])),
+        touching_pairs=parser.parse_touching_pairs(),
+        warnings=parser.parse_words("warnings", value["warnings"]),
     )
 
 

@@ -125,7 +125,6 @@ def build_map_document(
     message = _format_verdict(samples, layers, criterion, arm, setting, options)
     angle = options.kind == "joints"
     scale = DEG if angle else MM
-    load = setting.load
     result = MapDocument(
         machopt_map=1,
         version=__version__,
@@ -147,31 +146,38 @@ def build_map_document(
             for a in samples.axes
         ),
         samples=len(samples),
-        options=MapOptionsSection(
-            at_mm=_round_value(options.at * MM) if options.kind == "slice" else None,
-            tool_axis=None if angle else tuple(_round_value(v) for v in options.tool_axis.tolist()),
-            gamma_deg=None if angle else _round_value(options.gamma[0] * DEG),
-            rotations=None if angle else len(options.gamma),
-            q_deg=tuple(_round_value(v) for v in (options.q * DEG).tolist()) if angle else None,
-            pick=options.pick,
-            by=criterion.key,
-            collision=options.collision,
-            load=None
-            if load is None
-            else MapLoadSection(
-                force_N=tuple(load.wrench[:3].tolist()), moment_Nm=tuple(load.wrench[3:].tolist()), axes=load.axes
-            ),
-            limit_margin_deg=0.0 if angle else _round_value(plan.limit_margin * DEG),
-            singularity_wrist_deg=None if angle else _round_value(plan.singularity_wrist * DEG),
-            singularity_elbow_deg=None if angle else _round_value(plan.singularity_elbow * DEG),
-            singularity_shoulder_mm=None if angle else _round_value(plan.singularity_shoulder * MM),
-        ),
+        options=_build_options_section(plan, options, setting, criterion),
         characteristic_length_mm=setting.length * MM,
         layers={layer.name: _build_layer_entry(samples, layer, options) for layer in layers},
         measured=None if comparison is None else _build_measured_section(comparison),
         warnings=(*cell.warnings, *_list_hints(samples, layers, setting), *(comparison.warnings if comparison else ())),
     )
     return result, message
+
+
+def _build_options_section(
+    plan: PlanOptions, options: MapOptions, setting: MapSettings, criterion: MapQuantity
+) -> MapOptionsSection:
+    angle, load = options.kind == "joints", setting.load
+    return MapOptionsSection(
+        at_mm=_round_value(options.at * MM) if options.kind == "slice" else None,
+        tool_axis=None if angle else tuple(_round_value(v) for v in options.tool_axis.tolist()),
+        gamma_deg=None if angle else _round_value(options.gamma[0] * DEG),
+        rotations=None if angle else len(options.gamma),
+        q_deg=tuple(_round_value(v) for v in (options.q * DEG).tolist()) if angle else None,
+        pick=options.pick,
+        by=criterion.key,
+        collision=options.collision,
+        load=None
+        if load is None
+        else MapLoadSection(
+            force_N=tuple(load.wrench[:3].tolist()), moment_Nm=tuple(load.wrench[3:].tolist()), axes=load.axes
+        ),
+        limit_margin_deg=0.0 if angle else _round_value(plan.limit_margin * DEG),
+        singularity_wrist_deg=None if angle else _round_value(plan.singularity_wrist * DEG),
+        singularity_elbow_deg=None if angle else _round_value(plan.singularity_elbow * DEG),
+        singularity_shoulder_mm=None if angle else _round_value(plan.singularity_shoulder * MM),
+    )
 
 
 def compute_statistics(value: Array) -> dict[str, float] | None:

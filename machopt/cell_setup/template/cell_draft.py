@@ -60,20 +60,8 @@ def draft_cell(
     lower, upper = _list_joint_ranges(joints, scale, urdf)
     velocity, of, slow = _list_joint_velocities(request, joints, slides, urdf)
     guesses = [] if request.tool_mass_kg else ["tool.mass_kg is 0: the tool's weight is not counted"]
-    body = ""
-    if request.tool_mesh is not None:
-        unit = detect_unit(request.tool_mesh, "tool", span, request.mesh_unit)
-        guesses += [unit.note] if unit.note else []
-        body = _format_mesh_body("spindle", "tool" + request.tool_mesh.suffix.lower(), unit.scale)
-    if not body:
-        guesses.append("the tool's body is plain cylinders; give its mesh or its boxes")
-    part, part_body = request.workpiece_mesh, ""
-    if part is None:
-        guesses.append("the workpiece has no body, so nothing is checked against it")
-    else:
-        unit = detect_unit(part, "workpiece", span, request.mesh_unit)
-        guesses += [unit.note] if unit.note else []
-        part_body = _format_mesh_body("part", "workpiece" + part.suffix.lower(), unit.scale)
+    body, part_body, of_bodies = _draft_bodies(request, span)
+    guesses += of_bodies
     if links.gripper:
         guesses.append(
             f"{', '.join(j.name for j in links.gripper)} behind {links.flange_link} {_is_or_are(links.gripper)} "
@@ -115,6 +103,26 @@ def draft_cell(
         post=request.post,
     )
     return new, tuple(guesses)
+
+
+def _draft_bodies(request: InitRequest, span: float) -> tuple[str, str, list[str]]:
+    """Return the bodies of tool and workpiece as text of cell.yaml, and what is a guess."""
+    guesses: list[str] = []
+    body = ""
+    if request.tool_mesh is not None:
+        unit = detect_unit(request.tool_mesh, "tool", span, request.mesh_unit)
+        guesses += [unit.note] if unit.note else []
+        body = _format_mesh_body("spindle", "tool" + request.tool_mesh.suffix.lower(), unit.scale)
+    if not body:
+        guesses.append("the tool's body is plain cylinders; give its mesh or its boxes")
+    part, part_body = request.workpiece_mesh, ""
+    if part is None:
+        guesses.append("the workpiece has no body, so nothing is checked against it")
+    else:
+        unit = detect_unit(part, "workpiece", span, request.mesh_unit)
+        guesses += [unit.note] if unit.note else []
+        part_body = _format_mesh_body("part", "workpiece" + part.suffix.lower(), unit.scale)
+    return body, part_body, guesses
 
 
 def aim_tool(

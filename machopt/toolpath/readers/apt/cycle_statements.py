@@ -6,7 +6,7 @@ depth, then clearance. FEDTO is signed along the tool axis in NX and positive do
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -59,6 +59,57 @@ class CycleWords:
     unknown: tuple[str, ...] = ()
 
 
+@dataclass
+class _CycleFields:
+    """Fields of a CYCLE statement, sorted by what they are."""
+
+    values: dict[str, float] = field(default_factory=dict)  # word → number behind it
+    feed_word: str | None = None
+    loose: list[float] = field(default_factory=list)  # numbers without a word
+    unknown: list[str] = field(default_factory=list)
+    to_start: bool = False
+    is_deep: bool = False
+
+
+def _sort_fields(parts: list[str]) -> _CycleFields:
+    """Sort words and numbers behind the name of a cycle."""
+    words = ("DEEP", "BRKCHP")
+    found = _CycleFields(is_deep=parts[0].startswith(words) or any(word in parts for word in words))
+    values, loose = found.values, found.loose
+    k = 1
+    while k < len(parts):
+        word = parts[k]
+        value = parse_number(parts[k + 1]) if k + 1 < len(parts) else None
+        k += 1
+        plain = parse_number(word)
+        if plain is not None:
+            loose.append(plain)
+        elif word in FEED_UNITS:
+            found.feed_word = word
+            if value is not None:
+                values["FEED"] = value
+                k += 1
+            elif loose:
+                values["FEED"] = loose.pop()
+        elif word in (*_DEPTH, *_CLEAR, *_RETRACT, *_FIRST, *_NEXT, "DWELL") and value is not None:
+            values[word] = value
+            k += 1
+        elif word == "RTRCTO" and parts[k : k + 1] == ["AUTO"]:
+            found.to_start = True
+            k += 1
+        elif word == "ORIENT" and value is not None:
+            k += 1  # angle of the spindle
+        elif word == "PECKING" and k + 1 < len(parts):  # CLT: PECKING, first, following
+            first, following = parse_number(parts[k]), parse_number(parts[k + 1])
+            if first is not None and following is not None:
+                values["1STPECK"], values["SUBPECK"] = first, following
+                found.is_deep = True
+                k += 2
+        elif word and word not in _FLAGS:
+            found.unknown.append(word)
+    return found
+
+
 def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleWords:
     """Read the fields after ``CYCLE/``.
 
@@ -73,44 +124,8 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
     name = parts[0]
     if name in NO_HOLES:
         raise DrillingCycleError(f"CYCLE/{name} {NO_HOLES[name]}: not read; export it as GOTO points")
-    values: dict[str, float] = {}
-    feed_word: str | None = None
-    loose: list[float] = []
-    unknown: list[str] = []
-    to_start = False
-    deep = name.startswith(("DEEP", "BRKCHP")) or "DEEP" in parts or "BRKCHP" in parts
-    k = 1
-    while k < len(parts):
-        word = parts[k]
-        value = parse_number(parts[k + 1]) if k + 1 < len(parts) else None
-        k += 1
-        plain = parse_number(word)
-        if plain is not None:
-            loose.append(plain)
-        elif word in FEED_UNITS:
-            feed_word = word
-            if value is not None:
-                values["FEED"] = value
-                k += 1
-            elif loose:
-                values["FEED"] = loose.pop()
-        elif word in (*_DEPTH, *_CLEAR, *_RETRACT, *_FIRST, *_NEXT, "DWELL") and value is not None:
-            values[word] = value
-            k += 1
-        elif word == "RTRCTO" and parts[k : k + 1] == ["AUTO"]:
-            to_start = True
-            k += 1
-        elif word == "ORIENT" and value is not None:
-            k += 1  # angle of the spindle
-        elif word == "PECKING" and k + 1 < len(parts):  # CLT: PECKING, first, following
-            first, following = parse_number(parts[k]), parse_number(parts[k + 1])
-            if first is not None and following is not None:
-                values["1STPECK"], values["SUBPECK"] = first, following
-                deep = True
-                k += 2
-        elif word and word not in _FLAGS:
-            unknown.append(word)
-
+    fields = _sort_fields(parts)
+    values, loose = fields.values, fields.loose
     has_loose = bool(loose)
 
     def pick(names: tuple[str, ...]) -> float | None:
@@ -127,21 +142,21 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
     for what in order:
         if found[what] is None and loose:
             found[what] = loose.pop(0)
-    unknown.extend(f"{v:g}" for v in loose if v not in (found["clear"], found["retract"]))
+    extra = [f"{v:g}" for v in loose if v not in (found["clear"], found["retract"])]
     return CycleWords(
         name=name,
         depth=found["depth"],
         clear=found["clear"],
         retract=found["retract"],
         feed=found["feed"],
-        feed_word=feed_word,
+        feed_word=fields.feed_word,
         first_peck=found["peck"] or 0.0,
         next_peck=pick(_NEXT) or 0.0,
         dwell=found["dwell"] or 0.0,
-        deep=deep,
-        retract_to_start=to_start,
+        deep=fields.is_deep,
+        retract_to_start=fields.to_start,
         loose=has_loose,
-        unknown=tuple(unknown),
+        unknown=(*fields.unknown, *extra),
     )
 
 
