@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,12 +56,53 @@ def track_branches(
     q, branch, reason = _track_chains(arm, found, M, R, B)  # (M, R, B…): one chain a start branch
     value = np.full(reason.shape, np.nan)
     value[reason == InfeasibilityReason.OK] = goodness(q[reason == InfeasibilityReason.OK])
+    chains = _TrackedChains(q, branch, reason, value)
+    best = _select_chain(arm, chains, gamma, pick, collides)
+    every = np.where(reason == InfeasibilityReason.COLLIDING, reason, found.reason.reshape(M, R, B)).reshape(M, R * B)
+    why = np.where(every == InfeasibilityReason.OK, InfeasibilityReason.NO_PATH, every).max(axis=1).astype(np.uint8)
+    out = MapPostures(
+        q=np.full((M, 6), np.nan),
+        branch=np.full(M, -1, np.int8),
+        gamma=np.full(M, np.nan),
+        reason=why,
+        shortfall=found.shortfall.reshape(M, R).min(axis=1),
+        count=np.asarray((found.reason.reshape(M, R * B) == InfeasibilityReason.OK).sum(axis=1)),
+        rotations=np.asarray((found.reason.reshape(M, R, B) == InfeasibilityReason.OK).any(axis=2).mean(axis=1)),
+    )
+    if best is None:
+        return out
+    r, b = best
+    there = reason[:, r, b] == InfeasibilityReason.OK
+    out.q[there], out.branch[there], out.gamma[there] = q[there, r, b], branch[there, r, b], gamma[r]
+    out.reason[there] = InfeasibilityReason.OK
+    own = ~there & (
+        (reason[:, r, b] == InfeasibilityReason.COLLIDING) | (reason[:, r, b] == InfeasibilityReason.NO_PATH)
+    )
+    out.reason[own] = reason[own, r, b]
+    return out
+
+
+@dataclass(frozen=True)
+class _TrackedChains:
+    """Chains of M samples, one for each of R rotations and B branches in which it starts."""
+
+    q: Array  # (M, R, B, 6) rad
+    branch: NDArray[np.int64]  # (M, R, B)
+    reason: NDArray[np.uint8]  # (M, R, B); collisions are entered by _select_chain
+    value: Array  # (M, R, B), NaN where the sample is not covered
+
+
+def _select_chain(
+    arm: ReachingArm, chains: _TrackedChains, gamma: Array, pick: BranchPick, collides: CollisionCheck | None
+) -> tuple[int, int] | None:
+    """Return rotation and branch of the best chain; None where none covers a sample."""
+    q, branch, reason, value = chains.q, chains.branch, chains.reason, chains.value
     best: tuple[tuple[float, ...], int, int] | None = None
-    for r in range(R):
+    for r in range(len(gamma)):
         turned = float(abs(np.angle(np.exp(1j * (gamma[r] - gamma[0])))))
         chosen: tuple[tuple[float, ...], int] | None = None
         for rank, b in sorted(
-            (_rank_chain(q[:, r, b], branch[:, r, b], value[:, r, b], arm.home, pick), b) for b in range(B)
+            (_rank_chain(q[:, r, b], branch[:, r, b], value[:, r, b], arm.home, pick), b) for b in range(q.shape[2])
         ):
             if rank[0] >= 0:
                 break  # this chain and the following ones cover no sample
@@ -78,28 +121,7 @@ def track_branches(
             rank = (chosen[0][0], _round_value(-float(np.nanmin(value[:, r, b]))), turned)
             if best is None or rank < best[0]:
                 best = rank, r, b
-    every = np.where(reason == InfeasibilityReason.COLLIDING, reason, found.reason.reshape(M, R, B)).reshape(M, R * B)
-    why = np.where(every == InfeasibilityReason.OK, InfeasibilityReason.NO_PATH, every).max(axis=1).astype(np.uint8)
-    out = MapPostures(
-        q=np.full((M, 6), np.nan),
-        branch=np.full(M, -1, np.int8),
-        gamma=np.full(M, np.nan),
-        reason=why,
-        shortfall=found.shortfall.reshape(M, R).min(axis=1),
-        count=np.asarray((found.reason.reshape(M, R * B) == InfeasibilityReason.OK).sum(axis=1)),
-        rotations=np.asarray((found.reason.reshape(M, R, B) == InfeasibilityReason.OK).any(axis=2).mean(axis=1)),
-    )
-    if best is None:
-        return out
-    _, r, b = best
-    there = reason[:, r, b] == InfeasibilityReason.OK
-    out.q[there], out.branch[there], out.gamma[there] = q[there, r, b], branch[there, r, b], gamma[r]
-    out.reason[there] = InfeasibilityReason.OK
-    own = ~there & (
-        (reason[:, r, b] == InfeasibilityReason.COLLIDING) | (reason[:, r, b] == InfeasibilityReason.NO_PATH)
-    )
-    out.reason[own] = reason[own, r, b]
-    return out
+    return None if best is None else best[1:]
 
 
 def _track_chains(

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.toolpath import Toolpath
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools
 from machopt.verification.checks import VerificationCheck, VerificationInformation, build_skipped_check
 from machopt.verification.motion.collision.bodies import CoalBody, invert_transforms, is_near
 from machopt.verification.motion.collision.contact_search import ContactInterval
@@ -179,23 +179,7 @@ def check_cut_level(
                 where="no free move near a cut",
             )
         ]
-    radius = cell.tool.cutter.diameter / 2.0 if cell.tool.cutter is not None else 1e-3
-    line = commanded or (np.arange(len(toolpath), dtype=float), toolpath.position)
-    place, axis = _sample_cuts(toolpath, line, cuts, max(radius, 1e-3))
-    under, beside = np.zeros(len(rows)), np.zeros(len(rows))
-    for i, n in enumerate(rows):
-        x, shank = locations.tcp[n, :3, 3], -locations.tcp[n, :3, 2]
-        up = x - place
-        height = np.einsum("ij,ij->i", up, axis)
-        aside = np.linalg.norm(up - height[:, None] * axis, axis=1)
-        side = axis @ shank > MIN_AXIS_COSINE
-        close = side & (aside <= radius)
-        if close.any():
-            under[i] = max(0.0, -float(height[close].max()))
-        elif side.any() and known[n]:
-            nearest = int(np.argmin(np.where(side, aside, np.inf)))
-            wide = side & (aside <= 2.0 * aside[nearest])
-            beside[i] = max(0.0, -float(height[wide].max()))
+    under, beside = _measure_levels(toolpath, locations, cell, commanded, rows, known, cuts)
     every = np.zeros(len(known))
     every[rows] = under
     resting = [(n, move) for n, move in _find_rest_rows(known) if every[n] > LEVEL_TOLERANCE_M]
@@ -226,6 +210,36 @@ def check_cut_level(
         why = f"the tip rests under a cut at {motion.describe_row(row)}, so that no move from or to there stays over it"
         out.append(build_skipped_check("level of moves from and to rest", why, "mm"))
     return out
+
+
+def _measure_levels(
+    toolpath: Toolpath,
+    locations: SampleLocations,
+    cell: Cell,
+    commanded: tuple[Array, Array] | None,
+    rows: NDArray[np.intp],
+    known: Bools,
+    cuts: NDArray[np.intp],
+) -> tuple[Array, Array]:
+    """Return (n,) m by which the tip in the rows is under cuts above it, and under the nearest cuts beside it."""
+    radius = cell.tool.cutter.diameter / 2.0 if cell.tool.cutter is not None else 1e-3
+    line = commanded or (np.arange(len(toolpath), dtype=float), toolpath.position)
+    place, axis = _sample_cuts(toolpath, line, cuts, max(radius, 1e-3))
+    under, beside = np.zeros(len(rows)), np.zeros(len(rows))
+    for i, n in enumerate(rows):
+        x, shank = locations.tcp[n, :3, 3], -locations.tcp[n, :3, 2]
+        up = x - place
+        height = np.einsum("ij,ij->i", up, axis)
+        aside = np.linalg.norm(up - height[:, None] * axis, axis=1)
+        side = axis @ shank > MIN_AXIS_COSINE
+        close = side & (aside <= radius)
+        if close.any():
+            under[i] = max(0.0, -float(height[close].max()))
+        elif side.any() and known[n]:
+            nearest = int(np.argmin(np.where(side, aside, np.inf)))
+            wide = side & (aside <= 2.0 * aside[nearest])
+            beside[i] = max(0.0, -float(height[wide].max()))
+    return under, beside
 
 
 def _find_rest_rows(known: NDArray[np.bool_]) -> list[tuple[int, slice]]:
