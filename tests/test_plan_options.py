@@ -20,6 +20,7 @@ from machopt.data_types.plan_options import (
     PlanOptions,
     ProcessForce,
     SteeringRule,
+    TiltRange,
 )
 from machopt.errors import InputError
 from machopt.options.option_schema import OptionKeys
@@ -85,6 +86,8 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         compensate=True,
         compensation_max=0.003,
         seed=9,
+        tilt=TiltRange(lead=(radians(-5), radians(5)), side=(0.0, radians(3))),
+        tilt_operations=(("face", TiltRange(side=(radians(-2), radians(2)))),),
         external=(
             ExternalJointOptions(
                 joint="e1",

@@ -49,6 +49,8 @@ class PlanOptionValues(TypedDict, total=False):
     compensation_max_mm: float | None  # a larger shift is refused, mm
     seed: int | None  # of the tree search for rapid moves
     external: Mapping[str, Mapping[str, object]] | None  # how the external joints are used, by name or e1, e2 … in the order of the cell
+    tilt_deg: Mapping[str, object] | None  # permitted tilt of the tool axis against that of the CAM file; ball cutters only
+    operations: Mapping[str, Mapping[str, object]] | None  # options of single operations by their label, which take precedence
 
 
 class IdentifyOptions(TypedDict, total=False):

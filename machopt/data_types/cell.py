@@ -38,6 +38,9 @@ class ToolMode:
     direction: tuple[float, float, float]  # unit, in TCP axes
 
 
+BALL_TOLERANCE = 1e-9  # m, rounding of the millimetres of a file
+
+
 @dataclass(frozen=True)
 class CutterGeometry:
     """Rotating cutter: a cylinder from the TCP back along −z of the TCP, rounded at its tip's edge.
@@ -56,6 +59,11 @@ class CutterGeometry:
     runout: float = 0.0  # m
     side_stiffness: float | None = None  # N/m, of tool and spindle at the tip; None: rigid
     modes: tuple[ToolMode, ...] = ()
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether its end is half a sphere, so that it cuts the same surface with its axis tilted."""
+        return self.corner > 0 and abs(2.0 * self.corner - self.diameter) < BALL_TOLERANCE
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -114,6 +114,19 @@ class ExternalJointOptions:
         return self.mode != "locked" or any(mode != "locked" for _, mode in self.operations)
 
 
+@dataclass(frozen=True)
+class TiltRange:
+    """Permitted tilt of the tool axis against that of the CAM file."""
+
+    lead: tuple[float, float] = (0.0, 0.0)  # rad, towards the direction of travel
+    side: tuple[float, float] = (0.0, 0.0)  # rad, towards tool axis × travel
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it permits any tilt at all."""
+        return any(self.lead) or any(self.side)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions:
     """All options of one plan."""
@@ -149,3 +162,18 @@ class PlanOptions:
     compensation_max: float = 0.002  # m, a larger shift is refused: a unit is wrong, or the arm far too soft
     seed: int = 0
     external: tuple[ExternalJointOptions, ...] = ()
+    tilt: TiltRange | None = None  # of a ball cutter; None: the tool axis is that of the CAM file
+    tilt_operations: tuple[tuple[str, TiltRange], ...] = ()  # the same of operations by label, before ``tilt``
+
+    @property
+    def tilts(self) -> bool:
+        """Whether the tool axis may differ from that of the CAM file anywhere."""
+        return any(r is not None and r.is_free for r in (self.tilt, *dict(self.tilt_operations).values()))
+
+    def tilt_range_of(self, operation: str) -> TiltRange:
+        """Return the permitted tilt in an operation.
+
+        Args:
+            operation: its label.
+        """
+        return dict(self.tilt_operations).get(operation, self.tilt) or TiltRange()

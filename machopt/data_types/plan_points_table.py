@@ -41,6 +41,8 @@ class PointsTable:
     k_axial_std: Array | None = None  # (N,) N/m, the same of ``k_axial``
     dwell: Array | None = None  # (N,) s that the file waits at the point; None: it waits nowhere
     compensation: Array | None = None  # (N, 3) m in workpiece, added to the commanded path
+    lead: Array | None = None  # (N,) rad, tilt of the tool against ``axis``; None: the tool axis is the CAM file's
+    side: Array | None = None  # (N,) rad
     process: ProcessColumns | None = None  # None: the cell has no process
 
     def __len__(self) -> int:

@@ -10,6 +10,8 @@ from machopt.data_types.plan_options import ExternalMode, PlanMethod, PlanObject
 from machopt.file_formats.strict_yaml import StrictSchema
 from machopt.options.steering_schema import SteerKeys
 
+MAX_TILT_DEG = 45.0  # beyond it a lead is no longer a small change of what the CAM file programs
+
 
 class ForceKeys(StrictSchema):
     travel: float | None = Field(default=None, description="N along the direction of travel")
@@ -80,6 +82,34 @@ class ExternalJointOptionKeys(StrictSchema):
 class FixedKeys(StrictSchema):
     point: int = Field(ge=0, description="0-based index of a toolpath point")
     gamma_deg: float = Field(ge=-180, le=180, description="rotation about the tool axis")
+
+
+class TiltKeys(StrictSchema):
+    """Permitted tilt of a ball cutter, degrees."""
+
+    lead: list[float] | None = Field(
+        default=None, min_length=2, max_length=2, description="[lowest, highest] towards the direction of travel"
+    )
+    side: list[float] | None = Field(
+        default=None, min_length=2, max_length=2, description="[lowest, highest] towards tool axis × travel"
+    )
+
+    @model_validator(mode="after")
+    def _ranges(self) -> TiltKeys:
+        for key in ("lead", "side"):
+            value = getattr(self, key)
+            if value is not None and not -MAX_TILT_DEG <= value[0] <= value[1] <= MAX_TILT_DEG:
+                raise ValueError(
+                    f"{key}: found {value}; expected [lowest, highest] with "
+                    f"-{MAX_TILT_DEG:g} ≤ lowest ≤ highest ≤ {MAX_TILT_DEG:g}"
+                )
+        return self
+
+
+class OperationKeys(StrictSchema):
+    """Options of one operation of the toolpath."""
+
+    tilt_deg: TiltKeys | None = Field(default=None, description="permitted tilt of a ball cutter in this operation")
 
 
 class OptionKeys(StrictSchema):
@@ -163,6 +193,13 @@ class OptionKeys(StrictSchema):
     seed: int | None = Field(default=None, ge=0, description="of the tree search for rapid moves")
     external: dict[str, ExternalJointOptionKeys] | None = Field(
         default=None, description="how the external joints are used, by name or e1, e2 … in the order of the cell"
+    )
+
+    tilt_deg: TiltKeys | None = Field(
+        default=None, description="permitted tilt of the tool axis against that of the CAM file; ball cutters only"
+    )
+    operations: dict[str, OperationKeys] | None = Field(
+        default=None, description="options of single operations by their label, which take precedence"
     )
 
     @field_validator("rotation_range_deg")

@@ -18,10 +18,11 @@ from machopt.data_types.plan_options import (
     ObjectiveWeights,
     PlanOptions,
     ProcessForce,
+    TiltRange,
 )
 from machopt.errors import InputError
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument, parse_yaml, read_yaml, validate_document
-from machopt.options.option_schema import ExternalJointOptionKeys, OptionKeys
+from machopt.options.option_schema import ExternalJointOptionKeys, OptionKeys, TiltKeys
 from machopt.options.steering_schema import format_steering, parse_steering, round_to_user_digits
 
 _MM, _MM_PER_MIN, _MS = 1e-3, 1e-3 / 60.0, 1e-3
@@ -48,6 +49,18 @@ def _define_scaled_option(key: str, name: str, factor: float, *, always: bool = 
 
 def _define_angle_option(key: str, name: str, *, always: bool = True) -> PlanOptionField:
     return PlanOptionField(key, name, radians, lambda v: round_to_user_digits(degrees(v)), always)
+
+
+def _parse_tilt_range(keys: TiltKeys) -> TiltRange:
+    lead, side = (tuple(radians(v) for v in ends or (0.0, 0.0)) for ends in (keys.lead, keys.side))
+    return TiltRange((lead[0], lead[1]), (side[0], side[1]))
+
+
+def _format_tilt_range(tilt: TiltRange) -> dict[str, list[float]]:
+    return {
+        name: [round_to_user_digits(degrees(v)) for v in ends]
+        for name, ends in (("lead", tilt.lead), ("side", tilt.side))
+    }
 
 
 OPTIONS = (
@@ -109,6 +122,22 @@ OPTIONS = (
     ),
     _define_scaled_option("gouge_tolerance_mm", "gouge", _MM, always=False),
     _define_angle_option("preferred_rotation_deg", "preferred_rotation", always=False),
+    PlanOptionField(
+        "tilt_deg",
+        "tilt",
+        _parse_tilt_range,
+        _format_tilt_range,
+        always=False,
+    ),
+    PlanOptionField(
+        "operations",
+        "tilt_operations",
+        lambda given: tuple(
+            (label, _parse_tilt_range(keys.tilt_deg)) for label, keys in given.items() if keys.tilt_deg is not None
+        ),
+        lambda given: {label: {"tilt_deg": _format_tilt_range(tilt)} for label, tilt in given},
+        always=False,
+    ),
 )
 """In the order in which they are shown."""
 FIELDS = {option.key: option.name for option in OPTIONS}

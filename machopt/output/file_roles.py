@@ -6,6 +6,7 @@ ROLES = {
     "points.csv": "points",
     "trajectory.csv": "trajectory",
     "compensation.csv": "compensation",
+    "tilt.csv": "tilt",
     "front.csv": "front",
     "result.json": "result",
     "identification.json": "result",

@@ -29,7 +29,15 @@ from machopt.verification.checks import CheckName
 from machopt.verification.folder.programs.post_lookup import select_controller
 from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
 
-OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
+OWN_FILES = (
+    "points.csv",
+    "trajectory.csv",
+    "compensation.csv",
+    "tilt.csv",
+    "result.json",
+    "manifest.json",
+    "report.html",
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,12 @@ from machopt.data_types.documents.optimize_document import OptimizeDocument
 from machopt.options.plan_option_reader import format_user_options
 from machopt.output import MANIFEST, write_manifest, write_result
 from machopt.output.file_roles import ROLES
-from machopt.output.tables.plan_tables import write_compensation_csv, write_points_csv, write_trajectory_csv
+from machopt.output.tables.plan_tables import (
+    write_compensation_csv,
+    write_points_csv,
+    write_tilt_csv,
+    write_trajectory_csv,
+)
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
@@ -59,7 +64,7 @@ def write_report_files(made: OptimizeJobResult, folder: Path, timings: StageTimi
 
 
 def write_plan_tables(folder: Path, plan: Plan, points: PointResults, timeline: MotionTimeline | None) -> None:
-    """Write points.csv, and trajectory.csv and compensation.csv where there is a motion.
+    """Write points.csv, and trajectory.csv, compensation.csv and tilt.csv where there is a motion.
 
     Args:
         folder: The output folder.
@@ -76,6 +81,8 @@ def write_plan_tables(folder: Path, plan: Plan, points: PointResults, timeline: 
     if plan.compensation is not None:
         c = plan.compensation
         write_compensation_csv(folder / "compensation.csv", plan.path.index, c.offset, c.force)
+    if plan.path.lead is not None and plan.path.side is not None:
+        write_tilt_csv(folder / "tilt.csv", plan.path.index, plan.path.lead, plan.path.side)
 
 
 def list_tool_names(plan: Plan) -> tuple[str, ...]:

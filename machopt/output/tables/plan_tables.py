@@ -122,6 +122,7 @@ def _build_trajectory_columns(
         *_build_joint_columns(t.q, t.external, external_prismatic),
         _build_optional_column("gamma_deg", t.gamma * DEG_PER_RAD, 6),
         _build_optional_column("feed_mm_min", t.feed * MM_MIN_PER_M_S, 3),
+        *_build_tilt_columns(t.lead, t.side, 6),
         *([_build_text_column("tool", _list_tool_names(t, tools))] if tools else []),
     ]
 
@@ -191,9 +192,19 @@ def _build_points_columns(table: PointsTable) -> list[_TableColumn]:
     if table.compensation is not None:
         shift = table.compensation * MM_PER_M
         columns += [_build_optional_column(f"comp_d{c}_mm", shift[:, i], 6) for i, c in enumerate("xyz")]
+    columns += _build_tilt_columns(table.lead, table.side, 9)
     if table.process is not None:
         columns += _build_process_columns(table.process)
     return columns
+
+
+def _build_tilt_columns(lead: Array | None, side: Array | None, decimals: int) -> list[_TableColumn]:
+    if lead is None or side is None:
+        return []
+    return [
+        _build_optional_column(name, np.where(np.abs(tilt) < 1e-12, 0.0, tilt) * DEG_PER_RAD, decimals)
+        for name, tilt in (("lead_deg", lead), ("side_deg", side))
+    ]
 
 
 def _build_process_columns(p: ProcessColumns) -> list[_TableColumn]:
@@ -238,6 +249,18 @@ def write_compensation_csv(path: Path, index: Array, offset: Array, force: Array
     columns += [_build_optional_column(f"d{c}_mm", offset[:, i] * MM_PER_M, 6) for i, c in enumerate("xyz")]
     columns += [_build_optional_column(f"f{c}_N", force[:, i], 6) for i, c in enumerate("xyz")]
     _write_csv(path, columns)
+
+
+def write_tilt_csv(path: Path, index: Array, lead: Array, side: Array) -> None:
+    """Write ``tilt.csv``: the tilt at each planning point; in between the tool axis turns evenly.
+
+    Args:
+        path: the file.
+        index: (P,) fractional toolpath index, not falling.
+        lead: (P,) rad.
+        side: (P,) rad.
+    """
+    _write_csv(path, [_build_optional_column("point", index, 9), *_build_tilt_columns(lead, side, 9)])
 
 
 def _build_joint_columns(q: Array, external: Array, prismatic: Sequence[bool], decimals: int = 9) -> list[_TableColumn]:

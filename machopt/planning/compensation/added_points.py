@@ -16,6 +16,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
+from machopt.planning.stations.tilt_curve import get_tilt_curve
 
 
 def compensate_plan(plan: Plan, toolpath: Toolpath) -> Plan:
@@ -51,6 +52,8 @@ def add_corner_points(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
     path = build_planning_path(toolpath, list_constrained_points(plan.options), corners=length)
     if len(path.index) == len(old.index):
         return plan
+    tilt = get_tilt_curve(old, plan.setup.ball_radius)
+    path = path if tilt is None else tilt.tilt_path(path)
     rows = np.searchsorted(path.index, old.index)
     columns = [np.interp(path.index, old.index, column) for column in old.external.T]  # added points lie inside runs
     external = np.array(columns).T.reshape(len(path.index), -1)

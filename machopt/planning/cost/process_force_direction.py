@@ -41,6 +41,7 @@ def compute_sideways_directions(path: PlanningPath) -> Array:
     Args:
         path: planning points.
     """
+    path = path.programmed
     out = np.empty_like(path.position)
     for first, last in path.runs:
         rows = np.arange(first, last + 1)
@@ -70,6 +71,7 @@ def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float
         force: force components along travel, normal and tool axis, N.
         length: m, ℓ.
     """
+    path = path.programmed
     out = np.zeros_like(path.position)
     places = length * ((2 * np.arange(PLACES) + 1) / PLACES - 1)
     for first, last in path.runs:

@@ -97,6 +97,8 @@ def compute_load_directions(
 ) -> LoadDirections:
     """Return directions and force of a path, with the external joints as they are along it.
 
+    Along a tilted path they are those of the programmed one: the tool tilts, the surface and the cut on it do not.
+
     Args:
         path: planning points.
         arm: arm model with the base pose per external position.
@@ -105,7 +107,7 @@ def compute_load_directions(
         across: (P, 3) :func:`machopt.planning.cost.process_force_direction.compute_sideways_directions` of the path,
             which no external joint changes; None: it is computed.
     """
-    e = path.external
+    path, e = path.programmed, path.external
     axial, travel = arm.directions(e, path.axis), arm.directions(e, path.travel)
     normal = np.cross(axial, travel)
     f = arm.directions(

@@ -13,6 +13,7 @@ from machopt.planning.external_axes.position_constraints import check_known_axes
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.tilt.tilt_planning import plan_with_tilt
 
 
 def find_best_plan(
@@ -41,10 +42,13 @@ def find_best_plan(
     if cell.external_joints:
         from machopt.planning.external_axis_optimization import coarse_to_fine_search
 
-        return coarse_to_fine_search.find_best_external_axis_plan(cell, toolpath, options, timings, before, scale=scale)
+        own = None if before is not None and before.path.untilted is not None else before
+        found = coarse_to_fine_search.find_best_external_axis_plan(cell, toolpath, options, timings, own, scale=scale)
+        return plan_with_tilt(found, toolpath, options, timings)
     resolve_axis_options(cell, options)
     check_known_axes_and_places(cell, options.steer)
-    return plan_path(cell, toolpath, options, timings, scale=scale, before=before)
+    found = plan_path(cell, toolpath, options, timings, scale=scale, before=before)
+    return plan_with_tilt(found, toolpath, options, timings)
 
 
 def compute_external_axis_bound(plan: Plan, toolpath: Toolpath, timings: StageTimings) -> ExternalAxisBound | None:

@@ -35,6 +35,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.move_results import add_slowdown_notes, mark_undriven_points
 from machopt.planning.plan_output.point_table import PointResults, build_point_table
+from machopt.planning.tilt.tilt_planning import return_to_cam_axes
 from machopt.planning.tolerance.process_results import add_process_results
 
 ROUNDINGS = (0.25, 0.05, 0.01)  # shares of the corner tolerances, tried in this order
@@ -165,7 +166,7 @@ def _done(
         points = build_point_table(the_plan, toolpath)
     if toolpath.process_operation is not None:
         with timings.stage("tolerance"):
-            points = add_process_results(points, the_plan, toolpath, timeline)
+            points = add_process_results(points, return_to_cam_axes(the_plan), toolpath, timeline)
     return DrivenToolSegment(ToolSegmentPlan(the_plan, stint.first, stint.tool), points, timeline)
 
 

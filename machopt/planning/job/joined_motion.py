@@ -14,6 +14,7 @@ from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.process_columns import join_process_columns, shift_summary
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.data_types.trajectory import Trajectory
+from machopt.numerics.array_types import Array
 from machopt.planning.job.joined_plan import ToolSegmentPlan, shift_break_indices
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.plan_output.point_table import PointResults, list_dwells
@@ -47,6 +48,10 @@ def join_point_tables(parts: Sequence[DrivenToolSegment], toolpath: Toolpath) ->
             columns[f.name] = tuple(value for one in values_of_parts for value in one)
         elif all(one is not None for one in values_of_parts):
             columns[f.name] = np.concatenate(values_of_parts)
+        elif f.name in ("lead", "side") and any(one is not None for one in values_of_parts):
+            columns[f.name] = np.concatenate(
+                [np.zeros(len(t)) if o is None else o for o, t in zip(values_of_parts, tables, strict=True)]
+            )
         elif f.name == "compensation" and any(one is not None for one in values_of_parts):
             zeros = [np.zeros((len(t), 3)) for t in tables]
             columns[f.name] = np.concatenate(
@@ -115,4 +120,17 @@ def _one_after_the_other(parts: Sequence[DrivenToolSegment], motions: Sequence[T
         point=np.concatenate([m.point + p.stretch.first for m, p in zip(motions, parts, strict=True)]),
         tool=np.concatenate([np.full(len(m.time), k, np.int32) for k, m in enumerate(motions)]),
         **columns,
+        **_join_tilts(motions),
     )
+
+
+def _join_tilts(motions: Sequence[Trajectory]) -> dict[str, Any]:
+    """Return lead and side of all rows; zero on the path of a tool that does not tilt, none where no tool tilts."""
+    if all(m.lead is None for m in motions):
+        return {}
+
+    def of(m: Trajectory, name: str) -> Array:
+        tilt: Array | None = getattr(m, name)
+        return np.where(np.isfinite(m.point) & (m.move != MoveKind.RAPID), 0.0, np.nan) if tilt is None else tilt
+
+    return {name: np.concatenate([of(m, name) for m in motions]) for name in ("lead", "side")}

@@ -32,6 +32,8 @@ from machopt.planning.sampling.candidate_grid import CandidateGrid, spread_branc
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.stations.planning_path import PlanningPath
 
+TILT_FIELDS = ("untilted", "lead", "side")
+NO_TILT: dict[str, Any] = dict.fromkeys(TILT_FIELDS)
 COUNTED_UP = ("time", "s")  # columns of a path that increase over all stretches
 
 
@@ -196,6 +198,8 @@ def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
     row = run = 0
     for path in paths:
         for f in fields(path):
+            if f.name in TILT_FIELDS:
+                continue
             value = getattr(path, f.name)
             if f.name == "runs":
                 runs += [(a + row, b + row) for a, b in value]
@@ -207,7 +211,20 @@ def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
             columns.setdefault(f.name, []).append(value + np.asarray(by, value.dtype) if by else value)
         row += len(path.index)
         run += int(path.run[-1]) + 1
-    return replace(paths[0], runs=tuple(runs), **{name: _stacked(some) for name, some in columns.items()})
+    stacked: dict[str, Any] = {name: _stacked(some) for name, some in columns.items()}
+    whole = replace(paths[0], runs=tuple(runs), **stacked, **NO_TILT)
+    return whole if all(path.untilted is None for path in paths) else _add_tilts(whole, paths)
+
+
+def _add_tilts(whole: PlanningPath, paths: Sequence[PlanningPath]) -> PlanningPath:
+    """Return the joined path with the tilts of its stretches, zero where a stretch has none."""
+    tilts: dict[str, Any] = {
+        name: np.concatenate(
+            [np.zeros(len(path.index)) if path.lead is None else getattr(path, name) for path in paths]
+        )
+        for name in ("lead", "side")
+    }
+    return replace(whole, untilted=_path([replace(path.programmed, index=path.index) for path in paths]), **tilts)
 
 
 def _furthest_dropped(c: CandidateGrid) -> NDArray[np.uint8]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.steering_rules import refuse_narrow_zones, resolve_steering
+from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import MoveKind, Toolpath
-from machopt.errors import CellError
+from machopt.errors import CellError, suggest_nearest_word
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import load_robot
 from machopt.numerics.array_types import Array
@@ -133,6 +135,55 @@ def check_plannable(toolpath: Toolpath, options: PlanOptions) -> None:
             file="options",
             where="compensate",
         )
+
+
+def check_tilt(segments: Sequence[ToolSegment], options: PlanOptions) -> None:
+    """Refuse a tilt of the tool axis for cutters that would cut another surface with it.
+
+    Args:
+        segments: the job, divided at tool changes.
+        options: plan options with the ranges.
+
+    Raises:
+        InputError: an operation that does not exist, a method that does not choose a tilt, or a cutter that is no ball.
+    """
+    labels = [operation.label for operation in segments[0].whole.operations]
+    for label, _ in options.tilt_operations:
+        if label not in labels:
+            raise CellError(
+                f"{label!r} is no operation of the toolpath; {suggest_nearest_word(label, labels)}",
+                file="options",
+                where="operations",
+            )
+    if options.tilts and options.method != "global":
+        raise CellError(
+            f"method {options.method} keeps the tool axis of the CAM file; method global chooses a tilt",
+            file="options",
+            where="tilt_deg",
+        )
+    for segment in segments:
+        for number in np.unique(segment.toolpath.operation[segment.toolpath.cutting]).tolist():
+            if options.tilt_range_of(labels[number]).is_free:
+                _refuse_flat_cutter(segment.cell, labels[number], options)
+
+
+def _refuse_flat_cutter(cell: Cell, label: str, options: PlanOptions) -> None:
+    cutter, tool = cell.tool.cutter, f" of tool {cell.tool_name}" if cell.tool_name is not None else ""
+    if cutter is not None and cutter.is_ball:
+        return
+    shape = (
+        f"the cell states no cutter{tool}"
+        if cutter is None
+        else f"the cutter{tool} has a corner radius of {1e3 * cutter.corner:g} mm and a diameter of "
+        f"{1e3 * cutter.diameter:g} mm"
+    )
+    own = label in dict(options.tilt_operations)
+    raise CellError(
+        f"{shape}: only a ball cutter (corner_radius_mm = half the diameter) cuts the same surface with a tilted axis; "
+        f"lead [0, 0] and side [0, 0] for operation {label!r} would work",
+        file="options",
+        where=f"operations.{label}.tilt_deg" if own else "tilt_deg",
+    )
 
 
 def check_motion_length(toolpath: Toolpath, options: PlanOptions) -> None:

@@ -20,6 +20,7 @@ from machopt.planning.motion.retract_moves import RetractMoves
 from machopt.planning.motion.search_budget import EXTENSIONS, is_used_up
 from machopt.planning.motion.segments import MotionSegment, count_rest_samples, label_cut_samples, select_program_points
 from machopt.planning.motion.straight_rapid_collisions import Way, build_rapid_key
+from machopt.planning.motion.tilted_motion import compute_tip_speed_share, limit_tilted_rounding
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak, build_undriven_break, describe_place
 from machopt.planning.retiming.path_curve import SPIN_TOLERANCE
@@ -213,7 +214,8 @@ class SegmentPlanner:
             n for n in np.searchsorted(index, np.array(sorted(self.rests)) - 1e-9).tolist() if 0 < n < len(rows) - 1
         ]
         rests = [n for n in rests if round(float(index[n])) in self.rests and self.path.is_point[rows[n]]]
-        done = self._retime(self.path.position[rows], rows, self.q[rows], feed, tuple(rests))
+        tip_feed = feed * compute_tip_speed_share(self.path, rows)
+        done = self._retime(self.path.position[rows], rows, self.q[rows], tip_feed, tuple(rests))
         if isinstance(done, RunFailure):
             at = float(np.interp(done.point, np.arange(len(rows)), index))
             return build_undriven_break(at, at, done.reason)
@@ -225,7 +227,9 @@ class SegmentPlanner:
         gamma = done.phi + self.path.offset[rows][below]
         self.phi[rows] = np.interp(np.arange(len(rows)), local, done.phi)
         phi = self.plan.chosen.assignment.phi[rows]
-        is_target = select_program_points(phi, self.path.is_point[rows], index, self.path.position[rows])
+        is_target = select_program_points(
+            phi, self.path.is_point[rows], index, self.path.position[rows], self.path.axis[rows]
+        )
         if np.ptp(self.path.external[rows], axis=0).any():
             is_target[:] = True  # between two targets the controller interpolates linearly
         is_target[0] = False  # the move starts there
@@ -255,6 +259,7 @@ class SegmentPlanner:
     ) -> RunTrajectory | RunFailure:
         setup = self.plan.setup
         rounding = self.plan.rounding.get(int(self.path.run[rows[0]]), 1.0)
+        corner, lean = limit_tilted_rounding(self.options, self.path, setup.ball_radius)
         run = RunInput(
             position=position,
             axis=self.path.axis[rows],
@@ -268,8 +273,8 @@ class SegmentPlanner:
             robot=setup.robot,
             limits=self.plan.setup.cell.limits,
             sample=self.options.sample,
-            path_tolerance=rounding * self.options.path_tolerance,
-            axis_tolerance=rounding * self.options.axis_tolerance,
+            path_tolerance=rounding * corner,
+            axis_tolerance=rounding * lean,
             spin_tolerance=rounding * SPIN_TOLERANCE,
             limit_scale=self.options.limit_scale,
             correction=setup.correction,

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import CellError
 from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import interpolate_axis
 from machopt.planning.stations.planning_path import PlanningPath
 
 BEND = np.radians(0.1)  # maximum rotation error of a straight move between two toolpath points before a point is added
+LEAN = np.radians(0.02)  # the same of the tool axis, which a ball cutter's tip follows over its radius
 BOW = 2e-6  # m, the same for a shifted path; an unshifted one is straight between toolpath points
 LONGEST = 600.0  # s: longest dwell; one row per sample would otherwise give gigabytes
 BEFORE_ALL = -1  # index of a dwell before the first point: before the motion begins
@@ -114,20 +116,28 @@ def label_cut_samples(
     return out
 
 
-def select_program_points(phi: Array, is_point: NDArray[np.bool_], index: Array, position: Array) -> NDArray[np.bool_]:
+def select_program_points(
+    phi: Array, is_point: NDArray[np.bool_], index: Array, position: Array, axis: Array
+) -> NDArray[np.bool_]:
     """Return (n,) planning points a program needs: toolpath points, and those where rotation or path are not linear.
 
-    The path is not linear only where it is shifted against a deflection that changes along it.
+    Position and axis are not linear only where the path is shifted against a deflection, or the tool tilted.
 
     Args:
         phi: (n,) rad, rotation.
         is_point: (n,) toolpath points.
         index: (n,) fractional toolpath index.
         position: (n, 3) m.
+        axis: (n, 3) unit, tip to shank.
     """
     keep = is_point.copy()
     keep[[0, -1]] = True
     at = np.flatnonzero(keep)
+    after = np.clip(np.searchsorted(at, np.arange(len(keep))), 1, len(at) - 1)
+    low, high = at[after - 1], at[after]
+    share = np.clip((index - index[low]) / np.where(index[high] > index[low], index[high] - index[low], 1.0), 0.0, 1.0)
+    even = interpolate_axis(axis[low], axis[high], share)
+    leaning = np.linalg.norm(axis - even, axis=1) > LEAN
     line = np.column_stack([np.interp(index, index[at], position[at, c]) for c in range(3)])
     bowed = np.linalg.norm(position - line, axis=1) > BOW
-    return np.asarray(keep | bowed | (np.abs(phi - np.interp(np.arange(len(phi)), at, phi[at])) > BEND))
+    return np.asarray(keep | bowed | leaning | (np.abs(phi - np.interp(np.arange(len(phi)), at, phi[at])) > BEND))

@@ -60,6 +60,7 @@ from machopt.planning.sequence_search.worst_index_across_swings import compute_w
 from machopt.planning.smoothing.rotation_smoothing import follow_grid_rotation
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
+from machopt.planning.stations.tilt_curve import TiltCurve
 
 PAPER, DEFAULT = "jiao2022", "cam default"  # sources of assignments without a search
 PINNED = 1e-6  # rad, tolerance of a pin
@@ -77,6 +78,7 @@ def plan_path(
     scale: float | None = None,
     before: Plan | None = None,
     below: float = np.inf,
+    tilt: TiltCurve | None = None,
 ) -> Plan:
     """Plan one toolpath in one cell; infeasible points are data in the result, never an exception.
 
@@ -90,6 +92,7 @@ def plan_path(
         scale: c₀, where plans are compared that have other candidates; None: of its own.
         before: a plan of the same job with other pins, zones, preferences or branches; unchanged parts are reused.
         below: J of a plan with the same external joints: where the search is far from it, no curve is computed.
+        tilt: tilted tool axes; the baselines keep those of the CAM file. None: the CAM file's.
     """
     clock = timings or StageTimings()
     options = resolve_steering(options, toolpath)
@@ -102,9 +105,11 @@ def plan_path(
         setup = prepare_planning(cell, options) if setup is None else setup
         at_home = fix_external_axes(build_planning_path(toolpath, list_constrained_points(options)), cell.external_home)
         path = at_home if external is None else fix_external_axes(at_home, external)
+        path = path if tilt is None else tilt.tilt_path(path)
         d = compute_load_directions(path, setup.arm, setup.elasticity, options.force)
-        same = path is at_home or np.array_equal(path.external, at_home.external)
-        d_home = d if same else compute_load_directions(at_home, setup.arm, setup.elasticity, options.force)
+        is_at_home = path is at_home or np.array_equal(path.external, at_home.external)
+        same = is_at_home and tilt is None
+        d_home = d if is_at_home else compute_load_directions(at_home, setup.arm, setup.elasticity, options.force)
     gouges = None
     if options.gouge is not None:
         with stage("gouges"):

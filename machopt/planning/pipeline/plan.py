@@ -62,6 +62,20 @@ class ExternalAxisBound:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TiltBound:
+    """Lower bounds over a grid of tilts, rotations and branches, point by point, without motion and contacts.
+
+    No sequence over the grid has a lower mean or a lower worst index at its stations.
+    """
+
+    mean: float  # in units of c₀, over the length cut
+    worst: float  # in units of c₀
+    stations: int
+    tilts: int
+    step: float  # rad, of the rotation
+
+
+@dataclass(frozen=True, kw_only=True)
 class Plan:
     """Plan of a path with the results of all steps."""
 
@@ -94,6 +108,7 @@ class Plan:
     parts: tuple[ToolPlanPart, ...] = ()  # one per tool of a job with tool changes; empty: one tool
     elsewhere: tuple[int, ...] = ()  # toolpath points with another rotation than chosen, because of the shift
     over_external: ExternalAxisBound | None = None  # None: no external joint was free, or not requested
+    tilt_bound: TiltBound | None = None  # None: the tool axis is that of the CAM file everywhere
     bound: float | None = None  # lower bound of J of such a job over the grids of its parts; None: not known
 
     def at(self, point: int) -> tuple[Plan, int]:

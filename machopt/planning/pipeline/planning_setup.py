@@ -67,6 +67,12 @@ class PlanningSetup:
         return np.asarray(path.whole(q) * self.per_rad)
 
     @property
+    def ball_radius(self) -> float:
+        """Radius of the cutter in m where it is a ball, which may tilt; else 0."""
+        cutter = self.cell.tool.cutter
+        return cutter.corner if cutter is not None and cutter.is_ball else 0.0
+
+    @property
     def driven(self) -> Cell:
         """The cell with home and position limits as true angles."""
         return convert_to_true_angles(self.cell, self.correction)

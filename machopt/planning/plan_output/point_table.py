@@ -118,8 +118,17 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         k_axial_std=axial_std,
         dwell=list_dwells(toolpath),
         compensation=None if plan.compensation is None else plan.compensation.offset[rows],
+        lead=_of_reached(plan, plan.path.lead, rows),
+        side=_of_reached(plan, plan.path.side, rows),
     )
     return PointResults(table, rows, tuple(pairs))
+
+
+def _of_reached(plan: Plan, tilt: Array | None, rows: NDArray[np.intp]) -> Array | None:
+    """Return a tilt (N,) at the points, NaN without a configuration; None where the axis is that of the CAM file."""
+    if tilt is None:
+        return None
+    return np.where(plan.chosen.assignment.reason[rows] == InfeasibilityReason.OK, tilt[rows], np.nan)
 
 
 def list_dwells(toolpath: Toolpath) -> Array | None:

@@ -12,7 +12,7 @@ direction of travel (trajectories) or the workpiece x axis (point operations).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -67,6 +67,16 @@ class PlanningPath:
     runs: tuple[tuple[int, int], ...]  # first and last planning point of each run
     external: Array  # (P, E) m or rad, external joints
     force: Array | None = None  # (P, 3) N along travel, normal, axis on the way here; NaN: planning option; None: all
+    untilted: PlanningPath | None = None  # the path of the CAM file, where position and axis are those of a tilted tool
+    lead: Array | None = None  # (P,) rad, tilt against it (:mod:`machopt.numerics.tool_tilt`); None: no tilt
+    side: Array | None = None  # (P,) rad
+
+    @property
+    def programmed(self) -> PlanningPath:
+        """The path of the CAM file, with the same external joints: loads refer to its axes, lengths to its points."""
+        if self.untilted is None:
+            return self
+        return replace(self.untilted, external=self.external)
 
     def whole(self, q: Array, rows: NDArray[Any] | slice = slice(None)) -> Array:
         """Return (n, 6 + E) machine joints.
@@ -111,7 +121,8 @@ class PlanningPath:
         has one unit. Without any length (touches) every counted point has equal weight.
         """
         cut = self.counted
-        half = 0.5 * np.r_[0.0, np.linalg.norm(np.diff(self.position, axis=0), axis=1)] * cut
+        position = self.position if self.untilted is None else self.untilted.position
+        half = 0.5 * np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)] * cut
         out = half + np.r_[half[1:], 0.0] * cut
         out[1:] += half[1:] * ~cut[:-1]
         total = float(out.sum())
@@ -182,7 +193,7 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
         is_drilling=drilling,
         plunge=plunge,
         reference=reference,
-        offset=_signed_angle(natural, reference, -axis),
+        offset=compute_signed_angle(natural, reference, -axis),
         stations=_stations(position, axis, toolpath.move[high], runs, np.searchsorted(index, keep)),
         runs=runs,
         external=np.empty((len(index), 0)),
@@ -287,7 +298,14 @@ def _natural_reference(file_reference: Array, travel: Array, axis: Array, drilli
     return normalise_vectors(ref)
 
 
-def _signed_angle(a: Array, b: Array, about: Array) -> Array:
+def compute_signed_angle(a: Array, b: Array, about: Array) -> Array:
+    """Return the (n,) angle in rad from one direction to another about an axis.
+
+    Args:
+        a: (n, 3) unit, normal to the axis.
+        b: (n, 3) unit, normal to the axis.
+        about: (n, 3) unit.
+    """
     return wrap_angle(np.arctan2(np.sum(np.cross(a, b) * about, axis=1), np.sum(a * b, axis=1)))
 
 

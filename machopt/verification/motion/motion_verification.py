@@ -34,6 +34,7 @@ from machopt.verification.motion.checks.path_following import check_path
 from machopt.verification.motion.checks.points_columns import BLOCK_ROWS, PointsTableCheck
 from machopt.verification.motion.checks.process_columns import check_process_columns
 from machopt.verification.motion.checks.requested_choices import check_requested_choices
+from machopt.verification.motion.checks.tilt_columns import TiltTables, check_tilt
 from machopt.verification.motion.checks.time_and_joint_limits import check_limits
 from machopt.verification.motion.collision.bodies import CoalBody, build_bodies, list_checked_pairs
 from machopt.verification.motion.collision.clearance_column import (
@@ -58,13 +59,16 @@ from machopt.verification.motion.kinematics.encoder_correction import (
 )
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.sample_location import locate_samples
+from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
 from machopt.verification.tables.exported_tables import (
     ExportedMotion,
     ExportedPoints,
     ExportedShift,
+    ExportedTilt,
     read_compensation,
     read_motion,
     read_points,
+    read_tilt,
 )
 
 COLLISION_CHECKS_OFF = "collision checks are switched off (collision: false)"
@@ -72,11 +76,12 @@ COLLISION_CHECKS_OFF = "collision checks are switched off (collision: false)"
 
 @dataclass(frozen=True)
 class ExportedTables:
-    """trajectory.csv, points.csv and compensation.csv as they were read."""
+    """trajectory.csv, points.csv, compensation.csv and tilt.csv as they were read."""
 
     motion: ExportedMotion
     points: ExportedPoints
     shift: ExportedShift | None
+    tilt: ExportedTilt | None = None
 
 
 def read_tables(cell: Cell, out: Path, motion: ExportedMotion | None = None) -> ExportedTables | Verification:
@@ -91,13 +96,20 @@ def read_tables(cell: Cell, out: Path, motion: ExportedMotion | None = None) -> 
         motion = motion or read_motion(out / "trajectory.csv", cell)
         points = read_points(out / "points.csv", cell)
         return ExportedTables(
-            motion, points, read_compensation(out / "compensation.csv") if points.shift is not None else None
+            motion,
+            points,
+            read_compensation(out / "compensation.csv") if points.shift is not None else None,
+            read_tilt(out / "tilt.csv") if _has_tilt(motion, points, out) else None,
         )
     except InputError as error:
         name = Path(str(error.file)).name if error.file is not None else "tables"
         place = f"{error.where}: " if error.where else ""
         check = build_file_check(name, CheckName.READABLE, False, np.nan, np.nan, "", f"{place}{error.reason}", of=" ")
         return Verification((check,), 0, 0.0)
+
+
+def _has_tilt(motion: ExportedMotion, points: ExportedPoints, out: Path) -> bool:
+    return points.lead is not None or motion.lead is not None or (out / "tilt.csv").exists()
 
 
 def verify_motion(
@@ -162,9 +174,9 @@ def verify_single_tool(
     )
     stands = replace(motion, q=compute_true_angles(cell.kinematics, motion.q))
     stood = replace(points, q=compute_true_angles(cell.kinematics, points.q))
-    on = locate_samples(
-        motion, toolpath, index, position, arm.compute_tcp_in_workpiece(stands.q, motion.external), options
-    )
+    tool = arm.compute_tcp_in_workpiece(stands.q, motion.external)
+    tilt = None if tables.tilt is None else ToolTilt.build(cell, toolpath, tables.tilt)
+    on = locate_samples(motion, toolpath, index, position, tool, options, tilt)
     checks: list[VerificationRow] = [
         *check_path(motion, toolpath, points, on, options.allow_gaps),
         *check_move_labels(motion, toolpath, points, on, options.allow_gaps),
@@ -172,7 +184,22 @@ def verify_single_tool(
         *check_dwells_and_stops(motion, toolpath, points, on, (index, position), cell),
     ]
     bodies = build_bodies(cell, arm)
-    table = PointsTableCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
+    table = PointsTableCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options, tilt)
+    if tilt is not None and tables.tilt is not None:
+        checks += check_tilt(
+            TiltTables(
+                cell=cell,
+                toolpath=toolpath,
+                motion=motion,
+                points=points,
+                exported=tables.tilt,
+                tilt=tilt,
+                locations=on,
+                tcp_of_points=table.tool,
+                live=table.live,
+                options=options,
+            )
+        )
     # pairs to which the required clearance applies
     kept, unfounded = verification_list_checked_pairs(cell, arm, bodies, options.clearance, touching)
     wanted = kept if touching is not None else list_checked_pairs(cell, arm, bodies)

@@ -29,7 +29,12 @@ from machopt.verification.motion.motion_verification import (
     verify_motion,
     verify_single_tool,
 )
-from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints, ExportedShift
+from machopt.verification.tables.exported_tables import (
+    ExportedMotion,
+    ExportedPoints,
+    ExportedShift,
+    ExportedTilt,
+)
 
 
 def verify_tool_segments(
@@ -116,6 +121,7 @@ def split_tables(tables: ExportedTables, segments: Sequence[ToolSegment]) -> lis
             slice_motion(motion, a, b, segment.first),
             _slice_points(points, segment),
             None if shift is None else _slice_shift(shift, segment),
+            None if tables.tilt is None else _slice_tilt(tables.tilt, segment),
         )
         for a, b, segment in zip(starts, [*starts[1:], len(motion.time)], segments, strict=True)
     ]
@@ -142,6 +148,8 @@ def slice_motion(motion: ExportedMotion, start: int, stop: int, first: int) -> E
         feed=motion.feed[rows],
         slides=motion.slides,
         tool=motion.tool[rows],
+        lead=None if motion.lead is None else motion.lead[rows],
+        side=None if motion.side is None else motion.side[rows],
     )
 
 
@@ -155,12 +163,19 @@ def _slice_points(points: ExportedPoints, segment: ToolSegment) -> ExportedPoint
         numbers={name: values[rows] for name, values in points.numbers.items()},
         words={name: words[rows] for name, words in points.words.items()},
         shift=None if points.shift is None else points.shift[rows],
+        lead=None if points.lead is None else points.lead[rows],
+        side=None if points.side is None else points.side[rows],
     )
 
 
 def _slice_shift(shift: ExportedShift, segment: ToolSegment) -> ExportedShift:
     rows = (shift.index >= segment.first) & (shift.index <= segment.stop - 1)
     return ExportedShift(shift.index[rows] - segment.first, shift.offset[rows], shift.force[rows])
+
+
+def _slice_tilt(tilt: ExportedTilt, segment: ToolSegment) -> ExportedTilt:
+    rows = (tilt.index >= segment.first) & (tilt.index <= segment.stop - 1)
+    return ExportedTilt(tilt.index[rows] - segment.first, tilt.lead[rows], tilt.side[rows])
 
 
 def _merge_checks(segments: Sequence[ToolSegment], found: Sequence[list[VerificationRow]]) -> list[VerificationRow]:

@@ -20,6 +20,7 @@ from machopt.numerics.array_types import Array
 from machopt.verification.tables.csv_columns import ColumnTable, read_table
 
 JOINT_COLUMNS = tuple(f"q{i}_deg" for i in range(1, 7))
+TILT_COLUMNS = ("lead_deg", "side_deg")
 SHIFT_COLUMNS = ("comp_dx_mm", "comp_dy_mm", "comp_dz_mm")
 MOTION_COLUMNS = ("time_s", "point", "operation", "move", *JOINT_COLUMNS, "gamma_deg", "feed_mm_min")
 POINT_COLUMNS = (
@@ -76,6 +77,8 @@ class ExportedMotion:
     feed: Array  # (S,) m/s
     slides: tuple[bool, ...] = ()  # (E,) which external axes are in m
     tool: tuple[str, ...] = ()  # (S,) names, empty where the cell has no table
+    lead: Array | None = None  # (S,) rad, tilt of the tool, NaN where empty; None: the table has no such column
+    side: Array | None = None  # (S,) rad
 
     @property
     def sample_time(self) -> float:
@@ -103,6 +106,8 @@ class ExportedPoints:
     numbers: dict[str, Array]  # every further column of numbers, in the file's units, NaN where empty
     words: dict[str, tuple[str, ...]]  # operation, move, reason, nearest_pair, stiffness_from
     shift: Array | None = None  # (N, 3) m in workpiece, where the commanded path is shifted
+    lead: Array | None = None  # (N,) rad, tilt of the tool, NaN where empty; None: the table has no such column
+    side: Array | None = None  # (N,) rad
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -119,6 +124,15 @@ class ExportedShift:
     force: Array  # (P, 3) N in workpiece
 
 
+@dataclass(frozen=True)
+class ExportedTilt:
+    """Content of tilt.csv: the tilt of the tool at the planning points."""
+
+    index: Array  # (P,) fractional toolpath index, not falling
+    lead: Array  # (P,) rad
+    side: Array  # (P,) rad
+
+
 def read_motion(file: Path, cell: Cell) -> ExportedMotion:
     """Read trajectory.csv.
 
@@ -130,7 +144,10 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
         InputError: the file, a column or a number is missing, or a column is unknown.
     """
     table = read_table(file)
-    _check_names(table, (*MOTION_COLUMNS, *_list_external_names(cell), *(["tool"] if cell.tools else [])), ("tool",))
+    tilted = any(name in table for name in TILT_COLUMNS)
+    needed = (*MOTION_COLUMNS, *_list_external_names(cell), *(["tool"] if cell.tools else []))
+    _check_names(table, (*needed, *(TILT_COLUMNS if tilted else ())), ("tool",))
+    lead, side = _read_tilt(table) if tilted else (None, None)
     if cell.tools:
         _check_tools(table, cell)
     time = table.read_numbers("time_s")
@@ -147,6 +164,8 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
         feed=table.read_numbers("feed_mm_min") / 6e4,
         slides=cell.external_prismatic,
         tool=tuple(table.read_words("tool")) if cell.tools else (),
+        lead=lead,
+        side=side,
     )
 
 
@@ -161,16 +180,18 @@ def read_points(file: Path, cell: Cell) -> ExportedPoints:
         InputError: the file, a column or a number is missing, or a column is unknown.
     """
     table = read_table(file)
-    shifted = any(name in table for name in SHIFT_COLUMNS)
+    shifted, tilted = (any(name in table for name in names) for names in (SHIFT_COLUMNS, TILT_COLUMNS))
     axes = _list_external_names(cell)
-    _check_names(table, (*POINT_COLUMNS, *axes, *(SHIFT_COLUMNS if shifted else ())), OPTIONAL_COLUMNS)
+    more = (*(SHIFT_COLUMNS if shifted else ()), *(TILT_COLUMNS if tilted else ()))
+    _check_names(table, (*POINT_COLUMNS, *axes, *more), OPTIONAL_COLUMNS)
+    lead, side = _read_tilt(table) if tilted else (None, None)
     number = table.read_numbers("point")
     odd = np.flatnonzero((number != np.round(number)) | (np.abs(number) > MAX_POINT_NUMBER))
     if len(odd):
         row = int(odd[0])
         raise OutputFolderError(f"{number[row]:g} is no point number", file=file, where=f"data row {row + 1}, point")
     _parse_moves(table)
-    skip = {"point", *JOINT_COLUMNS, *axes, *SHIFT_COLUMNS}
+    skip = {"point", *JOINT_COLUMNS, *axes, *SHIFT_COLUMNS, *TILT_COLUMNS}
     shift = np.column_stack([table.read_numbers(n) for n in SHIFT_COLUMNS]) / 1e3 if shifted else None
     return ExportedPoints(
         point=number.astype(int),
@@ -184,6 +205,8 @@ def read_points(file: Path, cell: Cell) -> ExportedPoints:
         },
         words={name: tuple(words) for name, words in table.text.items() if name != "status"},
         shift=shift,
+        lead=lead,
+        side=side,
     )
 
 
@@ -197,17 +220,43 @@ def read_compensation(file: Path) -> ExportedShift:
         InputError: the file, a column or a number is missing, or the index falls.
     """
     table = read_table(file)
-    index = table.read_numbers("point")
-    if (np.diff(index) < 0).any():
-        row = int(np.flatnonzero(np.diff(index) < 0)[0]) + 2
-        raise OutputFolderError(
-            "the index decreases; corners must be in ascending order", file=file, where=f"data row {row}, point"
-        )
+    index = _read_rising_index(table)
     offset, force = (
         np.column_stack([table.read_numbers(n) for n in names])
         for names in (("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N"))
     )
     return ExportedShift(index, offset / 1e3, force)
+
+
+def read_tilt(file: Path) -> ExportedTilt:
+    """Read tilt.csv.
+
+    Args:
+        file: Path of the file.
+
+    Raises:
+        InputError: the file, a column or a number is missing, or the index falls.
+    """
+    table = read_table(file)
+    _check_names(table, ("point", *TILT_COLUMNS), ())
+    index = _read_rising_index(table)
+    lead, side = (np.deg2rad(table.read_numbers(name)) for name in TILT_COLUMNS)
+    return ExportedTilt(index, lead, side)
+
+
+def _read_rising_index(table: ColumnTable) -> Array:
+    index = table.read_numbers("point")
+    if (np.diff(index) < 0).any():
+        row = int(np.flatnonzero(np.diff(index) < 0)[0]) + 2
+        raise OutputFolderError(
+            "the index decreases; corners must be in ascending order", file=table.file, where=f"data row {row}, point"
+        )
+    return index
+
+
+def _read_tilt(table: ColumnTable) -> tuple[Array, Array]:
+    lead, side = (np.deg2rad(table.read_numbers(name, empty=True)) for name in TILT_COLUMNS)
+    return lead, side
 
 
 def _check_names(table: ColumnTable, needed: Sequence[str], further: Sequence[str]) -> None:

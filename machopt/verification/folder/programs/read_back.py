@@ -44,15 +44,30 @@ from machopt.verification.folder.programs.frames_and_axes import (
 from machopt.verification.folder.programs.post_lookup import select_controller
 from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
 from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
+from machopt.verification.folder.programs.target_corrections import (
+    compute_corrections,
+    tilt_commanded_path,
+    turn_samples_back,
+    turn_targets_back,
+)
 from machopt.verification.motion.checks.compensation_shift import compute_commanded_corners
-from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.motion_verification import ExportedTables
-from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath, build_motion_polyline
+from machopt.verification.motion.path_geometry.motion_polyline import (
+    CommandedPath,
+    build_motion_polyline,
+)
+from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
 from machopt.verification.programs.cam_comparison import ExpectedCuts, compare_with_cam
 from machopt.verification.programs.motion_comparison import compare_with_motion
 from machopt.verification.programs.target_matching import TargetTolerances
-from machopt.verification.tables.exported_tables import ExportedMotion, read_compensation, read_motion, read_points
+from machopt.verification.tables.exported_tables import (
+    ExportedMotion,
+    read_compensation,
+    read_motion,
+    read_points,
+    read_tilt,
+)
 
 ENCODER_TOLERANCE_PULSES = 3.0  # of an encoder: joints may be off by that much, by rounding and by coupling
 REACH_M = 5.0  # m: what a joint's last digit is worth there
@@ -123,6 +138,7 @@ class _ComparisonContext:
     tilt: Array  # (S, 3) from the tool axis there (tip to shank) to the true one
     cam_points: NDArray[np.bool_]  # (N,)
     corners: tuple[Array, Array]
+    tool_tilt: ToolTilt | None  # of the tool against the CAM axes; None: there is none
 
     @classmethod
     def build(
@@ -140,16 +156,12 @@ class _ComparisonContext:
             motion = motion or read_motion(out / "trajectory.csv", cell)
             points = read_points(out / "points.csv", cell)
             shift = read_compensation(out / "compensation.csv") if points.shift is not None else None
+            stated = read_tilt(out / "tilt.csv") if points.lead is not None else None
         else:
-            motion, points, shift = tables.motion, tables.points, tables.shift
+            motion, points, shift, stated = tables.motion, tables.points, tables.shift, tables.tilt
         arm = UrdfKinematics(cell, drawn=True)  # as the controller reckons
         tcp = arm.compute_tcp_in_workpiece(motion.q, motion.external)
-        offset = tilt = np.broadcast_to(np.zeros(3), (len(tcp), 3))
-        if cell.kinematics is not None:
-            true = UrdfKinematics(cell).compute_tcp_in_workpiece(
-                compute_true_angles(cell.kinematics, motion.q), motion.external
-            )
-            offset, tilt = true[:, :3, 3] - tcp[:, :3, 3], tcp[:, :3, 2] - true[:, :3, 2]
+        offset, tilt = compute_corrections(cell, motion, tcp)
         wanted = toolpath.cutting.copy()
         if options.allow_gaps:
             given_up = [
@@ -175,6 +187,7 @@ class _ComparisonContext:
             tilt=tilt,
             cam_points=wanted,
             corners=line,
+            tool_tilt=None if stated is None else ToolTilt.build(cell, toolpath, stated),
         )
 
     def compare_program(self, posted: ListedProgram) -> ProgramComparison:
@@ -236,7 +249,9 @@ class _ComparisonContext:
             tilt=self.tilt,
         )
         on_samples = len(said) == len(self.tcp)
-        checks, at = compare_with_motion(said, self.motion, self.tcp, allowed, path)
+        checks, at = compare_with_motion(
+            said, self.motion, self.tcp, allowed, tilt_commanded_path(self.tool_tilt, path)
+        )
         rows = np.clip(np.nan_to_num(at), 0, len(self.tcp) - 1)
         offset, tilt = (
             np.column_stack([np.interp(rows, np.arange(len(self.tcp)), of[:, c]) for c in range(3)])
@@ -255,11 +270,15 @@ class _ComparisonContext:
             approach_feed=o.approach_feed,
             offset=offset,
             tilt=tilt,
-            line=build_motion_polyline(self.motion, self.tcp, self.motion.q, path)
+            line=build_motion_polyline(
+                self.motion, turn_samples_back(self.tool_tilt, self.tcp, self.motion.point), self.motion.q, path
+            )
             if said.is_streamed and on_samples
             else None,
         )
-        checks += compare_with_cam(said, cuts, compute_toolpath_index(self.motion, at, self.toolpath))
+        at_index = compute_toolpath_index(self.motion, at, self.toolpath)
+        said, cuts = turn_targets_back(self.tool_tilt, said, cuts, at_index)
+        checks += compare_with_cam(said, cuts, at_index)
         return checks, rows
 
     def _check_wording(

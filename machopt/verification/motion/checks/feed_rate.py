@@ -27,9 +27,12 @@ def check_feed(
         locations: Position of each motion sample relative to the toolpath.
         options: The planning options in force.
     """
-    speed = np.r_[0.0, np.linalg.norm(np.diff(locations.tcp[:, :3, 3], axis=0), axis=1) / motion.sample_time]
+    speed, driven = (
+        np.r_[0.0, np.linalg.norm(np.diff(of[:, :3, 3], axis=0), axis=1) / motion.sample_time]
+        for of in (locations.tcp, locations.tool)
+    )  # of the programmed point, and of the tip of a tilted tool
     column = build_worst_value_check(
-        "feed column", "mm/min", 6e4 * np.abs(speed - motion.feed), FEED_COLUMN_TOLERANCE, motion.describe_row
+        "feed column", "mm/min", 6e4 * np.abs(driven - motion.feed), FEED_COLUMN_TOLERANCE, motion.describe_row
     )
     return [_check_speed(motion, toolpath, locations, speed, options), column]
 

@@ -46,6 +46,7 @@ from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematic
 from machopt.verification.motion.path_geometry import reference_direction
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
+from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
 from machopt.verification.motion.stiffness import arm_compliance
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.tables.exported_tables import MOVE_WORDS, ExportedMotion, ExportedPoints
@@ -88,8 +89,9 @@ class PointsTableCheck:
         arm: UrdfKinematics,
         q: Array,
         options: PlanOptions,
+        tilt: ToolTilt | None = None,
     ) -> None:
-        """Args: q (N, 6) rad, true angles of the rows."""
+        """Args: q (N, 6) rad, true angles of the rows; tilt of the tool, None: there is none."""
         self.cell, self.toolpath, self.points, self.options = cell, toolpath, points, options
         self.arm, self.q = arm, q
         known = np.isfinite(points.external).all(axis=1, keepdims=True)
@@ -100,9 +102,10 @@ class PointsTableCheck:
         self.known: Bools = np.asarray(np.isfinite(np.hstack([points.q, points.external])).all(axis=1))
         self.live = self.known & points.ok & self.inside
         self.directions = reference_direction.compute_directions_at_points(toolpath)
-        self.tcp = np.empty((len(q), 4, 4))
+        self.tool = np.empty((len(q), 4, 4))
         for some, stance in self.compute_configurations(np.arange(len(q))):
-            self.tcp[some] = np.linalg.inv(self.T_base_workpiece[some]) @ stance.tcp
+            self.tool[some] = np.linalg.inv(self.T_base_workpiece[some]) @ stance.tcp
+        self.tcp = self.tool if tilt is None else tilt.turn_back(self.tool, self.k.astype(float))
 
     def compute_configurations(self, rows: NDArray[np.intp]) -> Iterator[tuple[slice, ArmConfiguration]]:
         """Yield the arm at the given rows in blocks that fit the memory, each with the slice of its rows.

@@ -57,13 +57,14 @@ def check_gouges(
     if options.gouge is None or cutter is None or not parts:
         return []
     limit = options.gouge + locations.path_limit
-    rows = _select_rows(locations.tcp, np.flatnonzero(locations.on_feed_move))
-    T = locations.tcp[rows]
+    rows = _select_rows(locations.tool, np.flatnonzero(locations.on_feed_move))
+    T = locations.tool[rows]
     if shifted:
         at = np.clip(motion.point[rows], 0.0, len(toolpath) - 1.0)
         own = np.arange(len(toolpath), dtype=float)
         T = T.copy()
-        T[:, :3, 3] = np.column_stack([np.interp(at, own, toolpath.position[:, c]) for c in range(3)])
+        T[:, :3, 3] -= locations.tcp[rows, :3, 3]
+        T[:, :3, 3] += np.column_stack([np.interp(at, own, toolpath.position[:, c]) for c in range(3)])
     points = build_cutter_points(cutter)
     best, row, stated = 0.0, -1, "nowhere deeper than the tolerance"
     for part in parts:

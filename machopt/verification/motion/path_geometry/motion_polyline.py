@@ -147,6 +147,22 @@ def _tilt_rotations(R: Rotation, z: Array) -> Array:
     return np.asarray((turn * R).as_matrix())
 
 
+def add_corrections(T: Array, offset: Array, tilt: Array) -> Array:
+    """Return poses (M, 4, 4) by nominal kinematics moved to where the tool truly is.
+
+    Args:
+        T: (M, 4, 4) poses of the TCP in the workpiece frame.
+        offset: (M, 3) m to be added to the position.
+        tilt: (M, 3) to be added to the tool axis (tip to shank).
+    """
+    out = T.copy()
+    out[:, :3, 3] += offset
+    turned = np.flatnonzero(np.abs(tilt).max(axis=1) > 0.0)
+    if len(turned):
+        out[turned, :3, :3] = _tilt_rotations(Rotation.from_matrix(T[turned, :3, :3]), T[turned, :3, 2] - tilt[turned])
+    return out
+
+
 def _is_off_chord(tcp: Array, T: Array, before: NDArray[np.intp], share: Array) -> NDArray[np.bool_]:
     """(C,) True where the chord between the samples misses the corner."""
     a, b, f = tcp[before], tcp[before + 1], share[:, None]

@@ -17,6 +17,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array, Bools
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.reference_direction import INDEX_TOLERANCE
+from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath at a feed
@@ -28,7 +29,8 @@ MAX_RETRACT_M = 0.5  # m, to which the tool is lifted along its axis
 class SampleLocations:
     """Position of S samples relative to the toolpath; what does not exist is inf or False."""
 
-    tcp: Array  # (S, 4, 4) in workpiece
+    tcp: Array  # (S, 4, 4) in workpiece; of a tilted tool turned back to the axes of the CAM file
+    tool: Array  # (S, 4, 4) in workpiece, where the tool is
     next_point: NDArray[np.int64]  # (S,) point that the move of the file at the sample's index leads to
     off_path: Array  # (S,) m from the polyline near the sample's index
     off_index: Array  # (S,) m from the place that the index names
@@ -63,7 +65,13 @@ class SampleLocations:
 
 
 def locate_samples(
-    motion: ExportedMotion, toolpath: Toolpath, corners: Array, position: Array, tcp: Array, options: PlanOptions
+    motion: ExportedMotion,
+    toolpath: Toolpath,
+    corners: Array,
+    position: Array,
+    tool: Array,
+    options: PlanOptions,
+    tilt: ToolTilt | None = None,
 ) -> SampleLocations:
     """Return the position of each motion sample relative to the CAM file.
 
@@ -73,9 +81,11 @@ def locate_samples(
         corners: (P,) fractional index of the commanded polyline's corners: the toolpath's points, or those of the
             shifted path.
         position: (P, 3) position of these corners, m.
-        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
+        tool: (S, 4, 4) poses of the TCP in the workpiece frame.
         options: The planning options, whose tolerances count where they are wider than the defaults.
+        tilt: Tilt of the tool against the axes of the CAM file; None: there is none.
     """
+    tcp = tool if tilt is None else tilt.turn_back(tool, motion.point)
     path_limit = max(PATH_MM / 1e3, options.path_tolerance)
     axis_limit = max(np.radians(AXIS_DEG), options.axis_tolerance)
     last, x = len(toolpath) - 1, tcp[:, :3, 3]
@@ -104,6 +114,7 @@ def locate_samples(
     fed &= ~lifted
     return SampleLocations(
         tcp=tcp,
+        tool=tool,
         next_point=toward,
         off_path=off_path,
         off_index=off_index,
