@@ -7,6 +7,7 @@ counts. Vertices that collide are excluded and the search is repeated.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,12 +16,12 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import ObjectiveTerms
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan import Plan, TiltBound
 from machopt.planning.sequence_search.search_kernels import compute_joint_jump_limit
 from machopt.planning.tilt.joint_search_kernel import find_joint_sequence
 from machopt.planning.tilt.tilt_grid import TiltGrid
 
-CAPS = (np.inf, 0.5, 0.1)  # of the way from the least possible worst index to that without a cap
+CAPS = (np.inf, 0.6, 0.3, 0.1)  # of the way from the least possible worst index to that without a cap
 BREAK = 1e3  # price of a break inside a run, above every J
 TURN = np.radians(30.0)  # largest step of the rotation between two coarse stations
 CONTACT_ROUNDS = 12  # searches with more colliding vertices excluded
@@ -35,6 +36,7 @@ class JointSequence:
     phi: Array  # (S,) rad, unwrapped along each run
     q: Array  # (S, 6) rad
     tangent: Array  # (S, 3)
+    cost: Array  # (S, K) index of all tilts at the rotation and branch of the vertex, in units of c₀; inf for none
     mean: float  # index in units of c₀, over the length cut
     worst: float
 
@@ -64,8 +66,10 @@ def find_tilt_sequence(plan: Plan, grid: TiltGrid, options: PlanOptions) -> Join
     terms = ObjectiveTerms.at_stations(path, plan.setup.velocity, options)
     is_free = np.ones(len(vertices.cost), bool)
     chosen = np.full(len(grid.stations), -1)
+    caps: tuple[float, ...] = CAPS
     for _ in range(CONTACT_ROUNDS):
-        chosen = _find_least_objective(plan, grid, vertices, terms, is_free)
+        chosen, best = _find_least_objective(plan, grid, vertices, terms, is_free, caps)
+        caps = (np.inf, best) if np.isfinite(best) else (np.inf,)
         hit = _find_contacts(plan, grid, vertices, chosen)
         if not len(hit):
             break
@@ -73,7 +77,7 @@ def find_tilt_sequence(plan: Plan, grid: TiltGrid, options: PlanOptions) -> Join
     return _build_sequence(grid, vertices, chosen, terms)
 
 
-def compute_least_mean(plan: Plan, grid: TiltGrid) -> tuple[float, float]:
+def compute_tilt_bound(plan: Plan, grid: TiltGrid) -> TiltBound:
     """Return the lower bounds of mean and worst index over the grid, in units of c₀: the best vertex of each station.
 
     Motion and contacts are not counted, so no sequence over the grid has a lower mean or a lower worst index.
@@ -87,7 +91,13 @@ def compute_least_mean(plan: Plan, grid: TiltGrid) -> tuple[float, float]:
     known = np.isfinite(least)
     weight = path.station_weight
     counted = known & path.counted[grid.stations]
-    return float(weight[known] @ least[known]), float(least[counted].max(initial=0.0))
+    return TiltBound(
+        mean=float(weight[known] @ least[known]),
+        worst=float(least[counted].max(initial=0.0)),
+        stations=len(grid.stations),
+        tilts=len(grid.nodes.tangent),
+        step=grid.step,
+    )
 
 
 def _list_vertices(grid: TiltGrid) -> _Vertices:
@@ -100,14 +110,19 @@ def _list_vertices(grid: TiltGrid) -> _Vertices:
         place=np.column_stack([s, k, r, b]),
         cost=grid.cost[s, k, r, b],
         q=np.ascontiguousarray(grid.q[s, k, r, b]),
-        tangent=np.ascontiguousarray(grid.tangent[k, grid.stations[s]]),
+        tangent=np.ascontiguousarray(grid.nodes.tangent[k, grid.stations[s]]),
     )
 
 
 def _find_least_objective(
-    plan: Plan, grid: TiltGrid, v: _Vertices, terms: ObjectiveTerms, is_free: NDArray[np.bool_]
-) -> NDArray[np.int64]:
-    """(S,) the vertices of the sequence with the least J among those with some caps of the worst index."""
+    plan: Plan,
+    grid: TiltGrid,
+    v: _Vertices,
+    terms: ObjectiveTerms,
+    is_free: NDArray[np.bool_],
+    caps: Sequence[float],
+) -> tuple[NDArray[np.int64], float]:
+    """(S,) the vertices of the sequence with the least J among those with some caps of the worst index; its cap."""
     s = v.place[:, 0]
     counted = terms.counted[s]
     gamma_price = terms.liked(grid.phi.T).T  # (S, R)
@@ -133,13 +148,14 @@ def _find_least_objective(
     best_of = best_of[np.diff(v.first) > 0]
     floor = float(best_of[np.isfinite(best_of)].max(initial=0.0))
     found, top = [], np.inf
-    for share in CAPS:
+    for share in caps:
         cap = np.inf if not np.isfinite(share) else floor + share * max(top - floor, 0.0) + 1e-12
         chosen = search(np.where(counted & (v.cost > cap), np.inf, price))
         worst = float(v.cost[chosen[chosen >= 0]][counted[chosen[chosen >= 0]]].max(initial=0.0))
-        found.append((_compute_total(v, chosen, price, step, joined, rule, terms) + w.worst * worst, chosen))
+        found.append((_compute_total(v, chosen, price, step, joined, rule, terms) + w.worst * worst, chosen, share))
         top = min(top, worst)
-    return min(found, key=lambda one: one[0])[1]
+    _, chosen, share = min(found, key=lambda one: one[0])
+    return chosen, share
 
 
 def _compute_total(
@@ -201,12 +217,15 @@ def _build_sequence(
     phi, q, tangent = np.full(S, np.nan), np.full((S, 6), np.nan), np.full((S, 3), np.nan)
     phi[at] = grid.phi[at, v.place[n, 2]]
     q[at], tangent[at] = v.q[n], v.tangent[n]
+    costs = np.full((S, len(grid.nodes.tangent)), np.inf)
+    costs[at] = grid.cost[at, :, v.place[n, 2], v.place[n, 3]]
     cost = v.cost[n]
     return JointSequence(
         stations=grid.stations,
         phi=phi,
         q=q,
         tangent=tangent,
+        cost=costs,
         mean=float(terms.share[at] @ cost),
         worst=float(cost[terms.counted[at]].max(initial=0.0)),
     )

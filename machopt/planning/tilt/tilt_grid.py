@@ -27,11 +27,21 @@ NARROW = 4.0 * STEP  # a rotation range narrower than this is searched with the 
 
 
 @dataclass(frozen=True, kw_only=True)
+class TiltNodes:
+    """K tilts at every planning point: three levels of lead by three of side, or one where a range is one value."""
+
+    tangent: Array  # (K, P, 3) a'/(a'·a) − a
+    number: NDArray[np.int64]  # (3, 3) which of the K tilts has each pair of levels
+    frame: Array  # (P, 2, 3) directions t and a × t
+    levels: Array  # (P, 3, 2) tangents of lead and side
+
+
+@dataclass(frozen=True, kw_only=True)
 class TiltGrid:
     """Vertices of S stations, K tilts, R rotations and B branches."""
 
     stations: NDArray[np.int32]  # (S,) planning points
-    tangent: Array  # (K, P, 3) a'/(a'·a) − a at every planning point
+    nodes: TiltNodes
     phi: Array  # (S, R) rad
     q: Array  # (S, K, R, B, 6) rad
     cost: Array  # (S, K, R, B) in units of c₀; inf where there is no configuration
@@ -57,23 +67,29 @@ def select_coarse_stations(path: PlanningPath) -> NDArray[np.int32]:
     return st[keep]
 
 
-def build_tilt_nodes(path: PlanningPath, limits: TiltLimits) -> Array:
-    """Return the tangent vectors (K, P, 3) of the grid: both ranges of the leaving move at their ends and middle.
+def build_tilt_nodes(path: PlanningPath, limits: TiltLimits) -> TiltNodes:
+    """Return the tilts of the grid: the ends and the middle of both ranges, of the move that leaves each point.
 
     Args:
         path: path of the CAM file.
         limits: permitted tilts.
     """
-    side = np.where(limits.cuts[0], 0, np.where(limits.cuts[1], 1, 0))
+    side = np.where(limits.cuts[0] | ~limits.cuts[1], 0, 1)
     rows = np.arange(len(path.index))
     low, high, frame = (of[side, rows] for of in (limits.low, limits.high, limits.frame))
     middle = np.where((low < 0) & (high > 0), 0.0, 0.5 * (low + high))
-    levels = np.stack([low, middle, high])
+    levels = np.stack([low, middle, high], axis=1)
     used = [(0, 1, 2) if (low[:, c] != high[:, c]).any() else (1,) for c in (0, 1)]
     nodes = [
-        levels[i, :, 0, None] * frame[:, 0] + levels[j, :, 1, None] * frame[:, 1] for i in used[0] for j in used[1]
+        levels[:, i, 0, None] * frame[:, 0] + levels[:, j, 1, None] * frame[:, 1] for i in used[0] for j in used[1]
     ]
-    return np.stack(nodes)
+    number = np.arange(len(nodes)).reshape(len(used[0]), len(used[1]))
+    return TiltNodes(
+        tangent=np.stack(nodes),
+        number=np.broadcast_to(number, (3, 3)) if 1 in number.shape else number,
+        frame=frame,
+        levels=levels,
+    )
 
 
 def build_tilt_grid(plan: Plan, limits: TiltLimits, options: PlanOptions) -> TiltGrid:
@@ -92,7 +108,7 @@ def build_tilt_grid(plan: Plan, limits: TiltLimits, options: PlanOptions) -> Til
     sparse = replace(options, rotation_step=STEP if coarse else options.rotation_step)
     nodes = build_tilt_nodes(path, limits)
     q, cost = [], []
-    for tangent in nodes:
+    for tangent in nodes.tangent:
         tilted = tilt_path(path, normalise_vectors(path.axis + tangent), setup.ball_radius)
         found = enumerate_candidates(tilted, setup.arm, sparse)
         usable = found.usable
@@ -105,7 +121,7 @@ def build_tilt_grid(plan: Plan, limits: TiltLimits, options: PlanOptions) -> Til
         cost.append(value / plan.scores.scale)
     return TiltGrid(
         stations=stations,
-        tangent=nodes,
+        nodes=nodes,
         phi=found.phi_at(),
         q=np.stack(q, axis=1),
         cost=np.stack(cost, axis=1),

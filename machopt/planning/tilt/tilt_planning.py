@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,21 +11,30 @@ from machopt.data_types.steering_rules import resolve_steering
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import normalise_vectors
+from machopt.planning.compensation.shifted_path import rescore_plan
+from machopt.planning.cost.objective import compute_total
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan, TiltBound
+from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.planning.stations.tilt_curve import TiltCurve
-from machopt.planning.tilt.joint_search import JointSequence, compute_least_mean, find_tilt_sequence
-from machopt.planning.tilt.tilt_grid import build_tilt_grid
+from machopt.planning.tilt.joint_search import JointSequence, compute_tilt_bound, find_tilt_sequence
+from machopt.planning.tilt.local_costs import build_local_costs, price_tilts
+from machopt.planning.tilt.tilt_grid import TiltGrid, build_tilt_grid
 from machopt.planning.tilt.tilt_limits import TiltLimits, compute_tilt_limits, hold_outside_cuts
-from machopt.planning.tilt.tilt_smoothing import follow_tangents, smooth_tilts
+from machopt.planning.tilt.tilt_smoothing import smooth_tilts
 
-REFINEMENTS = 2  # tilts at the rotation found, then the rotation again
+REFINEMENTS = 1  # maximum number of times that the tilts are smoothed at the rotation found, and the path planned again
+WORTH = 0.008  # decrease of the sum of the smoothing, in units of c₀, from which another plan is made
+MOTION_SHARE = 2.0 / 3.0  # of the weights of travel and rotation (benchmarks/tilt_gain.py)
 
 
 def plan_with_tilt(plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: StageTimings | None = None) -> Plan:
     """Return the better of a plan and one with tilted tool axes; the plan itself where no tilt is permitted.
+
+    J is nearly flat along the trade between motion and the mean index where the tool may tilt. The search prices travel
+    and rotation at :data:`MOTION_SHARE` of their weights, which changes J by some tenths of a percent and lowers the
+    mean index. Plans are compared by J with the weights of the options.
 
     Args:
         plan: plan with the axes of the CAM file.
@@ -35,31 +44,87 @@ def plan_with_tilt(plan: Plan, toolpath: Toolpath, options: PlanOptions, timings
     """
     if not options.tilts or plan.setup.ball_radius == 0.0:
         return plan
-    clock, resolved = timings or StageTimings(), resolve_steering(options, toolpath)
     path = plan.path.programmed
-    with clock.stage("tilt"):
-        limits = compute_tilt_limits(path, toolpath, options)
-        if not limits.is_free.any():
-            return plan
-        grid = build_tilt_grid(plan, limits, resolved)
-        least, worst = compute_least_mean(plan, grid)
-        bound = TiltBound(mean=least, worst=worst, stations=len(grid.stations), tilts=len(grid.tangent), step=grid.step)
-        sequence = find_tilt_sequence(plan, grid, resolved)
-    flat = TiltCurve(path.index, _tilted_axes(path, limits, np.zeros_like(path.axis)), plan.setup.ball_radius)
-    best = _plan_tilted(plan, toolpath, options, clock, flat)
+    limits = compute_tilt_limits(path, toolpath, options)
+    if not limits.is_free.any():
+        return plan
+    request = _TiltRequest(plan, toolpath, resolve_steering(options, toolpath), limits, timings or StageTimings())
+    best = request.plan_tangents(np.zeros_like(path.axis))
+    with request.clock.stage("tilt"):
+        grid = build_tilt_grid(plan, limits, request.options)
+        bound = compute_tilt_bound(plan, grid)
+        sequence = find_tilt_sequence(plan, grid, request.search_options)
+        if sequence is not None:
+            costs = build_local_costs(grid.nodes, limits, sequence.stations.astype(np.intp), sequence.cost)
+            start = _spread_tangents(path, sequence)
+            tangent, _ = smooth_tilts(path, costs, limits, request.search_options, start)
     if sequence is not None:
-        with clock.stage("tilt"):
-            tangent = follow_tangents(path, limits, _spread_tangents(path, sequence))
-        best = min(_plan_tangents(plan, toolpath, options, clock, limits, tangent), best, key=_rank)
-    for _ in range(REFINEMENTS):
-        with clock.stage("tilt"):
-            a, start = best.chosen.assignment, _measure_tangents(best)
-            tangent = smooth_tilts(plan, limits, resolved, a.phi, a.q, start)
-        refined = _plan_tangents(plan, toolpath, options, clock, limits, tangent)
-        if not _rank(refined) < _rank(best):
-            break
-        best = refined
+        best = min(request.plan_tangents(tangent), best, key=_rank)
+        best = request.refine(best, grid)
     return replace(best, tilt_bound=bound)
+
+
+@dataclass(frozen=True)
+class _TiltRequest:
+    """A plan with the axes of the CAM file, and what tilted plans of the same path follow from."""
+
+    plan: Plan
+    toolpath: Toolpath
+    options: PlanOptions
+    limits: TiltLimits
+    clock: StageTimings
+
+    @property
+    def search_options(self) -> PlanOptions:
+        """The options with the prices of motion in the search."""
+        w = self.options.weights
+        cheaper = replace(w, travel=MOTION_SHARE * w.travel, rotation=MOTION_SHARE * w.rotation)
+        return replace(self.options, weights=cheaper)
+
+    def plan_tangents(self, tangent: Array) -> Plan:
+        """Return the plan of the path tilted by tangents (P, 3) along the cuts; J has the weights of the options."""
+        plan, path, setup = self.plan, self.plan.path.programmed, self.plan.setup
+        curve = TiltCurve(path.index, _tilt_axes(path, self.limits, tangent), setup.ball_radius)
+        if np.array_equal(curve.axis, path.axis):
+            return replace(plan, path=curve.tilt_path(path))
+        found = plan_path(
+            setup.cell,
+            self.toolpath,
+            self.search_options,
+            self.clock,
+            external=plan.path.external if setup.cell.external_joints else None,
+            scale=plan.scores.scale,
+            before=plan,
+            tilt=curve,
+        )
+        weights, grid = self.options.weights, found.grid
+        dearer = (1.0 - MOTION_SHARE) * (weights.travel * grid.travel + weights.rotation * grid.rotation)
+        found = replace(
+            found,
+            options=self.options,
+            grid=replace(grid, total=compute_total(grid, weights, found.scores.elsewhere)),
+            choice=replace(found.choice, total=found.choice.total + dearer),  # its bound holds: motion costs more in J
+            cam_default=plan.cam_default,
+            jiao2022=plan.jiao2022,
+        )
+        return rescore_plan(found, found.chosen.assignment)
+
+    def refine(self, best: Plan, grid: TiltGrid) -> Plan:
+        """Return a plan whose tilts are smoothed at its own rotation, where that is worth another plan."""
+        path = self.plan.path.programmed
+        for _ in range(REFINEMENTS):
+            with self.clock.stage("tilt"):
+                a, rows = best.chosen.assignment, path.stations.astype(np.intp)
+                prices = price_tilts(self.plan, grid.nodes, rows, a.phi, a.q)
+                costs = build_local_costs(grid.nodes, self.limits, rows, prices)
+                tangent, gain = smooth_tilts(path, costs, self.limits, self.search_options, _measure_tangents(best))
+            if gain < WORTH:
+                break
+            refined = self.plan_tangents(tangent)
+            if not _rank(refined) < _rank(best):
+                break
+            best = refined
+        return best
 
 
 def return_to_cam_axes(plan: Plan) -> Plan:
@@ -76,23 +141,6 @@ def return_to_cam_axes(plan: Plan) -> Plan:
     return replace(plan, path=path)
 
 
-def _plan_tilted(plan: Plan, toolpath: Toolpath, options: PlanOptions, clock: StageTimings, curve: TiltCurve) -> Plan:
-    """Return the plan of a tilted path; the plan without tilt where the curve has none."""
-    if np.array_equal(curve.axis, plan.path.programmed.axis):
-        return replace(plan, path=curve.tilt_path(plan.path.programmed))
-    external = plan.path.external if plan.setup.cell.external_joints else None
-    return plan_path(
-        plan.setup.cell,
-        toolpath,
-        options,
-        clock,
-        external=external,
-        scale=plan.scores.scale,
-        before=plan,
-        tilt=curve,
-    )
-
-
 def _rank(plan: Plan) -> tuple[int, float]:
     """Return what a better plan has less of: points without a configuration and breaks, then J."""
     lost = len(plan.missing) + len(plan.breaks)
@@ -100,19 +148,10 @@ def _rank(plan: Plan) -> tuple[int, float]:
     return lost, total if np.isfinite(total) else np.inf
 
 
-def _tilted_axes(path: PlanningPath, limits: TiltLimits, tangent: Array) -> Array:
+def _tilt_axes(path: PlanningPath, limits: TiltLimits, tangent: Array) -> Array:
     """(P, 3) unit axes of tangents along the cuts, kept outside of them."""
     held = hold_outside_cuts(path, limits, limits.project(tangent))
     return np.where(np.abs(held).max(axis=1, keepdims=True) > 0, normalise_vectors(path.axis + held), path.axis)
-
-
-def _plan_tangents(
-    plan: Plan, toolpath: Toolpath, options: PlanOptions, clock: StageTimings, limits: TiltLimits, tangent: Array
-) -> Plan:
-    """Return the plan of the path tilted by tangents (P, 3) along the cuts."""
-    path = plan.path.programmed
-    curve = TiltCurve(path.index, _tilted_axes(path, limits, tangent), plan.setup.ball_radius)
-    return _plan_tilted(plan, toolpath, options, clock, curve)
 
 
 def _measure_tangents(plan: Plan) -> Array:
