@@ -1,12 +1,14 @@
 """Motion of a tilted ball cutter: feed of its tip, rounding of corners, and the tilt that the samples have.
 
-The programmed feed is that of the CAM file's point. While the tilt changes, the tip of the tilted tool moves by r·dθ
-more or less than that point; where it moves less, it is driven slower by the same share.
+The programmed feed is that of the CAM file's point p. While the tilt changes, the tip of the tilted tool moves by r·dθ
+more or less than p; it is driven faster or slower by the same share. The feed of a sample is that of p, found from the
+pose of the tool: p = tip − r (a − a').
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +16,9 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import PlanOptions, TiltRange
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
-from machopt.numerics.rigid_transforms import interpolate_axis, normalise_vectors
+from machopt.numerics.rigid_transforms import compute_tool_rotation, interpolate_axis, normalise_vectors
 from machopt.numerics.tool_tilt import measure_lead_and_side
-from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath
+from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath, compute_signed_angle
 
 BALL_SHARE = 0.3  # of the corner tolerance: what the rounding of the axis may move the programmed point
 
@@ -33,7 +35,8 @@ def compute_tip_speed_share(path: PlanningPath, rows: NDArray[np.int32]) -> Arra
     tip, point = (
         np.r_[0.0, np.linalg.norm(np.diff(of.position[rows], axis=0), axis=1)] for of in (path, path.untilted)
     )
-    return np.where(point > NO_MOVE, np.minimum(tip / np.maximum(point, NO_MOVE), 1.0), 1.0)
+    share = np.where(point > NO_MOVE, tip / np.maximum(point, NO_MOVE), 1.0)
+    return np.where(share > 0.0, share, 1.0)
 
 
 def limit_tilted_rounding(options: PlanOptions, path: PlanningPath, radius: float) -> tuple[float, float]:
@@ -52,27 +55,51 @@ def limit_tilted_rounding(options: PlanOptions, path: PlanningPath, radius: floa
     return options.path_tolerance - axis * radius, axis
 
 
-def measure_sample_tilts(path: PlanningPath, index: Array, move: NDArray[np.int8], shank: Array) -> tuple[Array, Array]:
-    """Return lead and side (S,) in rad of the samples of a motion; NaN in rapid moves.
+@dataclass(frozen=True)
+class SampleTilts:
+    """Tilt, rotation and programmed point of S samples."""
+
+    lead: Array  # (S,) rad, NaN in rapid moves
+    side: Array  # (S,) rad
+    gamma: Array  # (S,) rad
+    away: Array  # (S, 3) m in the workpiece, from the point of the CAM file to the tip of the tool; 0 in rapid moves
+
+
+def measure_sample_tilts(
+    path: PlanningPath, index: Array, move: NDArray[np.int8], rotation: Array, radius: float
+) -> SampleTilts:
+    """Return tilt and rotation that the poses of a motion have.
 
     Args:
         path: tilted planning points.
         index: (S,) fractional toolpath index, NaN from and to home.
         move: (S,) Move codes.
-        shank: (S, 3) unit, tool axis in the workpiece frame, tip to shank.
+        rotation: (S, 3, 3) of the TCP in the workpiece frame.
+        radius: m, of the ball.
     """
     cam = path.programmed
-    known = np.isfinite(index)
-    s = np.where(known, index, 0.0)
+    x, shank = rotation[:, :, 0], -rotation[:, :, 2]
+    told = np.isfinite(index) & (move != MoveKind.RAPID)
+    s = np.where(told, index, 0.0)
     low = np.clip(np.searchsorted(path.index, s + 1e-9, side="right") - 1, 0, len(path.index) - 1)
     high = np.minimum(low + 1, len(path.index) - 1)
     span = path.index[high] - path.index[low]
     f = np.clip((s - path.index[low]) / np.where(span > 0, span, 1.0), 0.0, 1.0)
     axis = interpolate_axis(cam.axis[low], cam.axis[high], f)
-    travel = normalise_vectors(cam.travel[low] - np.sum(cam.travel[low] * axis, axis=1, keepdims=True) * axis)
-    lead, side = measure_lead_and_side(axis, travel, shank)
-    told = known & (move != MoveKind.RAPID)
-    return np.where(told, lead, np.nan), np.where(told, side, np.nan)
+    lead, side = measure_lead_and_side(axis, _project(cam.travel[low], axis), shank)
+    natural = compute_tool_rotation(cam.axis, cam.reference, -cam.offset)[..., 0]  # TCP x at gamma = 0
+    gamma = compute_signed_angle(_project(natural[low], shank), x, -shank)
+    return SampleTilts(
+        lead=np.where(told, lead, np.nan),
+        side=np.where(told, side, np.nan),
+        gamma=gamma,
+        away=np.where(told[:, None], radius * (axis - shank), 0.0),
+    )
+
+
+def _project(v: Array, axis: Array) -> Array:
+    """Unit vectors (S, 3) projected on the plane normal to the axis."""
+    return normalise_vectors(v - np.sum(v * axis, axis=1, keepdims=True) * axis)
 
 
 def limit_cut_tilts(

@@ -26,7 +26,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.motion.retract_moves import RetractMoves, compute_rest_poses
 from machopt.planning.motion.segment_planner import RestPose, SegmentPlanner
 from machopt.planning.motion.segments import BEFORE_ALL, MotionSegment
-from machopt.planning.motion.tilted_motion import limit_cut_tilts, measure_sample_tilts
+from machopt.planning.motion.tilted_motion import SampleTilts, limit_cut_tilts, measure_sample_tilts
 from machopt.planning.pipeline.gaps import Stretch, find_driven_stretches, find_uncut_points, is_worth_driving
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.sequence_breaks import NO_WAY_FOUND, SequenceBreak
@@ -255,18 +255,18 @@ class _Builder:
 
     def _in_part(self, q: Array, external: Array) -> tuple[Array, Array]:
         """Return (S, 3) m, the TCP where the feed is measured: in the workpiece frame where an external joint moves
-        it; and (S, 3) the tool axis there, tip to shank.
+        it; and (S, 3, 3) its rotation there.
         """
         setup, T_flange_tcp = self.plan.setup, self.plan.setup.cell.tool.T_flange_tcp
-        out, shank = np.empty((len(q), 3)), np.empty((len(q), 3))
+        out, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
         for start in range(0, len(q), BLOCK):  # the frames of all joints need much more memory than the result
             some = slice(start, start + BLOCK)
             if not setup.arm.machine.external_count:
                 T = setup.robot.compute_fk(q[some], T_flange_tcp)
             else:
                 T = setup.arm.machine.compute_fk(np.hstack([q[some], external[some]]), T_flange_tcp)
-            out[some], shank[some] = T[:, :3, 3], -T[:, :3, 2]
-        return out, shank
+            out[some], rotation[some] = T[:, :3, 3], T[:, :3, :3]
+        return out, rotation
 
     def _joined(self) -> Trajectory:
         """Join the legs; they share their ends, so the first row of the later one is dropped."""
@@ -279,31 +279,34 @@ class _Builder:
         correction = self.plan.setup.correction
         true_angles = q if correction is None else correction.compute_true_angles(q)
         external = join("external")
-        place, shank = self._in_part(true_angles, external)
-        move, operation = join("move").astype(np.int8), join("operation").astype(np.int32)
-        lead, side = self._tilts(join("index"), move, operation, shank)
-        speed = np.r_[0.0, np.linalg.norm(np.diff(place, axis=0), axis=1) / self.options.sample]
+        place, rotation = self._in_part(true_angles, external)
+        step = np.diff(place, axis=0)
+        move, index, gamma = join("move").astype(np.int8), join("index"), join("gamma")
+        operation = join("operation").astype(np.int32)
+        lead = side = None
+        if self.path.untilted is not None:
+            tilts, fixed = self._measure_tilts(index, move, rotation)
+            fed = np.isfinite(index) & (move != MoveKind.RAPID)
+            step -= np.where((fed[1:] & fed[:-1])[:, None], np.diff(tilts.away @ fixed.T, axis=0), 0.0)
+            gamma = np.where(np.isfinite(gamma), tilts.gamma, gamma)
+            ranges = [self.options.tilt_range_of(operation.label) for operation in self.toolpath.operations]
+            lead, side = limit_cut_tilts((tilts.lead, tilts.side), move, operation, ranges)
+        speed = np.r_[0.0, np.linalg.norm(step, axis=1) / self.options.sample]
         return Trajectory(
             time=np.arange(len(q), dtype=float) * self.options.sample,
             q=q,
             external=external,
-            point=join("index"),
+            point=index,
             move=move,
             operation=operation,
-            gamma=join("gamma"),
+            gamma=gamma,
             feed=speed,
             lead=lead,
             side=side,
         )
 
-    def _tilts(
-        self, index: Array, move: NDArray[np.int8], operation: NDArray[np.int32], shank: Array
-    ) -> tuple[Array | None, Array | None]:
-        """Return lead and side (S,) of the samples; None where the tool axis is that of the CAM file."""
-        if self.path.untilted is None:
-            return None, None
-        machine = self.plan.setup.arm.machine
-        if not machine.external_count:
-            shank = shank @ machine.T_base_workpiece_zero[:3, :3]
-        ranges = [self.options.tilt_range_of(operation.label) for operation in self.toolpath.operations]
-        return limit_cut_tilts(measure_sample_tilts(self.path, index, move, shank), move, operation, ranges)
+    def _measure_tilts(self, index: Array, move: NDArray[np.int8], rotation: Array) -> tuple[SampleTilts, Array]:
+        """Return the tilts of the samples, and the rotation (3, 3) from the workpiece to where the feed is measured."""
+        setup = self.plan.setup
+        fixed = np.eye(3) if setup.arm.machine.external_count else setup.arm.machine.T_base_workpiece_zero[:3, :3]
+        return measure_sample_tilts(self.path, index, move, fixed.T @ rotation, setup.ball_radius), fixed

@@ -180,7 +180,7 @@ def verify_single_tool(
     checks: list[VerificationRow] = [
         *check_path(motion, toolpath, points, on, options.allow_gaps),
         *check_move_labels(motion, toolpath, points, on, options.allow_gaps),
-        *check_feed(motion, toolpath, on, options),
+        *check_feed(motion, toolpath, on, options, cell),
         *check_dwells_and_stops(motion, toolpath, points, on, (index, position), cell),
     ]
     bodies = build_bodies(cell, arm)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
-from machopt.data_types.toolpath import Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import CheckName, VerificationCheck, build_worst_value_check
+from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.reference_direction import INDEX_TOLERANCE
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
+from machopt.verification.motion.path_geometry.tool_tilt import get_ball_radius
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 FEED_FACTOR = 1.02  # of the programmed feed
@@ -17,7 +20,7 @@ FEED_COLUMN_TOLERANCE = 0.005  # three decimals, and nine of the joints' degrees
 
 
 def check_feed(
-    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, options: PlanOptions
+    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, options: PlanOptions, cell: Cell
 ) -> list[VerificationCheck]:
     """Check the tool speed against the CAM file's feed, and the feed column against the speed.
 
@@ -26,15 +29,32 @@ def check_feed(
         toolpath: The toolpath, points in the workpiece frame, SI.
         locations: Position of each motion sample relative to the toolpath.
         options: The planning options in force.
+        cell: The robot cell.
     """
     speed, driven = (
-        np.r_[0.0, np.linalg.norm(np.diff(of[:, :3, 3], axis=0), axis=1) / motion.sample_time]
-        for of in (locations.tcp, locations.tool)
-    )  # of the programmed point, and of the tip of a tilted tool
+        np.r_[0.0, np.linalg.norm(np.diff(of, axis=0), axis=1) / motion.sample_time]
+        for of in (locations.tcp[:, :3, 3], locations.tool[:, :3, 3])
+    )
+    if motion.lead is not None:  # the column is the feed of the programmed point
+        driven = _compute_point_speed(motion, toolpath, locations, driven, cell)
     column = build_worst_value_check(
         "feed column", "mm/min", 6e4 * np.abs(driven - motion.feed), FEED_COLUMN_TOLERANCE, motion.describe_row
     )
     return [_check_speed(motion, toolpath, locations, speed, options), column]
+
+
+def _compute_point_speed(
+    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, driven: Array, cell: Cell
+) -> Array:
+    """(S,) m/s of the point p = tip − r (a − a') of a tilted ball, of the tip where a rapid move is involved."""
+    last = len(toolpath) - 1
+    fed = np.isfinite(motion.point) & (motion.move != MoveKind.RAPID)
+    s = np.clip(np.nan_to_num(motion.point), 0.0, last)
+    low = np.minimum(s.astype(int), max(last - 1, 0))
+    axis = interpolate_axis(toolpath.axis[low], toolpath.axis[np.minimum(low + 1, last)], s - low)
+    place = locations.tool[:, :3, 3] - get_ball_radius(cell) * (axis + locations.tool[:, :3, 2])
+    speed = np.r_[0.0, np.linalg.norm(np.diff(place, axis=0), axis=1) / motion.sample_time]
+    return np.where(np.r_[False, fed[1:] & fed[:-1]], speed, driven)
 
 
 def _check_speed(
