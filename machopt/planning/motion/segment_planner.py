@@ -214,7 +214,7 @@ class SegmentPlanner:
             n for n in np.searchsorted(index, np.array(sorted(self.rests)) - 1e-9).tolist() if 0 < n < len(rows) - 1
         ]
         rests = [n for n in rests if round(float(index[n])) in self.rests and self.path.is_point[rows[n]]]
-        tip_feed = feed * compute_tip_speed_share(self.path, rows)
+        tip_feed = feed * compute_tip_speed_share(self.path, rows, self.plan.setup.ball_radius)
         done = self._retime(self.path.position[rows], rows, self.q[rows], tip_feed, tuple(rests))
         if isinstance(done, RunFailure):
             at = float(np.interp(done.point, np.arange(len(rows)), index))

@@ -23,18 +23,19 @@ from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath, compu
 BALL_SHARE = 0.3  # of the corner tolerance: what the rounding of the axis may move the programmed point
 
 
-def compute_tip_speed_share(path: PlanningPath, rows: NDArray[np.int32]) -> Array:
+def compute_tip_speed_share(path: PlanningPath, rows: NDArray[np.int32], radius: float) -> Array:
     """Return the (n,) share of the programmed feed at which the tip of the tilted tool moves into each point.
 
     Args:
         path: planning points.
         rows: (n,) planning points of one run.
+        radius: m, of the ball.
     """
     if path.untilted is None:
         return np.ones(len(rows))
-    tip, point = (
-        np.r_[0.0, np.linalg.norm(np.diff(of.position[rows], axis=0), axis=1)] for of in (path, path.untilted)
-    )
+    tips = path.position[rows]
+    points = tips - radius * (path.untilted.axis[rows] - path.axis[rows])
+    tip, point = (np.r_[0.0, np.linalg.norm(np.diff(of, axis=0), axis=1)] for of in (tips, points))
     share = np.where(point > NO_MOVE, tip / np.maximum(point, NO_MOVE), 1.0)
     return np.where(share > 0.0, share, 1.0)
 
@@ -88,7 +89,7 @@ def measure_sample_tilts(
     axis = interpolate_axis(cam.axis[low], cam.axis[high], f)
     lead, side = measure_lead_and_side(axis, _project(cam.travel[low], axis), shank)
     natural = compute_tool_rotation(cam.axis, cam.reference, -cam.offset)[..., 0]  # TCP x at gamma = 0
-    gamma = compute_signed_angle(_project(natural[low], shank), x, -shank)
+    gamma = compute_signed_angle(_project(_project(natural[low], axis), shank), x, -shank)
     return SampleTilts(
         lead=np.where(told, lead, np.nan),
         side=np.where(told, side, np.nan),

@@ -8,19 +8,22 @@ defines no lead; it is not tilted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
+from machopt.errors import CellError
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath
 
 ACROSS = float(np.sin(np.radians(1.0)))  # share of a move across the axis from which it has a direction of travel
-ROUNDS = 8  # alternating projections onto both ranges of a corner
+MET = 1e-7  # rad: a range is kept within this
+SMOOTH_TURN = np.radians(15.0)  # of the direction of travel: a curve of short moves, not a corner
+ROUNDS = 40  # alternating projections onto both ranges of a corner
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +40,16 @@ class TiltLimits:
         """(P,) whether the tilt at the point is limited by a cut and not zero."""
         wide = (self.low != 0.0).any(axis=2) | (self.high != 0.0).any(axis=2)
         return np.asarray((self.cuts & wide).any(axis=0))
+
+    def find_excess(self, w: Array) -> Array:
+        """Return the (P,) distance of tangent vectors (P, 3) from their ranges.
+
+        Args:
+            w: (P, 3) a'/(a'·a) − a.
+        """
+        parts = np.einsum("spcd,pd->spc", self.frame, w)
+        out = np.maximum(np.maximum(self.low - parts, parts - self.high), 0.0).max(axis=2)
+        return np.asarray((out * self.cuts).max(axis=0))
 
     def project(self, w: Array) -> Array:
         """Return tangent vectors (P, 3), normal to the axis, moved into their ranges.
@@ -61,6 +74,9 @@ def compute_tilt_limits(path: PlanningPath, toolpath: Toolpath, options: PlanOpt
         path: path of the CAM file.
         toolpath: its toolpath.
         options: plan options with the ranges.
+
+    Raises:
+        InputError: ranges without 0 that no tilt keeps at a sharp corner.
     """
     n = len(path.index)
     joined: Bools = np.append(False, path.run[1:] == path.run[:-1])
@@ -76,12 +92,37 @@ def compute_tilt_limits(path: PlanningPath, toolpath: Toolpath, options: PlanOpt
     arriving = path.travel[before] - np.sum(path.travel[before] * path.axis, axis=1, keepdims=True) * path.axis
     arriving = np.where(joined[:, None], normalise_vectors(arriving), path.travel)
     travel = np.stack([path.travel, np.where(np.isfinite(arriving), arriving, path.travel)])
-    return TiltLimits(
+    found = TiltLimits(
         cuts=np.stack([leaving, into]),
         frame=np.stack([travel, np.cross(path.axis, travel)], axis=2),
         low=np.stack([own[after, :, 0], own[:, :, 0]]),
         high=np.stack([own[after, :, 1], own[:, :, 1]]),
     )
+    return _drop_ranges_of_smooth_turns(found, path, toolpath)
+
+
+def _drop_ranges_of_smooth_turns(limits: TiltLimits, path: PlanningPath, toolpath: Toolpath) -> TiltLimits:
+    """Keep the range of the leaving move alone where no tilt keeps both, and the path turns by a small angle.
+
+    On a curve of short moves the direction of travel turns at every point, and a fixed lead turns with it.
+    """
+    start = limits.project(np.zeros_like(path.axis))
+    lost = limits.find_excess(start) > MET
+    if not lost.any():
+        return limits
+    turn = np.arccos(np.clip(np.sum(limits.frame[0, :, 0] * limits.frame[1, :, 0], axis=1), -1.0, 1.0))
+    sharp = np.flatnonzero(lost & (turn > SMOOTH_TURN))
+    if len(sharp):
+        p = int(sharp[0])
+        raise CellError(
+            f"no tilt keeps the ranges of both moves at point {path.index[p]:g}, where the direction of travel turns "
+            f"by {np.degrees(turn[p]):.0f}°; ranges of lead and side that contain 0 would work",
+            file=toolpath.source,
+            where="tilt_deg",
+        )
+    cuts = limits.cuts.copy()
+    cuts[1] &= ~(lost & cuts[0])
+    return replace(limits, cuts=cuts)
 
 
 def _has_travel(path: PlanningPath, joined: Bools) -> NDArray[np.bool_]:

@@ -20,6 +20,7 @@ from machopt.planning.stations.planning_path import PlanningPath
 from machopt.planning.stations.tilt_curve import TiltCurve
 from machopt.planning.tilt.joint_search import JointSequence, compute_tilt_bound, find_tilt_sequence
 from machopt.planning.tilt.local_costs import build_local_costs, price_tilts
+from machopt.planning.tilt.step_limit import limit_steps
 from machopt.planning.tilt.tilt_grid import TiltGrid, build_tilt_grid
 from machopt.planning.tilt.tilt_limits import TiltLimits, compute_tilt_limits, hold_outside_cuts
 from machopt.planning.tilt.tilt_smoothing import smooth_tilts
@@ -41,6 +42,9 @@ def plan_with_tilt(plan: Plan, toolpath: Toolpath, options: PlanOptions, timings
         toolpath: its toolpath.
         options: plan options with the ranges of the tilt.
         timings: receives the duration of the stages.
+
+    Raises:
+        InputError: ranges without 0 that no tilt keeps at a sharp corner.
     """
     if not options.tilts or plan.setup.ball_radius == 0.0:
         return plan
@@ -84,7 +88,8 @@ class _TiltRequest:
     def plan_tangents(self, tangent: Array) -> Plan:
         """Return the plan of the path tilted by tangents (P, 3) along the cuts; J has the weights of the options."""
         plan, path, setup = self.plan, self.plan.path.programmed, self.plan.setup
-        curve = TiltCurve(path.index, _tilt_axes(path, self.limits, tangent), setup.ball_radius)
+        even = limit_steps(path, self.limits, tangent, setup.ball_radius)
+        curve = TiltCurve(path.index, _tilt_axes(path, self.limits, even), setup.ball_radius)
         if np.array_equal(curve.axis, path.axis):
             return replace(plan, path=curve.tilt_path(path))
         found = plan_path(
@@ -150,7 +155,7 @@ def _rank(plan: Plan) -> tuple[int, float]:
 
 def _tilt_axes(path: PlanningPath, limits: TiltLimits, tangent: Array) -> Array:
     """(P, 3) unit axes of tangents along the cuts, kept outside of them."""
-    held = hold_outside_cuts(path, limits, limits.project(tangent))
+    held = hold_outside_cuts(path, limits, tangent)
     return np.where(np.abs(held).max(axis=1, keepdims=True) > 0, normalise_vectors(path.axis + held), path.axis)
 
 

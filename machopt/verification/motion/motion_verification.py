@@ -175,7 +175,7 @@ def verify_single_tool(
     stands = replace(motion, q=compute_true_angles(cell.kinematics, motion.q))
     stood = replace(points, q=compute_true_angles(cell.kinematics, points.q))
     tool = arm.compute_tcp_in_workpiece(stands.q, motion.external)
-    tilt = None if tables.tilt is None else ToolTilt.build(cell, toolpath, tables.tilt)
+    tilt = None if tables.tilt is None else ToolTilt.build(cell, toolpath, tables.tilt, (index, position))
     on = locate_samples(motion, toolpath, index, position, tool, options, tilt)
     checks: list[VerificationRow] = [
         *check_path(motion, toolpath, points, on, options.allow_gaps),

@@ -187,7 +187,7 @@ class _ComparisonContext:
             tilt=tilt,
             cam_points=wanted,
             corners=line,
-            tool_tilt=None if stated is None else ToolTilt.build(cell, toolpath, stated),
+            tool_tilt=None if stated is None else ToolTilt.build(cell, toolpath, stated, line),
         )
 
     def compare_program(self, posted: ListedProgram) -> ProgramComparison:

@@ -32,6 +32,7 @@ RANGE_TOLERANCE_DEG = 1e-3  # what six decimals, and the tangents at a corner, l
 POINT_TOLERANCE_DEG = 1e-5  # nine decimals of tilt and joints
 TABLE_TOLERANCE_DEG = 1e-8  # the same number in two tables
 NO_TILT_DEG = 1e-9
+SMOOTH_TURN_RAD = np.radians(15.0)  # of the direction of travel: a curve of short moves, not a corner
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,12 +96,15 @@ def _check_samples(of: TiltTables) -> list[VerificationCheck]:
     s = np.clip(motion.point[rows], 0.0, len(of.toolpath) - 1.0)
     shank = -on.tool[rows, :3, 2]
     off, aside = np.full(len(rows), np.inf), np.full(len(rows), np.inf)
+    spare = _compute_turn_tolerance(of, s, np.hypot(np.tan(motion.lead[rows]), np.tan(motion.side[rows])))
     for leaving in (True, False):
         there = interpolate_directions(of.toolpath, of.tilt.known, s, leaving=leaving)
         told = compute_tilted_axis(there.axis, there.travel, motion.lead[rows], motion.side[rows])
         angle = np.arctan2(np.linalg.norm(np.cross(told, shank), axis=1), np.einsum("ij,ij->i", told, shank))
         tip = on.tool[rows, :3, 3] - of.tilt.radius * (there.axis - told)
         moved = np.linalg.norm(tip - on.tcp[rows, :3, 3], axis=1)
+        angle = np.maximum(angle - spare, 0.0)
+        moved = np.maximum(moved - of.tilt.radius * spare, 0.0)
         closer = angle < off
         off, aside = np.where(closer, angle, off), np.where(closer, moved, aside)
     limits = _get_operation_limits(of, of.toolpath.operation[on.next_point[rows]])
@@ -126,6 +130,20 @@ def _check_samples(of: TiltTables) -> list[VerificationCheck]:
             _named(where, len(rows)),
         ),
     ]
+
+
+def _compute_turn_tolerance(of: TiltTables, s: Array, tilt: Array) -> Array:
+    """(M,) rad by which a tilt may be off because the direction of travel turns at an end of its move.
+
+    On a curve of short moves the axis turns evenly while the direction of travel turns at the points.
+    """
+    travel, last = of.tilt.known.travel, len(of.toolpath) - 1
+    turn = np.zeros(last + 1)  # at each point
+    turn[1:] = np.arccos(np.clip(np.einsum("ij,ij->i", travel[1:], travel[:-1]), -1.0, 1.0))
+    turn[turn > SMOOTH_TURN_RAD] = 0.0
+    low = np.clip(np.floor(s + 1e-9).astype(int), 0, last)
+    around = np.maximum(np.maximum(turn[np.maximum(low - 1, 0)], turn[low]), turn[np.minimum(low + 1, last)])
+    return np.asarray(tilt * around)
 
 
 def _check_points(of: TiltTables) -> list[VerificationCheck]:

@@ -36,15 +36,17 @@ class ToolTilt:
     index: Array  # (P,) fractional toolpath index, not falling
     axis: Array  # (P, 3) unit, tip to shank
     radius: float  # m, of the ball; 0 where the cutter is none
+    corners: tuple[Array, Array]  # (Q,) index and (Q, 3) m, commanded path of an untilted tool
 
     @classmethod
-    def build(cls, cell: Cell, toolpath: Toolpath, tilt: ExportedTilt) -> ToolTilt:
+    def build(cls, cell: Cell, toolpath: Toolpath, tilt: ExportedTilt, corners: tuple[Array, Array]) -> ToolTilt:
         """Return the tilt of a tool along its toolpath.
 
         Args:
             cell: The robot cell.
             toolpath: The toolpath, points in the workpiece frame, SI.
             tilt: The exported tilt (tilt.csv).
+            corners: Index (Q,) and position (Q, 3) m of the commanded path: the toolpath's, or the compensated one.
         """
         known = compute_directions_at_points(toolpath)
         index = np.clip(tilt.index, 0.0, len(toolpath) - 1.0)
@@ -55,6 +57,7 @@ class ToolTilt:
             index=index,
             axis=compute_tilted_axis(axis, travel, tilt.lead, tilt.side),
             radius=get_ball_radius(cell),
+            corners=corners,
         )
 
     def compute_axes(self, index: Array) -> Array:
@@ -89,9 +92,7 @@ class ToolTilt:
         out = T.copy()
         if not len(rows):
             return out
-        place = np.column_stack(
-            [np.interp(s[rows], np.arange(last + 1.0), self.toolpath.position[:, c]) for c in range(3)]
-        )
+        place = np.column_stack([np.interp(s[rows], self.corners[0], self.corners[1][:, c]) for c in range(3)])
         axis, _, zero = compute_leaving_directions(self.toolpath, self.known, s[rows])
         tilted = self.compute_axes(s[rows])
         turn = _build_frames(axis, zero) @ np.swapaxes(_build_frames(tilted, zero), 1, 2)
