@@ -145,9 +145,8 @@ def measure_gain(cell: Path) -> None:
         print(
             f"  J                 {plain.plan.chosen.objective.total:.4f} -> {tilted.plan.chosen.objective.total:.4f}"
         )
-        print(
-            f"  cycle time        {plain.cycle:.1f} -> {tilted.cycle:.1f} s ({100 * (tilted.cycle / plain.cycle - 1):+.1f} %)"
-        )
+        longer = tilted.cycle / plain.cycle - 1
+        print(f"  cycle time        {plain.cycle:.1f} -> {tilted.cycle:.1f} s ({100 * longer:+.1f} %)")
         print(f"  planning, CPU     {plain.cpu:.2f} -> {tilted.cpu:.2f} s (x {tilted.cpu / plain.cpu:.2f})")
         print(
             f"  point by point    {free:.4f} -> {free_tilted:.4f} mm without contact ({-100 * possible:+.1f} %): "
@@ -168,9 +167,8 @@ def measure_motion_share(cell: Path) -> None:
         for share in SHARES:
             tilt_planning.MOTION_SHARE = share
             found = plan(cell, ROOT / "toolpaths" / name, TILT)
-            print(
-                f"{name}: share {share:.2f}, J {found.plan.chosen.objective.total:.4f}, mean {found.deflection[0]:.4f} mm"
-            )
+            total, mean = found.plan.chosen.objective.total, found.deflection[0]
+            print(f"{name}: share {share:.2f}, J {total:.4f}, mean {mean:.4f} mm")
     tilt_planning.MOTION_SHARE = own
 
 

@@ -100,7 +100,7 @@ def test_only_what_is_fed_counts_and_the_place_is_told() -> None:
     line: Any = SimpleNamespace()  # asked only where the path is shifted
 
     def found(fed: np.ndarray, gouge: float | None) -> list[VerificationCheck]:
-        ride: Any = SimpleNamespace(tcp=tcp, on_feed_move=fed, path_limit=2e-5)
+        ride: Any = SimpleNamespace(tcp=tcp, tool=tcp, on_feed_move=fed, path_limit=2e-5)
         return check_gouges(motion, line, ride, arm, [part], PlanOptions(gouge=gouge), shifted=False)
 
     everywhere = np.ones(40, bool)

@@ -21,6 +21,7 @@ from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath
 
 ACROSS = float(np.sin(np.radians(1.0)))  # share of a move across the axis from which it has a direction of travel
+MARGIN = np.radians(0.002)  # kept from the ends of a range, which a turning axis leaves between two planning points
 MET = 1e-7  # rad: a range is kept within this
 SMOOTH_TURN = np.radians(15.0)  # of the direction of travel: a curve of short moves, not a corner
 ROUNDS = 40  # alternating projections onto both ranges of a corner
@@ -81,7 +82,9 @@ def compute_tilt_limits(path: PlanningPath, toolpath: Toolpath, options: PlanOpt
     n = len(path.index)
     joined: Bools = np.append(False, path.run[1:] == path.run[:-1])
     ranges = [options.tilt_range_of(operation.label) for operation in toolpath.operations]
-    tangents = np.tan(np.array([[r.lead, r.side] for r in ranges]).reshape(-1, 2, 2))  # operation, angle, end
+    angles = np.array([[r.lead, r.side] for r in ranges]).reshape(-1, 2, 2)  # operation, lead and side, end
+    room = (angles[:, :, 1] - angles[:, :, 0] > 4.0 * MARGIN)[:, :, None] & (angles != 0.0)
+    tangents = np.tan(angles + np.where(room, [MARGIN, -MARGIN], 0.0))
     own = tangents[toolpath.operation[np.ceil(path.index - 1e-9).astype(int)]]  # of the move to each point
     has_travel = _has_travel(path, joined)[path.run]
     own[~has_travel | path.is_drilling] = 0.0

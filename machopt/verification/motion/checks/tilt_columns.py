@@ -92,7 +92,7 @@ def _check_samples(of: TiltTables) -> list[VerificationCheck]:
     stated = np.isfinite(motion.lead) & np.isfinite(motion.side) & np.isfinite(motion.point)
     cut = motion.move == MoveKind.CUT
     blank = [motion.describe_row(n) for n in np.flatnonzero(cut & ~stated)]
-    rows = np.flatnonzero(stated & on.on_feed_move)
+    rows = np.flatnonzero(stated & (on.on_feed_move | cut))
     s = np.clip(motion.point[rows], 0.0, len(of.toolpath) - 1.0)
     shank = -on.tool[rows, :3, 2]
     off, aside = np.full(len(rows), np.inf), np.full(len(rows), np.inf)
