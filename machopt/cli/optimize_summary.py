@@ -106,6 +106,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
             f"{shift.residual_mean_mm:.4f} mm on average, {shift.residual_max_mm:.4f} at worst"
         )
         lines += _format_removed_deflection(shift)
+    lines += _format_tilt(result)
     if result.cycle_time_s is not None and result.feed_held_share is not None:
         dips, ramps = len(result.feed_dips), len(result.feed_stops)
         rest = f", {dips} dips" if dips else ", the rest is braking at stops that the path requires" if ramps else ""
@@ -316,3 +317,17 @@ def _convert_to_check(c: CheckEntry) -> VerificationCheck:
 def _convert_null_to_nan(value: float | None) -> float:
     """Return a number of a result file; null is NaN."""
     return math.nan if value is None else value
+
+
+def _format_tilt(result: OptimizeDocument) -> list[str]:
+    tilt = result.tilt
+    if tilt is None:
+        return []
+    lead, side = (f"{low:.1f}° to {high:.1f}°" for low, high in (tilt.lead_deg, tilt.side_deg))
+    out = [f"  tool tilted: lead {lead}, side {side}"]
+    if tilt.bound is not None:
+        out.append(
+            f"    lower bound over {tilt.bound.tilts} tilts and {tilt.bound.rotation_step_deg:g}° of rotation, point "
+            f"by point: mean index {tilt.bound.mean:.4f}, worst {tilt.bound.worst:.4f} of the scale"
+        )
+    return out

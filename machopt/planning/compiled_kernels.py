@@ -145,6 +145,12 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     ),
     ("kinematics.inverse.newton_iteration", "polish_branches", f"{_F2},{_F2},{_F2},{_F3},{_F3},i8,f8"),
     ("planning.collision_handling.contact_lookahead", "_neighbours", f"{_I1},b1[::1],b1[:,::1],b1[::1],i8,i8"),
+    (
+        "planning.tilt.joint_search_kernel",
+        "find_joint_sequence",
+        f"{_I1},i8[:,::1],{_F1},{_F2},i8[:,::1],b1[::1],{_F2},{_F1},{_F1}",
+    ),
+    ("planning.tilt.step_limit", "_shorten", f"{_F2},b1[::1],f8,i8"),
     # laws with memory: of a diagnosis, and of a job whose stiffness.yaml contains them
     ("effects.joint.hysteresis", "_integrate_play", f"{_F1},{_I1},f8"),
     ("effects.joint.hysteresis", "_integrate_drag", f"{_F1},{_I1},f8,f8"),

@@ -30,6 +30,7 @@ from machopt.planning.plan_output.document_sections import (
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks, list_hints
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import build_process_section
+from machopt.planning.plan_output.tilt_section import build_tilt_section
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
 from machopt.version import __version__
 
@@ -67,6 +68,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         tools=build_tool_sections(the_plan, [s.stint for s in made.stints]),
         worst_point=build_worst_point_entry(the_plan, points),
         compensation=build_compensation_section(the_plan, toolpath) if trajectory is not None else None,
+        tilt=build_tilt_section(the_plan, points),
         position_error=build_position_error_section(the_plan),
         process=build_process_section(cell.process, points),
         infeasible_points=tuple(list_infeasible_entries(the_plan, points)),

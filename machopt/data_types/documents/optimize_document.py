@@ -182,6 +182,24 @@ class CompensationSection(DocumentModel):
     operations: tuple[RemovedDeflectionEntry, ...]
 
 
+class TiltBoundEntry(DocumentModel):
+    """Lower bounds in units of ``index_scale``: the best vertex of each station over a grid, without motion."""
+
+    mean: Number  # over the length cut
+    worst: Number
+    stations: Count
+    tilts: Count
+    rotation_step_deg: Number
+
+
+class TiltSection(DocumentModel):
+    """Tilt of the tool against the axis of the CAM file at the cut points, lowest and highest."""
+
+    lead_deg: tuple[Number, Number]
+    side_deg: tuple[Number, Number]
+    bound: TiltBoundEntry | None
+
+
 class InfeasiblePointEntry(DocumentModel):
     """A point without a configuration."""
 
@@ -384,6 +402,7 @@ class OptimizeDocument(DocumentModel):
     tools: tuple[ToolSegmentEntry, ...] | None  # where the job changes tools
     worst_point: WorstPointSection | None
     compensation: CompensationSection | None
+    tilt: TiltSection | None = None  # null where the tool axis is that of the CAM file; older results have no such key
     position_error: PositionErrorSection | None  # null where no measured pose stands behind the stiffness
     process: ProcessSection | None  # null where no process is stated
     infeasible_points: tuple[InfeasiblePointEntry, ...]

@@ -20,7 +20,9 @@ from machopt.numerics.rigid_transforms import compute_tool_rotation, interpolate
 from machopt.numerics.tool_tilt import measure_lead_and_side
 from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath, compute_signed_angle
 
-BALL_SHARE = 0.3  # of the corner tolerance: what the rounding of the axis may move the programmed point
+ACROSS = float(np.sin(np.radians(1.0)))  # share of a move across the axis from which it has a direction of travel
+SAME_DIRECTION = 1e-9  # of unit vectors
+BALL_SHARE = 0.15  # of the corner tolerance: what the rounding of the axis may move the programmed point
 
 
 def compute_tip_speed_share(path: PlanningPath, rows: NDArray[np.int32], radius: float) -> Array:
@@ -87,15 +89,27 @@ def measure_sample_tilts(
     span = path.index[high] - path.index[low]
     f = np.clip((s - path.index[low]) / np.where(span > 0, span, 1.0), 0.0, 1.0)
     axis = interpolate_axis(cam.axis[low], cam.axis[high], f)
-    lead, side = measure_lead_and_side(axis, _project(cam.travel[low], axis), shank)
+    travel = _compute_travel(cam, low, high, axis)
+    lead, side = measure_lead_and_side(axis, travel, shank)
     natural = compute_tool_rotation(cam.axis, cam.reference, -cam.offset)[..., 0]  # TCP x at gamma = 0
-    gamma = compute_signed_angle(_project(_project(natural[low], axis), shank), x, -shank)
+    by_travel = np.abs(natural - cam.travel).max(axis=1) < SAME_DIRECTION
+    zero = np.where(by_travel[low][:, None], travel, _project(natural[low], axis))
+    gamma = compute_signed_angle(_project(zero, shank), x, -shank)
     return SampleTilts(
         lead=np.where(told, lead, np.nan),
         side=np.where(told, side, np.nan),
         gamma=gamma,
         away=np.where(told[:, None], radius * (axis - shank), 0.0),
     )
+
+
+def _compute_travel(cam: PlanningPath, low: NDArray[np.intp], high: NDArray[np.intp], axis: Array) -> Array:
+    """Direction of travel (S, 3) normal to the axis: of the move itself, else that of the planning point before it."""
+    move = np.where((cam.run[low] == cam.run[high])[:, None], cam.position[high] - cam.position[low], 0.0)
+    size = np.linalg.norm(move, axis=1)
+    across = np.linalg.norm(np.cross(axis, move), axis=1)
+    own = (size > NO_MOVE) & (across > ACROSS * size)
+    return _project(np.where(own[:, None], move, cam.travel[low]), axis)
 
 
 def _project(v: Array, axis: Array) -> Array:

@@ -21,7 +21,7 @@ from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath
 
 ACROSS = float(np.sin(np.radians(1.0)))  # share of a move across the axis from which it has a direction of travel
-MARGIN = np.radians(0.002)  # kept from the ends of a range, which a turning axis leaves between two planning points
+MARGIN = np.radians(0.04)  # kept from the ends of a range: by this the rounded, turning axis leaves it between points
 MET = 1e-7  # rad: a range is kept within this
 SMOOTH_TURN = np.radians(15.0)  # of the direction of travel: a curve of short moves, not a corner
 ROUNDS = 40  # alternating projections onto both ranges of a corner

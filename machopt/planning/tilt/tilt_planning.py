@@ -26,7 +26,7 @@ from machopt.planning.tilt.tilt_limits import TiltLimits, compute_tilt_limits, h
 from machopt.planning.tilt.tilt_smoothing import smooth_tilts
 
 REFINEMENTS = 1  # maximum number of times that the tilts are smoothed at the rotation found, and the path planned again
-WORTH = 0.008  # decrease of the sum of the smoothing, in units of c₀, from which another plan is made
+WORTH = 0.02  # decrease of the sum of the smoothing, in units of c₀, from which another plan is made
 MOTION_SHARE = 2.0 / 3.0  # of the weights of travel and rotation (benchmarks/tilt_gain.py)
 
 

@@ -38,6 +38,7 @@ NOT_RECOMPUTED = (
     "front",
     "compensation.removed",
     "compensation.operations",
+    "tilt.bound",
     "programs.feed_model",
     "programs.order",
     "worst_point.deflection_along_mm",

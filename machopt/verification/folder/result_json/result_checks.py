@@ -63,6 +63,7 @@ from machopt.verification.folder.result_json.position_error import check_positio
 from machopt.verification.folder.result_json.process_section import check_process_section
 from machopt.verification.folder.result_json.program_entries import check_program_entries
 from machopt.verification.folder.result_json.schema_errors import list_schema_errors
+from machopt.verification.folder.result_json.tilt_section import check_tilt_section
 from machopt.verification.folder.result_json.worst_point import check_worst_point
 
 CHOSEN_MEAN_TOLERANCE = 0.05  # of the mean index: what rescoring a choice as it is driven may move it by
@@ -453,6 +454,7 @@ _PARTS: dict[str, Callable[[ResultComparison], Iterable[str]]] = {
     "objective": check_objective,
     "front": check_trade_off_front,
     "compensation": check_compensation,
+    "tilt": check_tilt_section,
     "position error": check_position_error,
     "process": check_process_section,
     CheckName.VERIFICATION: _check_verification,

@@ -32,6 +32,7 @@ _PART_BY_KEY = {
     "index_scale": "objective",
     "front": "front",
     "compensation": "compensation",
+    "tilt": "tilt",
     "verification": "verification",
     "programs": "programs",
     "notes": "warnings",

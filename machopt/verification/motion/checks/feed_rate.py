@@ -35,10 +35,13 @@ def check_feed(
         np.r_[0.0, np.linalg.norm(np.diff(of, axis=0), axis=1) / motion.sample_time]
         for of in (locations.tcp[:, :3, 3], locations.tool[:, :3, 3])
     )
+    tolerance = FEED_COLUMN_TOLERANCE
     if motion.lead is not None:  # the column is the feed of the programmed point
         driven = _compute_point_speed(motion, toolpath, locations, driven, cell)
+        turn = np.linalg.norm(np.diff(toolpath.axis, axis=0), axis=1).max(initial=0.0)  # per toolpath index
+        tolerance += 6e4 * INDEX_TOLERANCE * turn * get_ball_radius(cell) / motion.sample_time
     column = build_worst_value_check(
-        "feed column", "mm/min", 6e4 * np.abs(driven - motion.feed), FEED_COLUMN_TOLERANCE, motion.describe_row
+        "feed column", "mm/min", 6e4 * np.abs(driven - motion.feed), tolerance, motion.describe_row
     )
     return [_check_speed(motion, toolpath, locations, speed, options), column]
 

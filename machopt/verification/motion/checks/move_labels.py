@@ -155,7 +155,7 @@ def _check_rotation(motion: ExportedMotion, toolpath: Toolpath, locations: Sampl
     off = np.full(len(rows), np.inf)
     for start in range(0, len(rows), BLOCK_ROWS):
         some = rows[start : start + BLOCK_ROWS]
-        off[start : start + BLOCK_ROWS] = _compute_rotation_error(motion, toolpath, known, locations.tcp[some], some)
+        off[start : start + BLOCK_ROWS] = _compute_rotation_error(motion, toolpath, known, locations.tool[some], some)
     out.append(
         build_worst_value_check(
             "rotation of the samples",

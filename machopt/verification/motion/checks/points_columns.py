@@ -296,7 +296,7 @@ class PointsTableCheck:
         away = np.linalg.norm(self.tcp[rows, :3, 3] - self.toolpath.position[self.k[rows]] - shift, axis=1)
         tilt = np.linalg.norm(np.cross(-self.tcp[rows, :3, 2], self.toolpath.axis[self.k[rows]]), axis=1)
         tilt = np.where(np.einsum("ij,ij->i", self.tcp[rows, :3, 2], self.toolpath.axis[self.k[rows]]) < 0, tilt, np.pi)
-        found = self.directions.compute_rotation_angle(self.tcp[self._row_of_point()])[self.k[rows]]
+        found = self.directions.compute_rotation_angle(self.tool[self._row_of_point()])[self.k[rows]]
         told = np.radians(self.points.numbers["gamma_deg"][rows])
         turn = np.abs((found - told[:, None] + np.pi) % (2.0 * np.pi) - np.pi)
         return [

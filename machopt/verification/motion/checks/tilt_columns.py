@@ -22,6 +22,7 @@ from machopt.verification.motion.path_geometry.reference_direction import interp
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
 from machopt.verification.motion.path_geometry.tool_tilt import (
     ToolTilt,
+    compute_leaving_directions,
     compute_tilted_axis,
     find_range_excess,
     is_cut_place,
@@ -32,6 +33,7 @@ RANGE_TOLERANCE_DEG = 1e-3  # what six decimals, and the tangents at a corner, l
 POINT_TOLERANCE_DEG = 1e-5  # nine decimals of tilt and joints
 TABLE_TOLERANCE_DEG = 1e-8  # the same number in two tables
 NO_TILT_DEG = 1e-9
+BULGE = 0.125  # a chord's rise is an eighth of the product of both angles
 SMOOTH_TURN_RAD = np.radians(15.0)  # of the direction of travel: a curve of short moves, not a corner
 
 
@@ -133,9 +135,10 @@ def _check_samples(of: TiltTables) -> list[VerificationCheck]:
 
 
 def _compute_turn_tolerance(of: TiltTables, s: Array, tilt: Array) -> Array:
-    """(M,) rad by which a tilt may be off because the direction of travel turns at an end of its move.
+    """(M,) rad by which a tilt may be off because the direction of travel or the axis turns.
 
-    On a curve of short moves the axis turns evenly while the direction of travel turns at the points.
+    On a curve of short moves the axis turns evenly while the direction of travel turns at the points. Between two rows
+    of tilt.csv the tilted axis turns evenly, too; where the CAM axis turns by θ, the tilt bulges by θ/8 of itself.
     """
     travel, last = of.tilt.known.travel, len(of.toolpath) - 1
     turn = np.zeros(last + 1)  # at each point
@@ -143,7 +146,15 @@ def _compute_turn_tolerance(of: TiltTables, s: Array, tilt: Array) -> Array:
     turn[turn > SMOOTH_TURN_RAD] = 0.0
     low = np.clip(np.floor(s + 1e-9).astype(int), 0, last)
     around = np.maximum(np.maximum(turn[np.maximum(low - 1, 0)], turn[low]), turn[np.minimum(low + 1, last)])
-    return np.asarray(tilt * around)
+    return np.asarray(tilt * (around + BULGE * _compute_axis_steps(of, s)))
+
+
+def _compute_axis_steps(of: TiltTables, s: Array) -> Array:
+    """(M,) rad by which the CAM axis turns between the rows of tilt.csv around each place."""
+    axis, _, _ = compute_leaving_directions(of.toolpath, of.tilt.known, of.tilt.index)
+    step = np.append(0.0, np.linalg.norm(np.diff(axis, axis=0), axis=1))
+    row = np.clip(np.searchsorted(of.tilt.index, s - 1e-9), 0, len(step) - 1)
+    return np.asarray(np.maximum(step[row], step[np.minimum(row + 1, len(step) - 1)]))
 
 
 def _check_points(of: TiltTables) -> list[VerificationCheck]:
@@ -176,7 +187,8 @@ def _check_table(of: TiltTables) -> list[VerificationCheck]:
     """tilt.csv: inside the ranges where it cuts, and the same as points.csv at the points."""
     index, lead, side = of.exported.index, of.exported.lead, of.exported.side
     cut = is_cut_place(of.toolpath, index)
-    beyond = np.where(cut, find_range_excess(lead, side, _get_limits(of, index)), 0.0)
+    bulge = BULGE * _compute_axis_steps(of, index) * np.hypot(np.tan(lead), np.tan(side))
+    beyond = np.maximum(np.where(cut, find_range_excess(lead, side, _get_limits(of, index)), 0.0) - bulge, 0.0)
 
     def where(n: int) -> str:
         return f"point {index[n]:g}"

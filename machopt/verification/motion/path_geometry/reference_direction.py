@@ -39,7 +39,7 @@ class PathDirections:
     second: Array  # (M, 3)
 
     def compute_rotation_angle(self, tcp: Array) -> Array:
-        """Return the (M, 2) rotation about the TCP's own z from either reference, rad.
+        """Return the (M, 2) rotation about the TCP's own z from either reference, projected across z, rad.
 
         Args:
             tcp: (M, 4, 4) poses of the TCP in the workpiece frame.
