@@ -30,7 +30,7 @@ from machopt.planning.tilt.local_costs import build_local_costs
 from machopt.planning.tilt.step_limit import BULGE, limit_steps
 from machopt.planning.tilt.tilt_grid import build_tilt_nodes
 from machopt.planning.tilt.tilt_limits import MARGIN, compute_tilt_limits, hold_outside_cuts
-from machopt.planning.tilt.tilt_smoothing import smooth_tilts
+from machopt.planning.tilt.tilt_smoothing import price_tangents, smooth_tilts
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
@@ -293,11 +293,12 @@ def test_smoothing_finds_the_cheap_end_of_a_range(corner: tuple[Toolpath, Planni
     nodes = build_tilt_nodes(path, limits)
     cost = np.tile([1.2, 1.0, 0.8], (len(path.stations), 1))  # falls with the lead
     costs = build_local_costs(nodes, limits, path.stations.astype(np.intp), cost)
-    w, gain = smooth_tilts(path, costs, limits, FREE, np.zeros_like(path.axis))
+    flat = np.zeros_like(path.axis)
+    w = smooth_tilts(path, costs, limits, FREE, flat)
     lead, _ = measure_lead_and_side(path.axis, path.travel, normalise_vectors(path.axis + w))
     middle = (path.index > 1.2) & (path.index < 1.6)
     assert lead[middle] == pytest.approx(np.full(middle.sum(), radians(5)), abs=2e-3)
-    assert gain > 0
+    assert price_tangents(path, costs, FREE, w) < price_tangents(path, costs, FREE, flat)
 
 
 def test_the_grid_has_the_ends_of_both_ranges(corner: tuple[Toolpath, PlanningPath]) -> None:

@@ -85,6 +85,9 @@ def measure_sample_tilts(
     told = np.isfinite(index) & (move != MoveKind.RAPID)
     s = np.where(told, index, 0.0)
     low = np.clip(np.searchsorted(path.index, s + 1e-9, side="right") - 1, 0, len(path.index) - 1)
+    after = np.minimum(low + 1, len(path.index) - 1)
+    ends_cut = (move == MoveKind.CUT) & (path.move[after] != MoveKind.CUT) & (path.move[low] == MoveKind.CUT)
+    low = np.where(ends_cut, np.maximum(low - 1, 0), low)  # the last place of a cut has the travel of that cut
     high = np.minimum(low + 1, len(path.index) - 1)
     span = path.index[high] - path.index[low]
     f = np.clip((s - path.index[low]) / np.where(span > 0, span, 1.0), 0.0, 1.0)

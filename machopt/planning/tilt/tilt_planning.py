@@ -23,7 +23,7 @@ from machopt.planning.tilt.local_costs import build_local_costs, price_tilts
 from machopt.planning.tilt.step_limit import limit_steps
 from machopt.planning.tilt.tilt_grid import TiltGrid, build_tilt_grid
 from machopt.planning.tilt.tilt_limits import TiltLimits, compute_tilt_limits, hold_outside_cuts
-from machopt.planning.tilt.tilt_smoothing import smooth_tilts
+from machopt.planning.tilt.tilt_smoothing import price_tangents, smooth_tilts
 
 REFINEMENTS = 1  # maximum number of times that the tilts are smoothed at the rotation found, and the path planned again
 WORTH = 0.02  # decrease of the sum of the smoothing, in units of c₀, from which another plan is made
@@ -61,7 +61,7 @@ def plan_with_tilt(plan: Plan, toolpath: Toolpath, options: PlanOptions, timings
         if sequence is not None:
             costs = build_local_costs(grid.nodes, limits, sequence.stations.astype(np.intp), sequence.cost)
             start = _spread_tangents(path, sequence)
-            tangent, _ = smooth_tilts(path, costs, limits, request.search_options, start)
+            tangent = smooth_tilts(path, costs, limits, request.search_options, start)
     if sequence is not None:
         best = min(request.plan_tangents(tangent), best, key=_rank)
         best = request.refine(best, grid)
@@ -122,8 +122,11 @@ class _TiltRequest:
                 a, rows = best.chosen.assignment, path.stations.astype(np.intp)
                 prices = price_tilts(self.plan, grid.nodes, rows, a.phi, a.q)
                 costs = build_local_costs(grid.nodes, self.limits, rows, prices)
-                tangent, gain = smooth_tilts(path, costs, self.limits, self.search_options, _measure_tangents(best))
-            if gain < WORTH:
+                start, options = _measure_tangents(best), self.search_options
+                tangent = smooth_tilts(path, costs, self.limits, options, start)
+                tangent = limit_steps(path, self.limits, tangent, self.plan.setup.ball_radius)
+                before, after = (price_tangents(path, costs, options, w) for w in (start, tangent))
+            if before - after < WORTH:
                 break
             refined = self.plan_tangents(tangent)
             if not _rank(refined) < _rank(best):

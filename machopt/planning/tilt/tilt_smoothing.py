@@ -75,8 +75,8 @@ class _TiltProblem:
 
 def smooth_tilts(
     path: PlanningPath, costs: LocalCosts, limits: TiltLimits, options: PlanOptions, start: Array
-) -> tuple[Array, float]:
-    """Return tangent vectors (P, 3) along the cuts, smooth and inside their ranges, and the decrease of the sum.
+) -> Array:
+    """Return tangent vectors (P, 3) along the cuts, smooth and inside their ranges.
 
     Args:
         path: path of the CAM file.
@@ -86,18 +86,37 @@ def smooth_tilts(
         start: (P, 3) tangents to start from.
     """
     if not len(costs.rows):
-        return limits.project(start), 0.0
-    problem = _TiltProblem(
+        return limits.project(start)
+    problem = _build_problem(path, costs, options)
+    x = _minimise(problem, _get_tangents(costs, start))
+    return limits.project(_spread(path, costs, np.einsum("mc,mcd->md", x, costs.frame)))
+
+
+def price_tangents(path: PlanningPath, costs: LocalCosts, options: PlanOptions, tangent: Array) -> float:
+    """Return the sum that is minimised, in units of c₀, at tangent vectors.
+
+    Args:
+        path: path of the CAM file.
+        costs: index of some stations by their tilt.
+        options: plan options with the weights.
+        tangent: (P, 3).
+    """
+    return _build_problem(path, costs, options).price(_get_tangents(costs, tangent)) if len(costs.rows) else 0.0
+
+
+def _build_problem(path: PlanningPath, costs: LocalCosts, options: PlanOptions) -> _TiltProblem:
+    return _TiltProblem(
         costs=costs,
         share=_share_length(path, costs),
         smooth=_build_smoothness(path, costs),
         mean=options.weights.mean,
         worst=options.weights.worst,
     )
-    first = np.clip(np.einsum("mcd,md->mc", costs.frame, start[costs.rows]), costs.low, costs.high)
-    x = _minimise(problem, first)
-    tangent = limits.project(_spread(path, costs, np.einsum("mc,mcd->md", x, costs.frame)))
-    return tangent, problem.price(first) - problem.price(x)
+
+
+def _get_tangents(costs: LocalCosts, tangent: Array) -> Array:
+    """Tangents (M, 2) of lead and side, inside their ranges."""
+    return np.asarray(np.clip(np.einsum("mcd,md->mc", costs.frame, tangent[costs.rows]), costs.low, costs.high))
 
 
 def _minimise(problem: _TiltProblem, x: Array) -> Array:
