@@ -155,16 +155,17 @@ def test_ranges_of_zero_change_no_byte(job: tuple[Path, Path]) -> None:
 def test_an_operation_has_its_own_range(job: tuple[Path, Path]) -> None:
     cell, path = job
     out = path.parent / "wall"
-    assert optimize(cell, path, out, *COARSE, "--set", "operations={wall: {tilt_deg: {lead: [-2, 6]}}}") == 0
+    assert optimize(cell, path, out, *COARSE, "--set", "operations={wall: {tilt_deg: {lead: [-2, 8], side: [-3, 8]}}}") == 0
     found = table(out / "trajectory.csv")
     cut = np.array(found["move"]) == "cut"
     label = np.array(found["operation"])
     lead, side = numbers(found, "lead_deg", "side_deg").T
     assert np.abs(lead[cut & (label == "face")]).max() < 0.05
-    assert lead[cut & (label == "wall")].min() > -2.001
-    assert lead[cut & (label == "wall")].max() < 6.001
-    assert np.abs(lead[cut & (label == "wall")]).max() > 0.5
-    assert np.abs(side[cut]).max() < 0.05
+    assert np.abs(side[cut & (label == "face")]).max() < 0.05
+    for tilt, low, high in ((lead, -2.001, 8.001), (side, -3.001, 8.001)):
+        assert tilt[cut & (label == "wall")].min() > low
+        assert tilt[cut & (label == "wall")].max() < high
+    assert np.hypot(lead, side)[cut & (label == "wall")].max() > 0.5
 
 
 def test_the_compensated_path_may_tilt(job: tuple[Path, Path]) -> None:

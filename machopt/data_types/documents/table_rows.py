@@ -38,6 +38,10 @@ class TrajectoryTableRow(DocumentModel):
     feed_mm_min: Known = Field(
         description="speed of the tool tip relative to the workpiece, over the step that ends there"
     )
+    lead_deg: Known = Field(
+        default=None, description="tilt of a ball cutter from the CAM axis towards the travel; empty in rapid moves"
+    )
+    side_deg: Known = Field(default=None, description="the same towards CAM axis × travel")
     tool: Text = Field(default="", description="the tool in hand, where the cell has a table of them")
 
 
@@ -85,6 +89,10 @@ class PointsTableRow(DocumentModel):
     comp_dx_mm: Known = Field(default=None, description="added to the commanded path, in the workpiece's frame")
     comp_dy_mm: Known = Field(default=None, description="the same")
     comp_dz_mm: Known = Field(default=None, description="the same")
+    lead_deg: Known = Field(
+        default=None, description="tilt of a ball cutter from i, j, k towards the travel; empty where there is none"
+    )
+    side_deg: Known = Field(default=None, description="the same towards i, j, k × travel")
     ae_mm: Known = Field(default=None, description="radial depth of cut")
     ap_mm: Known = Field(default=None, description="axial depth of cut")
     phi_in_deg: Known = Field(default=None, description="start of the engagement of a tooth")

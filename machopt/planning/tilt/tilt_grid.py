@@ -107,24 +107,27 @@ def build_tilt_grid(plan: Plan, limits: TiltLimits, options: PlanOptions) -> Til
     coarse = min(high - low, 2 * pi) >= NARROW and options.rotation_step < STEP
     sparse = replace(options, rotation_step=STEP if coarse else options.rotation_step)
     nodes = build_tilt_nodes(path, limits)
-    q, cost = [], []
+    solved = []
     for tangent in nodes.tangent:
         tilted = tilt_path(path, normalise_vectors(path.axis + tangent), setup.ball_radius)
-        found = enumerate_candidates(tilted, setup.arm, sparse)
+        solved.append(enumerate_candidates(tilted, setup.arm, sparse))
+    branches = np.unique(np.concatenate([found.branch for found in solved]))
+    solved = [found.expand_branches(branches) for found in solved]
+    cost = []
+    for found in solved:
         usable = found.usable
         value = np.full(usable.shape, np.inf)
         points = stations[np.nonzero(usable)[0]]
         value[usable] = compute_configuration_cost(
             setup.elasticity, plan.directions, points, found.q[usable], plan.scores.index
         )
-        q.append(found.q)
         cost.append(value / plan.scores.scale)
     return TiltGrid(
         stations=stations,
         nodes=nodes,
-        phi=found.phi_at(),
-        q=np.stack(q, axis=1),
+        phi=solved[0].phi_at(),
+        q=np.stack([found.q for found in solved], axis=1),
         cost=np.stack(cost, axis=1),
-        stable=found.stable,
+        stable=solved[0].stable,
         step=sparse.rotation_step,
     )
