@@ -15,7 +15,9 @@ from scipy.spatial.transform import Rotation
 from test_cli import optimize
 
 from machopt.cli import main
+from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.numerics.array_types import Array
+from machopt.view.session import ViewSession
 
 pytestmark = pytest.mark.slow
 
@@ -155,7 +157,10 @@ def test_ranges_of_zero_change_no_byte(job: tuple[Path, Path]) -> None:
 def test_an_operation_has_its_own_range(job: tuple[Path, Path]) -> None:
     cell, path = job
     out = path.parent / "wall"
-    assert optimize(cell, path, out, *COARSE, "--set", "operations={wall: {tilt_deg: {lead: [-2, 8], side: [-3, 8]}}}") == 0
+    assert (
+        optimize(cell, path, out, *COARSE, "--set", "operations={wall: {tilt_deg: {lead: [-2, 8], side: [-3, 8]}}}")
+        == 0
+    )
     found = table(out / "trajectory.csv")
     cut = np.array(found["move"]) == "cut"
     label = np.array(found["operation"])
@@ -212,3 +217,19 @@ def test_methods_without_a_choice_of_tilt_are_refused(job: tuple[Path, Path], tm
     cell, path = job
     given = ["optimize", str(cell), str(path), "-o", str(tmp_path / "out"), "--set", FREE, "--method", "jiao2022"]
     assert main(given) == 2
+
+
+def test_a_pin_in_the_view_is_planned_with_the_tilt(job: tuple[Path, Path], tmp_path: Path) -> None:
+    cell, path = job
+    request = OptimizeRequest(cell=cell, toolpath=path, out=tmp_path / "out", overrides=("rotation_step_deg=10", FREE))
+    session = ViewSession.start(load_optimize_inputs(request), tmp_path / "plan.yaml", (), lambda _: None)
+    first = session.current.job_result.plan
+    assert first.path.lead is not None
+    pinned = float(np.degrees(first.chosen.assignment.phi[3] + first.path.offset[3])) + 15.0
+    wish = {"fixed": [{"point": 3, "gamma_deg": (pinned + 180.0) % 360.0 - 180.0}]}
+    _, shown = session.replan({**session.list_wishes(), **wish}, lambda _: None)
+    assert shown
+    again = session.current.job_result.plan
+    assert again.path.lead is not None
+    assert np.hypot(again.path.lead, again.path.side).max() > 0.01
+    assert session.verify(lambda _: None).good

@@ -90,7 +90,22 @@ def samples(name: str, how_much: str, change: Change, caught_by: str = "tilt of 
     return tilt(name, how_much, table(MOTION, cutting(change)), caught_by)
 
 
+def make_bull_nose(job: Job) -> None:
+    """The cell that the folder is verified with has another cutter."""
+    file = job.cell / "cell.yaml"
+    file.write_text(file.read_text(encoding="utf-8").replace(BALL, "corner_radius_mm: 4, length_mm"), encoding="utf-8")
+
+
 DAMAGES: list[Damage] = [
+    Damage(
+        "tilt: a cutter with a corner",
+        "4 mm of 8.5 mm",
+        make_bull_nose,
+        "tilted cutter is a ball",
+        job="tilted",
+        as_is="made from these inputs",
+    ),
+    tilt("a point without a lead", "one row", table(POINTS, put("lead_deg", "", slice(3, 4))), "points.csv tilt told"),
     samples("lead of the samples", "0.2 deg", add("lead_deg", 0.2)),
     samples("side of the samples", "0.2 deg", add("side_deg", -0.2)),
     samples("tilt in rad", "57 times", times(COLUMNS, np.pi / 180)),

@@ -166,11 +166,14 @@ def _check_points(of: TiltTables) -> list[VerificationCheck]:
     lead, side = points.lead[rows], points.side[rows]
     k = points.point[rows]
     known = of.tilt.known
-    told = compute_tilted_axis(known.axis[k], known.travel[k], np.nan_to_num(lead), np.nan_to_num(side))
+    axis = compute_tilted_axis(known.axis[k], known.travel[k], np.nan_to_num(lead), np.nan_to_num(side))
     shank = -of.tcp_of_points[rows, :3, 2]
-    off = np.arctan2(np.linalg.norm(np.cross(told, shank), axis=1), np.einsum("ij,ij->i", told, shank))
-    off = np.where(np.isfinite(lead) & np.isfinite(side), off, np.inf)
+    off = np.arctan2(np.linalg.norm(np.cross(axis, shank), axis=1), np.einsum("ij,ij->i", axis, shank))
+    told = np.isfinite(lead) & np.isfinite(side)
+    off = np.where(told, off, 0.0)
+    wrong = [f"point {k[n]} has none" for n in np.flatnonzero(~told)]
     more = np.flatnonzero(~of.live & (np.isfinite(points.lead) | np.isfinite(points.side)))
+    wrong += [f"point {points.point[n]} has no joints and a tilt" for n in more]
     return [
         build_worst_value_check(
             "points.csv tilt",
@@ -179,7 +182,7 @@ def _check_points(of: TiltTables) -> list[VerificationCheck]:
             POINT_TOLERANCE_DEG,
             _named(lambda n: f"point {k[n]}", len(rows)),
         ),
-        build_count_check("points.csv tilt told", [f"point {points.point[n]} has no joints and a tilt" for n in more]),
+        build_count_check("points.csv tilt told", wrong),
     ]
 
 
