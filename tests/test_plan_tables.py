@@ -153,10 +153,13 @@ def test_tables_are_as_their_published_rows_say(tmp_path: Path, prismatic: tuple
         k_axial_std=np.full(n, 1e4),
         dwell=np.zeros(n),
         compensation=np.zeros((n, 3)),
+        lead=np.zeros(n),
+        side=np.full(n, np.nan),
         process=process_columns(n),
     )
     write_points_csv(tmp_path / "points.csv", table)
-    write_trajectory_csv(tmp_path / "motion.csv", smooth_motion(n, E), ["a"], prismatic, ["mill"])
+    motion = replace(smooth_motion(n, E), lead=np.zeros(n), side=np.full(n, np.nan))
+    write_trajectory_csv(tmp_path / "motion.csv", motion, ["a"], prismatic, ["mill"])
     seen: set[str] = set()
     for file, model in (("points.csv", PointsTableRow), ("motion.csv", TrajectoryTableRow)):
         with (tmp_path / file).open(encoding="utf-8", newline="") as text:

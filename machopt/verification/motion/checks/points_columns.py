@@ -61,6 +61,7 @@ STIFFNESS_TOLERANCE_N_MM, DEFLECTION_TOLERANCE_MM = 1e-4, 2e-7  # four and seven
 JOINT_TOLERANCE_DEG = 0.1  # of the samples around the point: corners are rounded by up to 15 µm, over a short lever
 DWELL_TOLERANCE_S = 6e-4  # printed to a millisecond
 HELD_FEED_SHARE = 0.95  # of the programmed feed: below it a move may be called slow
+TILT_FEED_SPREAD = 0.01  # of a tilted ball's feed: the planner judges that of its tip, which differs inside a move
 POINT_INDEX_TOLERANCE = 1e-6  # of the index, printed to nine decimals
 
 
@@ -285,7 +286,8 @@ class PointsTableCheck:
         first = np.clip(np.floor(s[b - 1] + POINT_INDEX_TOLERANCE) + 1, 0, n - 1).astype(int)
         last = np.maximum(np.clip(np.ceil(s[b] - POINT_INDEX_TOLERANCE), 0, n - 1).astype(int), first)
         programmed = np.where(np.isfinite(self.toolpath.feed), self.toolpath.feed, self.options.approach_feed)
-        low = motion.feed[b] < HELD_FEED_SHARE * np.fmax(programmed[first], programmed[last])
+        held = HELD_FEED_SHARE + (0.0 if motion.lead is None else TILT_FEED_SPREAD)
+        low = motion.feed[b] < held * np.fmax(programmed[first], programmed[last])
         edges = np.bincount(first[low], minlength=n + 1) - np.bincount(last[low] + 1, minlength=n + 1)
         return np.asarray(np.cumsum(edges[:n]) > 0)
 
