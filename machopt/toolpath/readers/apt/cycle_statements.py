@@ -59,7 +59,7 @@ class CycleWords:
     unknown: tuple[str, ...] = ()
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _CycleFields:
     """Fields of a CYCLE statement, sorted by what they are."""
 
