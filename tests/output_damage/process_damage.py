@@ -137,7 +137,7 @@ DAMAGES = [
     Damage(
         "points.csv outcome changed",
         "1 cell",
-        build_table_change("points.csv", partial(replace_word, "outcome", "pass")),
+        build_table_change("points.csv", partial(replace_word, "outcome", "unknown")),
         "points.csv outcome",
         "process",
     ),

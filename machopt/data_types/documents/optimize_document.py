@@ -55,6 +55,8 @@ class ObjectivePartsSection(DocumentModel):
     clearance: Known
     tolerance: Known = 0.0  # price of the points out of tolerance, with `objective: tolerance`
     stability: Known = 0.0  # weights.stability times the mean shortfall of the stable depth of cut
+    rapid: Known = 0.0  # time of the rapid moves as a share of that of the job
+    reorientation: Known = 0.0  # branch changes and whole turns in rapid moves, times the lowest J the index permits
 
 
 class ChoiceObjectiveSection(ObjectivePartsSection):

@@ -179,6 +179,8 @@ def _summed(parts: Sequence[PlanObjective], share: Array, options: PlanOptions) 
         clearance=mean("clearance"),
         tolerance=sum(o.tolerance for o in parts),
         stability=mean("stability"),
+        rapid=mean("rapid"),
+        reorientation=sum(o.reorientation for o in parts),
     )
     return replace(whole, total=compute_total(whole, options.weights))
 
