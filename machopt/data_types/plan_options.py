@@ -87,7 +87,7 @@ class ObjectiveWeights:
         0.02  # each branch change and whole turn in a rapid move, as a share of the lowest possible J
     )
     stability: float = 0.0  # shortfall of the stable depth of cut, mean along the path
-    clearance: float = 0.0  # nearness to anything, mean along the path: 1 at contact, 0 from clearance_full on
+    clearance: float = 0.05  # nearness to anything, mean along the path: 1 at contact, 0 from clearance_full on
 
 
 ExternalMode = Literal["locked", "operation", "moving"]

@@ -162,7 +162,8 @@ def _check_mean_nearness(t: ResultComparison, told: float) -> Iterable[str]:
         yield from check_equal("objective.chosen.clearance", told, 0.0)
         return
     points = CheckedPoints.from_file(t)
-    counts = t.toolpath.cutting & np.isfinite(points.get_column("clearance_mm"))
+    cut = t.toolpath.cutting
+    counts = (cut | np.r_[cut[1:], False]) & np.isfinite(points.get_column("clearance_mm"))  # ends of all cut moves
     near = np.clip(1.0 - 1e-3 * points.get_column("clearance_mm")[counts] / t.options.clearance_full, 0.0, 1.0)
     if len(near) and not near.min() - NEARNESS_TOLERANCE <= told <= near.max() + NEARNESS_TOLERANCE:
         yield (
