@@ -29,11 +29,27 @@ def add_vertex_prices(
         options: plan options with the weights.
     """
     limits = setup.cell.limits
-    rates = np.stack([limits.velocity, limits.acceleration, limits.jerk]) * setup.per_rad
-    home = setup.driven.joints_at_home
     return replace(
-        scores,
+        add_rapid_prices(scores, path, setup, candidates, options),
         crowded=compute_grid_crowding(path, setup.collision, candidates, options),
-        rapid=RapidPricing.build(path, rates, home, setup.per_rad, scores.least, candidates.stable, options),
         feed_price=compute_grid_price(path, setup.arm, setup.robot, limits, options, candidates),
     )
+
+
+def add_rapid_prices(
+    scores: CandidateScores, path: PlanningPath, setup: PlanningSetup, candidates: CandidateGrid, options: PlanOptions
+) -> CandidateScores:
+    """Return the scores with the prices of rapid moves and changes of posture alone.
+
+    Args:
+        scores: cost of the candidates, with the scale in use.
+        path: planning points.
+        setup: planning setup of the cell.
+        candidates: candidate grid.
+        options: plan options with the weights.
+    """
+    limits = setup.cell.limits
+    rates = np.stack([limits.velocity, limits.acceleration, limits.jerk]) * setup.per_rad
+    home = setup.driven.joints_at_home
+    pricing = RapidPricing.build(path, rates, home, setup.per_rad, scores.least, candidates.stable, options)
+    return replace(scores, rapid=pricing)
