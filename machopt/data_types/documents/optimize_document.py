@@ -137,6 +137,7 @@ class ParetoPlanEntry(DocumentModel):
     joint_travel_deg: Number
     clearance_mm: Known
     in_tolerance: Count | None = None  # holes and points that pass; null where nothing has a tolerance
+    posture_changes: Count = 0  # branch changes and whole turns in rapid moves
     objective: Known
     dominated: Flag
 

@@ -20,7 +20,7 @@ from machopt.planning.stations.planning_path import PlanningPath
 
 MEASURED = 8  # number of stations at which configurations are measured
 STRIDE = 6  # of their rotations
-POINTS = 48  # number of planning points of a plan that are measured
+POINTS = 24  # number of planning points of a plan that are measured
 
 
 def is_clearance_weighted(model: CollisionModel | None, options: PlanOptions) -> bool:

@@ -125,9 +125,7 @@ class RapidPricing:
         seconds = sum(compute_rest_time(*row) for row in need.tolist()) + sum(
             self._time_home(x[known[[0, -1]]]).tolist()
         )
-        changes = int((branch[a] != branch[b]).sum()) if self.stable else 0
-        turns = int(np.round(step[:, :6] / (2 * np.pi)).sum())
-        return seconds * self.per_second, self.unit * (changes + turns)
+        return seconds * self.per_second, self.unit * count_changes(path, x[:, :6], branch, self.stable)
 
     def price_ends(self, q: Array, external: Array) -> Array:
         """Return the price of the move from or to home.
@@ -151,6 +149,22 @@ class RapidPricing:
         """Return the price of one branch change, and that of one whole turn."""
         price = self.weights[1] * self.unit
         return (price if self.stable else 0.0), price
+
+
+def count_changes(path: PlanningPath, q: Array, branch: NDArray[np.int32], stable: bool) -> int:
+    """Return the number of branch changes and whole turns in the rapid moves of an assignment.
+
+    Args:
+        path: planning points.
+        q: (P, 6) rad, NaN where there are none.
+        branch: (P,) branches.
+        stable: the branch numbers hold from pose to pose.
+    """
+    known = np.flatnonzero(np.isfinite(q).all(axis=1))
+    flown = path.run[known[1:]] != path.run[known[:-1]]
+    a, b = known[:-1][flown], known[1:][flown]
+    turns = int(np.round(np.abs(q[b] - q[a]) / (2 * np.pi)).sum())
+    return turns + (int((branch[a] != branch[b]).sum()) if stable else 0)
 
 
 def find_rapids(path: PlanningPath) -> Bools:
