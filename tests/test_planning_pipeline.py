@@ -136,6 +136,7 @@ def test_objective_is_its_definition(case: str) -> None:
     parts = (
         w.rapid * o.rapid
         + w.reorientation * o.reorientation
+        + w.clearance * o.clearance
         + w.mean * o.mean
         + w.worst * o.worst
         + w.travel * o.travel
