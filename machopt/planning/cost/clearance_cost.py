@@ -19,7 +19,7 @@ from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.stations.planning_path import PlanningPath
 
 MEASURED = 8  # number of stations at which configurations are measured
-STRIDE = 6  # of their rotations
+ROTATIONS = 24  # number of their rotations
 POINTS = 24  # number of planning points of a plan that are measured
 
 
@@ -74,7 +74,8 @@ def compute_grid_crowding(
     S = len(st)
     at = np.unique(np.linspace(0, S - 1, min(S, MEASURED)).round().astype(int))
     found = np.full((len(at), *usable.shape[1:]), np.nan)
-    stride = STRIDE if usable.shape[1] % STRIDE == 0 else 1
+    stride = max(usable.shape[1] // ROTATIONS, 1)
+    stride = stride if usable.shape[1] % stride == 0 else 1
     wanted = usable[at].transpose(1, 2, 0)
     wanted[np.arange(len(wanted)) % stride > 0] = False
     r, b, n = np.nonzero(wanted)
