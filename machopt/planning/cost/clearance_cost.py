@@ -18,9 +18,9 @@ from machopt.planning.cost.objective import compute_crowding
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.stations.planning_path import PlanningPath
 
-MEASURED = 8  # number of stations at which configurations are measured
-ROTATIONS = 24  # number of their rotations
-POINTS = 24  # number of planning points of a plan that are measured
+MEASURED = 5  # number of stations at which configurations are measured
+ROTATIONS = 18  # number of their rotations
+POINTS = 12  # number of planning points of a plan that are measured
 
 
 def is_clearance_weighted(model: CollisionModel | None, options: PlanOptions) -> bool:
