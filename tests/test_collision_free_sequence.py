@@ -31,7 +31,11 @@ from machopt.planning.sequence_search.worst_value_constraint import GAP
 
 UP = (0.0, 0.0, 1.0)
 C, R = MoveKind.CUT, MoveKind.RAPID
-OPTIONS = PlanOptions(rotation_step=np.radians(30.0), collision_step=np.radians(3.0))
+OPTIONS = PlanOptions(
+    rotation_step=np.radians(30.0),
+    collision_step=np.radians(3.0),
+    weights=ObjectiveWeights(rapid=0.0, reorientation=0.0, clearance=0.0),
+)
 
 
 def leaning(
@@ -297,8 +301,8 @@ def test_equal_stiffness_prefers_distance_where_clearance_counts(tmp_path: FileP
         ),
     )
     rows: Rows = [((-0.05 + 0.019 * k, 0.0, 0.02), UP, R if k == 0 else C) for k in range(4)]
-    plain = leaning(tmp_path, rows, post)
-    weighed = replace(OPTIONS, weights=ObjectiveWeights(clearance=20.0), clearance_full=0.3)
+    plain = leaning(tmp_path, rows, post, replace(OPTIONS, weights=ObjectiveWeights(clearance=0.0, rapid=0.0)))
+    weighed = replace(OPTIONS, weights=ObjectiveWeights(clearance=20.0, rapid=0.0), clearance_full=0.3)
     wary = leaning(tmp_path, rows, post, weighed)
 
     def nearest(p: Plan) -> float:
@@ -310,4 +314,5 @@ def test_equal_stiffness_prefers_distance_where_clearance_counts(tmp_path: FileP
     o, w = wary.chosen.objective, weighed.weights
     parts = w.mean * o.mean + w.worst * o.worst + w.travel * o.travel + w.rotation * o.rotation + w.feed * o.feed
     assert 0.0 < o.clearance < 1.0
+    parts += w.rapid * o.rapid + w.reorientation * o.reorientation
     assert o.total == pytest.approx(parts + 20.0 * o.clearance)

@@ -32,6 +32,7 @@ from machopt.planning.continuous_refinement.quadratic_model import (
     minimize_quadratic_model,
 )
 from machopt.planning.continuous_refinement.refinement import PlanRefinement
+from machopt.planning.cost.objective import compute_objective
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
@@ -88,7 +89,10 @@ def test_the_model_is_j_to_second_order(
     rows = r.rows
     here = r._state(plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows])
     assert here is not None
-    assert here.merit == pytest.approx(plan.chosen.objective.total, rel=1e-9)  # every planning point is a station
+    a, x = plan.chosen.assignment, plan.setup.in_rad(plan.path, plan.chosen.assignment.q)
+    velocity, scale = plan.setup.velocity, plan.scores.scale
+    own = compute_objective(plan.path, plan.chosen.cost, x, a.phi, scale, velocity, plan.options)  # its terms alone
+    assert here.merit == pytest.approx(own.total, rel=1e-9)  # every planning point is a station
     local = r._local(here)
     assert local.known.all()
     trust = np.full((len(rows), 2), 0.2)

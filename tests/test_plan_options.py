@@ -55,7 +55,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         method="jiao2022",
         index="deflection",
         force=ProcessForce(10, 20, 30),
-        weights=ObjectiveWeights(mean=2, worst=3, travel=4, rotation=5),
+        weights=ObjectiveWeights(mean=2, worst=3, travel=4, rotation=5, clearance=0.0),
         rotation_step=radians(2.5),
         rotation_range=(-pi / 2, pi / 3),
         preferred_rotation=radians(15),

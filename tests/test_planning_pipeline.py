@@ -20,6 +20,7 @@ from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.data_types.toolpath import MoveKind
 from machopt.errors import InputError
 from machopt.planning.cost.stiffness_index import resolve_index
+from machopt.planning.motion.rapid_moves import retime_straight_segments
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings, prepare_planning
@@ -111,6 +112,7 @@ def test_objective_is_its_definition(case: str) -> None:
     assert o.mean == pytest.approx(length_weight(path)[counted] @ c, rel=1e-8)
     assert o.worst == pytest.approx(c.max(), rel=1e-8)
     share = path.motion_share
+    rapids = [i for i in range(1, len(a.q)) if path.run[i] != path.run[i - 1]]
 
     def swing(i: int) -> float:
         d = np.linalg.norm(path.position[i] - path.position[i - 1])
@@ -121,8 +123,21 @@ def test_objective_is_its_definition(case: str) -> None:
     )
     turned = sum(share[i] * abs(a.phi[i] - a.phi[i - 1]) for i in range(1, len(a.q)) if path.run[i] == path.run[i - 1])
     assert o.rotation == pytest.approx(turned / np.pi, rel=1e-9, abs=1e-15)
+    limits = p.setup.cell.limits
+    home = p.setup.cell.home + 2 * np.pi * np.round((a.q[[0, -1]] - p.setup.cell.home) / (2 * np.pi))
+    ends = [(home[0], a.q[0]), *((a.q[i - 1], a.q[i]) for i in rapids), (a.q[-1], home[1])]
+    rides = [retime_straight_segments(np.array(pair), limits, p.options.rapid_scale, 1e-3) for pair in ends]
+    seconds = 1e-3 * sum(len(ride) - 1 for ride in rides)
+    assert o.rapid == pytest.approx(seconds / (path.time[-1] + len(rapids)), abs=1e-3 * len(rides) / path.time[-1])
+    flips = sum(a.branch[i] != a.branch[i - 1] for i in rapids) if p.candidates.stable else 0
+    turns = sum(int(np.round(np.abs(a.q[i] - a.q[i - 1]) / (2 * np.pi)).sum()) for i in rapids)
+    assert p.scores.rapid is not None
+    assert o.reorientation == pytest.approx((flips + turns) * p.scores.rapid.unit)
     parts = (
-        w.mean * o.mean
+        w.rapid * o.rapid
+        + w.reorientation * o.reorientation
+        + w.clearance * o.clearance
+        + w.mean * o.mean
         + w.worst * o.worst
         + w.travel * o.travel
         + w.rotation * o.rotation

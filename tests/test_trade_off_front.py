@@ -85,7 +85,7 @@ def test_file_holds_what_is_not_dominated(tmp_path: Path) -> None:
     write_trade_off_front(tmp_path / "front.csv", mark_dominated_plans([A, replace(A, plan="b", clearance_mm=10.0)]))
     assert (tmp_path / "front.csv").read_text("utf-8").splitlines() == [
         ",".join(name for name in FRONT_COLUMNS if name != "in_tolerance"),  # no tolerance, no column
-        "a,,0.4,0.5,10,1000,20,",
+        "a,,0.4,0.5,10,1000,20,0,",
     ]
 
 

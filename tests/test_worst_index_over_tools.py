@@ -47,7 +47,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> list[Plan]:
     options = PlanOptions(
         collision=False,
         rotation_step=np.radians(15.0),
-        weights=replace(ObjectiveWeights(), worst=0.3, travel=0.3),
+        weights=replace(ObjectiveWeights(), worst=0.3, travel=0.3, rapid=0.0, reorientation=0.0),
     )
     out: list[Plan] = []
     for one, name, y, length in zip(cells, ("a.csv", "b.csv"), (-100.0, 300.0), (300.0, 60.0), strict=True):

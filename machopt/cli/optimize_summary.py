@@ -208,13 +208,15 @@ def _format_external_lines(e: ExternalSearchBoundSection | None) -> list[str]:
         return []
     if e.why_none:
         return [f"    for the chosen values of the external joints; no lower bound over their values: {e.why_none}"]
+    apart = ", ".join(f"{v.joint} {v.step:.4g}{'°' if v.unit == 'deg' else ' mm'}" for v in e.values_apart if v.step)
+    where = f" (up to {apart} apart; nothing is proven between them)" if apart else ""
     gap = "at values of the external joints between those of the grid, so the bound does not apply to it"
     if e.gap_percent is not None:
         gap = f"gap {e.gap_percent:.2f} %"
     return [
-        f"    for the chosen values of the external joints; lower bound over {e.values} of their values and those of "
-        "the "
-        f"plan, with steps of {_convert_null_to_nan(e.rotation_step_deg):g}° at {e.stations} stations: "
+        f"    for the chosen values of the external joints; lower bound over {e.values} of their values"
+        f"{where} and those of the plan, with steps of {_convert_null_to_nan(e.rotation_step_deg):g}° at "
+        f"{e.stations} stations: "
         f"{_convert_null_to_nan(e.lower_bound):.4f}; the plan has {_convert_null_to_nan(e.plan):.4f}, {gap}"
     ]
 

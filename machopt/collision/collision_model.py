@@ -56,7 +56,7 @@ TWO_APART_CONTACT_SHARE = 0.50  # the same for links two apart, whose meshes oft
 MAX_BOUNDED_STEP_RAD = 0.1  # rad, joint step above which the motion bound is useless
 SORTING_STRIP_RAD = np.radians(2.0)  # strip of a joint in which poses are sorted by the next one
 MAX_BLOCK_ROWS = 50_000  # rows of a motion per block, limited by memory (some 5 kB each)
-PLACES, UNCHANGED = 49, 1e-6  # number of places of an external joint, and m, maximum variation of a constant distance
+PLACES, UNCHANGED = 49, 5e-4  # number of places of a joint, and m, maximum variation of a constant distance
 MAX_BOUND_ARRAY_SIZE = 2_000_000  # rows × pairs whose bounds are compared in one array
 
 
@@ -280,9 +280,8 @@ class CollisionModel:
     def find_nearest_pair(self, q: Array, cutting: Bools, cap: float = MAX_DISTANCE_M) -> NearestPairs:
         """Return the least distance over the pairs at each row, and its pair; 0 in contact.
 
-        Pairs with a constant distance, like a carriage and its own bed, are left out: they would hide the distances
-        that a plan
-        can change.
+        Pairs with a constant distance, like a carriage and its own bed, or the link before the flange and a round tool,
+        are left out: they would hide the distances that a plan can change.
 
         Args:
             q: (S, 6 + E) rad or m, fastest where neighbouring rows are neighbouring poses.
@@ -300,7 +299,7 @@ class CollisionModel:
         )
 
     def _find_constant_pairs(self) -> Bools:
-        """Return (P,) the pairs with only one external joint between them and a constant distance.
+        """Return (P,) the pairs with only one joint between them and a constant distance.
 
         :func:`machopt.verification.motion.collision.clearance_column.list_varying_pairs` implements the same rule
         independently: the joint is placed at both ends of its range and at 1/48 steps in between. A pair is constant if
@@ -314,7 +313,7 @@ class CollisionModel:
             return out
         q = lines.compute_line_positions(np.linspace(lines.lower, lines.upper, PLACES))
         for p, (i, j) in enumerate(self.stack.links):
-            if j - i == 1 and i < lines.machine.base_link:
+            if j - i == 1:
                 out[p] = self._is_distance_constant(p, q[[0, -1]]) and self._is_distance_constant(
                     p, q
                 )  # the ends decide most pairs at once

@@ -82,8 +82,12 @@ class ObjectiveWeights:
     travel: float = 0.03  # joint travel, per 180° summed over the axes
     rotation: float = 0.1  # total rotation about the tool axis, per 180°
     feed: float = 2.0  # time lost because the axes cannot follow the programmed feed, per share of the cutting time
+    rapid: float = 0.5  # time of the rapid moves, per share of the time of the job
+    reorientation: float = (
+        0.02  # each branch change and whole turn in a rapid move, as a share of the lowest possible J
+    )
     stability: float = 0.0  # shortfall of the stable depth of cut, mean along the path
-    clearance: float = 0.0  # nearness to anything, mean along the path: 1 at contact, 0 from clearance_full on
+    clearance: float = 0.05  # nearness to anything, mean along the path: 1 at contact, 0 from clearance_full on
 
 
 ExternalMode = Literal["locked", "operation", "moving"]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions, SteeringRule
 from machopt.data_types.steering_rules import resolve_steering
@@ -37,7 +39,8 @@ class ToolSegment:
         return self.cell.tool_name or ""
 
     def restrict_options(self, options: PlanOptions) -> PlanOptions:
-        """Return the planning options with the steering rules of its points, counted from its first point.
+        """Return the planning options with the steering rules of its points, counted from its first point, and with
+        the weight of changes relative to its share of the length cut.
 
         Args:
             options: The planning options in force.
@@ -45,7 +48,13 @@ class ToolSegment:
         Raises:
             InputError: a rule names a place that the toolpath does not have.
         """
-        if not self.number or not (options.fixed or options.steer):
+        if not self.number:
+            return options
+        w = (
+            options.weights
+        )  # the job's J is the sum of the tools' by their shares, and a change counts for the whole job
+        options = replace(options, weights=replace(w, reorientation=w.reorientation / self._compute_share()))
+        if not (options.fixed or options.steer):
             return options
         laid = resolve_steering(options, self.whole)
         mine = (f for f in laid.fixed if self.first <= f.point < self.stop)
@@ -53,6 +62,14 @@ class ToolSegment:
         return replace(
             laid, fixed=fixed, steer=tuple(w for wish in laid.steer for w in self._shift_steering_rule(wish))
         )
+
+    def _compute_share(self) -> float:
+        """Its share of the length that the whole job cuts; 1 where nothing has a length."""
+        own, every = (
+            float(np.linalg.norm(np.diff(t.position, axis=0), axis=1) @ t.cutting[1:])
+            for t in (self.toolpath, self.whole)
+        )
+        return own / every if own > 0 else 1.0
 
     def _shift_steering_rule(self, wish: SteeringRule) -> tuple[SteeringRule, ...]:
         """What of a wish that is laid down is about points of the stint."""

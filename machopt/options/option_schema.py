@@ -29,6 +29,15 @@ class WeightKeys(StrictSchema):
     )
     rotation: float | None = Field(default=None, ge=0, description="of rotation about the tool axis, per 180 degrees")
     feed: float | None = Field(default=None, ge=0, description="of the share of the cutting time lost to slow axes")
+    rapid: float | None = Field(
+        default=None, ge=0, description="of the time of the rapid moves, as a share of the time of the job"
+    )
+    reorientation: float | None = Field(
+        default=None,
+        ge=0,
+        description="of each branch change and each whole turn of a joint in a rapid move, as a share of the lowest "
+        "objective that the index permits",
+    )
     stability: float | None = Field(
         default=None,
         ge=0,

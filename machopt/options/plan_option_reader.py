@@ -168,6 +168,10 @@ def load_options(
     merged: dict[str, object] = {}
     for layer in layers:
         merged = _merge_layers(merged, layer)
+    weights = merged.get("weights")
+    if merged.get("collision") is False and not (isinstance(weights, dict) and "clearance" in weights):
+        # the default weight has no effect without bodies
+        merged["weights"] = {**(weights if isinstance(weights, dict) else {}), "clearance": 0.0}
     # the layer of a clash between two keys is unknown, so the message names only the keys
     return _to_si(validate_document(OptionKeys, YamlDocument(merged, {}, "options")))
 

@@ -128,7 +128,7 @@ def plan_at_placement(
             break
         seconds += float(timeline.trajectory.time[-1])
     done = [ToolSegmentPlan(one, s.first, s.tool) for one, s in zip(plans, moved_stints, strict=True)]
-    return join_plans(done, bound) if len(done) > 1 else plans[0], seconds, why
+    return join_plans(done, bound, options) if len(done) > 1 else plans[0], seconds, why
 
 
 def _plan_segment(stint: ToolSegment, count: int, scale: float | None, options: PlanOptions) -> Plan:

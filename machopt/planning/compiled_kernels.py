@@ -40,9 +40,15 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("kinematics.product_of_exponentials", "compute_jacobians", f"{_F2},{_F2},{_F2},{_F2},{_F3},{_F3}"),
     ("planning.baselines", "_nearest_to_last", f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},{_FIXED}"),
     (
+        "planning.cost.held_feed",
+        "_compute_excess",
+        f"{_F2},{_F2},{_F2},{_F2},{_F2},{_F3},{_F2},{_I1},{_F2},{_F1}",
+    ),
+    ("planning.cost.rapid_time", "compute_rest_time", "f8,f8,f8"),
+    (
         "planning.sequence_search.search_kernels",
         "find_cheapest_sequence",
-        f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},{_I1},i4[:,::1],b1[::1],b1[:,:,::1],b1[:,::1],b1,{_I1},{_F1},i2[::1]",
+        f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},{_I1},i4[:,::1],b1[::1],b1[:,:,::1],b1[:,::1],b1,{_I1},{_F1},i2[::1],{_F2},{_F2},{_F1}",
     ),
     (
         "collision.mesh_distance",

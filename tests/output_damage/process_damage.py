@@ -62,6 +62,12 @@ def scale_column(name: str, factor: float, rows: Rows) -> None:
     row[name] = repr(float(row[name]) * factor)
 
 
+def flip_chatter(rows: Rows) -> None:
+    """One cell, the first that is not empty: stable becomes a mode, a mode becomes stable."""
+    row = next(r for r in rows if r["chatter"])
+    row["chatter"] = "robot:3" if row["chatter"] == "stable" else "stable"
+
+
 def replace_word(name: str, word: str, rows: Rows) -> None:
     """One cell, the first that is not empty and another word."""
     next(r for r in rows if r[name] and r[name] != word)[name] = word
@@ -119,7 +125,7 @@ DAMAGES = [
     Damage(
         "points.csv chatter changed",
         "1 cell",
-        build_table_change("points.csv", partial(replace_word, "chatter", "robot:3")),
+        build_table_change("points.csv", flip_chatter),
         "points.csv chatter",
         "process",
     ),
@@ -137,7 +143,7 @@ DAMAGES = [
     Damage(
         "points.csv outcome changed",
         "1 cell",
-        build_table_change("points.csv", partial(replace_word, "outcome", "pass")),
+        build_table_change("points.csv", partial(replace_word, "outcome", "unknown")),
         "points.csv outcome",
         "process",
     ),

@@ -28,6 +28,7 @@ from machopt.planning.plan_output.document_sections import (
     list_infeasible_entries,
 )
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks, list_hints
+from machopt.planning.plan_output.move_results import describe_low_feed
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import build_process_section
 from machopt.planning.plan_output.tilt_section import build_tilt_section
@@ -95,6 +96,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
             *find_options_without_effect(the_plan.options),
             *describe_missing_plans(made.front, the_plan.options),
             *describe_better_plans(made.front),
+            *describe_low_feed(timeline.dips if trajectory and timeline else ()),
             *list_hints(the_plan),
         ),
         timings_s={name: round(value, 3) for name, value in seconds.items()},

@@ -29,6 +29,7 @@ FRONT_COLUMNS = (
     "joint_travel_deg",
     "clearance_mm",
     "in_tolerance",
+    "posture_changes",
     "objective",
 )
 

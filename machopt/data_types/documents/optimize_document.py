@@ -55,6 +55,8 @@ class ObjectivePartsSection(DocumentModel):
     clearance: Known
     tolerance: Known = 0.0  # price of the points out of tolerance, with `objective: tolerance`
     stability: Known = 0.0  # weights.stability times the mean shortfall of the stable depth of cut
+    rapid: Known = 0.0  # time of the rapid moves as a share of that of the job
+    reorientation: Known = 0.0  # branch changes and whole turns in rapid moves, times the lowest J the index permits
 
 
 class ChoiceObjectiveSection(ObjectivePartsSection):
@@ -63,12 +65,22 @@ class ChoiceObjectiveSection(ObjectivePartsSection):
     feasible_share: Number
 
 
+class ValueStepEntry(DocumentModel):
+    """Largest distance of neighbouring values of one external joint in the grid of the bound."""
+
+    joint: Text
+    step: Number
+    unit: Text  # mm or deg
+
+
 class ExternalSearchBoundSection(DocumentModel):
     """How good the plan is at least when the values of the external joints are free too.
 
     Over all sequences of a grid of values (and the plan's own), rotations and branches at some stations; ``plan`` is
     the plan's J there. The figures are null where there is no bound, and ``why_none`` says why. ``gap_percent`` is
     null where ``plan`` is below ``lower_bound``, too: the plan stands between the values, where the bound says nothing.
+    The bound holds for the grid alone, whose values are up to ``values_apart`` from each other: it proves nothing about
+    plans between them. It counts index, travel, rotation and velocities; the other terms of J are never negative.
     """
 
     why_none: Text
@@ -79,6 +91,7 @@ class ExternalSearchBoundSection(DocumentModel):
     lower_bound: Known
     plan: Known
     gap_percent: Known
+    values_apart: tuple[ValueStepEntry, ...] = ()
 
 
 class SearchBoundSection(DocumentModel):
@@ -124,6 +137,7 @@ class ParetoPlanEntry(DocumentModel):
     joint_travel_deg: Number
     clearance_mm: Known
     in_tolerance: Count | None = None  # holes and points that pass; null where nothing has a tolerance
+    posture_changes: Count = 0  # branch changes and whole turns in rapid moves
     objective: Known
     dominated: Flag
 

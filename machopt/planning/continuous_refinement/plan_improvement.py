@@ -21,6 +21,7 @@ from machopt.planning.collision_handling.path_check import PathCollisionChecker
 from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.continuous_refinement.refinement import TRUST, PlanRefinement, RefinementResult
 from machopt.planning.continuous_refinement.starting_point import RefinementStart
+from machopt.planning.cost.held_feed import compute_lost_time
 from machopt.planning.cost.objective import compute_objective, compute_total
 from machopt.planning.cost.stiffness_index import LoadDirections, compute_load_directions
 from machopt.planning.external_axes.operation_groups import OperationGroup
@@ -234,7 +235,9 @@ def _as_searched(plan: Plan) -> float:
     """Return J of a plan as the search counts it: the travel of its external joints, a constant there, is left out."""
     a, objective, cell = plan.chosen.assignment, plan.chosen.objective, plan.setup.cell
     velocity, scale = cell.limits.velocity[:6], plan.scores.scale
-    own = compute_objective(plan.path, plan.chosen.cost, a.q, a.phi, scale, velocity, plan.options)
+    s = plan.setup
+    late = compute_lost_time(plan.path, s.arm, s.robot, cell.limits, plan.options, a.q, a.phi)
+    own = compute_objective(plan.path, plan.chosen.cost, a.q, a.phi, scale, velocity, plan.options, late=late)
     return compute_total(
         replace(objective, travel=own.travel, feed=own.feed), plan.options.weights, plan.scores.elsewhere
     )

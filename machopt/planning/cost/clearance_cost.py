@@ -1,8 +1,10 @@
 """Clearance term of the objective (``weights.clearance``): how near the arm comes to other bodies.
 
-A finished plan is measured at every planning point. The grid search would need the distance of each configuration,
-which takes minutes. There it is measured at some stations and interpolated linearly between them along a rotation and
-branch. The search therefore minimises a value close to the reported objective, not equal to it.
+A finished plan is measured at some planning points, evenly spread over the cut. The grid search would need the distance
+of each configuration, which takes minutes. There it is measured at some stations and rotations, and interpolated
+linearly between them within a branch. The search therefore minimises a value close to the reported objective, not equal
+to it. Pairs of bodies with a constant distance do not count
+(:meth:`machopt.collision.collision_model.CollisionModel.find_nearest_pair`).
 """
 
 from __future__ import annotations
@@ -16,7 +18,9 @@ from machopt.planning.cost.objective import compute_crowding
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.stations.planning_path import PlanningPath
 
-MEASURED = 32  # number of stations at which every configuration is measured
+MEASURED = 5  # number of stations at which configurations are measured
+ROTATIONS = 18  # number of their rotations
+POINTS = 12  # number of planning points of a plan that are measured
 
 
 def is_clearance_weighted(model: CollisionModel | None, options: PlanOptions) -> bool:
@@ -32,8 +36,7 @@ def is_clearance_weighted(model: CollisionModel | None, options: PlanOptions) ->
 def compute_path_crowding(
     path: PlanningPath, model: CollisionModel | None, q: Array, options: PlanOptions
 ) -> Array | None:
-    """Return the (P,) crowding at the planning points, NaN where there is no configuration; None where it does not
-    count.
+    """Return the (P,) crowding at the planning points, NaN where it is not measured; None where it does not count.
 
     Args:
         path: planning points.
@@ -44,7 +47,8 @@ def compute_path_crowding(
     if model is None or not is_clearance_weighted(model, options):
         return None
     out = np.full(len(q), np.nan)
-    known = np.flatnonzero(np.isfinite(q).all(axis=1))
+    known = np.flatnonzero(np.isfinite(q).all(axis=1) & path.counted)
+    known = known[np.unique(np.linspace(0, len(known) - 1, min(len(known), POINTS)).round().astype(int))]
     full = options.clearance_full
     out[known] = compute_crowding(
         model.find_nearest_pair(path.whole(q[known], known), path.may_touch[known], full).distance, full
@@ -55,7 +59,7 @@ def compute_path_crowding(
 def compute_grid_crowding(
     path: PlanningPath, model: CollisionModel | None, c: CandidateGrid, options: PlanOptions
 ) -> Array | None:
-    """Return the (S, R, B) crowding of every configuration, 0 where no measured one is near; None where it does not
+    """Return the (S, R, B) crowding of every configuration, 0 where none is measured near it; None where it does not
     count.
 
     Args:
@@ -70,15 +74,25 @@ def compute_grid_crowding(
     S = len(st)
     at = np.unique(np.linspace(0, S - 1, min(S, MEASURED)).round().astype(int))
     found = np.full((len(at), *usable.shape[1:]), np.nan)
-    r, b, n = np.nonzero(usable[at].transpose(1, 2, 0))
+    stride = max(usable.shape[1] // ROTATIONS, 1)
+    stride = stride if usable.shape[1] % stride == 0 else 1
+    wanted = usable[at].transpose(1, 2, 0)
+    wanted[np.arange(len(wanted)) % stride > 0] = False
+    r, b, n = np.nonzero(wanted)
     distance = model.find_nearest_pair(
         path.whole(c.q[at[n], r, b], st[at[n]]), path.may_touch[st[at[n]]], options.clearance_full
     ).distance
     found[n, r, b] = compute_crowding(distance, options.clearance_full)
+    near, far = found[:, ::stride], np.roll(found[:, ::stride], -1, axis=1)
+    for k in range(1, stride):
+        found[:, k::stride] = _interpolate(near, far, k / stride)
     after = np.minimum(np.searchsorted(at, np.arange(S)), len(at) - 1)
     before = np.maximum(after - 1, 0)
     f = (np.arange(S) - at[before]) / np.maximum(at[after] - at[before], 1)
-    low, high = found[before], found[after]
+    return np.asarray(np.nan_to_num(_interpolate(found[before], found[after], f[:, None, None])))
+
+
+def _interpolate(low: Array, high: Array, f: Array | float) -> Array:
+    """Interpolate linearly; where one value is unknown, the other holds."""
     low, high = np.where(np.isnan(low), high, low), np.where(np.isnan(high), low, high)
-    out = low + f[:, None, None] * (high - low)
-    return np.asarray(np.nan_to_num(out))
+    return np.asarray(low + f * (high - low))

@@ -1,14 +1,16 @@
 """J, the objective of a plan. Its terms are defined only here.
 
 J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ a·b|Δq|/π + w_rotation·Σ a|Δφ|/π + w_feed·t_lost/t
-+ w_preferred·mean((1 − cos(γ − γ_preferred))/2) + w_clearance·mean(max(0, 1 − d/d_full)), d the distance of the nearest
-two bodies, with c₀ the median cost over the feasible candidates
++ w_preferred·mean((1 − cos(γ − γ_preferred))/2) + w_clearance·mean(max(0, 1 − d/d_full)) + w_rapid·t_rapid/t_job
++ w_reorientation·m·J₀, the last two as in :mod:`machopt.planning.cost.rapid_time`, d the distance of the nearest two
+bodies, with c₀ the median cost over the feasible candidates
 (:mod:`machopt.planning.cost.stiffness_index`), means over the length cut
 (:attr:`machopt.planning.stations.planning_path.PlanningPath.weight`) and a the
 run's share of that length. Travel and rotation are total variations, so they do not depend on how finely a path is
 sampled. b is 1 inside runs. Over a rapid move of length d it is 1 + NEAR/(d + NEAR/10), so that large reorientations
-happen on long rapid moves, far from the part. t_lost is the time by which the axes, at AXIS_SPEED of their velocity
-limits, are slower than the programmed feed.
+happen on long rapid moves, far from the part. t_lost is the time by which the axes are slower than the programmed feed:
+at AXIS_SPEED of their velocity limits, and at their limits of acceleration and jerk
+(:mod:`machopt.planning.cost.held_feed`).
 
 The grid search prices vertices (:func:`compute_node_cost`) and steps (:func:`compute_transition_cost`), the
 smooth curve its stations, and a finished plan all planning points: the same terms on different samples. The formulas
@@ -49,6 +51,8 @@ class PlanObjective:
     clearance: float = 0.0  # mean crowding; 0 where it does not count
     tolerance: float = 0.0  # price of the points out of tolerance; 0 where it does not count
     stability: float = 0.0  # weighted mean shortfall of the stable depth of cut; 0 where it does not count
+    rapid: float = 0.0  # time of the rapid moves as a share; 0 where it does not count
+    reorientation: float = 0.0  # branch changes and whole turns times J₀; 0 where they do not count
 
 
 # --- the formulas --------------------------------------------------------------------------------------------------
@@ -300,6 +304,8 @@ def compute_objective(
     crowded: Array | None = None,
     elsewhere: float = 0.0,
     places: tuple[float, float] = (0.0, 0.0),
+    rapids: tuple[float, float] = (0.0, 0.0),
+    late: float = 0.0,
 ) -> PlanObjective:
     """Return J of one assignment at all planning points; infinite where a counted point has no cost.
 
@@ -314,6 +320,8 @@ def compute_objective(
         crowded: (P,) :func:`compute_crowding`, NaN where it is not known; None: it does not count.
         elsewhere: worst index of the other tools of the job, in units of c₀; a lower worst index brings no gain.
         places: prices of the points out of tolerance, and of instability.
+        rapids: time of the rapid moves as a share, and changes times J₀.
+        late: s, time lost by limits of acceleration and jerk (:mod:`machopt.planning.cost.held_feed`).
     """
     terms, w = ObjectiveTerms.of(path, velocity, options), options.weights
     counted = path.counted
@@ -328,7 +336,7 @@ def compute_objective(
         behind = compute_delay(slow, terms.seconds[1:])
     turned, both = np.isfinite(turn), np.isfinite(behind)
     rotation = float(terms.rotation[1:][turned] @ turn[turned])
-    lost = float(terms.lost[1:][both] @ behind[both])
+    lost = float(terms.lost[1:][both] @ behind[both]) + late / max(float(path.time[-1]), 1e-9)
     price = terms.liked(phi)[counted]
     rated = np.isfinite(price)
     preferred = float(terms.share[counted][rated] @ price[rated] / max(terms.share[counted][rated].sum(), 1e-300))
@@ -346,6 +354,8 @@ def compute_objective(
         clearance=clearance,
         tolerance=places[0],
         stability=places[1],
+        rapid=rapids[0],
+        reorientation=rapids[1],
     )
     return replace(parts, total=compute_total(parts, w, elsewhere))
 
@@ -360,6 +370,7 @@ def compute_total(parts: PlanObjective, w: ObjectiveWeights, elsewhere: float = 
     """
     total = compute_node_cost(parts.mean, parts.preferred + w.clearance * parts.clearance, w.mean)
     total += w.worst * max(parts.worst, elsewhere) + parts.tolerance + parts.stability
+    total += w.rapid * parts.rapid + w.reorientation * parts.reorientation
     return float(
         total + compute_transition_cost(parts.travel, parts.rotation, parts.feed, w.travel, w.rotation, w.feed)
     )

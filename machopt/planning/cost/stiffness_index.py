@@ -28,6 +28,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.cost.process_force_direction import compute_process_force, compute_sideways_directions
+from machopt.planning.cost.rapid_time import RapidPricing
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath
@@ -74,11 +75,20 @@ class CandidateScores:
     )
     elsewhere: float = 0.0  # worst index of the other tools, in units of c₀: a lower one has no price
     place_price: Array | None = None  # (S, R, B) price of a vertex that no share multiplies; None: there is none
+    feed_price: Array | None = None  # (S, R, B) price of the time lost by accelerations; None: it does not count
+    rapid: RapidPricing | None = None  # prices of rapid moves and changes; None: they have none
 
     @property
     def raw(self) -> Array:
         """(S, R, B) cost in units of the scale, inf where there is none."""
         return np.where(np.isfinite(self.cost), self.cost / self.scale, np.inf)
+
+    @property
+    def least(self) -> Array:
+        """(S,) lowest cost of each station in units of the scale, inf where there is none."""
+        return np.asarray(
+            np.where(np.isfinite(self.cost), self.cost, np.inf).min(axis=(1, 2), initial=np.inf) / self.scale
+        )
 
 
 def resolve_index(options: PlanOptions) -> StiffnessIndex:

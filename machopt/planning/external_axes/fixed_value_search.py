@@ -31,6 +31,7 @@ from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axes.sampled_sequence import choose_collision_free_sequence
 from machopt.planning.pipeline.planning_setup import PlanningSetup, fix_external_axes
+from machopt.planning.pipeline.vertex_prices import add_rapid_prices
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
@@ -267,6 +268,21 @@ class FixedValueSearch:
             self.options.weights.worst * worst + self._travel(values)
         )
 
+    def rate_along(self, external: Array) -> float:
+        """Return a quick estimate of J of moving joints: the least index of each station, and their own travel.
+
+        Args:
+            external: (P, E) m or rad, external joints along the path.
+        """
+        w, worst, total = self.options.weights, 0.0, 0.0
+        for n, group in enumerate(self.groups):
+            j, _ = self._least(n, external[list_run_points(self.path, group.runs)])
+            total += group.share * (LOST * j.lost + w.mean * j.mean / self.scale)
+            worst = max(worst, j.worst)
+        terms = ObjectiveTerms.of(self.path, self.setup.velocity, self.options)
+        ways = np.abs(np.diff(external * self.per, axis=0)) @ self.weight
+        return total + w.worst * worst / self.scale + w.travel * float(terms.travel[1:] @ ways)
+
     def estimate_along(self, external: Array) -> float:
         """Return J of moving joints, estimated at the stations.
 
@@ -283,6 +299,7 @@ class FixedValueSearch:
                 continue
             part, candidates, scores = found
             scores = replace(scores, scale=self.scale)
+            scores = add_rapid_prices(scores, part, self.setup, candidates, self.options)
             choice, colliding = choose_collision_free_sequence(part, candidates, scores, self.setup, self.options)
             j = self._of_choice(own, part, scores, choice, colliding)
             total += group.share * (LOST * j.lost + w.mean * j.mean / self.scale + j.motion)

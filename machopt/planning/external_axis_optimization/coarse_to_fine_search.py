@@ -28,6 +28,7 @@ from machopt.planning.continuous_refinement.plan_improvement import PASSES, is_d
 from machopt.planning.continuous_refinement.refinement import TRUST
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.fixed_value_search import STEP, FixedValueSearch
+from machopt.planning.external_axes.following_motion import list_following_paths
 from machopt.planning.external_axes.moving_axes import (
     compute_moving_axis_path,
     list_moving_subsets,
@@ -58,6 +59,8 @@ SHORT = 600  # planning points: a longer path counts as long
 ONCE = 1  # passes of a long path before improvement by a sequence, which replaces the other passes
 LEAPS = 4, 1  # maximum number, for short paths and for long ones
 WORTH_IT = 1e-3  # share of J: a sequence that saves less is not used as a start
+LIGHT = 0.3  # of the travel's weight: a start that follows the tool farther than the search with the full weight finds
+FOLLOWING = 2  # motions that follow the tool and are examined further
 AS_NEAR = 1.5  # times the least estimate: threshold for planning a curve of moving joints
 
 Key = tuple[float, float]  # points lost and breaks; ranking value: less is better
@@ -366,12 +369,16 @@ class _Tries:
         """
         search = self.search
         with self.asked.clock.stage("external"):
+            light = [replace(axis, weight=LIGHT * axis.weight) for axis in self.asked.axes]
             ways = [
                 compute_moving_axis_path(
-                    self.setup, self.asked.options, self.path, some, self.asked.axes, stands, search.scale, turns=turns
+                    self.setup, self.asked.options, self.path, some, axes, stands, search.scale, turns=turns
                 )
-                for some in tries
+                for some, axes in [*((some, self.asked.axes) for some in tries), (tries[0], light)]
             ]
+            following = list_following_paths(self.setup, self.path, self.groups, stands)
+            following += list_following_paths(self.setup, self.path, self.groups, search.at_home())
+            ways += sorted(following, key=search.rate_along)[:FOLLOWING]
             if len(ways) > 1:
                 estimates = [search.estimate_along(at) for at in ways]
                 near = AS_NEAR * min(estimates)

@@ -38,7 +38,12 @@ from machopt.planning.cost.stiffness_index import compute_load_directions, score
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axis_optimization.turn_resolved_grid import is_turn_consistent, resolve_turns
-from machopt.planning.external_axis_optimization.value_grid import VALUES, GroupValueGrid, build_group_value_grid
+from machopt.planning.external_axis_optimization.value_grid import (
+    VALUES,
+    GroupValueGrid,
+    build_group_value_grid,
+    find_largest_steps,
+)
 from machopt.planning.external_axis_optimization.value_grid_sequences import ValueGridSequences
 from machopt.planning.external_axis_optimization.whole_turns import compute_run_turns
 from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
@@ -106,6 +111,7 @@ class BoundSearch:
     own: float  # J of the plan there
     values: int  # of the grid, without the plan's own
     step: float  # rad, of rotation
+    apart: Array  # (E,) m or rad, largest distance of neighbouring values of each joint
 
     @classmethod
     def of(cls, plan: Plan, groups: Sequence[OperationGroup], values: dict[int, int]) -> BoundSearch | str:
@@ -134,7 +140,8 @@ class BoundSearch:
         )
         lattice = build_value_grid_sequences(setup, options, part, groups, grids, plan.scores.scale, phi)
         own, step = _at_stations(plan, part), 2 * np.pi / rotations
-        return cls(setup=setup, part=part, lattice=lattice, own=own, values=most - 1, step=step)
+        apart = find_largest_steps(grids)
+        return cls(setup=setup, part=part, lattice=lattice, own=own, values=most - 1, step=step, apart=apart)
 
     def best(self) -> BoundSequence | None:
         """Return the best sequence, with colliding poses of earlier ones excluded; None where there is none.
@@ -182,6 +189,7 @@ class BoundSearch:
             values=self.values,
             stations=len(self.part.stations),
             step=self.step,
+            apart=tuple(zip(self.setup.cell.external_joints, self.apart.tolist(), strict=True)),
         )
 
     def start(self, vertex: NDArray[np.int64], plan: Plan) -> RefinementStart:

@@ -7,7 +7,7 @@ station. The grid has all combinations, and so have the steps to either side of 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,21 @@ class GroupValueGrid:
         return GroupValueGrid(
             value, offset, np.r_[self.held, np.zeros(more, np.int64)], np.r_[self.exists, np.zeros(more, bool)]
         )
+
+
+def find_largest_steps(grids: Sequence[GroupValueGrid]) -> Array:
+    """Return (E,) m or rad, the largest distance of neighbouring values of each joint; 0 where it has one value.
+
+    Args:
+        grids: grids of all groups.
+    """
+    out = np.zeros(grids[0].value.shape[1])
+    for grid in grids:
+        for k in range(len(out)):
+            column = grid.value[grid.exists, k]
+            values = np.unique(column[np.isfinite(column)])
+            out[k] = max(out[k], float(np.diff(values).max(initial=0.0)))
+    return out
 
 
 def build_group_value_grid(

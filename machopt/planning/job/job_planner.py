@@ -99,7 +99,7 @@ def _job(
         return lambda other: _planned(stint, other, timings, len(stints), scale=scale)
 
     parts = [_done(s, one, options, timings, again(s)) for s, one in zip(stints, plans, strict=True)]
-    whole = replace(join_plans([p.stretch for p in parts], bound), options=options)
+    whole = join_plans([p.stretch for p in parts], bound, options)
     return JobPlan(whole, join_point_tables(parts, toolpath), join_timelines(parts), tuple(parts))
 
 

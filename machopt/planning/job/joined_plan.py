@@ -46,18 +46,21 @@ class ToolSegmentPlan:
     tool: str
 
 
-def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None) -> Plan:
+def join_plans(
+    stretches: Sequence[ToolSegmentPlan], bound: float | None = None, options: PlanOptions | None = None
+) -> Plan:
     """Return the job as one plan, with its stretches in ``parts``.
 
     Args:
         stretches: plans in order.
         bound: as in :class:`~machopt.planning.pipeline.plan.Plan`.
+        options: of the whole job; None: those of the first stretch.
     """
     plans = [_in_the_whole(s) for s in stretches]
     share = compute_length_shares(plans)
     rows = np.cumsum([0, *(len(p.path.index) for p in plans)])[:-1]
     stations = np.cumsum([0, *(len(p.path.stations) for p in plans)])[:-1].tolist()
-    first, options = plans[0], plans[0].options
+    first, options = plans[0], options or plans[0].options
 
     def scored(of: Callable[[Plan], ScoredAssignment]) -> ScoredAssignment:
         some = [of(p) for p in plans]
@@ -179,6 +182,8 @@ def _summed(parts: Sequence[PlanObjective], share: Array, options: PlanOptions) 
         clearance=mean("clearance"),
         tolerance=sum(o.tolerance for o in parts),
         stability=mean("stability"),
+        rapid=mean("rapid"),
+        reorientation=sum(o.reorientation for o in parts),
     )
     return replace(whole, total=compute_total(whole, options.weights))
 

@@ -11,6 +11,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.process_columns import merge_process_summaries
 from machopt.errors import CellError
 from machopt.planning.cost.objective import compute_total
+from machopt.planning.cost.rapid_time import count_changes
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.point_table import PointResults
@@ -35,6 +36,7 @@ class FrontPlan:
     joint_travel_deg: float  # of all axes together, over the whole motion
     clearance_mm: float | None  # least at the points; None where collisions are not checked
     in_tolerance: int | None = None  # holes and points that pass; None where nothing has a tolerance
+    posture_changes: int = 0  # branch changes and whole turns in rapid moves
     objective: float | None = None  # J by the active weights, in units of the requested plan
     dominated: bool = False  # another plan is better in one of these, worst_index aside, and worse in none
 
@@ -99,6 +101,13 @@ def list_front_variants(options: PlanOptions) -> list[tuple[str, str, PlanOption
             replace(options, weights=replace(w, feed=10 * w.feed, travel=10 * w.travel)),
         ),
     ]
+    out.append(
+        (
+            "rapids and changes count more",
+            "weights.rapid and reorientation × 4",
+            replace(options, weights=replace(w, rapid=4 * w.rapid, reorientation=4 * w.reorientation)),
+        )
+    )
     if options.collision:
         wide = options.clearance + 0.01
         out.append(("wider clearance", f"clearance_mm {1e3 * wide:g}", replace(options, clearance=wide)))
@@ -172,6 +181,9 @@ def measure_front_plan(
         joint_travel_deg=float(np.degrees(np.abs(np.diff(motion.q, axis=0)).sum())),
         clearance_mm=1e3 * float(np.nanmin(clearance)) if np.isfinite(clearance).any() else None,
         in_tolerance=_count_passes(points),
+        posture_changes=count_changes(
+            the_plan.path, the_plan.chosen.assignment.q, the_plan.chosen.assignment.branch, the_plan.candidates.stable
+        ),
         objective=compute_total(in_its_units, requested_plan.options.weights),
     )
 

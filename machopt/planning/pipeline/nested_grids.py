@@ -61,8 +61,9 @@ def thin_grid(candidates: CandidateGrid, scores: CandidateScores, k: int) -> tup
     )
     crowded = None if scores.crowded is None else np.ascontiguousarray(scores.crowded[:, ::k])
     place = None if scores.place_price is None else np.ascontiguousarray(scores.place_price[:, ::k])
+    late = None if scores.feed_price is None else np.ascontiguousarray(scores.feed_price[:, ::k])
     cost = np.ascontiguousarray(scores.cost[:, ::k])
-    return coarse, replace(scores, cost=cost, crowded=crowded, place_price=place)
+    return coarse, replace(scores, cost=cost, crowded=crowded, place_price=place, feed_price=late)
 
 
 @dataclass

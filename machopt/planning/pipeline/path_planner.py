@@ -31,7 +31,8 @@ from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.baselines import plan_cam_default, plan_jiao2022
 from machopt.planning.collision_handling.gouge_check import find_gouges
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
-from machopt.planning.cost.clearance_cost import compute_grid_crowding, compute_path_crowding
+from machopt.planning.cost.clearance_cost import compute_path_crowding
+from machopt.planning.cost.held_feed import compute_lost_time
 from machopt.planning.cost.objective import PlanObjective, compute_objective
 from machopt.planning.cost.stiffness_index import (
     CandidateScores,
@@ -52,6 +53,7 @@ from machopt.planning.pipeline.planning_setup import (
     prepare_planning,
 )
 from machopt.planning.pipeline.sequence_breaks import find_configuration_jumps, find_sequence_breaks
+from machopt.planning.pipeline.vertex_prices import add_vertex_prices
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sampling.joint_path import JointAssignment
@@ -118,8 +120,8 @@ def plan_path(
         candidates = enumerate_candidates(path, setup.arm, options)
     with stage("score"):
         scores = score_candidates(path, candidates, setup.elasticity, d, options)
-        scores = replace(scores, crowded=compute_grid_crowding(path, setup.collision, candidates, options))
         scores = scores if scale is None else replace(scores, scale=scale)
+        scores = add_vertex_prices(scores, path, setup, candidates, options)
         pricing = PlacePricing.build(toolpath, path, setup, d, options)
         if pricing is not None:
             scores = replace(scores, place_price=pricing.price_grid(candidates))
@@ -281,8 +283,20 @@ def _scorer(
         crowded = compute_path_crowding(path, setup.collision, assignment.q, options)
         x, v = setup.in_rad(path, assignment.q), setup.velocity
         price = price_places(pricing, assignment.q)
+        rapids = (0.0, 0.0) if scores.rapid is None else scores.rapid.measure(path, x, assignment.branch)
         value = compute_objective(
-            path, cost, x, assignment.phi, scores.scale, v, options, crowded, scores.elsewhere, price
+            path,
+            cost,
+            x,
+            assignment.phi,
+            scores.scale,
+            v,
+            options,
+            crowded,
+            scores.elsewhere,
+            price,
+            rapids,
+            compute_lost_time(path, setup.arm, setup.robot, setup.cell.limits, options, assignment.q, assignment.phi),
         )
         return ScoredAssignment(assignment, cost, value)
 
@@ -478,7 +492,24 @@ def _grid_objective(
         vertices = scores.place_price[rows, choice.rotation, choice.branch]
         total = float(vertices[~choice.dropped].sum())
         price = (total, 0.0) if options.objective == "tolerance" else (0.0, total)
-    objective = compute_objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere, price)
+    rapids = 0.0, 0.0
+    if scores.rapid is not None:
+        at = np.minimum(np.searchsorted(st, np.arange(len(path.index))), len(st) - 1)
+        rapids = scores.rapid.measure(path, x, choice.branch[at])
+    objective = compute_objective(
+        path,
+        cost,
+        x,
+        plain.phi,
+        scores.scale,
+        v,
+        options,
+        crowded,
+        scores.elsewhere,
+        price,
+        rapids,
+        compute_lost_time(path, setup.arm, setup.robot, setup.cell.limits, options, plain.seed, plain.phi),
+    )
     crossed = compute_worst_index(
         scores.raw, path.counted[st], find_hidden_points(path), choice.rotation, choice.branch
     )

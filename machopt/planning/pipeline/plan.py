@@ -48,6 +48,7 @@ class ExternalAxisBound:
     values: int = 0  # number of external joint values in the grid, without the plan's own
     stations: int = 0
     step: float = np.nan  # rad, of rotation
+    apart: tuple[tuple[str, float], ...] = ()  # external joint and m or rad, largest distance of neighbouring values
 
     @property
     def gap(self) -> float | None:

@@ -118,7 +118,16 @@ def _external_told(the_plan: Plan) -> optimize_document.ExternalSearchBoundSecti
         lower_bound=found.bound,
         plan=found.plan,
         gap_percent=None if found.gap is None else 100.0 * found.gap,
+        values_apart=tuple(_build_value_step(the_plan, name, step) for name, step in found.apart),
     )
+
+
+def _build_value_step(the_plan: Plan, name: str, step: float) -> optimize_document.ValueStepEntry:
+    """Return the distance of the values of one external joint in the grid of the bound."""
+    cell = the_plan.setup.cell
+    slides = cell.external_prismatic[cell.external_joints.index(name)]
+    value = 1e3 * step if slides else float(np.degrees(step))
+    return optimize_document.ValueStepEntry(joint=name, step=round(value, 6), unit="mm" if slides else "deg")
 
 
 def build_tool_sections(

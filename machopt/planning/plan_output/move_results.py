@@ -23,6 +23,7 @@ from machopt.planning.retiming.slowdowns import FeedSlowdown
 from machopt.planning.stations.planning_path import PlanningPath
 
 ON_POINT = 1e-9  # of the fractional toolpath index
+WARNED = 0.8  # share of the programmed feed, as requested by users
 _OF_CODE = {"joint_limit": InfeasibilityReason.LIMIT} | dict.fromkeys(
     ("collision", "home_collides", "rapid_collides"), InfeasibilityReason.COLLIDING
 )
@@ -65,6 +66,24 @@ def _reason(plan: Plan, b: SequenceBreak) -> InfeasibilityReason:
     index = plan.path.index
     inner = plan.missing[(index[plan.missing] > b.before) & (index[plan.missing] < b.after)]
     return find_reason(plan, int(inner[0])) if len(inner) else InfeasibilityReason.NO_PATH
+
+
+def describe_low_feed(dips: Sequence[FeedSlowdown]) -> tuple[str, ...]:
+    """Return one warning where the axes hold less than WARNED of the programmed feed; none where they hold it.
+
+    Args:
+        dips: slowdowns of a motion.
+    """
+    low = sorted((d for d in dips if d.lost and d.ratio < WARNED), key=lambda d: d.ratio)
+    if not low:
+        return ()
+    worst = low[0]
+    return (
+        f"The feed falls below {100 * WARNED:.0f} % of the programmed one at {len(low)} "
+        f"place{'' if len(low) == 1 else 's'}, lowest at point {worst.first:.0f} with {100 * worst.ratio:.1f} % "
+        f"(limit: {worst.limit} of axis {worst.joint}). A lower programmed feed, rounder corners or a larger "
+        "singularity margin would help.",
+    )
 
 
 def add_slowdown_notes(table: PointsTable, dips: Sequence[FeedSlowdown]) -> PointsTable:

@@ -9,6 +9,8 @@ With the spatial Jacobian J_s = [S_1 … S_6] (screws in base_link) and V the tw
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from machopt.kinematics.inverse.newton_iteration import (
@@ -139,8 +141,7 @@ def _chain(
     n = len(u)
     out = np.zeros((n, 4, 6))
     J, T, e = np.empty((6, 6)), np.zeros((4, 4)), np.empty(6)
-    S, S1, S2 = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    nu, nu1, rhs, A = np.empty(6), np.empty(6), np.empty(6), np.empty((6, 6))
+    S, A = np.empty((3, 6, 6)), np.empty((6, 6))
     for m in range(n):
         q = out[m, 0]
         good = False
@@ -163,35 +164,52 @@ def _chain(
             for k in range(6):
                 if not abs(q[k] - rough[m, k]) < stray[m]:
                     return out, m
-        for i in range(6):  # columns at the TCP → screws at the origin of base_link
-            for k in range(3):
-                a, b = (k + 1) % 3, (k + 2) % 3
-                S[i, k] = J[k, i] + T[a, 3] * J[3 + b, i] - T[b, 3] * J[3 + a, i]
-                S[i, 3 + k] = J[3 + k, i]
         for order in range(3):
-            for k in range(6):
-                rhs[k] = twist[m, order, k]
-            if order > 0:
-                for i in range(6):
-                    nu[i] = nu1[i] = 0.0
-                    for k in range(6):
-                        S1[i, k] = S2[i, k] = 0.0
-                for i in range(6):
-                    _bracket(nu, S[i], S1[i])
-                    _bracket(nu1, S[i], S2[i])
-                    _bracket(nu, S1[i], S2[i])
-                    for k in range(6):
-                        nu[k] += S[i, k] * out[m, 1, i]
-                        nu1[k] += S[i, k] * out[m, 2, i] + S1[i, k] * out[m, 1, i]
-                        if order == 1:
-                            rhs[k] -= S1[i, k] * out[m, 1, i]
-                        else:
-                            rhs[k] -= 2.0 * S1[i, k] * out[m, 2, i] + S2[i, k] * out[m, 1, i]
-            for i in range(6):
-                for k in range(6):
-                    A[k, i] = S[i, k]
-            if not _solve_linear_system(A, rhs):
+            if not differentiate(J, T, twist[m], out[m], order, S, A):
                 return out, m
-            for k in range(6):
-                out[m, order + 1, k] = rhs[k]
     return out, -1
+
+
+@jit_compile
+def differentiate(J: Any, T: Any, twist: Any, out: Any, order: int, S: Any, A: Any) -> Any:  # numba infers
+    """Fill the next derivative of the joints at a pose, and return whether the Jacobian has an inverse there.
+
+    Args:
+        J: (6, 6) Jacobian at the TCP, in base_link axes.
+        T: (4, 4) pose of the TCP in base_link.
+        twist: (3, 6) spatial twist with two derivatives.
+        out: (4, 6) the joints and their derivatives up to ``order``; the next row is filled in.
+        order: 0, 1 or 2.
+        S: (3, 6, 6) work space: screws at the origin of base_link and their derivatives.
+        A: (6, 6) work space.
+    """
+    nu, nu1, rhs = np.zeros(6), np.zeros(6), np.empty(6)
+    for k in range(6):
+        rhs[k] = twist[order, k]
+    for i in range(6):  # columns at the TCP → screws at the origin of base_link
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            S[0, i, k] = J[k, i] + T[a, 3] * J[3 + b, i] - T[b, 3] * J[3 + a, i]
+            S[0, i, 3 + k] = J[3 + k, i]
+        if order == 0:
+            continue
+        for k in range(6):
+            S[1, i, k] = S[2, i, k] = 0.0
+        _bracket(nu, S[0, i], S[1, i])
+        _bracket(nu1, S[0, i], S[2, i])
+        _bracket(nu, S[1, i], S[2, i])
+        for k in range(6):
+            nu[k] += S[0, i, k] * out[1, i]
+            nu1[k] += S[0, i, k] * out[2, i] + S[1, i, k] * out[1, i]
+            if order == 1:
+                rhs[k] -= S[1, i, k] * out[1, i]
+            else:
+                rhs[k] -= 2.0 * S[1, i, k] * out[2, i] + S[2, i, k] * out[1, i]
+    for i in range(6):
+        for k in range(6):
+            A[k, i] = S[0, i, k]
+    if not _solve_linear_system(A, rhs):
+        return False
+    for k in range(6):
+        out[order + 1, k] = rhs[k]
+    return True

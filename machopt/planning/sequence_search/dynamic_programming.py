@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array, Bools, compute_any_last, make_arrays_read_only
 from machopt.planning.cost.objective import ObjectiveTerms
+from machopt.planning.cost.rapid_time import RapidPricing
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.sampling.candidate_grid import CandidateGrid
+from machopt.planning.sequence_search.flight_prices import FlightPrices
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
 from machopt.planning.sequence_search.joint_turns import compute_shortest_turns, count_whole_turns, fit_turns
 from machopt.planning.sequence_search.search_kernels import find_cheapest_sequence
@@ -115,6 +117,7 @@ class SequenceGrid:
     worst: float  # price of the worst index
     priced: TransitionCostTable  # prices of steps computed so far
     elsewhere: float = 0.0  # worst index outside this grid, in units of the scale
+    rapid: RapidPricing | None = None  # prices of rapid moves beyond their travel; None: there are none
 
     @classmethod
     def of(
@@ -156,6 +159,7 @@ class SequenceGrid:
             hidden=find_hidden_points(path),
             worst=options.weights.worst,
             priced=TransitionCostTable.none_yet(window, rotations, branches, candidates.stable),
+            rapid=scores.rapid,
             elsewhere=scores.elsewhere,
         )
 
@@ -290,6 +294,7 @@ class _Part:
         """
         g, rows = self.grid, self.rows
         edges = self.edges if edges is None else edges
+        flight = FlightPrices.of(g.rapid, len(g.window))
         stations = np.arange(rows.start, rows.stop + 1)
         before, closed = (np.searchsorted(s, stations).astype(np.int64) for s in (edges.station, edges.closed[:, 0]))
         answer: tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]] = find_cheapest_sequence(
@@ -319,6 +324,9 @@ class _Part:
             g.priced.start[rows],
             g.priced.price,
             g.priced.turns,
+            flight.need,
+            flight.external_need[rows],
+            flight.prices,
         )
         return answer
 
@@ -372,10 +380,10 @@ class _Part:
     def _turned(self, vertex: Ints, mask: Bools) -> Ints | None:
         """Return the sequence with continuous turns from station to station; None where these do not fit the mask."""
         c, rows = self.grid.candidates, self.rows
-        return fit_turns(c, rows, vertex, compute_shortest_turns(c, rows, vertex), mask, self.edges)
+        return fit_turns(c, rows, vertex, compute_shortest_turns(c, rows, vertex), mask, self.edges, self._home())
 
     def near_zero(self, vertex: Ints) -> Ints:
-        """Return the sequence shifted by whole turns towards zero at its end, where possible at the same price.
+        """Return the sequence shifted by whole turns towards home, where possible at the same price.
 
         Args:
             vertex: (S, 3) rotation, branch and turn.
@@ -385,10 +393,14 @@ class _Part:
             compute_shortest_turns(c, rows, vertex),
             count_whole_turns(c.turns)[vertex[:, 2]],
         ):  # where travel has no price, avoid unnecessary turns
-            turned = fit_turns(c, rows, vertex, turns, c.feasible[rows], self.edges)
+            turned = fit_turns(c, rows, vertex, turns, c.feasible[rows], self.edges, self._home())
             if turned is not None:
                 return turned
         return vertex
+
+    def _home(self) -> Array | None:
+        rapid = self.grid.rapid
+        return None if rapid is None else rapid.home[:6]
 
     def traded(self, mask: NDArray[np.bool_], free: WorstLimitedSequence, gap: float = GAP) -> WorstTradeResult:
         """Return the best sequence under caps on the worst index, starting from the best without one.

@@ -40,7 +40,13 @@ def compute_shortest_turns(c: CandidateGrid, rows: slice, vertex: Ints) -> Count
 
 
 def fit_turns(
-    c: CandidateGrid, rows: slice, vertex: Ints, requested: Counts, mask: Bools, edges: ForbiddenTransitions
+    c: CandidateGrid,
+    rows: slice,
+    vertex: Ints,
+    requested: Counts,
+    mask: Bools,
+    edges: ForbiddenTransitions,
+    home: Array | None = None,
 ) -> Ints | None:
     """Return a sequence (S, 3) with given turns, shifted as a whole so that all vertices and edges are allowed.
 
@@ -51,9 +57,10 @@ def fit_turns(
         requested: (S, 6) whole turns relative to each other.
         mask: (S, R, B, T) vertices that may be used.
         edges: forbidden edges.
+        home: (6,) rad, where the motion begins and ends; None: it is not known.
 
     Returns:
-        Among the allowed ones the sequence whose end is nearest to zero, or None.
+        Among the allowed ones the sequence whose ends are nearest to home, or whose end is nearest to zero; or None.
     """
     with_vertex = np.flatnonzero(vertex[:, 0] >= 0)
     if not len(with_vertex):
@@ -66,7 +73,13 @@ def fit_turns(
     inside = ((requested.min(axis=0) + moved >= -1) & (requested.max(axis=0) + moved <= 1)).all(axis=1)
     end = c.q[rows][with_vertex[-1], r[-1], b[-1]] + c.turns
     away = np.ceil((end - np.pi) / TWO_PI - 1e-12).astype(int)  # (T, 6) turns from (−π, π]
-    for t in sorted(np.flatnonzero(inside).tolist(), key=lambda t: (int(np.abs(away[t]).sum()), *(-away[t] % 3))):
+    way = np.zeros(len(turns))
+    if home is not None:
+        start = c.q[rows][with_vertex[0], r[0], b[0]] + (requested[0] + moved) * TWO_PI
+        way = np.abs(np.concatenate([start, end], axis=1) - np.tile(home, 2)).sum(axis=1).round(6)
+    for t in sorted(
+        np.flatnonzero(inside).tolist(), key=lambda t: (way[t], int(np.abs(away[t]).sum()), *(-away[t] % 3))
+    ):
         turn = index[tuple((requested + moved[t] + 1).T)]
         if (turn >= 0).all() and mask[with_vertex, r, b, turn].all():
             out = vertex.copy()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.planning.cost.objective import edge_price_compiled, late_compiled
+from machopt.planning.sequence_search.flight_prices import price_flight
 
 Ints = NDArray[np.int32]
 JUMP = np.radians(80.0)  # largest joint step between neighbouring stations that still counts as continuous
@@ -168,6 +169,9 @@ def find_cheapest_sequence(
     start: Any,
     price: Any,
     turned: Any,
+    need: Any,
+    external_need: Any,
+    flight: Any,
 ) -> Any:  # numba infers
     """Return the cheapest sequence.
 
@@ -206,6 +210,9 @@ def find_cheapest_sequence(
         start: (S,) of :class:`machopt.planning.sequence_search.transition_cost_table.TransitionCostTable`.
         price: (n,) of that table; filled in here.
         turned: (n,) of that table; filled in here.
+        need: (3, 6) of :class:`machopt.planning.sequence_search.flight_prices.FlightPrices`.
+        external_need: (S, 3) of the same.
+        flight: (3,) its prices of a second, of a branch change and of a whole turn.
 
     Returns:
         (S, 3) rotation, branch, turn (−1 where dropped); its value; the station where the last sequence below the limit
@@ -290,12 +297,20 @@ def find_cheapest_sequence(
                             for tu in range(T):  # the same posture first: near, so that few others are examined
                                 u = (ru * B + b) * T + tu
                                 if before[u] < value:
-                                    step = 0.0
-                                    for i in range(6):
-                                        x = abs(q[s, r, b, i] + turns[t, i] - q[last, ru, b, i] - turns[tu, i])
-                                        step += abs(x - twopi * round(x / twopi)) if loose else x
-                                    if before[u] + price_q[s] * step < value:
-                                        value, source = before[u] + price_q[s] * step, u
+                                    way = price_flight(
+                                        q,
+                                        turns,
+                                        (s, r, b, t),
+                                        (last, ru, b, tu),
+                                        loose,
+                                        price_q[s],
+                                        value - before[u],
+                                        need,
+                                        external_need,
+                                        flight,
+                                    )
+                                    if before[u] + way < value:
+                                        value, source = before[u] + way, u
                             for g in range(len(cheapest)):
                                 if cheapest[g] >= value:
                                     break
@@ -303,7 +318,9 @@ def find_cheapest_sequence(
                                 for i in range(6):
                                     x = q[s, r, b, i] + turns[t, i]
                                     away += max(corner[g, 0, i] - x, 0.0) + max(x - corner[g, 1, i], 0.0)
-                                if not loose and cheapest[g] + price_q[s] * away >= value:
+                                other = members[group[g, 0]] // T % B != b
+                                away = (0.0 if loose else price_q[s] * away) + (flight[1] if other else 0.0)
+                                if cheapest[g] + away >= value:
                                     continue
                                 for j in range(group[g, 0], group[g, 1]):
                                     u = members[j]
@@ -312,12 +329,20 @@ def find_cheapest_sequence(
                                     rj, bj, tj = u // (B * T), u // T % B, u % T
                                     if shut[bj, b]:
                                         continue
-                                    step = 0.0
-                                    for i in range(6):
-                                        x = abs(q[s, r, b, i] + turns[t, i] - q[last, rj, bj, i] - turns[tj, i])
-                                        step += abs(x - twopi * round(x / twopi)) if loose else x
-                                    if before[u] + price_q[s] * step < value:
-                                        value, source = before[u] + price_q[s] * step, u
+                                    way = price_flight(
+                                        q,
+                                        turns,
+                                        (s, r, b, t),
+                                        (last, rj, bj, tj),
+                                        loose,
+                                        price_q[s],
+                                        value - before[u],
+                                        need,
+                                        external_need,
+                                        flight,
+                                    )
+                                    if before[u] + way < value:
+                                        value, source = before[u] + way, u
                         values[t], sources[t] = value, source
                 else:
                     highest = most  # upper bound of the values found so far: higher ones are irrelevant for every turn

@@ -89,7 +89,8 @@ def match_tcp_directions(path: PlanningPath, rotations: int) -> Ints:
 
 
 def vertex_price(terms: ObjectiveTerms, candidates: CandidateGrid, scores: CandidateScores) -> Array:
-    """Return the (S, R, B) price of a vertex: its share of the mean index, and the preferred rotation.
+    """Return the (S, R, B) price of a vertex: its share of the mean index, the preferred rotation, and at both ends the
+    rapid move from or to home.
 
     Args:
         terms: terms of J at the stations.
@@ -101,4 +102,10 @@ def vertex_price(terms: ObjectiveTerms, candidates: CandidateGrid, scores: Candi
     if scores.crowded is not None:
         preference_price = preference_price + terms.weights.clearance * scores.crowded
     price = compute_node_cost(cost, preference_price, terms.weights.mean) * terms.share[:, None, None]
+    if scores.feed_price is not None:
+        price = price + scores.feed_price
+    if scores.rapid is not None and candidates.usable.any():
+        known = np.flatnonzero(candidates.usable.any(axis=(1, 2)))
+        for s, end in ((known[0], 0), (known[-1], 1)):
+            price[s] = price[s] + np.nan_to_num(scores.rapid.price_ends(candidates.q[s], scores.rapid.ends[end]))
     return np.ascontiguousarray(price if scores.place_price is None else price + scores.place_price)

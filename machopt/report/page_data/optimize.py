@@ -196,6 +196,7 @@ def _build_trade_off_point(p: FrontPlan) -> page.TradeOffPoint:
         travel=p.joint_travel_deg,
         clearance=p.clearance_mm,
         in_tolerance=p.in_tolerance,
+        changes=p.posture_changes,
         dominated=p.dominated,
     )
 

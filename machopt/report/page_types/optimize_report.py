@@ -78,6 +78,7 @@ class TradeOffPoint:
     clearance: float | None  # mm, least at the points
     dominated: bool
     in_tolerance: int | None = None  # holes and points that pass
+    changes: int = 0  # branch changes and whole turns in rapid moves
 
 
 @dataclass(frozen=True, kw_only=True)

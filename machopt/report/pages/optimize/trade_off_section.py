@@ -40,6 +40,7 @@ def build_trade_off_section(data: ReportData) -> Markup | str:
         TableColumn("joint travel (deg)", "n"),
         TableColumn("clearance (mm)", "n"),
         TableColumn("in tolerance", "n"),
+        TableColumn("changes of posture", "n"),
         TableColumn("note"),
     ]
     rows = [
@@ -52,6 +53,7 @@ def build_trade_off_section(data: ReportData) -> Markup | str:
             f"{p.travel:.0f}",
             "–" if p.clearance is None else f"{p.clearance:.1f}",
             "–" if p.in_tolerance is None else str(p.in_tolerance),
+            str(p.changes),
             "dominated" if p.dominated else "",
         )
         for p in data.front

@@ -24,6 +24,7 @@ from machopt.verification.folder.result_json.comparison_inputs import (
     format_json_value,
     require_number,
 )
+from machopt.verification.folder.result_json.rapid_terms import check_rapid_terms
 from machopt.verification.tables.csv_columns import read_columns
 
 PRINTED_TOLERANCE = 2e-6  # relative: tables print seven significant digits
@@ -77,6 +78,8 @@ def check_objective(t: ResultComparison) -> Iterable[str]:
             + w.clearance * require_number("clearance", o.clearance)
             + require_number("tolerance", o.tolerance)
             + require_number("stability", o.stability)
+            + w.rapid * require_number("rapid", o.rapid)
+            + w.reorientation * require_number("reorientation", o.reorientation)
         )
         if t.options.objective != "tolerance":
             yield from check_equal(f"objective.{name}.tolerance", o.tolerance, 0.0)
@@ -88,6 +91,7 @@ def check_objective(t: ResultComparison) -> Iterable[str]:
     yield from _check_worst_index(t)
     own = parts.chosen
     yield from _check_mean_nearness(t, require_number("chosen.clearance", own.clearance))
+    yield from check_rapid_terms(t)
     for gain in parts.gain:
         yield from _check_gain(gain, own, parts.cam_default if gain.over == "cam default" else parts.jiao2022)
     yield from check_equal("objective.gain", [g.over for g in parts.gain], ["cam default", "jiao2022"])
@@ -158,7 +162,8 @@ def _check_mean_nearness(t: ResultComparison, told: float) -> Iterable[str]:
         yield from check_equal("objective.chosen.clearance", told, 0.0)
         return
     points = CheckedPoints.from_file(t)
-    counts = t.toolpath.cutting & np.isfinite(points.get_column("clearance_mm"))
+    cut = t.toolpath.cutting
+    counts = (cut | np.r_[cut[1:], False]) & np.isfinite(points.get_column("clearance_mm"))  # ends of all cut moves
     near = np.clip(1.0 - 1e-3 * points.get_column("clearance_mm")[counts] / t.options.clearance_full, 0.0, 1.0)
     if len(near) and not near.min() - NEARNESS_TOLERANCE <= told <= near.max() + NEARNESS_TOLERANCE:
         yield (

@@ -1,0 +1,55 @@
+"""Prices of the search beside the stiffness index: clearance, lost feed, and rapid moves with their changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.data_types.plan_options import PlanOptions
+from machopt.planning.cost.clearance_cost import compute_grid_crowding
+from machopt.planning.cost.held_feed import compute_grid_price
+from machopt.planning.cost.rapid_time import RapidPricing
+from machopt.planning.cost.stiffness_index import CandidateScores
+from machopt.planning.pipeline.planning_setup import PlanningSetup
+from machopt.planning.sampling.candidate_grid import CandidateGrid
+from machopt.planning.stations.planning_path import PlanningPath
+
+
+def add_vertex_prices(
+    scores: CandidateScores, path: PlanningPath, setup: PlanningSetup, candidates: CandidateGrid, options: PlanOptions
+) -> CandidateScores:
+    """Return the scores with the prices that the objective has beside the index.
+
+    Args:
+        scores: cost of the candidates, with the scale in use.
+        path: planning points.
+        setup: planning setup of the cell.
+        candidates: candidate grid.
+        options: plan options with the weights.
+    """
+    limits = setup.cell.limits
+    return replace(
+        add_rapid_prices(scores, path, setup, candidates, options),
+        crowded=compute_grid_crowding(path, setup.collision, candidates, options),
+        feed_price=compute_grid_price(path, setup.arm, setup.robot, limits, options, candidates),
+    )
+
+
+def add_rapid_prices(
+    scores: CandidateScores, path: PlanningPath, setup: PlanningSetup, candidates: CandidateGrid, options: PlanOptions
+) -> CandidateScores:
+    """Return the scores with the prices of rapid moves and changes of posture alone.
+
+    Args:
+        scores: cost of the candidates, with the scale in use.
+        path: planning points.
+        setup: planning setup of the cell.
+        candidates: candidate grid.
+        options: plan options with the weights.
+    """
+    limits = setup.cell.limits
+    rates = np.stack([limits.velocity, limits.acceleration, limits.jerk]) * setup.per_rad
+    home = setup.driven.joints_at_home
+    pricing = RapidPricing.build(path, rates, home, setup.per_rad, scores.least, candidates.stable, options)
+    return replace(scores, rapid=pricing)
