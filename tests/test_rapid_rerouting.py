@@ -27,9 +27,12 @@ ROWS = [
 ]  # two cuts, with rapid moves before, between and after
 
 
+HOME = np.deg2rad([0, -90, 90, 0, 45, 170.0])  # from there joint 6 reaches a posture on either side of zero
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Plan:
-    return small_job(tmp_path_factory.mktemp("passages"), ROWS, FREE)
+    return small_job(tmp_path_factory.mktemp("passages"), ROWS, FREE, home=HOME)
 
 
 @pytest.fixture(scope="module")
