@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 
+LEAVING_RAD = 1e-5  # rad from the place of arrival: the motion leaves it
 SPIN_LEVER_M = 1e-3  # m/rad: of a rotation about the tool axis, which decides only where nothing else changes
 
 
@@ -26,13 +27,15 @@ def match_targets_in_order(
     by_joints: NDArray[np.bool_],
     near: Array,
     axis_lever: float,
+    arrived: float,
     give_up: int,
 ) -> tuple[Array, Array]:
     """Find each target on the polyline of the motion, at or after the place of the target before.
 
     A target lies on the first stretch ahead that is near it, an unbroken row of segments, at the least distance in
-    position and tool axis. Where the tool turns about its tip, the position is the same along the whole turn. Where
-    no stretch is within the first of the limits ``near``, the next one counts.
+    position and tool axis. A motion that goes in and out of a shallow hole stays near a joint target all the time and
+    passes it twice: the first arrival counts. Where the tool turns about its tip, the position is the same along the
+    whole turn. Where no stretch is within the first of the limits ``near``, the next one counts.
 
     Args:
         place: (V, 3) positions at the vertices, m.
@@ -44,6 +47,7 @@ def match_targets_in_order(
         by_joints: (M,) the target is found by its joints, else by its pose.
         near: (L, 2) limits of the distance, of poses (m) and of joint targets (rad), rising.
         axis_lever: M/rad, by which an angle of the tool axis counts as a distance.
+        arrived: Distance (rad) to a joint target at which the motion has arrived; it counts where the motion then leaves.
         give_up: Number of unmatched targets that ends the search.
 
     Returns:
@@ -69,6 +73,8 @@ def match_targets_in_order(
                         place[a], place[b], turn[a], turn[b], wanted_place[k], wanted_turn[k], limit, axis_lever
                     )
                 if away <= limit:
+                    if by_joints[k] and best <= arrived and fine > best + LEAVING_RAD:
+                        break
                     found = True
                     if fine < best - 1e-12:
                         best, foot = fine, a + share

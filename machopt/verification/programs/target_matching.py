@@ -21,6 +21,7 @@ from machopt.verification.tables.exported_tables import ExportedMotion
 AXIS_LEVER_M = float(1e-3 * PATH_MM / np.radians(AXIS_DEG))  # m/rad: both tolerances of the path count alike
 MAX_TARGET_DISTANCE_M = 2.5e-4  # m: a target farther from the motion is not on it; ten times what a right one is off
 MAX_JOINT_DISTANCE_RAD = float(np.radians(0.3))  # rad, the same of joint targets
+ARRIVAL_RAD = 1e-4  # rad: a right joint target is nearer, as samples and digits have it
 MAX_UNMATCHED = 25  # targets that lie nowhere: enough to say so
 EXTERNAL_TOLERANCE = 0.05  # mm or deg of an external axis at a target
 
@@ -91,6 +92,7 @@ def match_targets(
         known & (program.kind != LIN),
         np.array(limits),
         AXIS_LEVER_M,
+        max(ARRIVAL_RAD, program.joint_step),
         MAX_UNMATCHED,
     )
     on = np.isfinite(on_line)
