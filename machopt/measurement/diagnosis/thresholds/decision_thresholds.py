@@ -147,6 +147,9 @@ class ProofThresholds:
         "written and not named",
         JUDGEMENT,
     )
+    largest_wave: float = _set(
+        3.0, "1 sigma of a gear's wave (TransmissionError.prior), beyond which its amplitude has no name", STATISTICS
+    )
     closes: float = _set(
         0.005, "share of the mismatch closed, of which less is written as 0 % and closes nothing", JUDGEMENT
     )
