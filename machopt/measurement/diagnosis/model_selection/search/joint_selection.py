@@ -132,6 +132,7 @@ def _add_predictive_groups(
 ) -> list[LawColumnGroup]:
     """Add up to ``most`` groups to the given laws while unseen readings are predicted clearly better.
 
+    Laws of weight need their physical bounds, which :func:`select_effects` checks, and are not added here.
     The choice of one group among many costs the logarithm of their number (description length).
     """
     taken = [g for g in sums.groups if g.law.hypothesis.name in start]
@@ -142,7 +143,7 @@ def _add_predictive_groups(
     for _ in range(most):
         gained = compute_group_gains(left, sums)
         gained[[any(g is t for t in taken) for g in sums.groups]] = 0.0
-        _clear_stand_ins(gained, unloaded)
+        gained[~unloaded] = 0.0
         each = [
             (_score_groups(sums, [*taken, sums.groups[n]]), n)
             for n in np.argsort(-gained, kind="stable")[:LEADING_GROUPS].tolist()
