@@ -1,7 +1,7 @@
 """Waves of a joint that may be named as a transmission error, and waves that are a correction without a name.
 
 A sum of low orders on a part of a turn is any smooth curve. It lowers the error, but its cause is not known. A wave is
-named only if the readings cover several of its periods, and if its amplitude is one that gears have.
+named only if the readings cover its period, and if its amplitude is one that gears have.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def split_waves(finding: Finding) -> SplitWaves:
     low, high = c.parameters[RANGE_KEY]
     periods = orders * (high - low) / 360.0
     largest = thresholds.PROOF.largest_wave * TransmissionError.prior / ARCSEC
-    is_named = (periods >= thresholds.MOTION.turns) & (np.hypot(cos, sin) <= largest)
+    is_named = (periods >= thresholds.PROOF.named_periods) & (np.hypot(cos, sin) <= largest)
     if is_named.all():
         return SplitWaves(finding, None)
     unnamed = convert_to_unnamed(finding, ~is_named)
