@@ -7,15 +7,17 @@
       - {effect: joint_zero_offset, location: "joint:3", parameters: {offset_deg: 0.02}}
       - {effect: transmission_error, location: "joint:1",
          parameters: {per_turn: 3, cos_arcsec: 8.1, sin_arcsec: -2.5, range_deg: [-90, 75]}}
+      - {effect: kinematic_correction, location: "joint:3",
+         parameters: {orders: [1, 2], cos_arcsec: [40.1, 3.2], sin_arcsec: [8, -7.5], range_deg: [-90, 75]}}
       - {effect: joint_coupling, location: "joint:4-5", parameters: {ratio: 2.5e-5}}
       - {effect: geometry, location: "joint:2", parameters: {xyz_mm: [0.2, 0, -0.1], turn_mrad: [0, 0.3, 0]}}
 
 The true angle of a joint is q + Δ(q), q what its encoder says. The joints of trajectory.csv, points.csv and of robot
-programs are encoder angles: with this file those that bring the arm to the programmed path. A transmission error is
-applied at encoder angles of its ``range_deg``, where it was measured, and fades out within 5 degrees beyond; without
-one everywhere. A geometry moves the joint's frame in the link before it (``base``: the whole arm in base_link;
-``tool``: what the flange carries): shifted, and turned about its own origin, in axes of base_link with all joints at
-zero.
+programs are encoder angles: with this file those that bring the arm to the programmed path. A kinematic correction has
+the form of a transmission error; its cause is not known. Both are applied at encoder angles of their ``range_deg``,
+where they were measured, and fade out within 5 degrees beyond; without one everywhere. A geometry moves the joint's
+frame in the link before it (``base``: the whole arm in base_link; ``tool``: what the flange carries): shifted, and
+turned about its own origin, in axes of base_link with all joints at zero.
 """
 
 from __future__ import annotations

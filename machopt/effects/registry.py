@@ -44,6 +44,7 @@ ALL_EFFECTS = (
     payload.PAYLOAD,
     joint_angle_errors.ZERO,
     joint_angle_errors.WAVES,
+    joint_angle_errors.CORRECTION,
     joint_coupling.KINEMATIC,
     as_built_joint_frames.EFFECT,
     friction.EFFECT,

@@ -6,7 +6,7 @@ The true angle of joint j is q_j + Δ_j(q), where q are the encoder angles. The 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -299,6 +299,36 @@ WAVES = Effect(
     port="angle",
     places=JOINTS,
     angle_laws=(TransmissionError(), TransmissionError(2)),
+    form_uncertainty=0.1,
+    plausible_sizes={"arcsec": 3600.0},
+)
+
+
+@dataclass(frozen=True)
+class UnnamedAngleError(TransmissionError):
+    """Δ_j = Σ a_n cos n q_j + b_n sin n q_j as a correction without a name; a search does not try it."""
+
+    shape = (replace(TransmissionError.shape[0], key="orders"),)
+
+    def grid(self, swept: JointAngleRange) -> tuple[Shape, ...]:
+        """Return no shape: the waves of a transmission error are searched.
+
+        Args:
+            swept: Angle range of the joint that the readings cover.
+
+        Returns:
+            Nothing.
+        """
+        return ()
+
+
+CORRECTION = Effect(
+    name="kinematic_correction",
+    noun="kinematic correction",
+    sentence="Smooth angle errors of the joint that the readings show, and whose cause they do not tell.",
+    port="angle",
+    places=JOINTS,
+    angle_laws=(UnnamedAngleError(),),
     form_uncertainty=0.1,
     plausible_sizes={"arcsec": 3600.0},
 )

@@ -59,6 +59,8 @@ def compute_frame_columns(r: StaticReadings, place: str) -> Array:
 def build_geometry_hypotheses(r: StaticReadings, base: Array) -> list[EffectHypothesis]:
     """Build the geometry of each joint frame; with fixed registration also of base and tool.
 
+    A rotation about the joint's own axis is its zero offset, which is a law of its own, and not part of its frame.
+
     Args:
         r: Static readings.
         base: (N, D, P) base columns.
@@ -70,11 +72,17 @@ def build_geometry_hypotheses(r: StaticReadings, base: Array) -> list[EffectHypo
     out = []
     for place in places:
         columns = compute_frame_columns(r, place) * list_manufacturing_tolerances()
-        V = find_observable_directions(columns, base)
+        V = find_observable_directions(columns, _append_zero_offset(r, place, base))
         if V.shape[1]:
             beside_frame = place in WHOLE_ARM_FRAMES and r.recording.registration == "fixed"
             out.append(_build_frame_hypothesis(place, columns, V, thresholds.RESTING.aside if beside_frame else 0.0))
     return out
+
+
+def _append_zero_offset(r: StaticReadings, place: str, base: Array) -> Array:
+    if place not in JOINTS:
+        return base
+    return np.concatenate([base, r.lift_joint_twist(JOINTS.index(place), np.ones((len(r), 1)))], axis=2)
 
 
 def find_observable_directions(columns: Array, base: Array) -> Array:

@@ -271,6 +271,21 @@ class WhitenedHypothesis:
         return self.hypothesis.shapes
 
 
+def select_shape(law: WhitenedHypothesis, shape: int) -> WhitenedHypothesis:
+    """Return a hypothesis with one of its shapes.
+
+    Args:
+        law: Whitened hypothesis.
+        shape: Index of the shape.
+
+    Returns:
+        The hypothesis.
+    """
+    k = slice(shape, shape + 1)
+    h = replace(law.hypothesis, shapes=(law.shapes[shape],))
+    return replace(law, hypothesis=h, X=law.X[:, k], unit=law.unit[k], XX=law.XX[:, k], Xy=law.Xy[:, k])
+
+
 def build_whitened_model(
     w: ErrorWhitening, X: Array, y: Array, fold: Ints, prior: Array, rows: Rows | None = None
 ) -> WhitenedModel:

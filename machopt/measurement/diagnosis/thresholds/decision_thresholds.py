@@ -147,6 +147,15 @@ class ProofThresholds:
         "written and not named",
         JUDGEMENT,
     )
+    named_periods: float = _set(
+        1.0,
+        "periods of a wave that the readings must cover: with 1.5, true waves of 1.1 and 1.3 lost their names in "
+        "run_tracker_benchmark.py --seed 62",
+        JUDGEMENT,
+    )
+    largest_wave: float = _set(
+        3.0, "1 sigma of a gear's wave (TransmissionError.prior), beyond which its amplitude has no name", STATISTICS
+    )
     closes: float = _set(
         0.005, "share of the mismatch closed, of which less is written as 0 % and closes nothing", JUDGEMENT
     )

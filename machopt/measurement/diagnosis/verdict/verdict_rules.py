@@ -14,6 +14,7 @@ from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, EstimatedValue, Finding
+from machopt.measurement.diagnosis.verdict.unnamed_waves import SplitWaves, convert_to_unnamed, split_waves
 from machopt.measurement.diagnosis.verdict.verdict_text import (
     describe_withdrawn_findings,
     format_error_size,
@@ -132,17 +133,23 @@ def _withdraw_named_findings(d: DiagnosisResult) -> DiagnosisResult:
 
 
 def _separate_unnamed_corrections(d: DiagnosisResult) -> DiagnosisResult:
-    """Move kinematic corrections without a certain size, or with hardly any gain, out of the findings.
+    """Move kinematic corrections that cannot be named out of the findings.
 
-    They stay in kinematics.yaml, because they were fitted together with the others and lower the error.
+    These have no certain size or hardly any gain, or they are waves of few periods or of implausible size. They stay in
+    kinematics.yaml, because they were fitted together with the others and lower the error.
     """
-    unnamed = tuple(f for f in d.findings if _is_unnamed_correction(d, f))
+    kept, unnamed = list[Finding](), list[Finding]()
+    for f in d.findings:
+        parts = split_waves(f)
+        if parts.named is not None and _is_unnamed_correction(d, parts.named):
+            parts = SplitWaves(None, convert_to_unnamed(f))
+        kept += [] if parts.named is None else [parts.named]
+        unnamed += [] if parts.unnamed is None else [parts.unnamed]
     if not unnamed:
         return d
-    kept = tuple(f for f in d.findings if not any(f is u for u in unnamed))
     names = ", ".join(format_effect_in_sentence(f.effect, f.location) for f in unnamed)
     text = f"written into kinematics.yaml because they lower the error, and too uncertain to be named: {names}"
-    d = replace(d, findings=kept, unnamed=(*d.unnamed, *unnamed), notes=(*d.notes, text))
+    d = replace(d, findings=tuple(kept), unnamed=(*d.unnamed, *unnamed), notes=(*d.notes, text))
     return replace(d, next_experiment=suggest_next_experiment(d))
 
 

@@ -17,6 +17,7 @@ from machopt.verification.motion.kinematics.as_built_frames import GEOMETRY_EFFE
 
 FADE_OUT_DEG = 5.0  # beyond its range a transmission error is gone
 RANGE_KEY = "range_deg"
+ORDER_KEYS = {"transmission_error": "per_turn", "kinematic_correction": "orders"}  # effects that are sums of waves
 
 
 def compute_true_angles(kinematics: KinematicCorrections | None, q: Array) -> Array:
@@ -44,9 +45,11 @@ def compute_true_angles(kinematics: KinematicCorrections | None, q: Array) -> Ar
             stands[:, joints[0]] += math.pi * p["offset_deg"] / 180.0
         elif entry.effect == "joint_coupling":
             stands[:, joints[1]] += p["ratio"] * q[:, joints[0]]
-        elif entry.effect == "transmission_error":
+        elif entry.effect in ORDER_KEYS:
             counts = _compute_applied_share(p.get(RANGE_KEY), q[:, joints[0]])
-            rows = zip(*(np.atleast_1d(p[key]) for key in ("per_turn", "cos_arcsec", "sin_arcsec")), strict=True)
+            rows = zip(
+                *(np.atleast_1d(p[key]) for key in (ORDER_KEYS[entry.effect], "cos_arcsec", "sin_arcsec")), strict=True
+            )
             for order, cos, sin in rows:  # as one sine: amplitude and phase
                 phase, size = math.atan2(cos, sin), math.hypot(cos, sin)
                 wave = np.sin(order * q[:, joints[0]] + phase)

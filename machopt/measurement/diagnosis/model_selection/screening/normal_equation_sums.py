@@ -16,7 +16,7 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     WhitenedModel,
     invert_with_ridge,
 )
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Ints
 
 MOST_SHAPES = 8  # most shapes of a law that is no harmonic
 FOLDS = 10
@@ -31,12 +31,13 @@ class LawColumnGroup:
     columns: slice  # position among all columns
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class NormalEquationSums:
     """Normal equations of the base columns, the columns of all groups, and y, in this order."""
 
     total: Array  # (C + 1, C + 1)
     folds: tuple[Array, ...]
+    fold_rows: tuple[int, ...]  # rows of each fold
     groups: tuple[LawColumnGroup, ...]
     base: int  # number of base columns
     rows: int
@@ -68,16 +69,24 @@ class CachedSums:
             for s in np.linspace(0, count - 1, most).astype(int).tolist():
                 groups.append(LawColumnGroup(t, s, slice(at, at + p)))
                 at += p
-        total, parts = np.zeros((at + 1, at + 1)), []
+        total, parts, size = np.zeros((at + 1, at + 1)), list[Array](), list[int]()
         for some in np.array_split(np.arange(model.folds), min(FOLDS, model.folds)):
             rows = np.concatenate([model.rows[f] for f in some])
             A = np.concatenate(
                 [model.X[rows], *(g.law.columns_at(g.shape)[rows] for g in groups), model.y[rows, None]], axis=1
             )
             parts.append(A.T @ A)
+            size.append(len(rows))
             total += parts[-1]
         _add_priors(total, model, groups)
-        return NormalEquationSums(total, tuple(parts), tuple(groups), model.count, len(model.y))
+        return NormalEquationSums(
+            total=total,
+            folds=tuple(parts),
+            fold_rows=tuple(size),
+            groups=tuple(groups),
+            base=model.count,
+            rows=len(model.y),
+        )
 
     def select_groups(
         self, first: Sequence[tuple[WhitenedHypothesis, int]], among: Callable[[WhitenedHypothesis], bool]
@@ -118,7 +127,9 @@ class CachedSums:
                     total, o.columns, g.columns, o.law.products_with_model(part, model.rows)[:, o.shape].sum(axis=0)
                 )
         _add_priors(total, None, groups)
-        return NormalEquationSums(total, (), (*groups, *moved), whole.base, whole.rows)
+        return NormalEquationSums(
+            total=total, folds=(), fold_rows=(), groups=(*groups, *moved), base=whole.base, rows=whole.rows
+        )
 
 
 def _add_symmetric_block(total: Array, rows: slice, columns: slice, block: Array) -> None:
@@ -136,7 +147,7 @@ def _add_priors(total: Array, model: WhitenedModel | None, groups: Sequence[LawC
         total[n, n] += g.law.precision(g.shape)
 
 
-def eliminate_columns(sums: Array, columns: Array) -> Array:
+def eliminate_columns(sums: Array, columns: Ints) -> Array:
     """Eliminate columns from normal equations (Schur complement).
 
     Args:

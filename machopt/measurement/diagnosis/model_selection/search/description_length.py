@@ -44,6 +44,7 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     WhitenedHypothesis,
     WhitenedModel,
     invert_with_ridge,
+    select_shape,
 )
 
 MAX_EXCHANGED = 3  # most effects exchanged at once
@@ -130,7 +131,7 @@ def exchange_for_weight_laws(
             continue
         spread, model_without = add_selected_effects(model, out).residual_variance, add_selected_effects(model, others)
         length = partial(_compute_length, spread=spread, count=len(model.y))
-        own = score_hypotheses(model_without, [_select_shape(c.whitened, c.scored.shape)])[0]
+        own = score_hypotheses(model_without, [select_shape(c.whitened, c.scored.shape)])[0]
         most = length(own) - thresholds.DETECTION.shorter
         better = [
             s for s in score_hypotheses(model_without, near) if length(s) < most and is_supported(model_without, s)
@@ -284,14 +285,8 @@ def _score_together(model: WhitenedModel, parts: Sequence[_DescriptionPart]) -> 
         model_without = model
         for o in others:
             model_without = model_without.with_law(o.law, o.shape, held=True)
-        s = score_hypotheses(model_without, [_select_shape(part.law, part.shape)])[0]
+        s = score_hypotheses(model_without, [select_shape(part.law, part.shape)])[0]
         if part.is_new and not is_supported_without_session_check(model_without, s):
             return None
         out.append(SelectedEffect(replace(s, whitened=part.law, shape=part.shape), part.p_value))
     return out
-
-
-def _select_shape(t: WhitenedHypothesis, shape: int) -> WhitenedHypothesis:
-    k = slice(shape, shape + 1)
-    h = replace(t.hypothesis, shapes=(t.shapes[shape],))
-    return replace(t, hypothesis=h, X=t.X[:, k], unit=t.unit[k], XX=t.XX[:, k], Xy=t.Xy[:, k])

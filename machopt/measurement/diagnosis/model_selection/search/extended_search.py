@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from machopt.effects.joint import joint_angle_errors
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, HypothesisCatalogue
 from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, joint_selection
@@ -68,8 +69,9 @@ def compute_mismatch_threshold(base: WhitenedModel) -> float:
 
 
 def _has_remaining_mismatch(base: WhitenedModel, chosen: Sequence[SelectedEffect], fits: float) -> bool:
-    """Return whether the selected effects leave more than noise."""
-    few = len(chosen) <= thresholds.RESTING.crowded
+    """Return whether the selected effects leave more than noise. Zero offsets do not count as many effects."""
+    others = [c for c in chosen if c.whitened.hypothesis.effect != joint_angle_errors.ZERO.file_word]
+    few = len(others) <= thresholds.RESTING.crowded
     return (
         few
         and np.isfinite(fits)

@@ -94,7 +94,7 @@ def is_supported_without_session_check(model: WhitenedModel, s: ScoredHypothesis
     Returns:
         True if supported.
     """
-    if s.gain / model.residual_variance < compute_least_gain(model, s) or not _has_plausible_sizes(s):
+    if s.gain / model.residual_variance < compute_least_gain(model, s) or not has_plausible_sizes(s):
         return False
     return (
         s.total > thresholds.DETECTION.generalises * s.gain
@@ -114,7 +114,15 @@ def _is_supported_by_several_groups(model: WhitenedModel, s: ScoredHypothesis) -
     )
 
 
-def _has_plausible_sizes(s: ScoredHypothesis) -> bool:
+def has_plausible_sizes(s: ScoredHypothesis) -> bool:
+    """Return whether the size of a fitted law is one that its effect can have.
+
+    Args:
+        s: Scored hypothesis.
+
+    Returns:
+        True if it can.
+    """
     h = s.whitened.hypothesis
     size = next(iter(h.quantities(s.x * s.whitened.unit[s.shape], s.whitened.shapes[s.shape]).values()))
     known = registry.find_effect(h.effect)
@@ -211,7 +219,7 @@ def prune_joint_effects(
         if known and chosen and min(needed) < 0.0:
             del chosen[int(np.argmin(needed))]
             continue
-        chosen = _compute_chances(model, chosen, tried, rng)
+        chosen = compute_chances(model, chosen, tried, rng)
         weak = [k for k, c in enumerate(chosen) if c.p_value > thresholds.DETECTION.chance]
         if not weak:
             return sorted(_refit_together(model, chosen), key=lambda c: -c.scored.total)
@@ -233,13 +241,23 @@ def _refit_together(model: WhitenedModel, chosen: Sequence[SelectedEffect]) -> l
     return out
 
 
-def _compute_chances(
+def compute_chances(
     model: WhitenedModel,
     chosen: Sequence[SelectedEffect],
     tried: Sequence[WhitenedHypothesis],
     rng: np.random.Generator,
 ) -> list[SelectedEffect]:
-    """Return each effect with the probability that the largest gain of the search reaches its own by chance."""
+    """Compute for each effect the probability that the largest gain of the search reaches its own by chance.
+
+    Args:
+        model: Whitened base model.
+        chosen: Selected effects, each fitted together with the others.
+        tried: All laws of the search.
+        rng: Random generator of the sign flips.
+
+    Returns:
+        The effects with their p-value.
+    """
     whole = add_selected_effects(model, chosen)
     chance = compute_chance_probability(
         whole, [*(c.scored for c in chosen), *fit_hypotheses(whole, tried)], whole.residual, rng

@@ -12,10 +12,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.screening.normal_equation_sums import (
     CachedSums,
     LawColumnGroup,
@@ -30,8 +32,19 @@ from machopt.measurement.diagnosis.model_selection.search.description_length imp
 )
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
     SelectedEffect,
+    compute_chances,
+    has_plausible_sizes,
     prune_joint_effects,
     select_effects,
+)
+from machopt.measurement.diagnosis.model_selection.search.predictive_score import (
+    BETTER,
+    FoldSums,
+    compute_predictive_score,
+    compute_set_score,
+    drop_unpredictive_effects,
+    score_together,
+    select_zero_offsets,
 )
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     WhitenedHypothesis,
@@ -39,6 +52,7 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     invert_with_ridge,
     whiten_hypotheses,
 )
+from machopt.numerics.array_types import Array, Ints
 
 DEFAULT_MAX_EFFECTS = 3  # default number of effects of forward selection
 MAX_RIVAL_SHAPES = 24  # most shapes of a rival of jointly selected effects
@@ -66,19 +80,107 @@ def search_effects(
         Hypotheses for rivals (including the selected ones), and the selected effects.
     """
     sums = CachedSums(model, laws)
-    found = select_many_effects(model, laws, fits, sums) if most >= DEFAULT_MAX_EFFECTS else []
-    if not found:
-        if _has_frame_laws(laws):
-            few = find_shortest_description(model, select_effects(model, laws, most, rng), sums, most)
-            return tuple(laws), tuple(exchange_for_weight_laws(model, few, laws, rng))
-        chosen = select_effects(
-            model, laws, most, rng, lambda so_far: harmonic_orders.add_harmonic_orders(model, so_far, laws, rng)
-        )
-        grown = [c.whitened for c in chosen if not any(c.whitened is t for t in laws)]
-        return (*laws, *grown), tuple(chosen)
+    offsets = select_zero_offsets(model, laws) if _has_frame_laws(laws) and most >= DEFAULT_MAX_EFFECTS else []
+    found = _search_few_or_many(sums, most, rng, fits, [c.whitened.hypothesis.name for c in offsets])
+    if not offsets or len(found[1]) > thresholds.RESTING.crowded:
+        return found  # many effects are already selected jointly, by their cross-validated error
+    picked = _add_predictive_groups(sums.sum_all, [c.whitened.hypothesis.name for c in offsets], most)
+    joint = [SelectedEffect(s, 1.0) for s in score_hypotheses(model, _whiten_picked(model, picked))]
+    chosen = compute_chances(model, drop_unpredictive_effects(model, joint), laws, rng)
+    chosen = [c for c in chosen if c.p_value <= thresholds.DETECTION.chance and has_plausible_sizes(c.scored)]
+    chosen = score_together(model, chosen)
+    if compute_set_score(model, chosen) <= compute_set_score(model, found[1]) + BETTER:
+        return found
+    return _list_rivals(laws, [c.whitened for c in joint]), tuple(chosen)
+
+
+def _search_few_or_many(
+    sums: CachedSums, most: int, rng: np.random.Generator, fits: float, offsets: Sequence[tuple[str, str]]
+) -> tuple[tuple[WhitenedHypothesis, ...], tuple[SelectedEffect, ...]]:
+    """Search jointly, with the zero offsets at first, if there are many effects; else by forward selection."""
+    model, laws = sums.model, sums.laws
+    found = select_many_effects(model, laws, fits, sums, offsets) if most >= DEFAULT_MAX_EFFECTS else []
+    if found:
+        return _list_rivals(laws, found), tuple(prune_joint_effects(model, found, laws, rng))
+    if _has_frame_laws(laws):
+        few = find_shortest_description(model, select_effects(model, laws, most, rng), sums, most)
+        return tuple(laws), tuple(exchange_for_weight_laws(model, few, laws, rng))
+    chosen = select_effects(
+        model, laws, most, rng, lambda so_far: harmonic_orders.add_harmonic_orders(model, so_far, laws, rng)
+    )
+    grown = [c.whitened for c in chosen if not any(c.whitened is t for t in laws)]
+    return (*laws, *grown), tuple(chosen)
+
+
+def _list_rivals(
+    laws: Sequence[WhitenedHypothesis], found: Sequence[WhitenedHypothesis]
+) -> tuple[WhitenedHypothesis, ...]:
+    """Return the rivals of jointly selected effects, and these."""
     names = {t.hypothesis.name for t in found}
-    rest = [t for t in laws if t.hypothesis.name not in names and len(t.shapes) <= MAX_RIVAL_SHAPES]
-    return (*rest, *found), tuple(prune_joint_effects(model, found, laws, rng))
+    return (
+        *(t for t in laws if t.hypothesis.name not in names and len(t.shapes) <= MAX_RIVAL_SHAPES),
+        *found,
+    )
+
+
+def _whiten_picked(model: WhitenedModel, picked: Sequence[LawColumnGroup]) -> list[WhitenedHypothesis]:
+    return whiten_hypotheses(model, [*_combine_joint_waves(picked), *_list_other_laws(picked)])
+
+
+def _add_predictive_groups(
+    sums: NormalEquationSums, start: Sequence[tuple[str, str]], most: int
+) -> list[LawColumnGroup]:
+    """Add up to ``most`` groups to the given laws while unseen readings are predicted clearly better.
+
+    Laws of weight need their physical bounds, which :func:`select_effects` checks, and are not added here.
+    The choice of one group among many costs the logarithm of their number (description length).
+    """
+    taken = [g for g in sums.groups if g.law.hypothesis.name in start]
+    least = BETTER + float(np.log(len(sums.groups)))
+    unloaded = _mark_unloaded(sums)
+    now = _score_groups(sums, taken)
+    left = eliminate_columns(sums.total, _list_columns(sums, taken))
+    for _ in range(most):
+        gained = compute_group_gains(left, sums)
+        gained[[any(g is t for t in taken) for g in sums.groups]] = 0.0
+        gained[~unloaded] = 0.0
+        each = [
+            (_score_groups(sums, [*taken, sums.groups[n]]), n)
+            for n in np.argsort(-gained, kind="stable")[:LEADING_GROUPS].tolist()
+        ]
+        if max(each)[0] <= now + least:
+            break
+        now, best = max(each)
+        taken.append(sums.groups[best])
+        left = eliminate_columns(left, np.arange(taken[-1].columns.start, taken[-1].columns.stop))
+    return taken
+
+
+def _list_columns(sums: NormalEquationSums, taken: Sequence[LawColumnGroup]) -> Ints:
+    return np.array([*range(sums.base), *(c for g in taken for c in range(g.columns.start, g.columns.stop))], np.int64)
+
+
+def _mark_unloaded(sums: NormalEquationSums) -> NDArray[np.bool_]:
+    return np.array([g.law.hypothesis.family in UNLOADED_FAMILIES for g in sums.groups], bool)
+
+
+def _clear_stand_ins(gained: Array, unloaded: NDArray[np.bool_]) -> None:
+    """Set the gain of weight laws to zero that do not clearly exceed the best frame or wave."""
+    kinematics = float(gained[unloaded].max(initial=0.0))
+    gained[~unloaded & (gained < thresholds.RESTING.clearer * kinematics)] = 0.0
+
+
+def _score_groups(sums: NormalEquationSums, taken: Sequence[LawColumnGroup]) -> float:
+    at = _list_columns(sums, taken)
+    return compute_predictive_score(
+        FoldSums(
+            normal=sums.total[np.ix_(at, at)],
+            XX=np.stack([part[np.ix_(at, at)] for part in sums.folds]),
+            Xy=np.stack([part[at, -1] for part in sums.folds]),
+            yy=np.array([part[-1, -1] for part in sums.folds]),
+            rows=np.array(sums.fold_rows),
+        )
+    )
 
 
 def _has_frame_laws(laws: Sequence[WhitenedHypothesis]) -> bool:
@@ -87,7 +189,11 @@ def _has_frame_laws(laws: Sequence[WhitenedHypothesis]) -> bool:
 
 
 def select_many_effects(
-    model: WhitenedModel, laws: Sequence[WhitenedHypothesis], fits: float, sums: CachedSums | None = None
+    model: WhitenedModel,
+    laws: Sequence[WhitenedHypothesis],
+    fits: float,
+    sums: CachedSums | None = None,
+    offsets: Sequence[tuple[str, str]] = (),
 ) -> list[WhitenedHypothesis]:
     """Select the effects of a recording with many effects jointly; the harmonics of a joint are one effect.
 
@@ -96,6 +202,7 @@ def select_many_effects(
         laws: All whitened hypotheses.
         fits: Whitened residual variance that noise alone would leave; NaN if the noise was not measured.
         sums: Sums of base and laws if they already exist.
+        offsets: Zero offsets that are selected at first.
 
     Returns:
         One law with one shape for each effect; empty if there are few effects or none.
@@ -104,31 +211,30 @@ def select_many_effects(
         return []
     if len(model.y) < thresholds.RESTING.per_column * (model.count + thresholds.RESTING.crowded * 2):
         return []
-    picked = _select_groups_greedily((sums or CachedSums(model, laws)).sum_all, fits)
+    picked = _select_groups_greedily((sums or CachedSums(model, laws)).sum_all, fits, offsets)
     places = {g.law.hypothesis.name for g in picked}
     if len(places) <= thresholds.RESTING.crowded:
         return []
-    return whiten_hypotheses(model, [*_combine_joint_waves(picked), *_list_other_laws(picked)])
+    return _whiten_picked(model, picked)
 
 
-def _select_groups_greedily(sums: NormalEquationSums, fits: float) -> list[LawColumnGroup]:
-    """Return groups in the order of their selection."""
-    taken: list[LawColumnGroup] = []
-    columns = list(range(sums.base))
+def _select_groups_greedily(
+    sums: NormalEquationSums, fits: float, start: Sequence[tuple[str, str]] = ()
+) -> list[LawColumnGroup]:
+    """Return groups in the order of their selection, after those of the given laws."""
+    taken = [g for g in sums.groups if g.law.hypothesis.name in start]
+    columns = _list_columns(sums, taken).tolist()
     left = eliminate_columns(sums.total, np.array(columns, int))
     largest = 0.0
     loss = _compute_holdout_squares(sums, columns)
-    refused: set[int] = set()
-    unloaded = np.array([g.law.hypothesis.family in UNLOADED_FAMILIES for g in sums.groups], bool)
+    refused = {n for n, g in enumerate(sums.groups) if any(g is t for t in taken)}
+    unloaded = _mark_unloaded(sums)
     while len(taken) < MOST and sums.rows > thresholds.RESTING.per_column * len(columns):
         rss = float(left[-1, -1])
         spread = max(rss / sums.rows, fits) if np.isfinite(fits) else rss / sums.rows
         gained = compute_group_gains(left, sums)
         gained[list(refused)] = 0.0
-        kinematics = float(gained[unloaded].max(initial=0.0))
-        gained[~unloaded & (gained < thresholds.RESTING.clearer * kinematics)] = (
-            0.0  # before the leading ones are taken: they take no place
-        )
+        _clear_stand_ins(gained, unloaded)
         best = None
         for n in np.argsort(-gained, kind="stable")[:LEADING_GROUPS].tolist():
             g = sums.groups[n]
