@@ -47,7 +47,7 @@ def match_targets_in_order(
         by_joints: (M,) the target is found by its joints, else by its pose.
         near: (L, 2) limits of the distance, of poses (m) and of joint targets (rad), rising.
         axis_lever: M/rad, by which an angle of the tool axis counts as a distance.
-        arrived: Distance (rad) to a joint target at which the motion has arrived; it counts where the motion then leaves.
+        arrived: Distance (rad) to a joint target at which the motion has arrived; the place counts if it then leaves.
         give_up: Number of unmatched targets that ends the search.
 
     Returns:
