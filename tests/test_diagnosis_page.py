@@ -436,7 +436,8 @@ def test_text_from_outside_cannot_end_the_page() -> None:
 
 
 def test_every_word_of_the_vocabulary_has_a_name() -> None:
-    assert {e.file_word for e in registry.EFFECTS.values()} == VOCABULARY
+    unnamed = {"kinematic_correction"}  # written into kinematics.yaml, never a finding
+    assert {e.file_word for e in registry.EFFECTS.values()} == VOCABULARY | unnamed
     assert format_effect_at_place("joint_hysteresis", "joint:3") == "hysteresis of joint 3"
     assert format_effect_at_place("joint_coupling", "joint:4-5") == "coupling of joints 4 and 5"
     assert format_effect_at_place("units", "column:fx_N") == "wrong unit in column fx_N"

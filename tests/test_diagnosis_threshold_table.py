@@ -35,6 +35,7 @@ def test_statistics_are_what_their_words_come_to() -> None:
         "detection.nine_of_ten": norm.ppf(0.9),
         "detection.as_good": 3.0**2,
         "detection.near_shape": chi2.ppf(0.95, 1),
+        "proof.largest_wave": 3.0,  # standard deviations of the prior of an amplitude
         "noise.mostly": 0.5,
         "noise.same": 3.0 * 2.0**0.5,
     }
@@ -120,6 +121,7 @@ IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's 
     ("model_selection/selection_pipeline.py", 1e-4): "a share of nothing is no number",
     ("model_selection/selection_pipeline.py", 0.9): "of which quantile that share is",
     ("model_selection/evaluation/finding_estimates.py", 0.975): "both tails of 95 %",
+    ("verdict/unnamed_waves.py", 1e-6): "rounding of a wave's order",
     ("verdict/verdict_text.py", 0.5): "millimetres or micrometres",
     ("verdict/verdict_text.py", 1e3): "digits",
     ("verdict/verdict_text.py", 1e5): "digits",

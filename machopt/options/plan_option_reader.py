@@ -26,6 +26,7 @@ from machopt.options.option_schema import ExternalJointOptionKeys, OptionKeys, T
 from machopt.options.steering_schema import format_steering, parse_steering, round_to_user_digits
 
 _MM, _MM_PER_MIN, _MS = 1e-3, 1e-3 / 60.0, 1e-3
+DEFAULT_CLEARANCE = ObjectiveWeights().clearance
 
 
 @dataclass(frozen=True)
@@ -169,9 +170,9 @@ def load_options(
     for layer in layers:
         merged = _merge_layers(merged, layer)
     weights = merged.get("weights")
-    if merged.get("collision") is False and not (isinstance(weights, dict) and "clearance" in weights):
-        # the default weight has no effect without bodies
-        merged["weights"] = {**(weights if isinstance(weights, dict) else {}), "clearance": 0.0}
+    stated = dict(weights) if isinstance(weights, dict) else {}
+    if merged.get("collision") is False and stated.get("clearance", DEFAULT_CLEARANCE) == DEFAULT_CLEARANCE:
+        merged["weights"] = {**stated, "clearance": 0.0}  # the default weight has no effect without bodies
     # the layer of a clash between two keys is unknown, so the message names only the keys
     return _to_si(validate_document(OptionKeys, YamlDocument(merged, {}, "options")))
 

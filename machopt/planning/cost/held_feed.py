@@ -81,7 +81,8 @@ class FeedMotion:
         n = len(p)
         leaves, arrives = np.zeros((n, 6)), np.zeros((n, 6))
         leaves[:-1], arrives[1:] = step, step
-        inner = np.r_[False, led[1:] & led[:-1], False]
+        inner = np.zeros(n, bool)
+        inner[1:-1] = led[1:] & led[:-1]
         turn = np.where(inner[:, None], leaves - arrives, 0.0)
         bend = np.maximum(
             np.linalg.norm(turn[:, :3], axis=1) / options.path_tolerance,

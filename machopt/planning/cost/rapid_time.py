@@ -99,7 +99,7 @@ class RapidPricing:
         return cls(
             need=need,
             external_need=(step[:, None, :] * need[None, :, 6:]).max(axis=2, initial=0.0),
-            per_second=1.0 / max(seconds, 1e-9),
+            per_second=1.0 / seconds if seconds > 0.0 else 0.0,  # of no time there is no share
             unit=w.mean * mean + w.worst * float(least[counted].max(initial=0.0)),
             home=home * per_rad,
             ends=path.external[[0, -1]] * per_rad[6:],

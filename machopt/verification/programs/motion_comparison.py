@@ -34,6 +34,8 @@ BRANCH_TOLERANCE_FACTOR = (
     3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
 )
 
+WHOLE_SAMPLE = 1e-6  # of a sample: nearer than this a target lies at it
+
 
 def compare_with_motion(
     program: ProgramInCell,
@@ -141,13 +143,14 @@ def _check_move_kinds(
 ) -> VerificationCheck:
     """No joint move where the tool cuts, and what comments call a move is what the motion does there.
 
+    A sample tells of the way from the sample before; one on whose way the first target lies tells of both moves.
     Samples within ``place`` (m) of either target tell nothing: round a corner the tool dwells there, and it may stand
     on a point before it leaves it. Nor do samples at which the machine stands, of a joint move. Beside a joint move it
     is the decimals that the program prints: where the tool comes to rest many samples lie closer to the target than
     these.
     """
     ends = np.flatnonzero(np.isfinite(at[1:]) & np.isfinite(at[:-1])) + 1
-    first = np.ceil(at[ends - 1] + 0.5).astype(np.int64)
+    first = np.ceil(at[ends - 1] - WHOLE_SAMPLE).astype(np.int64) + 1  # the row before covers the target itself
     count = np.maximum(np.floor(at[ends] - 0.5).astype(np.int64) - first + 1, 0)
     nth = np.repeat(np.arange(len(ends)), count)  # of each sample between two targets: whose way it is
     rows = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)

@@ -135,7 +135,7 @@ def _check_worst_index(t: ResultComparison) -> Iterable[str]:
             <= limit_worst_index(t, most, float(np.max(t.worst_along_cuts)))
         ):
             yield f"objective.chosen.worst is {stated:.9g} in the index's unit, points.csv has {most:.9g}"
-        if not 0.0 < require_number("chosen.mean", own.mean) <= own.worst:
+        if not 0.0 < require_number("chosen.mean", own.mean) <= own.worst * (1.0 + RELATIVE_TOLERANCE):
             yield "objective.chosen.mean is not between nothing and the worst"
 
 

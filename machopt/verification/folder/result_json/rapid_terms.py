@@ -64,7 +64,8 @@ def check_rapid_terms(t: ResultComparison) -> Iterable[str]:
     home = x[[0, -1]] - t.cell.joints_at_home
     home[:, :6] -= 2.0 * math.pi * np.round(home[:, :6] / (2.0 * math.pi))
     seconds = sum(compute_line_time(t, step) for step in np.vstack([steps, home]))
-    expected = seconds / (_compute_programmed_time(t) + STOP_S * len(flown))
+    whole = _compute_programmed_time(t) + STOP_S * len(flown)
+    expected = seconds / whole if whole > 0.0 else 0.0
     if abs(share - expected) > SHARE_TOLERANCE * expected:
         yield f"objective.chosen.rapid is {share:.6g}, the joints in points.csv give {expected:.6g}"
 

@@ -38,11 +38,11 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
     select_effects,
 )
 from machopt.measurement.diagnosis.model_selection.search.predictive_score import (
-    BETTER,
     FoldSums,
     compute_predictive_score,
     compute_set_score,
     drop_unpredictive_effects,
+    get_required_gain,
     score_together,
     select_zero_offsets,
 )
@@ -89,7 +89,7 @@ def search_effects(
     chosen = compute_chances(model, drop_unpredictive_effects(model, joint), laws, rng)
     chosen = [c for c in chosen if c.p_value <= thresholds.DETECTION.chance and has_plausible_sizes(c.scored)]
     chosen = score_together(model, chosen)
-    if compute_set_score(model, chosen) <= compute_set_score(model, found[1]) + BETTER:
+    if compute_set_score(model, chosen) <= compute_set_score(model, found[1]) + get_required_gain():
         return found
     return _list_rivals(laws, [c.whitened for c in joint]), tuple(chosen)
 
@@ -136,7 +136,7 @@ def _add_predictive_groups(
     The choice of one group among many costs the logarithm of their number (description length).
     """
     taken = [g for g in sums.groups if g.law.hypothesis.name in start]
-    least = BETTER + float(np.log(len(sums.groups)))
+    least = get_required_gain() + float(np.log(len(sums.groups)))
     unloaded = _mark_unloaded(sums)
     now = _score_groups(sums, taken)
     left = eliminate_columns(sums.total, _list_columns(sums, taken))

@@ -33,7 +33,10 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
 )
 from machopt.numerics.array_types import Array, Ints
 
-BETTER = 0.5 * thresholds.DETECTION.shorter  # difference of scores: log density, so half of −2 log evidence
+
+def get_required_gain() -> float:
+    """Return by how much a score (log density) has to be larger: half of the limit for −2 log evidence."""
+    return 0.5 * thresholds.DETECTION.shorter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +97,7 @@ def select_zero_offsets(model: WhitenedModel, laws: Sequence[WhitenedHypothesis]
             for some in combinations(range(len(offsets)), size)
         ]
         score, some = max(each)
-        if score > most + BETTER:
+        if score > most + get_required_gain():
             best, most = some, score
     found = [SelectedEffect(s, 1.0) for s in score_hypotheses(model, [offsets[k] for k in best])]
     return [c for c in score_together(model, found) if has_plausible_sizes(c.scored)]
@@ -133,7 +136,7 @@ def drop_unpredictive_effects(model: WhitenedModel, chosen: Sequence[SelectedEff
         now = compute_set_score(model, out)
         without = [compute_set_score(model, [o for o in out if o is not c]) for c in out]
         least = int(np.argmax(without))
-        if without[least] < now - BETTER:
+        if without[least] < now - get_required_gain():
             break
         del out[least]
     return sorted(score_together(model, out), key=lambda c: -c.scored.total)
