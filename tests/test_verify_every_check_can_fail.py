@@ -35,7 +35,15 @@ def _longer(rows: list[dict[str, str]]) -> None:
         row["dwell_s"] = "9.5"
 
 
+def _jump(rows: list[dict[str, str]]) -> None:
+    for row in rows[len(rows) // 2 :]:
+        row["q6_deg"] = f"{float(row['q6_deg']) + 10.0:.6f}"
+
+
 OWN = [
+    Damage(
+        "trajectory.csv joint 6 jumps", "10°", build_table_change("trajectory.csv", _jump), "joint velocity", "in krl"
+    ),
     Damage("points.csv dwell", "+8 s", build_table_change("points.csv", _longer), "points.csv dwell_s", "in krl"),
     Damage(
         "trajectory.csv moves while it dwells",

@@ -511,7 +511,7 @@ FORGED_OPTIONS = [
         ("clearance", "2 → 300 mm", {"clearance_mm": 300.0}, "as asked: clearance_mm"),
         ("joint margin", "0.5 → 40 deg", {"limit_margin_deg": 40.0}, "as asked: limit_margin_deg"),
         ("a fixed rotation", "made up", {"fixed": [{"point": 4, "gamma_deg": -100.0}]}, "as asked: fixed rotations"),
-        ("collisions", "switched off", {"collision": False}, "options"),
+        ("collisions", "switched off", {"collision": False}, "result.json verdict"),
     )
 ]
 
