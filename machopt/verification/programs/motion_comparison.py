@@ -143,14 +143,16 @@ def _check_move_kinds(
 ) -> VerificationCheck:
     """No joint move where the tool cuts, and what comments call a move is what the motion does there.
 
-    A sample tells of the way from the sample before; one on whose way the first target lies tells of both moves.
+    A sample tells of the way from the sample before; between lines, one that passes the first target tells of both.
     Samples within ``place`` (m) of either target tell nothing: round a corner the tool dwells there, and it may stand
     on a point before it leaves it. Nor do samples at which the machine stands, of a joint move. Beside a joint move it
     is the decimals that the program prints: where the tool comes to rest many samples lie closer to the target than
     these.
     """
     ends = np.flatnonzero(np.isfinite(at[1:]) & np.isfinite(at[:-1])) + 1
-    first = np.ceil(at[ends - 1] - WHOLE_SAMPLE).astype(np.int64) + 1  # the row before covers the target itself
+    start, along = at[ends - 1], linear[ends] & linear[ends - 1]
+    # between two lines the row before covers the target itself; beside a joint move the decimals decide, below
+    first = np.where(along, np.ceil(start - WHOLE_SAMPLE) + 1.0, np.ceil(start + 0.5)).astype(np.int64)
     count = np.maximum(np.floor(at[ends] - 0.5).astype(np.int64) - first + 1, 0)
     nth = np.repeat(np.arange(len(ends)), count)  # of each sample between two targets: whose way it is
     rows = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)
