@@ -20,6 +20,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.posture_and_feed.advised_feeds import advise_feeds, apply_advised_feeds
+from machopt.planning.posture_and_feed.node_curves import interpolate_naturally
 from machopt.planning.posture_and_feed.window_builder import RunState, Window
 from machopt.planning.posture_and_feed.window_data import WindowSolution
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
@@ -113,8 +114,6 @@ def _spread_over_run(plan: Plan, window: Window, solution: WindowSolution) -> tu
     Rotation and external joints are cubic splines through all nodes of the run, over the length on which the rotation
     may change, so that they continue with two derivatives where a window ends.
     """
-    from scipy.interpolate import CubicSpline
-
     path, a, nodes = plan.path, plan.chosen.assignment, window.nodes
     first, last = path.runs[window.run]
     rows = np.arange(first, last + 1)
@@ -126,21 +125,15 @@ def _spread_over_run(plan: Plan, window: Window, solution: WindowSolution) -> tu
     node_phi = a.phi[nodes].copy()
     node_phi[window.first : window.last + 1] = solution.phi
     phi, seed = a.phi.copy(), a.q.copy()
-    phi[rows] = _interpolate(CubicSpline, at[keep], node_phi[keep], turning)
+    phi[rows] = interpolate_naturally(at[keep], node_phi[keep], turning)
     way = path.s[nodes]
     for i in range(6):
         seed[rows, i] = np.interp(path.s[rows], way, x[:, i])
     if not np.any(solution.x[:, 6:] != path.external[window.points]):
         return phi, None, seed
     external = path.external.copy()
-    external[rows] = _interpolate(CubicSpline, way, x[:, 6:], path.s[rows])
+    external[rows] = interpolate_naturally(way, x[:, 6:], path.s[rows])
     return phi, external, seed
-
-
-def _interpolate(spline: type, at: Array, values: Array, wanted: Array) -> Array:
-    if len(at) < 3:
-        return np.broadcast_to(values[0], (len(wanted), *values.shape[1:])).copy()
-    return np.asarray(spline(at, values, bc_type="natural")(wanted))
 
 
 def _find_lost_point(plan: Plan, a: JointAssignment) -> str:
