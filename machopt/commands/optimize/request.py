@@ -104,7 +104,7 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
     options = mark_forces(options, segments)
     if request.front:
         check_front_options(options)
-    check_plannable(toolpath, options)
+    check_plannable(toolpath, options, cell.process)
     check_tilt(segments, options)
     if not options.allow_gaps:
         check_length_unit(cell, toolpath, request.toolpath, stated="unit" in request.reading)

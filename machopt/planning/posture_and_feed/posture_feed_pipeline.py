@@ -22,7 +22,7 @@ from machopt.planning.posture_and_feed.window_trial import (
 )
 from machopt.planning.stability.depth_ratio import StabilityModel
 
-ITERATES = 4  # of a window at most
+ITERATES = 2  # of a window at most
 TRUST = np.radians(20.0)  # rad, first trust region of the rotation
 SHRINK = 0.35  # of the trust region after a refusal
 LEAST_TRUST = np.radians(1.0)

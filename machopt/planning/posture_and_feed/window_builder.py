@@ -22,6 +22,7 @@ NODES = 300  # most nodes of a window
 OVERLAP = 60  # nodes that a window shares with the one before
 KEPT = 3  # nodes that keep the plan where a window ends inside a run: q, its first and second difference continue
 LEAST_NODES = 8  # a window with fewer has nothing to optimise
+SPACING = 4e-3  # m of the metric, least distance of nodes that no fixed rotation needs
 LEAST_WAY = 1e-6  # m, shortest segment between two nodes
 LEAST_LENGTH = 1e-7  # m, a segment whose tip moves less has no feed limit
 SPIN = 0.5  # m/s along the metric: limit where only the axis turns
@@ -77,13 +78,17 @@ def list_windows(plan: Plan) -> Iterator[Window]:
 
 
 def _list_nodes(plan: Plan, first: int, last: int) -> NDArray[np.intp]:
-    """Return the stations of a run without coincident ones; the first and last point are nodes."""
+    """Return the stations of a run without those that are too near; the first and last point are nodes."""
     path = plan.path
     stations = path.stations[(path.stations > first) & (path.stations < last)]
     points = np.r_[first, stations, last].astype(np.intp)
-    keep = np.r_[True, np.diff(path.s[points]) > LEAST_WAY]
-    keep[-1] = True
-    points = points[keep]
+    fixed = find_fixed_rotations(path, plan.options)
+    kept = [int(points[0])]
+    for point in points[1:-1].tolist():
+        way = path.s[point] - path.s[kept[-1]]
+        if way > LEAST_WAY and (way >= SPACING or point in fixed):
+            kept.append(point)
+    points = np.array([*kept, int(points[-1])], np.intp)
     if len(points) > 2 and path.s[points[-1]] - path.s[points[-2]] <= LEAST_WAY:
         points = np.delete(points, -2)
     return np.asarray(points if path.s[points[-1]] > path.s[points[0]] else points[:1])
@@ -141,7 +146,7 @@ def build_window_data(
         phi_lower=low,
         phi_upper=high,
         is_fixed=fixed,
-        is_plunge=path.plunge[points[1:]],
+        is_plunge=np.add.reduceat(path.plunge.astype(int), points[:-1] + 1) > 0,
         is_free=is_free,
         external_trust=0.5 * trust,
         starts_at_rest=window.first == 0,

@@ -26,7 +26,7 @@ SLOWEST = 0.02  # share of the cap, lower bound of the speed
 START = 0.98  # of the largest speed that keeps all limits on the present path
 EXCESS_PRICE = 20.0  # times the time of a segment, per share of the limit
 BENDING = 1e-3  # s per (rad/step)² of the second difference of the rotation: keeps the curve smooth between nodes
-ITERATIONS = 120
+ITERATIONS = 80
 TOLERANCE = 1e-4
 _OPTIONS: dict[str, Any] = {
     "ipopt.print_level": 0,
