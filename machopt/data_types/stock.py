@@ -1,0 +1,64 @@
+"""Stock of a job, and the contact of the cutter with it at the points of a toolpath. SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array, make_arrays_read_only
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StockBody:
+    """The part before machining: a closed triangle mesh in the CAM frame."""
+
+    vertices: Array  # (V, 3) m
+    faces: NDArray[np.int64]  # (F, 3), counter-clockwise seen from outside
+    cell_size: float  # m, of the stock model
+    file: Path | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        make_arrays_read_only(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StockEngagement:
+    """Contact of the cutter with the stock at N toolpath points.
+
+    The contact of a point is a list of arcs. Each holds for a slice of the cutter between two heights above the tip. The
+    angle φ is zero at axis × travel and grows towards travel (spindle cw); it is mirrored for ccw.
+    """
+
+    point: NDArray[np.int64]  # (M,) point of each arc, ascending
+    low: Array  # (M,) m above the tip, lower end of the slice
+    high: Array  # (M,) m, upper end
+    start: Array  # (M,) rad, φ of entry
+    end: Array  # (M,) rad, φ of exit
+    is_computed: NDArray[np.bool_]  # (N,) the contact is known: cut moves of operations with engagement from the stock
+    volume: Array  # (N,) m³ removed by the move that ends at each point
+    edge_sigma: float  # m, 1 sigma of the place of a boundary, across it
+
+    def __post_init__(self) -> None:
+        make_arrays_read_only(self)
+
+    def take_range(self, first: int, stop: int) -> StockEngagement:
+        """Return the contact of some consecutive points, counted from the first of them.
+
+        Args:
+            first: First point.
+            stop: Point after the last one.
+        """
+        a, b = np.searchsorted(self.point, (first, stop))
+        return StockEngagement(
+            point=self.point[a:b] - first,
+            low=self.low[a:b].copy(),
+            high=self.high[a:b].copy(),
+            start=self.start[a:b].copy(),
+            end=self.end[a:b].copy(),
+            is_computed=self.is_computed[first:stop].copy(),
+            volume=self.volume[first:stop].copy(),
+            edge_sigma=self.edge_sigma,
+        )

@@ -1,0 +1,77 @@
+"""A whole toolpath of one tool removed from a height map, with the contact at the points that want it."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array
+from machopt.numerics.compiled_functions import jit_compile
+from machopt.process.stock.contact_kernels import CORNER_SLICES, MOST_LEVELS, SPACING, find_contact
+from machopt.process.stock.height_map import HeightMap
+from machopt.process.stock.removal_kernels import remove_move
+
+LEAST_SAMPLES = 24  # along half the circumference
+ARCS = 6  # arcs of one slice
+_ROWS = ARCS * (MOST_LEVELS + CORNER_SLICES)
+_NOTHING = 1e-15  # m³; a move that removes less cuts air
+_SHORT = 1e-9  # m, a move without travel across the axis
+
+
+def remove_path(
+    stock: HeightMap, position: Array, wanted: NDArray[np.bool_], cutter: tuple[float, float, float], height: float
+) -> tuple[Array, NDArray[np.int64], Array]:
+    """Remove a cutter along a path from the stock, which changes, and return its contact before each move.
+
+    Args:
+        stock: The stock; its arrays are changed.
+        position: (N, 3) m, u, v, w of the tip.
+        wanted: (N,) whether the contact of a point is wanted.
+        cutter: radius m, corner radius m, slope of the cone of its tip.
+        height: m, usable height of the cutter.
+
+    Returns:
+        volume (N,) m³ removed by the move that ends at each point, point (M,) and low, high, start, end (M, 4) in m and
+        rad of each arc.
+    """
+    grid = (stock.high, stock.low, stock.share, stock.bottom)
+    samples = max(int(np.ceil(np.pi * (cutter[0] + stock.size) / (SPACING * stock.size))), LEAST_SAMPLES)
+    angle = np.linspace(0.0, np.pi, samples + 1)
+    circle = np.column_stack([np.sin(angle), np.cos(angle)])
+    return _remove_path(  # type: ignore[no-any-return]
+        grid, stock.origin, stock.cell, np.ascontiguousarray(position), wanted, cutter, float(height), circle
+    )
+
+
+@jit_compile
+def _remove_path(grid, origin, cell, position, wanted, cutter, height, circle):  # type: ignore[no-untyped-def]
+    n = len(position)
+    volume = np.zeros(n)
+    levels, arcs, rows = np.zeros(MOST_LEVELS), np.zeros((ARCS, 2)), np.zeros((_ROWS, 4))
+    point, found = np.zeros(256, np.int64), np.zeros((256, 4))
+    count = 0
+    for k in range(n):
+        p1 = position[k]
+        p0 = position[k - 1] if k else p1
+        x, y = p1[0] - p0[0], p1[1] - p0[1]
+        length = sqrt(x * x + y * y)
+        number = 0
+        if wanted[k] and length > _SHORT:
+            number = find_contact(
+                grid, origin, cell, p1, x / length, y / length, cutter, height, circle, levels, arcs, rows
+            )
+        volume[k] = remove_move(grid, origin, cell, p0, p1, cutter, k == 0)
+        if volume[k] <= _NOTHING:
+            continue
+        if count + number > len(point):
+            room = 2 * len(point) + number
+            more_point, more_found = np.zeros(room, np.int64), np.zeros((room, 4))
+            more_point[:count], more_found[:count] = point[:count], found[:count]
+            point, found = more_point, more_found
+        for m in range(number):
+            point[count + m] = k
+            found[count + m] = rows[m]
+        count += number
+    return volume, point[:count].copy(), found[:count].copy()
