@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +28,8 @@ class StockBody:
 class StockEngagement:
     """Contact of the cutter with the stock at N toolpath points.
 
-    The contact of a point is a list of arcs. Each holds for a slice of the cutter between two heights above the tip. The
-    angle φ is zero at axis × travel and grows towards travel (spindle cw); it is mirrored for ccw.
+    The contact of a point is a list of arcs. Each holds for a slice of the cutter between two heights above the tip.
+    The angle φ is zero at axis × travel and grows towards travel (spindle cw); it is mirrored for ccw.
     """
 
     point: NDArray[np.int64]  # (M,) point of each arc, ascending
@@ -40,9 +40,27 @@ class StockEngagement:
     is_computed: NDArray[np.bool_]  # (N,) the contact is known: cut moves of operations with engagement from the stock
     volume: Array  # (N,) m³ removed by the move that ends at each point
     edge_sigma: float  # m, 1 sigma of the place of a boundary, across it
+    notes: tuple[str, ...] = ()  # limits of validity, for the report
 
     def __post_init__(self) -> None:
         make_arrays_read_only(self)
+
+    def select_points(self, wanted: NDArray[np.bool_]) -> StockEngagement:
+        """Return the contact of some points alone; the others touch nothing.
+
+        Args:
+            wanted: (N,) which points.
+        """
+        rows = wanted[self.point]
+        return replace(
+            self,
+            point=self.point[rows],
+            low=self.low[rows],
+            high=self.high[rows],
+            start=self.start[rows],
+            end=self.end[rows],
+            is_computed=self.is_computed & wanted,
+        )
 
     def take_range(self, first: int, stop: int) -> StockEngagement:
         """Return the contact of some consecutive points, counted from the first of them.
@@ -61,4 +79,5 @@ class StockEngagement:
             is_computed=self.is_computed[first:stop].copy(),
             volume=self.volume[first:stop].copy(),
             edge_sigma=self.edge_sigma,
+            notes=self.notes,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf, radians
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from machopt.cell.process_file.process_schema import (
     MillingKeys,
     OperationKeys,
     ProcessKeys,
+    StockKeys,
     ToleranceKeys,
 )
 from machopt.data_types.cutting_coefficients import (
@@ -28,16 +30,20 @@ from machopt.data_types.process import (
     StackLayer,
     ToleranceLimits,
 )
+from machopt.data_types.stock import StockBody
 from machopt.errors import CuttingInputError, suggest_nearest_word
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument, read_yaml, validate_document
 from machopt.process.milling.milling_cut import check_milling_coefficients
 
+StockReader = Callable[[YamlDocument, StockKeys], StockBody]
 
-def load_process(path: Path | str) -> CuttingProcess:
+
+def load_process(path: Path | str, read_stock: StockReader | None = None) -> CuttingProcess:
     """Read process.yaml.
 
     Args:
         path: Path of the file.
+        read_stock: Reads the mesh of the stock, whose place the cell decides; None: it is not read.
 
     Returns:
         The cutting process, SI units.
@@ -52,6 +58,7 @@ def load_process(path: Path | str) -> CuttingProcess:
     for label, one in keys.operations.items():
         _check_materials(document, ("operations", label), one, materials)
         operations.append(_build_operation(label, one))
+    stock = None if keys.stock is None or read_stock is None else read_stock(document, keys.stock)
     damping = None
     if keys.modes is not None:
         damping = ModeDamping(ratios=tuple(v / 100.0 for v in keys.modes.ratios), source=keys.modes.source)
@@ -60,7 +67,7 @@ def load_process(path: Path | str) -> CuttingProcess:
         materials=materials,
         quantile=keys.quantile,
         damping=damping,
-        has_stock=keys.stock is not None,
+        stock=stock,
         file=Path(path),
     )
 
@@ -160,6 +167,7 @@ def _build_operation(label: str, keys: OperationKeys) -> ProcessOperation:
         ae=_convert_mm(keys.ae_mm),
         ap=_convert_mm(keys.ap_mm),
         cut=keys.cut,
+        takes_stock=keys.engagement == "stock",
         is_alternating=keys.alternate,
         surface=keys.surface,
         force=None if force is None else ProcessForce(**force.model_dump(exclude_none=True)),

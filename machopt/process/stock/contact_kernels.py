@@ -1,17 +1,19 @@
 """Contact of a cutter with a height map: arcs of engagement at slices of its height.
 
 The boundary of the stock is followed one cell outside of the cutter, where no earlier move of the pass has thinned the
-material: the chip near the sides of the cutter is thinner than a cell, and cells inside of the outline are gone one move
-too early. Each boundary point there is carried back to the cutter along the boundary's tangent.
+material: the chip near the sides of the cutter is thinner than a cell, and the move before has removed cells inside of
+the outline there. Each boundary point is carried back to the cutter along the boundary's tangent.
 """
 
 from __future__ import annotations
 
-from math import acos, cos, pi, sin, sqrt
+from math import acos, cos, floor, pi, sin, sqrt
 
 import numpy as np
 
+from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
+from machopt.process.stock.kernel_types import Grid, Pair, Tip
 
 THIN = 5e-6  # m; material that stands less than this above the tip is none
 MOST_LEVELS = 8  # heights of the stock around a point that get slices of their own
@@ -24,7 +26,7 @@ _SAME_LEVEL = 5e-3  # of the largest height
 
 
 @jit_compile
-def measure_material(grid, origin, cell, u, v, w):  # type: ignore[no-untyped-def]
+def measure_material(grid: Grid, origin: Pair, cell: Pair, u: float, v: float, w: float) -> float:
     """Material at a place, by the four cells around it: 1 inside, −1 outside, 0 on the boundary."""
     high, low, share, bottom = grid
     nv, nu = high.shape
@@ -42,13 +44,13 @@ def measure_material(grid, origin, cell, u, v, w):  # type: ignore[no-untyped-de
                 c = share[jj, ii]
                 value = (1.0 - c) * min(max((high[jj, ii] - w) / soft, -1.0), 1.0)
                 value += c * min(max((low[jj, ii] - w) / soft, -1.0), 1.0)
-                value = min(value, min(max((w - bottom[jj, ii]) / soft, -1.0), 1.0))
+                value = min(value, max((w - bottom[jj, ii]) / soft, -1.0))
             total += weight * value
     return total
 
 
 @jit_compile
-def _add_level(levels, count, height, same):  # type: ignore[no-untyped-def]
+def _add_level(levels: Array, count: int, height: float, same: float) -> int:
     """Insert a height into the list; returns the new count, −1 where there are too many."""
     for n in range(count):
         if abs(levels[n] - height) <= same:
@@ -60,7 +62,18 @@ def _add_level(levels, count, height, same):  # type: ignore[no-untyped-def]
 
 
 @jit_compile
-def _find_levels(grid, origin, cell, p, cu, cv, reach, most, circle, levels):  # type: ignore[no-untyped-def]
+def _find_levels(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    reach: float,
+    most: float,
+    circle: Array,
+    levels: Array,
+) -> tuple[int, float]:
     """Write the heights of stock (top and bottom) above the tip ahead of the cutter; returns count and largest."""
     high, bottom = grid[0], grid[3]
     nv, nu = high.shape
@@ -85,7 +98,18 @@ def _find_levels(grid, origin, cell, p, cu, cv, reach, most, circle, levels):  #
 
 
 @jit_compile
-def _carry_back(grid, origin, cell, p, cu, cv, phi, reach, radius, w):  # type: ignore[no-untyped-def]
+def _carry_back(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    phi: float,
+    reach: float,
+    radius: float,
+    w: float,
+) -> float:
     """Angle at which the stock's boundary meets the cutter, from the angle at which it meets the circle ``reach``."""
     s, c = sin(phi), cos(phi)
     along, across = reach * s, reach * c  # of the boundary point: along travel, along the left normal
@@ -105,13 +129,24 @@ def _carry_back(grid, origin, cell, p, cu, cv, phi, reach, radius, w):  # type: 
 
 
 @jit_compile
-def _turn_near(angle, phi):  # type: ignore[no-untyped-def]
+def _turn_near(angle: float, phi: float) -> float:
     """The angle, whole turns away, that lies within half a turn of another."""
-    return angle - 2.0 * pi * np.floor((angle - phi) / (2.0 * pi) + 0.5)
+    return angle - 2.0 * pi * floor((angle - phi) / (2.0 * pi) + 0.5)
 
 
 @jit_compile
-def _find_crossing(grid, origin, cell, p, cu, cv, reach, w, inside, outside):  # type: ignore[no-untyped-def]
+def _find_crossing(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    reach: float,
+    w: float,
+    inside: float,
+    outside: float,
+) -> float:
     """Angle of the boundary between an angle in the material and one outside, by halving."""
     for _ in range(_HALVINGS):
         phi = 0.5 * (inside + outside)
@@ -124,7 +159,18 @@ def _find_crossing(grid, origin, cell, p, cu, cv, reach, w, inside, outside):  #
 
 
 @jit_compile
-def _add_arcs(grid, origin, cell, p, cu, cv, radius, w, circle, arcs):  # type: ignore[no-untyped-def]
+def _add_arcs(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    radius: float,
+    w: float,
+    circle: Array,
+    arcs: Array,
+) -> int:
     """Write start and end of each arc of a slice; returns their number."""
     size = max(cell[0], cell[1])
     reach = radius + size
@@ -161,7 +207,20 @@ def _add_arcs(grid, origin, cell, p, cu, cv, radius, w, circle, arcs):  # type: 
 
 
 @jit_compile
-def find_contact(grid, origin, cell, p, cu, cv, cutter, most, circle, levels, arcs, rows):  # type: ignore[no-untyped-def]
+def find_contact(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    cutter: Tip,
+    most: float,
+    circle: Array,
+    levels: Array,
+    arcs: Array,
+    rows: Array,
+) -> int:
     """Write the arcs of contact of a cutter at p that moves along (cu, cv); returns their number.
 
     Args:

@@ -9,14 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.data_types.stock import StockBody
 from machopt.errors import CuttingInputError
 from machopt.numerics.array_types import Array
+from machopt.process.stock.kernel_types import Heights
 from machopt.process.stock.mesh_columns import compute_columns
 
-Heights = NDArray[np.float32]
 MOST_CELLS = 40_000_000  # 16 bytes each: 640 MB
 LEAST_CELLS = 8  # across the stock: fewer do not show where it ends
 GAP_SHARE = 1e-3  # of the volume; smaller gaps along the axis come from rounding

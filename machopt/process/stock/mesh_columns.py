@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
+from machopt.process.stock.kernel_types import Heights
 
 SAMPLES = 4  # along each side of a cell
 STRIP = 32  # rows of cells at a time
 _FAR = 1e30
 
-Columns = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], float]
+Columns = tuple[Heights, Heights, Heights, float]
 
 
 def compute_columns(corners: Array, origin: Array, cell: Array, nu: int, nv: int) -> Columns:
@@ -37,7 +37,7 @@ def compute_columns(corners: Array, origin: Array, cell: Array, nu: int, nv: int
 
 
 @jit_compile
-def _fill_columns(corners, origin, cell, top, bottom, share):  # type: ignore[no-untyped-def]
+def _fill_columns(corners: Array, origin: Array, cell: Array, top: Heights, bottom: Heights, share: Heights) -> float:
     """Fill the columns strip after strip; returns the sum of the thickness of all cells."""
     nv, nu = top.shape
     du, dv = cell[0] / SAMPLES, cell[1] / SAMPLES
@@ -73,7 +73,17 @@ def _fill_columns(corners, origin, cell, top, bottom, share):  # type: ignore[no
 
 
 @jit_compile
-def _add_triangle(corner, u0, v0, du, dv, rows, upper, lower, signed):  # type: ignore[no-untyped-def]
+def _add_triangle(
+    corner: Array,
+    u0: float,
+    v0: float,
+    du: float,
+    dv: float,
+    rows: int,
+    upper: Heights,
+    lower: Heights,
+    signed: Heights,
+) -> None:
     """Add one triangle to the samples of a strip: each sample point lies in one of the triangles that share an edge."""
     a, b, c = corner[0], corner[1], corner[2]
     area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])

@@ -11,6 +11,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.contact_kernels import CORNER_SLICES, MOST_LEVELS, SPACING, find_contact
 from machopt.process.stock.height_map import HeightMap
+from machopt.process.stock.kernel_types import Grid, Pair, Tip
 from machopt.process.stock.removal_kernels import remove_move
 
 LEAST_SAMPLES = 24  # along half the circumference
@@ -21,7 +22,7 @@ _SHORT = 1e-9  # m, a move without travel across the axis
 
 
 def remove_path(
-    stock: HeightMap, position: Array, wanted: NDArray[np.bool_], cutter: tuple[float, float, float], height: float
+    stock: HeightMap, position: Array, wanted: NDArray[np.bool_], cutter: Tip, height: float
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """Remove a cutter along a path from the stock, which changes, and return its contact before each move.
 
@@ -40,13 +41,22 @@ def remove_path(
     samples = max(int(np.ceil(np.pi * (cutter[0] + stock.size) / (SPACING * stock.size))), LEAST_SAMPLES)
     angle = np.linspace(0.0, np.pi, samples + 1)
     circle = np.column_stack([np.sin(angle), np.cos(angle)])
-    return _remove_path(  # type: ignore[no-any-return]
+    return _remove_path(
         grid, stock.origin, stock.cell, np.ascontiguousarray(position), wanted, cutter, float(height), circle
     )
 
 
 @jit_compile
-def _remove_path(grid, origin, cell, position, wanted, cutter, height, circle):  # type: ignore[no-untyped-def]
+def _remove_path(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    position: Array,
+    wanted: NDArray[np.bool_],
+    cutter: Tip,
+    height: float,
+    circle: Array,
+) -> tuple[Array, NDArray[np.int64], Array]:
     n = len(position)
     volume = np.zeros(n)
     levels, arcs, rows = np.zeros(MOST_LEVELS), np.zeros((ARCS, 2)), np.zeros((_ROWS, 4))

@@ -15,7 +15,9 @@ from __future__ import annotations
 
 from math import sqrt
 
+from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
+from machopt.process.stock.kernel_types import Grid, Heights, Pair, Tip
 
 LEVEL = 1e-6  # m, heights that are equal
 _GOLDEN = 0.6180339887498949
@@ -24,7 +26,7 @@ _REACH = 0.7072  # half the diagonal of a cell, in cells
 
 
 @jit_compile
-def compute_profile(r, radius, corner, cone):  # type: ignore[no-untyped-def]
+def compute_profile(r: float, radius: float, corner: float, cone: float) -> float:
     """Height of the cutter's surface above its tip at a distance from its axis, m."""
     out = cone * r
     inner = radius - corner
@@ -35,34 +37,37 @@ def compute_profile(r, radius, corner, cone):  # type: ignore[no-untyped-def]
 
 
 @jit_compile
-def lower_cell(high, low, share, bottom, j, i, z, k):  # type: ignore[no-untyped-def]
+def lower_cell(
+    high: Heights, low: Heights, share: Heights, bottom: Heights, j: int, i: int, z: float, k: float
+) -> float:
     """Lower the part k of a cell to the height z; returns the mean height that is removed, m."""
     z = max(z, bottom[j, i])
-    h, l, c = high[j, i], low[j, i], share[j, i]
-    before = (1.0 - c) * h + c * l
+    top, deep, c = high[j, i], low[j, i], share[j, i]
+    before = (1.0 - c) * top + c * deep
     if k >= 1.0:
-        h, l = min(h, z), min(l, z)
-    elif c <= 0.0 or h - l <= LEVEL:
-        if z < h - LEVEL:
-            l, c = z, k
-    elif z >= h:
+        top, deep = min(top, z), min(deep, z)
+    elif c <= 0.0 or top - deep <= LEVEL:
+        if z < top - LEVEL:
+            deep, c = z, k
+    elif z >= top:
         return 0.0
     elif k <= c:
-        if z < l:
-            l = l - k / c * (l - z)
-    elif z < l or z - l <= LEVEL:
-        l, c = min(l, z), k
+        if z < deep:
+            deep = deep - k / c * (deep - z)
+    elif z < deep or z - deep <= LEVEL:
+        deep, c = min(deep, z), k
     else:
-        h = h - (k - c) / (1.0 - c) * (h - z)
-    if h - l <= LEVEL and k >= 1.0:
+        top = top - (k - c) / (1.0 - c) * (top - z)
+    if top - deep <= LEVEL and k >= 1.0:
         c = 0.0
-        l = h
-    high[j, i], low[j, i], share[j, i] = h, l, c
-    return max(before - ((1.0 - c) * h + c * l), 0.0)
+        deep = top
+    high[j, i], low[j, i], share[j, i] = top, deep, c
+    removed = before - ((1.0 - c) * top + c * deep)
+    return removed if removed > 0.0 else 0.0
 
 
 @jit_compile
-def _compute_height(x, y, length, rise, radius, corner, cone):  # type: ignore[no-untyped-def]
+def _compute_height(x: float, y: float, length: float, rise: float, radius: float, corner: float, cone: float) -> Pair:
     """Height above the start at a place x along and y across a move, and its distance from the axis."""
     s = min(max(x, 0.0), length)
     slope = rise / length if length > 0.0 else 0.0
@@ -98,7 +103,7 @@ def _compute_height(x, y, length, rise, radius, corner, cone):  # type: ignore[n
 
 
 @jit_compile
-def _find_row_range(v, p0, p1, cu, cv, length, reach):  # type: ignore[no-untyped-def]
+def _find_row_range(v: float, p0: Array, p1: Array, cu: float, cv: float, length: float, reach: float) -> Pair:
     """Range of u in which a row meets the outline of a move widened to ``reach``; empty where first > last."""
     first, last = 1e30, -1e30
     for n in range(2):
@@ -117,7 +122,7 @@ def _find_row_range(v, p0, p1, cu, cv, length, reach):  # type: ignore[no-untype
 
 
 @jit_compile
-def remove_move(grid, origin, cell, p0, p1, cutter, is_first):  # type: ignore[no-untyped-def]
+def remove_move(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutter: Tip, is_first: bool) -> float:
     """Remove the cutter swept from p0 to p1 from the map; returns the removed volume, m³.
 
     Args:
