@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ def build_pocket_path(layers: int = 2, stepover: float = 0.006, step: float = 0.
     for size in np.linspace(0.0005, inset, max(int(np.ceil(inset / stepover)), 1) + 1):
         a, b = HALF - RADIUS - (inset - size)
         corners = np.array([[-a, -b], [a, -b], [a, b], [-a, b], [-a, -b]])
-        for p, q in zip(corners[:-1], corners[1:], strict=True):
+        for p, q in pairwise(corners):
             n = max(int(np.ceil(np.linalg.norm(q - p) / step)), 1)
             rings.append(p + np.linspace(0, 1, n, endpoint=False)[:, None] * (q - p))
         rings.append(corners[-1:])

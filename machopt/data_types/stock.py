@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -81,3 +82,24 @@ class StockEngagement:
             edge_sigma=self.edge_sigma,
             notes=self.notes,
         )
+
+
+def join_stock_engagements(parts: Sequence[StockEngagement | None]) -> StockEngagement | None:
+    """Return the contact of a job from that of its tools; None where no tool has one.
+
+    Args:
+        parts: Contact of each tool's part of the job, in order.
+    """
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts) or not known:
+        return None
+    first = np.cumsum([0, *(len(part.volume) for part in known)])
+    return StockEngagement(
+        point=np.concatenate([part.point + n for part, n in zip(known, first, strict=False)]),
+        **{name: np.concatenate([getattr(part, name) for part in known]) for name in _ARC_COLUMNS},
+        edge_sigma=known[0].edge_sigma,
+        notes=tuple(dict.fromkeys(note for part in known for note in part.notes)),
+    )
+
+
+_ARC_COLUMNS = ("low", "high", "start", "end", "is_computed", "volume")

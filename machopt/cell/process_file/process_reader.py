@@ -57,6 +57,12 @@ def load_process(path: Path | str, read_stock: StockReader | None = None) -> Cut
     operations = []
     for label, one in keys.operations.items():
         _check_materials(document, ("operations", label), one, materials)
+        if one.engagement == "stock" and keys.stock is None:
+            raise document.build_error(
+                ("operations", label, "engagement"),
+                "stock needs the part before machining; stock: {mesh: FILE, cell_mm: 0.25} would work (or ae_mm, ap_mm "
+                "and cut of the operation)",
+            )
         operations.append(_build_operation(label, one))
     stock = None if keys.stock is None or read_stock is None else read_stock(document, keys.stock)
     damping = None

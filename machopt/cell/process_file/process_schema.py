@@ -226,12 +226,6 @@ class ProcessKeys(StrictSchema):
     @model_validator(mode="after")
     def _check_default(self) -> ProcessKeys:
         one = self.operations.get("default")
-        for label, each in self.operations.items():
-            if each.engagement == "stock" and self.stock is None:
-                raise ValueError(
-                    f"operations.{label}.engagement: stock needs the part before machining; stock: {{mesh: FILE, "
-                    "cell_mm: 0.25} would work (or ae_mm, ap_mm and cut of the operation)"
-                )
         if one is not None and one.points is not None:
             raise ValueError("operations.default.points: default names every other point; give the range with a label")
         return self

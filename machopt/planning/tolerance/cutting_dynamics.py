@@ -32,7 +32,7 @@ from machopt.process.stability.directional_matrix import compute_directional_mat
 from machopt.process.stability.resonance import find_resonances
 from machopt.process.stability.structural_modes import StructuralModes, build_tool_modes, compute_arm_modes
 from machopt.process.stock.contact_load import compute_contact_matrix
-from machopt.process.stock.contact_waveform import compute_contact_peaks
+from machopt.process.stock.contact_waveform import compute_contact_peaks, compute_contact_wall_forces
 
 FEEDS = 9  # feeds per tooth at which a force within the revolution is computed; linear between them
 WIDEST_DEPTH = 10.0  # times the planned depth: a larger limit is written as none
@@ -169,10 +169,11 @@ class _DynamicsTable:
         wanted = np.zeros(len(self.toolpath), bool)
         wanted[rows] = True
         found, ap = self.toolpath.engagement.select_points(wanted), self.loads.ap
-        peak, wall = compute_contact_peaks(coefficients, cutter, one.spindle, found, self.loads.side, self.loads.bite)
-        self.peak[rows] = compute_mean_wear(one) * peak[rows]
+        bite, wear = self.loads.bite, compute_mean_wear(one)
+        self.peak[rows] = wear * compute_contact_peaks(coefficients, cutter, one.spindle, found, bite)[rows]
         if geometry is not None and geometry.side_stiffness is not None and one.surface == "side":
-            self.wall[rows] = compute_mean_wear(one) * wall[rows]
+            walls = compute_contact_wall_forces(coefficients, cutter, one.spindle, found, self.loads.side, bite)
+            self.wall[rows] = wear * walls[rows]
         mine = np.flatnonzero(np.isfinite(ap[rows]))
         if not len(mine):
             return

@@ -49,7 +49,7 @@ def remove_job(process: CuttingProcess, segments: Sequence[ToolSegment]) -> JobR
     stock = build_height_map(body, axis)
     found = []
     for segment in segments:
-        found.append(_remove_segment(process, segment, stock))
+        found.append(_remove_segment(process, segment, stock, body.cell_size))
     _check_contact(body, segments, found)
     return JobRemoval(tuple(found), stock)
 
@@ -82,7 +82,9 @@ def _find_axis(process: CuttingProcess, segments: Sequence[ToolSegment]) -> Arra
     return np.asarray(axes[0])
 
 
-def _remove_segment(process: CuttingProcess, segment: ToolSegment, stock: HeightMap) -> StockEngagement:
+def _remove_segment(
+    process: CuttingProcess, segment: ToolSegment, stock: HeightMap, cell_size: float
+) -> StockEngagement:
     path = segment.toolpath
     cutter = segment.cell.tool.cutter
     if cutter is None:
@@ -107,7 +109,7 @@ def _remove_segment(process: CuttingProcess, segment: ToolSegment, stock: Height
         end=end,
         is_computed=wanted,
         volume=volume,
-        edge_sigma=_UNIFORM * stock.size,
+        edge_sigma=_UNIFORM * cell_size,
     )
     return replace(found, notes=tuple(_list_notes(path, found, stock)))
 
