@@ -84,6 +84,31 @@ class StockEngagement:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class StockComparison:
+    """Stock after a job against the finished part."""
+
+    gouge_depth: float  # m, largest depth into the part along the tool axis, away from walls
+    gouge_place: tuple[float, float, float] | None  # m, CAM frame
+    gouge_volume: float  # m³
+    left_depth: float  # m, largest height of material left, away from walls
+    left_place: tuple[float, float, float] | None
+    left_volume: float  # m³
+
+
+@dataclass(frozen=True, kw_only=True)
+class StockSummary:
+    """What a job does to its stock."""
+
+    cell_size: float  # m
+    volume: float  # m³ before the job
+    removed: float  # m³ by all moves
+    removed_by_other_moves: float  # m³ of it, by moves that are no cuts
+    cut_moves: int  # with engagement from the stock
+    air_cuts: int  # of them, that remove nothing
+    finished: StockComparison | None = None  # None without a mesh of the finished part
+
+
 def join_stock_engagements(parts: Sequence[StockEngagement | None]) -> StockEngagement | None:
     """Return the contact of a job from that of its tools; None where no tool has one.
 

@@ -54,6 +54,7 @@ def write_report_files(made: OptimizeJobResult, folder: Path, timings: StageTimi
             hashes=map_hashes_by_name(made.manifest.inputs),
             options=format_user_options(made.options),
             timings=timings.seconds,
+            stock=made.stock,
         )
         write_report(folder / "report.html", data)
     for name in ("result.json", MANIFEST):

@@ -32,7 +32,7 @@ TYPICAL_BITE = 1e-4  # m, where a point has no feed
 TOUCHED = 5e-6  # m of height
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Poses:
     """Earlier poses of all tools, along the tool axis."""
 
@@ -102,7 +102,8 @@ def _list_poses(segments: Sequence[ToolSegment], frame: Array) -> _Poses:
             columns.append(np.column_stack([a + share[:, None] * (p[k] - a), tip, before + share * size]))
             count, before = count + n, before + size
     table = np.concatenate(columns)
-    return _Poses(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5], table[:, 6], np.array(begins))
+    names = ("height", "radius", "corner", "cone", "length")
+    return _Poses(place=table[:, :2], begins=np.array(begins), **{n: table[:, 2 + k] for k, n in enumerate(names)})
 
 
 def _compare_point(
