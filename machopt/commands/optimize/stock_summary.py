@@ -13,7 +13,7 @@ from machopt.errors import InputError, MeshError
 from machopt.process.binding.job_binding import remove_stock
 from machopt.process.stock.finished_part import compare_with_finished_part
 from machopt.process.stock.height_map import build_height_map
-from machopt.process.stock.job_removal import THROUGH
+from machopt.process.stock.path_removal import NOTHING
 
 
 def summarise_stock(cell: Cell, segments: Sequence[ToolSegment]) -> StockSummary | None:
@@ -37,7 +37,7 @@ def summarise_stock(cell: Cell, segments: Sequence[ToolSegment]) -> StockSummary
         removed=float(sum(e.volume.sum() for _, e in parts)),
         removed_by_other_moves=float(sum(e.volume[~s.toolpath.cutting].sum() for s, e in parts)),
         cut_moves=int(sum(e.is_computed.sum() for _, e in parts)),
-        air_cuts=int(sum((e.is_computed & (e.volume <= THROUGH)).sum() for _, e in parts)),
+        air_cuts=int(sum((e.is_computed & (e.volume <= NOTHING)).sum() for _, e in parts)),
         finished=None if part is None else compare_with_finished_part(removal.remaining, part),
     )
 

@@ -7,7 +7,7 @@ the outline there. Each boundary point is carried back to the cutter along the b
 
 from __future__ import annotations
 
-from math import acos, cos, floor, pi, sin, sqrt
+from math import acos, atan2, cos, floor, pi, sin, sqrt
 
 import numpy as np
 
@@ -22,6 +22,7 @@ SOFT = 0.25  # cells of height over which a smooth surface passes from material 
 THIN_CHIP = 0.1  # cells: a contact less deep than this is none
 SPACING = 2.0  # cells between two samples along the circle; a narrower contact may be missed
 _HALVINGS = 6
+_SEARCH = 16  # half cells along the circle in which the boundary is followed outwards
 _SAME_LEVEL = 5e-3  # of the largest height
 
 
@@ -98,6 +99,15 @@ def _find_levels(
 
 
 @jit_compile
+def _is_inside(
+    grid: Grid, origin: Pair, cell: Pair, p: Array, cu: float, cv: float, reach: float, phi: float, w: float
+) -> bool:
+    """Whether the place at an angle on a circle about the cutter's axis lies in the material."""
+    s, c = reach * sin(phi), reach * cos(phi)
+    return measure_material(grid, origin, cell, p[0] + s * cu - c * cv, p[1] + s * cv + c * cu, w) > 0.0
+
+
+@jit_compile
 def _carry_back(
     grid: Grid,
     origin: Pair,
@@ -106,24 +116,55 @@ def _carry_back(
     cu: float,
     cv: float,
     phi: float,
+    into: float,
     reach: float,
     radius: float,
     w: float,
 ) -> float:
-    """Angle at which the stock's boundary meets the cutter, from the angle at which it meets the circle ``reach``."""
-    s, c = sin(phi), cos(phi)
-    along, across = reach * s, reach * c  # of the boundary point: along travel, along the left normal
-    u, v = p[0] + along * cu - across * cv, p[1] + along * cv + across * cu
+    """Angle at which the stock's boundary meets the cutter, from the angle at which it meets the circle ``reach``.
+
+    The boundary is followed one more cell outwards; both places give its tangent. Where it is not found there, the
+    angle stays.
+
+    Args:
+        grid: high, low, share, bottom.
+        origin: u and v of the corner of cell (0, 0).
+        cell: size of a cell.
+        p: (3,) u, v, w of the tip.
+        cu: direction of travel along u.
+        cv: along v.
+        phi: angle on the circle ``reach``.
+        into: 1 where the material lies at larger angles, −1 at smaller.
+        reach: radius of the circle.
+        radius: radius of the cutter's slice.
+        w: height of the slice.
+    """
     size = max(cell[0], cell[1])
-    gu = measure_material(grid, origin, cell, u + size, v, w) - measure_material(grid, origin, cell, u - size, v, w)
-    gv = measure_material(grid, origin, cell, u, v + size, w) - measure_material(grid, origin, cell, u, v - size, w)
-    norm = sqrt(gu * gu + gv * gv)
-    if norm < 1e-9:
-        return phi
-    g_along, g_across = (gu * cu + gv * cv) / norm, (gv * cu - gu * cv) / norm  # into the material
-    distance = g_along * along + g_across * across
-    middle = np.arctan2(g_along, g_across)
-    half = acos(min(max(distance / radius, -1.0), 1.0))
+    outer = reach + size
+    step = 0.5 * size / outer
+    sign = -into if _is_inside(grid, origin, cell, p, cu, cv, outer, phi, w) else into
+    for n in range(1, _SEARCH + 1):
+        there = phi + sign * n * step
+        if _is_inside(grid, origin, cell, p, cu, cv, outer, there, w) == (sign == into):
+            near = there - sign * step
+            inside, outside = (there, near) if sign == into else (near, there)
+            far = _find_crossing(grid, origin, cell, p, cu, cv, outer, w, inside, outside)
+            return _extrapolate_boundary(phi, reach, far, outer, radius)
+    return phi
+
+
+@jit_compile
+def _extrapolate_boundary(phi: float, reach: float, far: float, outer: float, radius: float) -> float:
+    """Angle on the circle ``radius`` of the straight line through two places in polar coordinates."""
+    x, y = reach * cos(phi), reach * sin(phi)
+    dx, dy = outer * cos(far) - x, outer * sin(far) - y
+    length = sqrt(dx * dx + dy * dy)
+    nx, ny = -dy / length, dx / length  # normal of the line, away from the centre
+    distance = nx * x + ny * y
+    if distance < 0.0:
+        nx, ny, distance = -nx, -ny, -distance
+    middle = atan2(ny, nx)
+    half = acos(min(distance / radius, 1.0))
     a, b = _turn_near(middle - half, phi), _turn_near(middle + half, phi)
     return a if abs(a - phi) < abs(b - phi) else b
 
@@ -189,12 +230,12 @@ def _add_arcs(
             start = 0.0
             if n > 0:
                 start = _find_crossing(grid, origin, cell, p, cu, cv, reach, w, phi, phi_before)
-                start = _carry_back(grid, origin, cell, p, cu, cv, start, reach, radius, w)
+                start = _carry_back(grid, origin, cell, p, cu, cv, start, 1.0, reach, radius, w)
         elif is_before and not is_inside:
             end = pi
             if phi_before < pi:
                 end = _find_crossing(grid, origin, cell, p, cu, cv, reach, w, phi_before, phi)
-                end = _carry_back(grid, origin, cell, p, cu, cv, end, reach, radius, w)
+                end = _carry_back(grid, origin, cell, p, cu, cv, end, -1.0, reach, radius, w)
             a, b = max(start, 0.0), min(end, pi)
             is_side = a <= 0.0 or b >= pi
             depth = radius * (1.0 - cos(min(b - a if is_side else 0.5 * (b - a), pi))) if b > a else 0.0

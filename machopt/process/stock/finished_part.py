@@ -41,10 +41,10 @@ def compare_with_finished_part(stock: HeightMap, part: StockBody) -> StockCompar
     return StockComparison(
         gouge_depth=gouge,
         gouge_place=gouge_at,
-        gouge_volume=area * float(np.maximum(-difference - NOTICED, 0.0).sum()),
+        gouge_volume=area * float(-difference[difference < -NOTICED].sum()),
         left_depth=rest,
         left_place=rest_at,
-        left_volume=area * float(np.maximum(difference - NOTICED, 0.0).sum()),
+        left_volume=area * float(difference[difference > NOTICED].sum()),
     )
 
 

@@ -17,7 +17,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.errors import CuttingInputError
 from machopt.numerics.array_types import Array
 from machopt.process.stock.height_map import HeightMap, build_height_map
-from machopt.process.stock.path_removal import remove_path
+from machopt.process.stock.path_removal import NOTHING, remove_path
 
 SAME_AXIS = np.cos(np.radians(0.05))
 THROUGH = 1e-12  # m³ (0.001 mm³); rapid moves that remove less touch the stock by rounding
@@ -127,7 +127,7 @@ def _list_notes(path: Toolpath, found: StockEngagement, stock: HeightMap) -> lis
     if not cuts.any():
         return out
     touches = np.bincount(found.point, minlength=len(path)) > 0
-    air = cuts & ~removes
+    air = cuts & (found.volume <= NOTHING)
     out.append(
         f"engagement from the stock at {1e3 * stock.size:.3g} mm cells: 1 sigma of a boundary is "
         f"{1e3 * found.edge_sigma:.2g} mm; the spread of a force grows by that over ae_mm"
@@ -154,7 +154,7 @@ def _list_notes(path: Toolpath, found: StockEngagement, stock: HeightMap) -> lis
 
 def _check_contact(body: StockBody, segments: Sequence[ToolSegment], found: Sequence[StockEngagement]) -> None:
     """Refuse a stock that no cut with engagement from the stock touches: it lies elsewhere, or has another unit."""
-    if any(part.volume[part.is_computed].sum() > THROUGH for part in found):
+    if any(len(part.point) for part in found):
         return
     points = np.concatenate([s.toolpath.position[e.is_computed] for s, e in zip(segments, found, strict=True)])
     raise CuttingInputError(

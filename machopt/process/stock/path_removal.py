@@ -17,7 +17,8 @@ from machopt.process.stock.removal_kernels import remove_move
 LEAST_SAMPLES = 24  # along half the circumference
 ARCS = 6  # arcs of one slice
 _ROWS = ARCS * (MOST_LEVELS + CORNER_SLICES)
-_NOTHING = 1e-15  # m³; a move that removes less cuts air
+IDLE = 3e-3  # of the volume that an arc removes in a steady cut; a slice that removes less is idle
+NOTHING = 1e-13  # m³ (0.0001 mm³); a move that removes less cuts air: rounding of single precision
 _SHORT = 1e-9  # m, a move without travel across the axis
 
 
@@ -47,6 +48,27 @@ def remove_path(
 
 
 @jit_compile
+def _drop_idle_arcs(rows: Array, bands: Array, number: int, cutter: Tip, length: float) -> int:
+    """Leave out the arcs of slices that remove nothing: the cutter lies against a wall there; returns their number.
+
+    A slice with arcs from a to b removes about length × height × r (cos a − cos b) on its way.
+    """
+    radius, corner = cutter[0], cutter[1]
+    last = 0
+    for m in range(number):
+        low, high = rows[m, 0], rows[m, 1]
+        r = radius
+        if low < corner:
+            x = corner - 0.5 * (low + high)
+            r = radius - corner + np.sqrt(max(corner * corner - x * x, 0.0))
+        expected = length * (high - low) * r * (np.cos(rows[m, 2]) - np.cos(rows[m, 3]))
+        if bands[m, 2] > IDLE * expected:
+            rows[last] = rows[m]
+            last += 1
+    return last
+
+
+@jit_compile
 def _remove_path(
     grid: Grid,
     origin: Pair,
@@ -60,6 +82,7 @@ def _remove_path(
     n = len(position)
     volume = np.zeros(n)
     levels, arcs, rows = np.zeros(MOST_LEVELS), np.zeros((ARCS, 2)), np.zeros((_ROWS, 4))
+    bands = np.zeros((_ROWS, 3))
     point, found = np.zeros(256, np.int64), np.zeros((256, 4))
     count = 0
     for k in range(n):
@@ -72,9 +95,14 @@ def _remove_path(
             number = find_contact(
                 grid, origin, cell, p1, x / length, y / length, cutter, height, circle, levels, arcs, rows
             )
-        volume[k] = remove_move(grid, origin, cell, p0, p1, cutter, k == 0)
-        if volume[k] <= _NOTHING:
+        bands[:number, :2] = rows[:number, :2]
+        bands[:number, 2] = 0.0
+        volume[k] = remove_move(grid, origin, cell, p0, p1, cutter, k == 0, bands[: number if number > 1 else 0])
+        if number == 1:
+            bands[0, 2] = volume[k]
+        if volume[k] <= NOTHING:
             continue
+        number = _drop_idle_arcs(rows, bands, number, cutter, length)
         if count + number > len(point):
             room = 2 * len(point) + number
             more_point, more_found = np.zeros(room, np.int64), np.zeros((room, 4))

@@ -122,7 +122,18 @@ def _find_row_range(v: float, p0: Array, p1: Array, cu: float, cv: float, length
 
 
 @jit_compile
-def remove_move(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutter: Tip, is_first: bool) -> float:
+def _add_to_bands(bands: Array, base: float, top: float, z: float, weight: float) -> None:
+    """Add a removed column from ``top`` down to ``z`` to the bands of height above ``base`` that it crosses."""
+    for n in range(len(bands)):
+        part = min(top, base + bands[n, 1]) - max(z, base + bands[n, 0])
+        if part > 0.0:
+            bands[n, 2] += weight * part
+
+
+@jit_compile
+def remove_move(
+    grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutter: Tip, is_first: bool, bands: Array
+) -> float:
     """Remove the cutter swept from p0 to p1 from the map; returns the removed volume, m³.
 
     Args:
@@ -133,6 +144,7 @@ def remove_move(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutt
         p1: (3,) at the end.
         cutter: radius, corner radius, slope of the cone.
         is_first: Nothing was removed at p0 before: else cells that p0 covers are left out where they cannot change.
+        bands: (n, 3) lower and upper height above the tip at p1, and the removed volume between them, which is added.
     """
     high, low, share, bottom = grid
     radius, corner, cone = cutter
@@ -151,6 +163,7 @@ def remove_move(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutt
     flat = corner == 0.0 and cone == 0.0
     j0 = max(int((min(p0[1], p1[1]) - reach - origin[1]) / cell[1]), 0)
     j1 = min(int((max(p0[1], p1[1]) + reach - origin[1]) / cell[1]) + 1, nv)
+    area = cell[0] * cell[1]
     total = 0.0
     for j in range(j0, j1):
         v = origin[1] + (j + 0.5) * cell[1]
@@ -187,6 +200,10 @@ def remove_move(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutt
                 part = 0.5 + (radius - distance) / size
                 z = p0[2] + height
                 if part > 0.0 and z < high[j, i]:
+                    weight, c = min(part, 1.0) * area, share[j, i]
+                    if len(bands):
+                        _add_to_bands(bands, p1[2], high[j, i], max(z, bottom[j, i]), weight * (1.0 - c))
+                        _add_to_bands(bands, p1[2], low[j, i], max(z, bottom[j, i]), weight * c)
                     total += lower_cell(high, low, share, bottom, j, i, z, min(part, 1.0))
             i += 1
-    return total * cell[0] * cell[1]
+    return total * area
