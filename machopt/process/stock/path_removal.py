@@ -48,8 +48,10 @@ def remove_path(
 
 
 @jit_compile
-def _drop_idle_arcs(rows: Array, bands: Array, number: int, cutter: Tip, length: float) -> int:
+def _drop_idle_arcs(rows: Array, bands: Array, number: int, cutter: Tip, length: float, peak: float) -> int:
     """Leave out the arcs of slices that remove nothing: the cutter lies against a wall there; returns their number.
+
+    Nothing is cut above the highest material that the move removes.
 
     A slice with arcs from a to b removes about length × height × r (cos a − cos b) on its way.
     """
@@ -62,7 +64,8 @@ def _drop_idle_arcs(rows: Array, bands: Array, number: int, cutter: Tip, length:
             x = corner - 0.5 * (low + high)
             r = radius - corner + np.sqrt(max(corner * corner - x * x, 0.0))
         expected = length * (high - low) * r * (np.cos(rows[m, 2]) - np.cos(rows[m, 3]))
-        if bands[m, 2] > IDLE * expected:
+        if bands[m, 2] > IDLE * expected and low < peak:
+            rows[m, 1] = min(high, peak)
             rows[last] = rows[m]
             last += 1
     return last
@@ -82,7 +85,7 @@ def _remove_path(
     n = len(position)
     volume = np.zeros(n)
     levels, arcs, rows = np.zeros(MOST_LEVELS), np.zeros((ARCS, 2)), np.zeros((_ROWS, 4))
-    bands = np.zeros((_ROWS, 3))
+    bands, peak = np.zeros((_ROWS, 3)), np.zeros(1)
     point, found = np.zeros(256, np.int64), np.zeros((256, 4))
     count = 0
     for k in range(n):
@@ -96,13 +99,13 @@ def _remove_path(
                 grid, origin, cell, p1, x / length, y / length, cutter, height, circle, levels, arcs, rows
             )
         bands[:number, :2] = rows[:number, :2]
-        bands[:number, 2] = 0.0
-        volume[k] = remove_move(grid, origin, cell, p0, p1, cutter, k == 0, bands[: number if number > 1 else 0])
+        bands[:number, 2], peak[0] = 0.0, 0.0
+        volume[k] = remove_move(grid, origin, cell, p0, p1, cutter, k == 0, bands[: number if number > 1 else 0], peak)
         if number == 1:
             bands[0, 2] = volume[k]
         if volume[k] <= NOTHING:
             continue
-        number = _drop_idle_arcs(rows, bands, number, cutter, length)
+        number = _drop_idle_arcs(rows, bands, number, cutter, length, peak[0])
         if count + number > len(point):
             room = 2 * len(point) + number
             more_point, more_found = np.zeros(room, np.int64), np.zeros((room, 4))

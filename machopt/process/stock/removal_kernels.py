@@ -19,6 +19,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.kernel_types import Grid, Heights, Pair, Tip
 
+SLIVER = 0.05  # of a cell; less is the rounding of an outline that was cut before
 LEVEL = 1e-6  # m, heights that are equal
 _GOLDEN = 0.6180339887498949
 _STEPS = 30  # of the golden section: 1e-6 of the chord
@@ -132,7 +133,7 @@ def _add_to_bands(bands: Array, base: float, top: float, z: float, weight: float
 
 @jit_compile
 def remove_move(
-    grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutter: Tip, is_first: bool, bands: Array
+    grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutter: Tip, is_first: bool, bands: Array, peak: Array
 ) -> float:
     """Remove the cutter swept from p0 to p1 from the map; returns the removed volume, m³.
 
@@ -145,6 +146,7 @@ def remove_move(
         cutter: radius, corner radius, slope of the cone.
         is_first: Nothing was removed at p0 before: else cells that p0 covers are left out where they cannot change.
         bands: (n, 3) lower and upper height above the tip at p1, and the removed volume between them, which is added.
+        peak: (1,) largest height above the tip at p1 of what is removed, which is raised.
     """
     high, low, share, bottom = grid
     radius, corner, cone = cutter
@@ -200,10 +202,12 @@ def remove_move(
                 part = 0.5 + (radius - distance) / size
                 z = p0[2] + height
                 if part > 0.0 and z < high[j, i]:
-                    weight, c = min(part, 1.0) * area, share[j, i]
                     if len(bands):
-                        _add_to_bands(bands, p1[2], high[j, i], max(z, bottom[j, i]), weight * (1.0 - c))
-                        _add_to_bands(bands, p1[2], low[j, i], max(z, bottom[j, i]), weight * c)
+                        k, c, floor = min(part, 1.0), share[j, i], max(z, bottom[j, i])
+                        _add_to_bands(bands, p1[2], high[j, i], floor, area * max(k - c, 0.0))
+                        _add_to_bands(bands, p1[2], low[j, i], floor, area * min(k, c))
+                    if min(part, 1.0) - share[j, i] > SLIVER:
+                        peak[0] = max(peak[0], high[j, i] - p1[2])
                     total += lower_cell(high, low, share, bottom, j, i, z, min(part, 1.0))
             i += 1
     return total * area
