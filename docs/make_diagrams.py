@@ -263,12 +263,12 @@ def draw_stock_contact() -> str:
         arc = [first + (math.pi - first) * n / 40 for n in range(41)]
         d.add_line([(x + R * math.sin(t), y - R * math.cos(t)) for t in arc], colour=BAD, width=5)
         d.add_line([(x, y), (x + 100, y)], arrow=True)
-        d.add_text(x + 30, y - 8, "travel", size=12)
+        d.add_text(x + 84, y - 8, "travel", size=12)
         d.add_line([(x, y), (x, y - 95)], dash="4 3")
         d.add_text(x, y - 101, "φ = 0", size=12)
         d.add_line([(x + 28 * math.sin(t), y - 28 * math.cos(t)) for t in [0.04 * n for n in range(40)]], arrow=True)
-        d.add_text(x, 285, name, bold=True)
-    d.add_text(360, 315, "Yellow: stock. Red: where a tooth cuts. Spindle clockwise seen from the shank (M3).", size=13)
+        d.add_text(x, 297, name, bold=True)
+    d.add_text(360, 322, "Yellow: stock. Red: where a tooth cuts. Spindle clockwise seen from the shank (M3).", size=13)
     return d.render()
 
 

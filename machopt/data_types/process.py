@@ -124,7 +124,8 @@ class CuttingProcess:
     materials: Mapping[str, CuttingMaterial] = field(default_factory=dict)
     quantile: float = 0.95  # probability that "pass" needs
     damping: ModeDamping | None = None
-    stock: StockBody | None = None  # the part before machining
+    stock: StockBody | None = None  # the part before machining, where an operation takes its engagement from it
+    has_unused_stock: bool = False  # a stock is named, and no operation takes its engagement from it
     file: Path | None = field(default=None, compare=False)
 
 

@@ -43,7 +43,7 @@ def load_process(path: Path | str, read_stock: StockReader | None = None) -> Cut
 
     Args:
         path: Path of the file.
-        read_stock: Reads the mesh of the stock, whose place the cell decides; None: it is not read.
+        read_stock: Reads the mesh of the stock, whose place the cell decides, where an operation needs it; None: never.
 
     Returns:
         The cutting process, SI units.
@@ -64,7 +64,10 @@ def load_process(path: Path | str, read_stock: StockReader | None = None) -> Cut
                 "and cut of the operation)",
             )
         operations.append(_build_operation(label, one))
-    stock = None if keys.stock is None or read_stock is None else read_stock(document, keys.stock)
+    takes_stock = any(one.takes_stock for one in operations)
+    stock = None
+    if keys.stock is not None and read_stock is not None and takes_stock:
+        stock = read_stock(document, keys.stock)
     damping = None
     if keys.modes is not None:
         damping = ModeDamping(ratios=tuple(v / 100.0 for v in keys.modes.ratios), source=keys.modes.source)
@@ -74,6 +77,7 @@ def load_process(path: Path | str, read_stock: StockReader | None = None) -> Cut
         quantile=keys.quantile,
         damping=damping,
         stock=stock,
+        has_unused_stock=keys.stock is not None and not takes_stock,
         file=Path(path),
     )
 

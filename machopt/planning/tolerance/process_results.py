@@ -104,7 +104,7 @@ def _summarise(
         variance_shares=_compute_variance_shares(found),
         sources=_list_sources(process, plan, toolpath),
         validity=(
-            *_note_unused_stock(process, toolpath),
+            *_note_unused_stock(process),
             *loads.notes,
             *list_skid_notes(process, plan, loads),
             *dynamics.notes,
@@ -113,8 +113,8 @@ def _summarise(
     )
 
 
-def _note_unused_stock(process: CuttingProcess, toolpath: Toolpath) -> list[str]:
-    if process.stock is None or toolpath.engagement is not None:
+def _note_unused_stock(process: CuttingProcess) -> list[str]:
+    if not process.has_unused_stock:
         return []
     return ["stock is not used: the depths of cut are those of the operations"]
 
