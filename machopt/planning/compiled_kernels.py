@@ -96,7 +96,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
 )
 
 
-MORE = (  # needed by some plans only: other arms, as-built geometry, external joints, gouges, stability of milling, stock
+MORE = (  # needed by some plans only: other arms, as-built geometry, external joints, gouges, stability, stock
     ("process.stock.mesh_columns", "_fill_columns", f"{_F3},{_F1},{_F1},f4[:,::1],f4[:,::1],f4[:,::1]"),
     (
         "process.stock.path_removal",
