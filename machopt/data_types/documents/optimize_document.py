@@ -214,6 +214,27 @@ class TiltSection(DocumentModel):
     bound: TiltBoundEntry | None
 
 
+class JointWindowEntry(DocumentModel):
+    """One window of the joint optimisation of posture and feed."""
+
+    window: Text
+    nodes: Count
+    accepted: bool
+    reason: Text  # why its result is not driven; empty where it is
+    run_before_s: Known  # duration of its run at the advised feeds; null where it cannot be driven
+    run_after_s: Known
+
+
+class JointMethodEntry(DocumentModel):
+    """Method joint for one tool: cycle times at the advised feeds of either posture, under the feeds of the file."""
+
+    accepted: bool  # false: the path of the plan is driven, at its own advised feeds
+    reason: Text  # why it is not accepted; empty where it is
+    fixed_path_s: Known
+    joint_s: Known
+    windows: tuple[JointWindowEntry, ...]
+
+
 class InfeasiblePointEntry(DocumentModel):
     """A point without a configuration."""
 
@@ -441,6 +462,7 @@ class OptimizeDocument(DocumentModel):
     worst_point: WorstPointSection | None
     compensation: CompensationSection | None
     tilt: TiltSection | None = None  # null where the tool axis is that of the CAM file; older results have no such key
+    joint: tuple[JointMethodEntry, ...] | None = None  # one a tool; null with another method
     position_error: PositionErrorSection | None  # null where no measured pose stands behind the stiffness
     process: ProcessSection | None  # null where no process is stated
     infeasible_points: tuple[InfeasiblePointEntry, ...]

@@ -194,6 +194,8 @@ def _build_points_columns(table: PointsTable) -> list[_TableColumn]:
         shift = table.compensation * MM_PER_M
         columns += [_build_optional_column(f"comp_d{c}_mm", shift[:, i], 6) for i, c in enumerate("xyz")]
     columns += _build_tilt_columns(table.lead, table.side, 9)
+    if table.feed_advised is not None:
+        columns.append(_build_optional_column("feed_advised_mm_min", table.feed_advised * MM_MIN_PER_M_S, 3))
     if table.process is not None:
         columns += _build_process_columns(table.process)
     return columns

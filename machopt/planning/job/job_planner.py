@@ -25,6 +25,7 @@ from machopt.planning.job.constraint_conflicts import is_complete as is_whole
 from machopt.planning.job.joined_motion import DrivenToolSegment, join_point_tables, join_timelines
 from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_shares, join_plans
 from machopt.planning.job.locked_axes import add_locked_axes_note, has_trajectory, iterate_locked_subsets
+from machopt.planning.job.posture_feed_job import drive_posture_and_feed
 from machopt.planning.job.rapid_rerouting import reroute_blocked_rapids
 from machopt.planning.job.request_checks import plan_motion
 from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools
@@ -155,7 +156,13 @@ def _done(
         again: plans the same with other options for the whole job.
     """
     toolpath, options = stint.toolpath, stint.restrict_options(whole)
-    the_plan, as_told, timeline = drive_tool_segment(stint, the_plan, whole, timings, again)
+    drive = partial(drive_tool_segment, stint, whole=whole, timings=timings)
+    if options.method == "joint":
+        the_plan, as_told, timeline = drive_posture_and_feed(
+            stint, the_plan, timings, lambda plan, other: drive(plan, again=other), again
+        )
+    else:
+        the_plan, as_told, timeline = drive(the_plan, again=again)
     if timeline is not None and timeline.trajectory is not None:
         the_plan = mark_gaps(as_told, list(timeline.driven), timeline.given_up)
     elif timeline is not None:

@@ -85,7 +85,7 @@ def check_fixed_rotation_method(options: PlanOptions) -> None:
     Raises:
         InputError: the method chooses every rotation by itself.
     """
-    if (options.fixed or options.steer) and options.method != "global":
+    if (options.fixed or options.steer) and not options.is_searched:
         raise CellError(
             f"method {options.method} chooses every rotation by itself and would not keep fixed ones; method global "
             "would",
@@ -155,7 +155,7 @@ def check_tilt(segments: Sequence[ToolSegment], options: PlanOptions) -> None:
                 file="options",
                 where="operations",
             )
-    if options.tilts and options.method != "global":
+    if options.tilts and not options.is_searched:
         raise CellError(
             f"method {options.method} keeps the tool axis of the CAM file; method global chooses a tilt",
             file="options",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.posture_feed_result import PostureFeedResult
 from machopt.numerics.array_types import Array
 from machopt.planning.collision_handling.path_check import PathCollisions
 from machopt.planning.cost.objective import PlanObjective
@@ -110,6 +111,7 @@ class Plan:
     elsewhere: tuple[int, ...] = ()  # toolpath points with another rotation than chosen, because of the shift
     over_external: ExternalAxisBound | None = None  # None: no external joint was free, or not requested
     tilt_bound: TiltBound | None = None  # None: the tool axis is that of the CAM file everywhere
+    posture_feed: PostureFeedResult | None = None  # with method joint
     bound: float | None = None  # lower bound of J of such a job over the grids of its parts; None: not known
 
     def at(self, point: int) -> tuple[Plan, int]:

@@ -49,6 +49,7 @@ POINT_COLUMNS = (
 )
 OPTIONAL_COLUMNS = (
     "feed_mm_min",
+    "feed_advised_mm_min",
     "k_jiao_x_N_mm",
     "nearest_pair",
     "stiffness_from",
