@@ -21,7 +21,7 @@ COEFFICIENTS = MillingCoefficients(
     Kae_N_m=700.0,
     sigma_log=0.2,
     h_range_m=None,
-    source="test"
+    source="test",
 )
 FEED_PER_TOOTH = 1e-4  # m
 
