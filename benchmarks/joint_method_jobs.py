@@ -1,4 +1,4 @@
-"""Milling jobs on which method joint is compared with the fixed path: two shipped, three made here.
+"""Milling jobs on which method joint is compared with the fixed path: two shipped toolpaths, and three made here.
 
 All are finishing passes in the shipped milling cell. The feed of every cut is the feed cap, the same for both methods:
 that of the largest chip thickness for which the cutting coefficients of the process hold.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from machopt.commands.optimize.request import OptimizeInputs
+from machopt.commands.optimize.stock_summary import summarise_stock
 from machopt.planning.job.job_planner import plan_job
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
@@ -59,5 +60,6 @@ def compute_optimize_plan(
         verification=None,
         programs=list_omitted_programs(given.posts, given.tolerance, "there is no motion"),
         manifest=given.manifest,
+        stock=summarise_stock(given.cell, given.stints),
     )
     return OptimizeComputation(given, made, timings)

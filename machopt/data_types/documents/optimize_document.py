@@ -402,6 +402,29 @@ class OutcomeCountsSection(DocumentModel):
     after: dict[Text, Count]
 
 
+class StockComparisonSection(DocumentModel):
+    """Stock after the job against the workpiece of the cell, the finished part."""
+
+    gouge_depth_mm: Number  # along the tool axis, away from walls
+    gouge_at_mm: tuple[Number, Number, Number] | None  # in the workpiece frame
+    gouge_volume_mm3: Number
+    left_depth_mm: Number  # largest height of material left, away from walls
+    left_at_mm: tuple[Number, Number, Number] | None
+    left_volume_mm3: Number
+
+
+class StockSection(DocumentModel):
+    """What the job does to its stock."""
+
+    cell_mm: Number
+    volume_mm3: Number  # before the job
+    removed_mm3: Number
+    removed_by_other_moves_mm3: Number  # of it, by moves that are no cuts
+    cut_moves: Count  # with engagement from the stock
+    air_cuts: Count  # of them, that remove nothing
+    finished: StockComparisonSection | None  # null without one closed mesh as workpiece
+
+
 class ProcessSection(DocumentModel):
     """Tolerances of the job; errors at the feed that the motion reaches."""
 
@@ -412,6 +435,7 @@ class ProcessSection(DocumentModel):
     variance_shares: dict[Text, Number]  # stiffness, force, position: mean share of the variance of the error
     sources: dict[Text, Text]
     validity: tuple[Text, ...]
+    stock: StockSection | None = None  # null where no engagement comes from the stock
 
 
 class OptimizeDocument(DocumentModel):

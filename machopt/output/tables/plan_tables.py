@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.process_columns import ERROR_NAMES, ProcessColumns
+from machopt.data_types.stock import StockEngagement
 from machopt.data_types.toolpath import MoveKind
 from machopt.data_types.trajectory import Trajectory
 from machopt.file_formats.csv_text_escaping import escape_formula_text
@@ -263,6 +264,24 @@ def write_tilt_csv(path: Path, index: Array, lead: Array, side: Array) -> None:
         side: (P,) rad.
     """
     _write_csv(path, [_build_optional_column("point", index, 9), *_build_tilt_columns(lead, side, 9)])
+
+
+def write_engagement_csv(path: Path, engagement: StockEngagement) -> None:
+    """Write ``engagement.csv``: arcs of contact with the stock, each of a slice of the cutter.
+
+    Args:
+        path: the file.
+        engagement: contact at the points of the whole job.
+    """
+    degrees = 180.0 / np.pi
+    columns = [_build_optional_column("point", engagement.point.astype(float), 0)]
+    columns += [
+        _build_optional_column("low_mm", engagement.low * MM_PER_M, 6),
+        _build_optional_column("high_mm", engagement.high * MM_PER_M, 6),
+        _build_optional_column("phi_in_deg", engagement.start * degrees, 6),
+        _build_optional_column("phi_out_deg", engagement.end * degrees, 6),
+    ]
+    _write_csv(path, columns)
 
 
 def _build_joint_columns(q: Array, external: Array, prismatic: Sequence[bool], decimals: int = 9) -> list[_TableColumn]:
