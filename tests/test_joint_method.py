@@ -14,6 +14,7 @@ import pytest
 from machopt.cell.cell_reader import load_cell
 from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.commands.optimize.run import run_optimize
+from machopt.data_types.documents.optimize_document import OptimizeDocument
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
@@ -217,6 +218,32 @@ def test_command_is_verified_and_never_slower(toolpath_file: Path) -> None:
     assert outcome.result.cycle_time_s <= entry.fixed_path_s + 1e-9
     assert entry.accepted or entry.reason
     assert all(window.accepted or window.reason for window in entry.windows)
+
+
+def test_a_result_that_fails_verification_gives_way_to_the_fixed_path(
+    toolpath_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[str] = []
+
+    def find_once(result: OptimizeDocument) -> str:
+        seen.append("")
+        return "its verification failed: time" if len(seen) == 1 else ""
+
+    monkeypatch.setattr("machopt.commands.optimize.run.find_failed_joint_result", find_once)
+    outcome = run_optimize(
+        OptimizeRequest(
+            cell=CELL,
+            toolpath=toolpath_file,
+            out=toolpath_file.parent / "fixed",
+            process=CELL / "process.yaml",
+            direct={"objective": "tolerance", "method": "joint"},
+        )
+    )
+    assert outcome.exit_code == 0
+    assert outcome.result.joint is not None
+    assert not outcome.result.joint[0].accepted
+    assert outcome.result.joint[0].reason == "its verification failed: time"
+    assert outcome.result.cycle_time_s == pytest.approx(outcome.result.joint[0].fixed_path_s)
 
 
 def test_without_a_tolerance_it_names_what_is_needed(toolpath_file: Path) -> None:

@@ -27,7 +27,7 @@ class OptimizeComputation:
 
 
 def compute_optimize_plan(
-    given: OptimizeInputs, timings: StageTimings, before: Sequence[Plan] = ()
+    given: OptimizeInputs, timings: StageTimings, before: Sequence[Plan] = (), refused: str = ""
 ) -> OptimizeComputation:
     """Return the plan, and its motion where there is one; tool after tool where the job changes it.
 
@@ -35,8 +35,9 @@ def compute_optimize_plan(
         given: The loaded inputs.
         timings: Collects the computing time of each stage.
         before: Earlier plans of the same segments with other steering rules, whose unchanged steps are reused.
+        refused: Why the joint result of method joint is not to be driven; empty: it is tried.
     """
-    job = plan_job(given.stints, given.toolpath, given.options, timings, before)
+    job = plan_job(given.stints, given.toolpath, given.options, timings, before, refused)
     with timings.stage("map"):
         shown = compute_collision_map(job.plan, given.map_all)
     shown = replace(shown, candidates=shown.candidates.without_joints())

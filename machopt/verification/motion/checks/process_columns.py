@@ -58,6 +58,7 @@ MODE_HZ, MODE_SHARE, LIMIT_SHARE = (
 _SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 CONTACT_COLUMNS, CONTACT_LIMIT = ("ae_mm", "ap_mm", "phi_in_deg", "phi_out_deg"), 2e-3  # printed decimals
 FORCE_COLUMNS = ("f_travel_N", "f_normal_N", "f_axial_N", "m_axial_Nm")
+PRINTED_PROBABILITY = 5e-6  # half of the last printed decimal: on it either outcome may follow
 
 
 def check_process_columns(
@@ -274,7 +275,8 @@ def _states_spread(process: CuttingProcess, one: ProcessOperation) -> bool:
 def _fits(word: str, probability: float, quantile: float) -> bool:
     if np.isnan(probability):
         return word in ("", "unknown")
-    return word == ("pass" if probability >= quantile else "fail" if probability < 0.5 else "marginal")
+    ends = (probability - PRINTED_PROBABILITY, probability + PRINTED_PROBABILITY)
+    return word in {"pass" if p >= quantile else "fail" if p < 0.5 else "marginal" for p in ends}
 
 
 def _compare(points: ExportedPoints, name: str, wanted: Array, limit: Array) -> VerificationCheck:
