@@ -170,7 +170,7 @@ def plan_path(
         path=path,
         directions=d,
         candidates=candidates,
-        scores=scores.without_search_prices(),
+        scores=scores,
         choice=choice,
         chosen=chosen,
         chosen_from=picked.source,

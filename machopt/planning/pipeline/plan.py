@@ -146,9 +146,10 @@ class Plan:
         return np.searchsorted([one.row for one in self.parts], points, side="right") - 1
 
     def without_grid_joints(self) -> Plan:
-        """Return the plan without the joints of its candidate grids, which only the search needs."""
+        """Return the plan without the joints and prices of its candidate grids, which only the search needs."""
         parts = tuple(replace(part, plan=part.plan.without_grid_joints()) for part in self.parts)
-        return replace(self, candidates=self.candidates.without_joints(), parts=parts)
+        candidates, scores = self.candidates.without_joints(), self.scores.without_search_prices()
+        return replace(self, candidates=candidates, scores=scores, parts=parts)
 
     @property
     def missing(self) -> NDArray[np.intp]:
