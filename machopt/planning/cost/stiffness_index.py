@@ -79,7 +79,7 @@ class CandidateScores:
     rapid: RapidPricing | None = None  # prices of rapid moves and changes; None: they have none
 
     def without_search_prices(self) -> CandidateScores:
-        """Return the scores without the prices of clearance and lost feed, which only search, smoothing and bounds need."""
+        """Return the scores without the prices of clearance and lost feed, for search, smoothing and bounds."""
         return replace(self, crowded=None, feed_price=None)
 
     @property
