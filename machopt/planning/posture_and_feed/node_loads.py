@@ -32,7 +32,7 @@ AT_LIMIT = 1e-3  # share: an advice nearer than this to the largest permitted fe
 ROOM = 1.2  # times the nominal error at the largest permitted feed, where no node shows what the tolerance allows
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MilledTargets:
     """Milled points with a tolerance and a known surface, and their loads."""
 
