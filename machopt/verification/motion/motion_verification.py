@@ -33,6 +33,7 @@ from machopt.verification.motion.checks.move_labels import check_move_labels
 from machopt.verification.motion.checks.path_following import check_path
 from machopt.verification.motion.checks.points_columns import BLOCK_ROWS, PointsTableCheck
 from machopt.verification.motion.checks.process_columns import check_process_columns
+from machopt.verification.motion.checks.reentries import check_reentries
 from machopt.verification.motion.checks.requested_choices import check_requested_choices
 from machopt.verification.motion.checks.tilt_columns import TiltTables, check_tilt
 from machopt.verification.motion.checks.time_and_joint_limits import check_limits
@@ -181,6 +182,7 @@ def verify_single_tool(
     checks: list[VerificationRow] = [
         *check_path(motion, toolpath, points, on, options.allow_gaps),
         *check_move_labels(motion, toolpath, points, on, options.allow_gaps),
+        *check_reentries(motion, toolpath, options),
         *check_feed(motion, toolpath, on, options, cell),
         *check_dwells_and_stops(motion, toolpath, points, on, (index, position), cell),
     ]
