@@ -10,7 +10,8 @@ from typing import Any
 
 from machopt.commands.optimize.request import OptimizeRequest
 from machopt.commands.optimize.run import run_optimize
-from output_damage.damage_case import CELLS, HEADER, JOBS, Damage, Job, build_json_change, build_table_change, edit_json
+from output_damage.damage_case import CELLS, HEADER, JOBS, Damage, Job, build_json_change, build_table_change
+from output_damage.folder_damage import other_options
 
 RADIUS, POINTS = 80.0, 25
 
@@ -46,13 +47,6 @@ def plan_ring(folder: Path) -> Job:
 JOBS["re-entered"] = plan_ring
 
 
-def _forbid(job: Job) -> None:
-    """Manifest and result permit no re-entry: only the motion tells."""
-    for file in ("manifest.json", "result.json"):
-        with edit_json(job.out / file) as value:
-            value["options"]["max_reentries"] = 0
-
-
 def _rename(word: str, by: str) -> Callable[[Job], None]:
     def change(rows: list[dict[str, str]]) -> None:
         assert any(row["move"] == word for row in rows)
@@ -76,7 +70,7 @@ def _in_entry(change: Callable[[dict[str, Any]], None]) -> Callable[[Job], None]
 DAMAGES = [
     Damage(f"re-entry: {name}", how_much, apply, caught_by, "re-entered")
     for name, how_much, apply, caught_by in (
-        ("not permitted", "1 → 0", _forbid, "re-entries"),
+        ("not permitted", "1 → 0", other_options(max_reentries=0), "re-entries"),
         ("link called rapid", "1 lift", _rename("link", "rapid"), "moves of the samples"),
         ("link called cut", "1 lift", _rename("link", "cut"), "path"),
         ("no return", "1 approach", build_table_change("trajectory.csv", _leave_out_return), "joint velocity"),
@@ -93,6 +87,6 @@ DAMAGES = [
             _in_entry(lambda e: e.update(reason="none pays")),
             "result.json reentry",
         ),
-        ("objective", "-1 %", _in_entry(lambda e: e.update(objective=0.99 * e["objective"])), "result.json reentry"),
+        ("objective", "-2 %", _in_entry(lambda e: e.update(objective=0.98 * e["objective"])), "result.json reentry"),
     )
 ]

@@ -64,6 +64,10 @@ def compute_external_axis_bound(plan: Plan, toolpath: Toolpath, timings: StageTi
         return None
     if plan.path.lead is not None and plan.path.side is not None and (plan.path.lead.any() or plan.path.side.any()):
         return ExternalAxisBound(why="the tool tilts, and the bound would be that of the tool axes of the CAM file")
+    if plan.path.is_reentry.any():
+        return ExternalAxisBound(
+            why="the tool is lifted inside of a cut, and the bound would be that of a path without"
+        )
     from machopt.planning.external_axis_optimization import external_axis_bound
 
     return external_axis_bound.bound_over_external_axes(plan, toolpath, timings)

@@ -146,11 +146,8 @@ def _planned(
     toolpath, options = stint.toolpath, stint.restrict_options(whole)
     the_plan = find_best_plan(stint.cell, toolpath, options, timings, before, scale=scale)
     if options.max_reentries:
-        scale = the_plan.scores.scale
         with timings.stage("reentry"):
-            the_plan = plan_with_reentries(
-                the_plan, toolpath, lambda other: find_best_plan(stint.cell, other, options, scale=scale)
-            )
+            the_plan = plan_with_reentries(the_plan, toolpath)
     the_plan = add_constraint_conflict(the_plan, stint.cell, toolpath, options, timings)
     the_plan = replace(the_plan, over_external=compute_external_axis_bound(the_plan, toolpath, timings))
     begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)

@@ -24,6 +24,8 @@ from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.stations.planning_path import PlanningPath
 
+ROUND_OFF = 1e-12  # relative: of two sums of the same terms in another order
+
 
 @dataclass(frozen=True)
 class PathCompensation:
@@ -59,9 +61,9 @@ class ExternalAxisBound:
         None where the plan is below all of them: it lies between the values of the grid, and nothing is proven about
         other plans there.
         """
-        if not self.plan > 0 or not self.bound <= self.plan:
+        if not self.plan > 0 or not self.bound <= self.plan * (1.0 + ROUND_OFF):
             return None
-        return 1.0 - self.bound / self.plan
+        return max(1.0 - self.bound / self.plan, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

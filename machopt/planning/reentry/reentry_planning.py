@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.reentry_result import ReentryResult
 from machopt.data_types.toolpath import Toolpath
+from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.reentry.closed_contours import find_reentry_points
+from machopt.planning.stations.planning_path import SAME_INDEX
 
 COARSE = 6  # places over all contours that are planned first
 HALVINGS = 2  # of their distance: one place more to either side of the best one each time
@@ -25,13 +28,14 @@ class _Candidate:
     toolpath: Toolpath
 
 
-def plan_with_reentries(plan: Plan, toolpath: Toolpath, replan: Callable[[Toolpath], Plan]) -> Plan:
+def plan_with_reentries(plan: Plan, toolpath: Toolpath) -> Plan:
     """Return the plan with the re-entries that pay, at most ``options.max_reentries``, and what was found.
+
+    External joints stay where the plan without re-entries has them.
 
     Args:
         plan: plan of one tool without re-entries.
         toolpath: its toolpath.
-        replan: plans the same tool on a toolpath with re-entries.
     """
     if plan.found is None or plan.breaks or len(plan.missing):
         return _conclude(plan, plan, "the plan without re-entry is not complete")
@@ -40,12 +44,26 @@ def plan_with_reentries(plan: Plan, toolpath: Toolpath, replan: Callable[[Toolpa
         return _conclude(plan, plan, "no cut is a closed contour or winds around")
     best, reason = _Candidate(plan, toolpath), ""
     while len(best.toolpath.reentries) < plan.options.max_reentries:
-        better = _add_best_place(best, points, replan)
+        better = _add_best_place(best, points, partial(_replan, plan))
         if better is None:
             reason = f"no other place lowers J by {100 * LEAST_GAIN:g} %"
             break
         best = better
     return _conclude(best.plan, plan, reason)
+
+
+def _replan(plan: Plan, toolpath: Toolpath) -> Plan:
+    """Plan a toolpath with re-entries, with the external joints of the plan without."""
+    index, external = plan.path.index, plan.path.external
+    after = np.searchsorted(index, np.array(toolpath.reentries, float) + SAME_INDEX)
+    return plan_path(
+        plan.setup.cell,
+        toolpath,
+        plan.options,
+        setup=plan.setup,
+        external=np.insert(external, after, external[after - 1], axis=0) if external.shape[1] else None,
+        scale=plan.scores.scale,
+    )
 
 
 def _add_best_place(
@@ -86,11 +104,16 @@ def _add_best_place(
 
 
 def _conclude(plan: Plan, without: Plan, reason: str) -> Plan:
-    before = without.chosen.objective
+    before, after = without.chosen.objective, plan.chosen.objective
     result = ReentryResult(
         reason=reason,
         objective_without=float(before.total),
-        mean_without=float(before.mean),
-        worst_without=float(before.worst),
+        objective=float(after.total),
+        mean_percent=_compute_change(before.mean, after.mean),
+        worst_percent=_compute_change(before.worst, after.worst),
     )
     return replace(plan, reentry=result)
+
+
+def _compute_change(before: float, after: float) -> float:
+    return float(100.0 * (after / before - 1.0)) if before > 0.0 else np.nan

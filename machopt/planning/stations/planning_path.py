@@ -131,6 +131,9 @@ class PlanningPath:
         half = 0.5 * np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)] * cut
         out = half + np.r_[half[1:], 0.0] * cut
         out[1:] += half[1:] * ~cut[:-1]
+        again = np.flatnonzero(self.is_reentry)
+        out[again + 1] -= half[again + 1]  # a re-entry does not change the weights of the points around it
+        out[again - 1] += half[again + 1]
         total = float(out.sum())
         return out / total if total > 0 else cut / max(int(cut.sum()), 1)
 

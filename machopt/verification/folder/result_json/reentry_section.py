@@ -9,7 +9,7 @@ import numpy as np
 from machopt.data_types.toolpath import MoveKind
 from machopt.verification.folder.result_json.comparison_inputs import ResultComparison, check_close, check_equal
 
-PRINTED = 1e-9  # relative: numbers of result.json are written in full
+ROUNDED = 0.01  # relative: J of the plan, whose corners the motion rounds
 
 
 def check_reentry_section(t: ResultComparison) -> Iterable[str]:
@@ -37,7 +37,7 @@ def check_reentry_section(t: ResultComparison) -> Iterable[str]:
     if len(entries) == 1 and entries[0].objective is not None and t.result.objective.chosen is not None:
         total = t.result.objective.chosen.total
         if total is not None:
-            yield from check_close("reentry.0.objective", entries[0].objective, total, PRINTED, 0.0)
+            yield from check_close("reentry.0.objective", entries[0].objective, total, ROUNDED, 0.0)
 
 
 def _find_links(t: ResultComparison) -> list[int]:

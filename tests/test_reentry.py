@@ -1,0 +1,139 @@
+"""Re-entries in closed contours: where they may be, what they change, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from output_damage.damage_case import CELLS, HEADER
+from output_damage.reentry_damage import write_ring
+
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import OptimizeResult, run_optimize
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.errors import CellError
+from machopt.planning.reentry.closed_contours import find_reentry_points
+from machopt.planning.stations.planning_path import build_planning_path
+from machopt.toolpath.toolpath_reader import read_toolpath
+
+CELL = CELLS / "kr500_milling"
+
+
+def _read(folder: Path, rows: list[str]) -> Toolpath:
+    file = folder / "path.csv"
+    file.write_text("\n".join([HEADER, *rows]) + "\n", encoding="utf-8")
+    return read_toolpath(file)
+
+
+def _cuts(places: list[tuple[float, float]]) -> list[str]:
+    (x, y), (u, v) = places[0], places[-1]
+    inner = [f"{a:.5f},{b:.5f},-1,0,0,1,cut,1500" for a, b in places]
+    return [f"{x},{y},50,0,0,1,rapid,", *inner, f"{u},{v},50,0,0,1,retract,1000"]
+
+
+def _arc(turn_deg: float, points: int = 40, radius: float = 50.0) -> list[tuple[float, float]]:
+    angles = np.radians(np.linspace(0.0, turn_deg, points))
+    return [(radius * math.cos(a), radius * math.sin(a)) for a in angles]
+
+
+@pytest.mark.parametrize(
+    ("places", "closed"),
+    [
+        (_arc(360.0), True),
+        (_arc(345.0), True),  # winds around, though it ends before its beginning
+        (_arc(300.0), False),
+        ([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)], True),
+        ([(0, 0), (40, 0), (40, 30), (0, 30), (0, 1.5)], True),
+        ([(0, 0), (40, 0), (40, 30), (0, 30), (0, 5)], False),
+        ([(4.0 * n, 0.0) for n in range(20)], False),
+    ],
+)
+def test_only_closed_contours_have_places(places: list[tuple[float, float]], closed: bool, tmp_path: Path) -> None:
+    path = build_planning_path(_read(tmp_path, _cuts(places)))
+    points = find_reentry_points(path)
+    assert bool(len(points)) is closed
+    assert (path.move[points] == MoveKind.CUT).all()
+    assert path.is_point[points].all()
+
+
+def test_holes_have_no_places(tmp_path: Path) -> None:
+    rows = []
+    for x, y in _arc(360.0, 12):
+        rows += [f"{x:.4f},{y:.4f},5,0,0,1,rapid,", f"{x:.4f},{y:.4f},-5,0,0,1,cut,200"]
+        rows += [f"{x:.4f},{y:.4f},5,0,0,1,retract,1000"]
+    assert not len(find_reentry_points(build_planning_path(_read(tmp_path, rows))))
+
+
+def test_the_point_of_a_reentry_stands_twice(tmp_path: Path) -> None:
+    toolpath = _read(tmp_path, _cuts(_arc(360.0)))
+    plain, divided = build_planning_path(toolpath), build_planning_path(replace(toolpath, reentries=(11, 20)))
+    assert len(divided.index) == len(plain.index) + 2
+    assert len(divided.runs) == len(plain.runs) + 2
+    again = np.flatnonzero(divided.is_reentry)
+    assert divided.index[again].tolist() == [11.0, 20.0]
+    assert np.array_equal(divided.position[again], divided.position[again - 1])
+    assert np.allclose(divided.travel[again], divided.travel[again - 1])
+    # what is counted, and its weights, are those of the path without
+    kept = ~divided.is_reentry
+    assert np.array_equal(divided.index[kept], plain.index)
+    assert np.allclose(divided.weight[kept], plain.weight, atol=1e-12)
+    assert divided.weight[again].tolist() == [0.0, 0.0]
+    assert divided.time[-1] == pytest.approx(plain.time[-1])
+    assert np.flatnonzero(divided.is_point).size == len(toolpath)
+
+
+def _plan(folder: Path, *overrides: str) -> OptimizeResult:
+    toolpath = folder / "ring.csv"
+    write_ring(toolpath)
+    if not (folder / "cell").exists():
+        shutil.copytree(CELL, folder / "cell")
+    options = ("rotation_step_deg=15", *overrides)
+    return run_optimize(
+        OptimizeRequest(
+            cell=folder / "cell",
+            toolpath=toolpath,
+            out=folder / f"out{len(list(folder.iterdir()))}",
+            overrides=options,
+            posts=("rapid", "ros_json"),
+        )
+    )
+
+
+@pytest.mark.slow
+def test_a_ring_is_lower_with_one_lift(tmp_path: Path) -> None:
+    without, lifted = _plan(tmp_path), _plan(tmp_path, "max_reentries=1")
+    assert (without.exit_code, lifted.exit_code) == (0, 0)
+    assert without.result.reentry is None
+    assert lifted.result.reentry is not None
+    (entry,) = lifted.result.reentry
+    assert len(entry.points) == 1
+    before, after = without.result.objective.chosen.total, lifted.result.objective.chosen.total
+    assert before is not None
+    assert after is not None
+    assert entry.objective_without == pytest.approx(before, rel=0.005)  # of the plan whose corners are not rounded yet
+    assert entry.objective == pytest.approx(after, rel=0.005)
+    assert after < 0.99 * before
+    with (lifted.report.parent / "trajectory.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    moves = [row["move"] for row in rows if row["point"] and float(row["point"]) == entry.points[0]]
+    order = [move for n, move in enumerate(moves) if n == 0 or move != moves[n - 1]]
+    start = order.index("retract")
+    assert order[start : start + 3] == ["retract", "link", "approach"]
+    cut = [float(row["point"]) for row in rows if row["move"] == "cut"]
+    assert max(b - a for a, b in itertools.pairwise(cut)) < 0.5  # every part of the cut is driven
+
+
+@pytest.mark.parametrize(
+    "other",
+    ["compensate=true", "method=jiao2022", "allow_gaps=true", "tilt_deg={lead: [-3, 3]}"],
+)
+def test_what_knows_no_reentry_refuses_it(other: str, tmp_path: Path) -> None:
+    with pytest.raises(CellError) as found:
+        _plan(tmp_path, "max_reentries=1", "force_N={normal: 100}", other)
+    assert found.value.where in ("max_reentries", "tilt_deg")
