@@ -91,8 +91,7 @@ def check_programs(
     options: PlanOptions,
     tolerance: ProgramTolerance,
     source: str | None = None,
-    motion: ExportedMotion | None = None,
-    tables: ExportedTables | None = None,
+    tables: ExportedTables | ExportedMotion | None = None,
 ) -> tuple[ProgramComparison, ...]:
     """Compare every robot program of an output folder with motion and CAM file.
 
@@ -104,8 +103,8 @@ def check_programs(
         options: as for the plan.
         tolerance: between the controller's lines and the motion.
         source: what the programs' heads say they are from; cell and toolpath by default.
-        motion: trajectory.csv where it has been read already.
-        tables: what of the folder's tables belongs to the toolpath, where that is a part of the job.
+        tables: what of the folder's tables belongs to the toolpath, where that is a part of the job; or trajectory.csv
+            alone, where it has been read already.
 
     Returns:
         One entry a program.
@@ -116,10 +115,24 @@ def check_programs(
     out = Path(out)
     if not posted:
         return ()
+    if not isinstance(tables, ExportedTables):
+        tables = _read_tables(cell, out, tables)
     ground = _ComparisonContext.build(
-        cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", motion, tables
+        cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", tables
     )
     return tuple(ground.compare_program(one) for one in posted)
+
+
+def _read_tables(cell: Cell, out: Path, motion: ExportedMotion | None) -> ExportedTables:
+    """Return the tables of a folder; raise InputError where one cannot be read."""
+    motion = motion or read_motion(out / "trajectory.csv", cell)
+    points = read_points(out / "points.csv", cell)
+    return ExportedTables(
+        motion,
+        points,
+        read_compensation(out / "compensation.csv") if points.shift is not None else None,
+        read_tilt(out / "tilt.csv") if points.lead is not None else None,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,16 +163,9 @@ class _ComparisonContext:
         options: PlanOptions,
         tolerance: ProgramTolerance,
         source: str,
-        motion: ExportedMotion | None,
-        tables: ExportedTables | None,
+        tables: ExportedTables,
     ) -> _ComparisonContext:
-        if tables is None:
-            motion = motion or read_motion(out / "trajectory.csv", cell)
-            points = read_points(out / "points.csv", cell)
-            shift = read_compensation(out / "compensation.csv") if points.shift is not None else None
-            stated = read_tilt(out / "tilt.csv") if points.lead is not None else None
-        else:
-            motion, points, shift, stated = tables.motion, tables.points, tables.shift, tables.tilt
+        motion, points, shift, stated = tables.motion, tables.points, tables.shift, tables.tilt
         arm = UrdfKinematics(cell, drawn=True)  # as the controller reckons
         tcp = arm.compute_tcp_in_workpiece(motion.q, motion.external)
         offset, tilt = compute_corrections(cell, motion, tcp)
