@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,17 +32,24 @@ from machopt.measurement.design.request import PosesRequest, list_request_option
 from machopt.version import __version__
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlannedMeasurement:
+    """Candidates of a measurement and the plan."""
+
+    pool: PosePool
+    cases: LoadCases  # admissible ones
+    plan: MeasurementPlan | None  # None without admissible load cases
+    noise: ReadingNoise
+    length: float  # m, characteristic length of the conditioning index
+    load_methods: Sequence[LoadMethod]
+
+
 def build_measurement_plan_document(
     request: PosesRequest,
     cell: Cell,
-    pool: PosePool,
-    cases: LoadCases,
-    plan: MeasurementPlan | None,
-    noise: ReadingNoise,
+    planned: PlannedMeasurement,
     warnings: Sequence[str],
     hashes: dict[str, str],
-    length: float,
-    ways: Sequence[LoadMethod],
     discriminate: DiscriminationSection | None = None,
     job: ProcessLoads | None = None,
 ) -> PosesDocument:
@@ -50,20 +58,16 @@ def build_measurement_plan_document(
     Args:
         request: Validated user request.
         cell: Robot cell.
-        pool: Candidate poses.
-        cases: Admissible load cases.
-        plan: The plan; None without admissible load cases.
-        noise: Noise of a reading.
+        planned: Candidates and the plan.
         warnings: Warnings of the plan.
         hashes: Hashes of the input files.
-        length: Characteristic length of the conditioning index, m.
-        ways: Methods of load application.
         discriminate: Section of a plan that discriminates between explanations.
         job: Process loads, or None.
 
     Returns:
         The document.
     """
+    pool, cases, plan = planned.pool, planned.cases, planned.plan
     head = PosesDocument(
         machopt_poses=1,
         version=__version__,
@@ -71,17 +75,17 @@ def build_measurement_plan_document(
         inputs=hashes,
         options=dict(list_request_options(request)),
         cell=cell.name,
-        characteristic_length_mm=length * 1e3,
-        reading_uncertainty_mm=noise.reading * 1e3,
+        characteristic_length_mm=planned.length * 1e3,
+        reading_uncertainty_mm=planned.noise.reading * 1e3,
         candidates=PoseCandidatesSection(poses=len(pool), tried=pool.drawn_count, rejected=pool.rejected),
-        load_cases=LoadCasesSection(ways=len(ways), admissible=len(cases), rejected=cases.rejected),
+        load_cases=LoadCasesSection(ways=len(planned.load_methods), admissible=len(cases), rejected=cases.rejected),
         warnings=tuple(warnings),
     )
     if plan is None:
         return head
     found, poses, target = plan.accuracy, len(plan.design.blocks), request.target_percent
     steps = len(plan.steps if discriminate is None else discriminate.steps)
-    planned = {
+    sections = {
         "poses": poses,
         "readings": len(plan.visits) * steps,
         "load_cases_chosen": len(plan.design.readings),
@@ -108,7 +112,7 @@ def build_measurement_plan_document(
     }
     more: dict[str, DiscriminationSection | JobSection] = {} if discriminate is None else {"discriminate": discriminate}
     more |= {} if job is None else {"job": _build_job_entry(job, plan)}
-    return head.model_copy(update=planned | more)
+    return head.model_copy(update=sections | more)
 
 
 def _build_job_entry(job: ProcessLoads, plan: MeasurementPlan) -> JobSection:

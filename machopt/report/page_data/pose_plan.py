@@ -11,12 +11,11 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.poses_table import PosesTable
 from machopt.kinematics.robot import Robot
 from machopt.measurement.design.job_like_loads import ProcessLoads
-from machopt.measurement.design.load_cases import LoadCases
 from machopt.measurement.design.maximin_discrimination import compute_required_noncentrality
 from machopt.measurement.design.measurement_plan import MeasurementPlan
-from machopt.measurement.design.pose_candidates import PosePool
 from machopt.measurement.design.request import PosesRequest, list_request_options
 from machopt.measurement.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, format_pair
+from machopt.measurement.diagnosis.discrimination.next_measurement import NextMeasurement
 from machopt.numerics.array_types import Array
 from machopt.report.page_types import pose_plan_page_data as page
 from machopt.report.page_types.display_units import FINE_LENGTH, LENGTH
@@ -27,14 +26,10 @@ from machopt.version import __version__
 def build_pose_plan_page_data(
     request: PosesRequest,
     cell: Cell,
-    robot: Robot,
-    pool: PosePool,
-    cases: LoadCases,
-    plan: MeasurementPlan | None,
+    measurement: NextMeasurement,
     table: PosesTable | None,
     hashes: dict[str, str],
     warnings: Sequence[str],
-    apart: DiscriminationPlan | None = None,
     scene: CellScene | None = None,
     job: ProcessLoads | None = None,
 ) -> page.PosePlanPageData:
@@ -43,17 +38,14 @@ def build_pose_plan_page_data(
     Args:
         request: The request of ``machopt plan-poses``.
         cell: The robot cell.
-        robot: The kinematic model of the robot.
-        pool: Candidate poses.
-        cases: Load cases.
-        plan: The measurement plan; None where none was computed.
+        measurement: Candidate poses, load cases and the plan, if one was computed.
         table: Table of the poses; None without a plan.
         hashes: SHA-256 of the input files by name.
         warnings: Warnings to show.
-        apart: Plan that distinguishes rival models; None without one.
         scene: The cell for the 3-D view; None without one.
         job: Loads of the job that the stiffness is needed for; None without one.
     """
+    pool, cases, plan, apart = measurement.pool, measurement.cases, measurement.plan, measurement.discrimination
     common: dict[str, Any] = {
         "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}",
         "cell": cell.name,
@@ -98,7 +90,7 @@ def build_pose_plan_page_data(
             for j in plan.joints
         ),
         steps=steps,
-        arms=_compute_arm_points(robot, chosen, cell),
+        arms=_compute_arm_points(measurement.robot, chosen, cell),
         scene=scene,
         postures=_build_postures(chosen, table, cell.external_home),
         work=_build_load_cycles(table),

@@ -13,7 +13,7 @@ from machopt.measurement.design.external_axis_positions import update_base_frame
 from machopt.measurement.design.job_like_loads import ProcessLoads, describe_joint_loads
 from machopt.measurement.design.load_cases import LoadCases, build_load_cases
 from machopt.measurement.design.load_methods import LoadMethod
-from machopt.measurement.design.measurement_plan import MeasurementPlan, build_measurement_plan
+from machopt.measurement.design.measurement_plan import MeasurementPlan, MeasurementTask, build_measurement_plan
 from machopt.measurement.design.pose_candidates import PosePool, PoseScreen, sample_poses
 from machopt.measurement.design.reading_noise import ReadingNoise
 from machopt.measurement.design.request import (
@@ -125,22 +125,20 @@ def plan_next_measurement(
         plan, noise = apart.plan, apart.noise
         warnings = (*warnings, *apart.notes)
     elif len(cases):
-        plan = build_measurement_plan(
-            pool,
-            cases,
-            screen,
-            limits,
-            cell.home,
-            cell.limits.velocity[:6],
-            prior,
-            terms,
-            ways,
-            criteria,
-            noise,
-            size,
-            progress,
-            job,
+        task = MeasurementTask(
+            pool=pool,
+            cases=cases,
+            screen=screen,
+            limits=limits,
+            home=cell.home,
+            velocity=cell.limits.velocity[:6],
+            prior=prior,
+            terms=terms,
+            ways=ways,
+            criteria=criteria,
+            noise=noise,
         )
+        plan = build_measurement_plan(task, size, progress, job)
         if job is not None:
             warnings = (*warnings, *describe_joint_loads(job, plan.joints, float(cases.magnitude.max())))
     return NextMeasurement(
