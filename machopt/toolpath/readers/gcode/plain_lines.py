@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 
 import numpy as np
 
 from machopt.data_types.toolpath import MoveKind
+from machopt.path_building.rotary_axes import RotaryMachine
 from machopt.path_building.rotary_moves import SMALL_TURN_DEG
 from machopt.toolpath.readers.gcode.block_motion import BlockMotionReader
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourSegment
@@ -61,6 +63,18 @@ def is_plain_line_mode(r: BlockMotionReader) -> bool:
     )
 
 
+def _turn_axes(
+    machine: RotaryMachine, angles: Mapping[str, float], texts: tuple[str | None, str | None, str | None], *, cuts: bool
+) -> dict[str, float] | None:
+    """Return the angles in deg with the words A, B and C of a line; None where the general reader has to read it."""
+    given = {n: float(v) for n, v in zip("ABC", texts, strict=True) if v is not None}
+    if not given.keys() <= set(machine.letters):
+        return None
+    if cuts and sum(abs(v - angles.get(n, 0.0)) for n, v in given.items()) > SMALL_TURN_DEG:
+        return None  # divided along the path of the rotary axes
+    return {**angles, **given}
+
+
 def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, linear: bool = False) -> int:
     """Carry out plain lines from index ``at`` on; returns the index of the first one that is not.
 
@@ -100,12 +114,10 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
         if a is not None or b is not None or c is not None:
             if not with_tcp or machine is None or vector is not None:
                 break
-            given = {n: float(v) for n, v in (("A", a), ("B", b), ("C", c)) if v is not None}
-            if not given.keys() <= set(machine.letters):
+            turned = _turn_axes(machine, angles, (a, b, c), cuts=bool(new))
+            if turned is None:
                 break
-            if new and sum(abs(v - angles.get(n, 0.0)) for n, v in given.items()) > SMALL_TURN_DEG:
-                break  # divided along the path of the rotary axes
-            angles = {**angles, **given}
+            angles = turned
             i, j, k = machine.tool_axis(angles)
         if u is not None or v is not None or w is not None:
             x1, y1, z1 = float(u or 0.0), float(v or 0.0), float(w or 0.0)
@@ -132,13 +144,13 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
             numbers.clear()
             places.clear()
     r.out.add_many(numbers, places)
-    before = numbers[-14:-11] if len(places) > 1 else list(r.p) if places else []
     if places:
+        before = numbers[-14:-11] if len(places) > 1 else list(r.p)
         r.segment = None
-    if before and motion == 1 and not with_tcp:  # a corner may follow
-        r.segment = ContourSegment(
-            start=np.array(before), end=np.array([x, y, z]), first=len(r.out) - 1, feed=feed * per_feed
-        )
+        if motion == 1 and not with_tcp:  # a corner may follow
+            r.segment = ContourSegment(
+                start=np.array(before), end=np.array([x, y, z]), first=len(r.out) - 1, feed=feed * per_feed
+            )
     r.p, r.axis, r.motion, r.feed, r.fed_at = [x, y, z], (i, j, k), motion, feed, fed_at
     if angles is not r.setup.angles or vector is not r.setup.vector:
         r.setup = r.setup.with_changes(angles=angles, vector=vector)
