@@ -65,6 +65,14 @@ class MapComputation:
         return _UNCHECKED[self.request.collision]
 
 
+def _compute_hashes(request: MapRequest, cell: Cell) -> dict[str, str]:
+    """Return SHA-256 of the input files by name."""
+    files = compute_input_hashes(cell)
+    if request.measured is not None:
+        files[request.measured.name] = compute_sha256(request.measured)
+    return files
+
+
 def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell | None = None) -> MapComputation:
     """Return the map.
 
@@ -100,9 +108,6 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
         comparison = compare_with_measured(
             measured, request, options, arm, setting, criterion, compute_sample_positions(samples, layers[0], options)
         )
-    files = compute_input_hashes(cell)
-    if request.measured is not None:
-        files[request.measured.name] = compute_sha256(request.measured)
     evaluated = EvaluatedMap(
         cell=cell,
         options=options,
@@ -113,7 +118,7 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
         criterion=criterion,
         comparison=comparison,
     )
-    result, message = build_map_document(evaluated, files, plan_options)
+    result, message = build_map_document(evaluated, _compute_hashes(request, cell), plan_options)
     scene = build_machine_scene(cell, robot, build_bodies(cell, robot, shapes))
     data = build_map_page_data(evaluated, result, scene)
     return MapComputation(
