@@ -44,6 +44,18 @@ class PlannedMeasurement:
     load_methods: Sequence[LoadMethod]
 
 
+def _build_design_section(plan: MeasurementPlan) -> DesignQualitySection:
+    found, judged = plan.accuracy, plan.accuracy_by_belief
+    return DesignQualitySection(
+        condition_number=found.condition,
+        rms=found.rms(judged),
+        worst=found.worst(judged),
+        log_det=plan.design.value,
+        d_efficiency_at_least=plan.bound,
+        worst_if_prior_wrong=tuple(a.worst(judged) for a in plan.believed_values),
+    )
+
+
 def build_measurement_plan_document(
     request: PosesRequest,
     cell: Cell,
@@ -83,7 +95,7 @@ def build_measurement_plan_document(
     )
     if plan is None:
         return head
-    found, poses, target = plan.accuracy, len(plan.design.blocks), request.target_percent
+    found, poses = plan.accuracy, len(plan.design.blocks)
     steps = len(plan.steps if discriminate is None else discriminate.steps)
     sections = {
         "poses": poses,
@@ -91,21 +103,8 @@ def build_measurement_plan_document(
         "load_cases_chosen": len(plan.design.readings),
         "unknowns": _build_unknown_entries(plan),
         "not_told_apart": tuple(tuple(plan.unknowns.names[p] for p in group) for group in found.unidentified_groups),
-        "design": DesignQualitySection(
-            condition_number=found.condition,
-            rms=found.rms(plan.accuracy_by_belief),
-            worst=found.worst(plan.accuracy_by_belief),
-            log_det=plan.design.value,
-            d_efficiency_at_least=plan.bound,
-            worst_if_prior_wrong=tuple(a.worst(plan.accuracy_by_belief) for a in plan.believed_values),
-        ),
-        "target": None
-        if target is None
-        else UncertaintyTargetSection(
-            percent=target,
-            poses=plan.needed_poses,
-            readings=None if plan.needed_poses is None else plan.needed_poses * request.loads * request.cycles * steps,
-        ),
+        "design": _build_design_section(plan),
+        "target": _build_target_section(plan, request, steps),
         "curve": UncertaintyCurveSection(poses=plan.curve_poses, rms=plan.curve),
         "heuristics": tuple(_build_heuristic_entry(c) for c in plan.comparisons),
         "order": tuple(WorkStepEntry(pose=v.pose + 1, cycle=v.cycle + 1, session=v.round + 1) for v in plan.visits),
@@ -113,6 +112,14 @@ def build_measurement_plan_document(
     more: dict[str, DiscriminationSection | JobSection] = {} if discriminate is None else {"discriminate": discriminate}
     more |= {} if job is None else {"job": _build_job_entry(job, plan)}
     return head.model_copy(update=sections | more)
+
+
+def _build_target_section(plan: MeasurementPlan, request: PosesRequest, steps: int) -> UncertaintyTargetSection | None:
+    if request.target_percent is None:
+        return None
+    poses = plan.needed_poses
+    readings = None if poses is None else poses * request.loads * request.cycles * steps
+    return UncertaintyTargetSection(percent=request.target_percent, poses=poses, readings=readings)
 
 
 def _build_job_entry(job: ProcessLoads, plan: MeasurementPlan) -> JobSection:

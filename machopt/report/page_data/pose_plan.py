@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,25 +46,39 @@ def build_pose_plan_page_data(
         job: Loads of the job that the stiffness is needed for; None without one.
     """
     pool, cases, plan, apart = measurement.pool, measurement.cases, measurement.plan, measurement.discrimination
-    common: dict[str, Any] = {
-        "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}",
-        "cell": cell.name,
-        "version": __version__,
-        "tried": pool.drawn_count,
-        "passed": len(pool),
-        "cases": len(cases),
-        "rejected_poses": tuple(pool.rejected.items()),
-        "rejected_loads": tuple(cases.rejected.items()),
-        "warnings": tuple(warnings),
-        "options": tuple(list_request_options(request)),
-        "hashes": tuple(hashes.items()),
-    }
+    head = page.PosePlanPageData(
+        title=f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}",
+        cell=cell.name,
+        version=__version__,
+        tried=pool.drawn_count,
+        passed=len(pool),
+        cases=len(cases),
+        rejected_poses=tuple(pool.rejected.items()),
+        rejected_loads=tuple(cases.rejected.items()),
+        warnings=tuple(warnings),
+        options=tuple(list_request_options(request)),
+        hashes=tuple(hashes.items()),
+    )
     if plan is None or table is None:
-        return page.PosePlanPageData(**common, reason=warnings[-1])
+        return replace(head, reason=warnings[-1])
+    head = replace(head, scene=scene, job=() if job is None else _list_joint_demands(plan))
+    return _add_plan(head, request, cell, measurement, plan, table)
+
+
+def _add_plan(
+    head: page.PosePlanPageData,
+    request: PosesRequest,
+    cell: Cell,
+    measurement: NextMeasurement,
+    plan: MeasurementPlan,
+    table: PosesTable,
+) -> page.PosePlanPageData:
+    """Return the data of the page with those of the plan and its table."""
+    pool, apart = measurement.pool, measurement.discrimination
     u, steps = plan.unknowns, plan.steps if apart is None else apart.steps
     chosen = pool.q[plan.cases.pose[[b[0] for b in plan.design.blocks]]]
-    return page.PosePlanPageData(
-        **common,
+    return replace(
+        head,
         explanation_pairs=() if apart is None else _list_explanation_pairs(apart),
         rounds=0 if apart is None else apart.noise.cycles,
         required_noncentrality=compute_required_noncentrality(),
@@ -83,17 +97,16 @@ def build_pose_plan_page_data(
         target=_convert_percent(request.target_percent),
         needed=plan.needed_poses,
         cloud=pool.T_base_tcp[:MAX_CLOUD_POINTS, :3, 3],
-        job=()
-        if job is None
-        else tuple(
-            page.JointDemand(joint=j.joint, job=j.job, tests=j.tests, shows_play=j.detects_backlash)
-            for j in plan.joints
-        ),
         steps=steps,
         arms=_compute_arm_points(measurement.robot, chosen, cell),
-        scene=scene,
         postures=_build_postures(chosen, table, cell.external_home),
         work=_build_load_cycles(table),
+    )
+
+
+def _list_joint_demands(plan: MeasurementPlan) -> tuple[page.JointDemand, ...]:
+    return tuple(
+        page.JointDemand(joint=j.joint, job=j.job, tests=j.tests, shows_play=j.detects_backlash) for j in plan.joints
     )
 
 
