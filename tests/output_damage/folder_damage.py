@@ -178,6 +178,18 @@ FORGED_MANIFESTS = [
         ("verdict", "1 word", lambda m: m.update(verdict="done, all checked"), "result.json verdict"),
         ("exit code", "0 → 4", lambda m: m.update(exit_code=4), "result.json verdict"),
         ("collision switched off", "1 word", lambda m: m["options"].update(collision=False), "result.json options"),
+        (
+            "a pair that does not touch by construction",
+            "1 pair",
+            lambda m: m.update(touching_pairs=[{"a": "link_2_0", "b": "tool", "reason": "built so"}]),
+            "pairs that touch by construction",
+        ),
+        (
+            "a pair that is none of the arm",
+            "1 pair",
+            lambda m: m.update(touching_pairs=[{"a": "cutter", "b": "workpiece", "reason": "built so"}]),
+            "pairs that touch by construction",
+        ),
         ("path tolerance", "0.015 → 5 mm", lambda m: m["options"].update(path_tolerance_mm=5.0), "result.json options"),
         ("an option that is none", "1 key", lambda m: m["options"].update(colision=False), "options"),
         ("a reading option", "tool axis +z", lambda m: m["reading"].update(tool_axis="+z"), "result.json options"),

@@ -75,6 +75,36 @@ def plan_in(language: str, folder: Path) -> Job:
     return job
 
 
+TWO_OPERATIONS = """x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation
+-100,0,60,0,0,1,rapid,,left
+-100,0,5,0,0,1,approach,1000,left
+-100,0,-0.5,0,0,1,cut,1500,left
+-96,0,-0.5,0,0,1,cut,1500,left
+-92,0,-0.5,0,0,1,cut,1500,right
+-88,0,-0.5,0,0,1,cut,1500,right
+-88,0,5,0,0,1,retract,1000,right
+-88,0,60,0,0,1,rapid,,right
+"""
+
+
+def plan_operations(folder: Path) -> Job:
+    """A cut whose operation changes on the way, with comments in the program, beside it, and joints on its lines."""
+    toolpath = folder / "cut.csv"
+    toolpath.write_text(TWO_OPERATIONS, encoding="utf-8")
+    shutil.copytree(CELLS / "kr500_milling", folder / "cell")
+    posts = ("krl", "csv", "ros_json")
+    request = OptimizeRequest(
+        cell=folder / "cell",
+        toolpath=toolpath,
+        out=folder / "out",
+        posts=posts,
+        overrides=("rotation_step_deg=15",),
+    )
+    assert run_optimize(request).exit_code == 0
+    return Job(folder / "cell", toolpath, folder / "out", posts)
+
+
+JOBS["operations"] = plan_operations
 JOBS |= {f"in {language}": partial(plan_in, language) for language in LANGUAGES}
 
 
@@ -372,4 +402,34 @@ DAMAGES = [
         swap("part_apt.events.json", r'\{"before": \d+, "event": "SPINDL/1500[^}]*\},?\n', ""),
         "part_apt.json: ",
     ),
+]
+
+DAMAGES += [
+    Damage(f"operations: {name}", how_much, apply, caught_by, "operations")
+    for name, how_much, apply, caught_by in (
+        (
+            "krl, the second one's label",
+            "1 word",
+            swap("krl/*.src", "operation: right", "operation: left"),
+            "krl/cut_csv.src: operations",
+        ),
+        (
+            "csv, the label of one cut",
+            "1 word",
+            swap("csv/*.csv", '"right",cut', '"left",cut'),
+            "csv/cut_csv.csv: operations",
+        ),
+        (
+            "ros_json, the second one's label",
+            "1 word",
+            swap("ros_json/*.events.json", '"operation": "right"', '"operation": "left"'),
+            "ros_json/cut_csv.json: operations",
+        ),
+        (
+            "csv, a joint on a line, the pose kept",
+            "2.5 deg",
+            swap("csv/*.csv", r'^lin,"left",cut,,(-?[\d.]+)', shifted(1, 2.5)),
+            "csv/cut_csv.csv: joints on lines",
+        ),
+    )
 ]

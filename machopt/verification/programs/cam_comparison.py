@@ -94,7 +94,10 @@ def compare_with_cam(program: ProgramInCell, cuts: ExpectedCuts, at_index: Array
             )
         )
         checks += _check_cut_moves(program, place, cuts, reached, limit)
-    checks += [*_check_events(program, cuts, reached, at_index), _check_operation_labels(program, cuts, reached)]
+    checks += [
+        *_check_events(program, cuts, reached, at_index),
+        _check_operation_labels(program, cuts, reached, at_index),
+    ]
     return checks
 
 
@@ -436,17 +439,27 @@ def _find_first_missing_event(program: ProgramInCell, cuts: ExpectedCuts) -> str
 
 
 def _check_operation_labels(
-    program: ProgramInCell, cuts: ExpectedCuts, reached: NDArray[np.int64]
+    program: ProgramInCell, cuts: ExpectedCuts, reached: NDArray[np.int64], at_index: Array
 ) -> VerificationCheck:
-    """The moves of a cut carry its operation's label, as far as a comment can hold it."""
+    """The moves of a cut carry its operation's label, as far as a comment can hold it.
+
+    A sample of a streamed program behind a point is already on the way to a later one, and carries that one's label.
+    """
     path = cuts.toolpath
     k = np.flatnonzero(cuts.wanted & (reached >= 0))
+    end_of_move = k
+    if program.is_streamed:
+        sample_index = np.ceil(at_index[reached[k]] - INDEX_TOLERANCE)
+        end_of_move = np.clip(np.where(np.isfinite(sample_index), sample_index, k), k, len(path.operation) - 1)
     labels = [_shorten_label(o.label) for o in path.operations]
     kept = {word: _shorten_label(word) for word in set(program.operation)}
     wrong = [
         f"point {n} is cut in {word[:30]!r}"
         for n, own, word in zip(
-            k.tolist(), path.operation[k].tolist(), map(program.operation.__getitem__, reached[k].tolist()), strict=True
+            k.tolist(),
+            path.operation[end_of_move.astype(int)].tolist(),
+            map(program.operation.__getitem__, reached[k].tolist()),
+            strict=True,
         )
         if word and not labels[own].startswith(kept[word])
     ]

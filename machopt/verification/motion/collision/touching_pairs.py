@@ -54,7 +54,8 @@ def list_checked_pairs(
         return verification_list_checked_pairs(cell, arm, bodies, clearance), []
     listed = {frozenset(pair) for pair in touching}
     out, robot = list_candidate_pairs(cell, arm, bodies)
-    unfounded = []
+    known = {frozenset((a.name, b.name)) for a, b in robot}
+    unfounded = [" ~ ".join(sorted(pair)) for pair in listed - known]  # no pair of the arm that could be left out
     for a, b in robot:
         if frozenset((a.name, b.name)) in listed:
             if _is_touching_by_construction(cell, arm, a, b, clearance):
