@@ -88,20 +88,26 @@ def read_chain(urdf: UrdfModel, keys: CellKeys, document: YamlDocument, *, any_c
     followers = [j for j in to_flange[len(to_base) :] if j.mimic is not None]
     moving = tuple(j for j in moves if any_chain or j not in followers)
     _check_moving_joints(moving, arm, external, document, any_chain=any_chain)
-    sources = {a.name for a in arm}
-    for j in followers:
-        if j.mimic is not None and j.mimic.joint not in sources and not any_chain:
-            raise document.build_error(
-                ("robot", "urdf"),
-                f"joint {j.name!r} mimics {j.mimic.joint!r}, which is no joint of the arm; it has "
-                f"{', '.join(a.name for a in arm)}",
-            )
+    if not any_chain:
+        _check_followers(followers, arm, document)
     idle = [j.name for j in external if j not in moving]
     if idle:
         raise document.build_error(
             ("robot", "external_joints"), f"joint {idle[0]!r} moves neither the flange nor the workpiece link"
         )
     return JointChain(tuple(arm), tuple(external), (*arm, *external))
+
+
+def _check_followers(followers: Sequence[UrdfJoint], arm: Sequence[UrdfJoint], document: YamlDocument) -> None:
+    """Raise InputError where a mimic joint follows no joint of the arm."""
+    sources = {a.name for a in arm}
+    for j in followers:
+        if j.mimic is not None and j.mimic.joint not in sources:
+            raise document.build_error(
+                ("robot", "urdf"),
+                f"joint {j.name!r} mimics {j.mimic.joint!r}, which is no joint of the arm; it has "
+                f"{', '.join(a.name for a in arm)}",
+            )
 
 
 def _check_moving_joints(

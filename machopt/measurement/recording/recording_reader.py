@@ -47,7 +47,7 @@ from machopt.measurement.recording.recording_schema import (
     UncertaintyKeys,
 )
 from machopt.measurement.recording.recording_table import RecordingTable, read_table
-from machopt.numerics.array_types import Array, Ints
+from machopt.numerics.array_types import Array, Bools, Ints
 
 _RADIANS_LOOK = 6.3  # all angles within one turn in rad: in degrees the arm would hardly have moved
 
@@ -246,6 +246,19 @@ def _read_channels(
     return found, warnings
 
 
+def _convert_point(point_mm: Sequence[float] | None) -> Array | None:
+    """Return a point (3,) in m."""
+    return None if point_mm is None else np.array(point_mm) / 1e3
+
+
+def _read_used_rows(
+    table: RecordingTable, kind: RecordingKind, found: Mapping[str, Array]
+) -> tuple[Bools | None, list[str]]:
+    """Return the rows (N,) that are used, None: all; and warnings of targets that were lost."""
+    used = read_used_rows(table)
+    return _leave_out_lost_targets(table, found["position"], used) if kind == "absolute" else (used, [])
+
+
 def _complete_labels(given: Mapping[str, Ints], q: Array, kind: RecordingKind) -> tuple[Ints, Ints, Ints]:
     """Return labels (N,) of pose, session and cycle: those of the table, else numbered."""
     pose = given.get("pose")
@@ -273,10 +286,8 @@ def _read_run(
     given = {name: read_labels(table, name) for name in LABELS if name in table.numbers}
     pose, session, cycle = _complete_labels(given, found["q"], keys.kind)
     branch = read_branches(table) if "branch" in table.words else None
-    used = read_used_rows(table)
-    if keys.kind == "absolute":
-        used, lost = _leave_out_lost_targets(table, found["position"], used)
-        warnings += lost
+    used, lost = _read_used_rows(table, keys.kind, found)
+    warnings += lost
     for array in (pose, session, cycle, branch, target, frame, used, table.lines, *found.values()):
         if array is not None:
             array.setflags(write=False)
@@ -290,7 +301,7 @@ def _read_run(
         line=table.lines,
         wrench=found.get("wrench"),
         wrench_frame=keys.wrench_frame,
-        wrench_point=None if keys.wrench_point_mm is None else np.array(keys.wrench_point_mm) / 1e3,
+        wrench_point=_convert_point(keys.wrench_point_mm),
         displacement=found.get("displacement"),
         displacement_frame=keys.displacement_frame,
         position=found.get("position"),
