@@ -37,6 +37,7 @@ from machopt.measurement.diagnosis.discrimination.discrimination_plan import (
     select_planning_compliance,
 )
 from machopt.measurement.diagnosis.discrimination.open_hypotheses import OpenDiagnosis
+from machopt.measurement.diagnosis.discrimination.predicted_signals import DiagnosedArm
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.kinetostatic_indices import compute_characteristic_length
 
@@ -121,7 +122,9 @@ def plan_next_measurement(
     apart: DiscriminationPlan | None = None
     if len(cases) and found is not None:
         weight = masses if masses.mass.sum() > 0 else None
-        apart = build_discrimination_plan(asked, found, cell, robot, weight, pool, cases, ways, prior, size, progress)
+        compliance = select_planning_compliance(found, prior.stiffness.joints)
+        arm = DiagnosedArm(found=found, cell=cell, robot=robot, masses=weight, compliance=compliance)
+        apart = build_discrimination_plan(asked, arm, pool, cases, prior, size, progress)
         plan, noise = apart.plan, apart.noise
         warnings = (*warnings, *apart.notes)
     elif len(cases):
