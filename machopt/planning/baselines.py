@@ -216,6 +216,35 @@ def _follow(path: PlanningPath, arm: PlanningArm, phi: Array, home: Array) -> Jo
 
 
 @jit_compile
+def _take_any_turn(
+    solutions: Array,
+    reasons: NDArray[np.uint8],
+    turns: Array,
+    lower: Array,
+    upper: Array,
+    near: Array,
+    fits: NDArray[np.bool_],
+) -> bool:
+    """Fill ``near`` (B, 6) rad and ``fits`` (B,) with the first turn of each branch inside the limits; return whether
+    there is one.
+    """
+    any_fits = False
+    for b in range(len(solutions)):
+        fits[b] = False
+        for k in range(len(turns)):
+            inside = reasons[b] == OK
+            for c in range(6):
+                x = solutions[b, c] + turns[k, c]
+                inside = inside and lower[c] <= x <= upper[c]
+            if inside:
+                for c in range(6):
+                    near[b, c] = solutions[b, c] + turns[k, c]
+                fits[b] = any_fits = True
+                break
+    return any_fits
+
+
+@jit_compile
 def _nearest_to_last(
     solutions: Array,
     reasons: NDArray[np.uint8],
@@ -251,18 +280,7 @@ def _nearest_to_last(
                 fits[b] = fits[b] and lower[c] <= near[b, c] <= upper[c]
             any_fits = any_fits or fits[b]
         if starts[p] and not any_fits:
-            for b in range(branches):
-                fits[b] = False
-                for k in range(len(turns)):
-                    inside = reasons[p, b] == OK
-                    for c in range(6):
-                        x = solutions[p, b, c] + turns[k, c]
-                        inside = inside and lower[c] <= x <= upper[c]
-                    if inside:
-                        for c in range(6):
-                            near[b, c] = solutions[p, b, c] + turns[k, c]
-                        fits[b] = any_fits = True
-                        break
+            any_fits = _take_any_turn(solutions[p], reasons[p], turns, lower, upper, near, fits)
         if not any_fits:
             latest_reason, exists = 0, False
             for b in range(branches):

@@ -296,14 +296,21 @@ def _compute_excess(
                 held = min(held, np.cbrt(bounds[2, k] * rounding**2 / (PEAKS[1] * abs(jump))))
         lost = min(max(slow - slow_v, 0.0), MOST) * seconds
         if held < 1.0:
-            longest = 0.0
-            for k in range(6):
-                change = (1.0 - held) * rates[0, k]
-                a, j = bounds[1, k], bounds[2, k]
-                longest = max(longest, change / a + a / j if change * j > a * a else 2.0 * np.sqrt(change / j))
+            longest = _compute_longest_change(rates[0], bounds, 1.0 - held)
             lost += min(count * (1.0 - held) * longest, MOST * seconds)
         out[m] = lost
     return out
+
+
+@jit_compile
+def _compute_longest_change(rates: Any, bounds: Any, share: float) -> float:
+    """Return the time in s in which the slowest axis changes its speed by a share of ``rates`` (6,) rad/s."""
+    longest = 0.0
+    for k in range(6):
+        change = share * rates[k]
+        a, j = bounds[1, k], bounds[2, k]
+        longest = max(longest, change / a + a / j if change * j > a * a else 2.0 * np.sqrt(change / j))
+    return longest
 
 
 @jit_compile
