@@ -192,7 +192,7 @@ class MeasurementTask:
     velocity: Array  # (6,) rad/s, joint speed limits
     prior: ArmElasticity
     terms: Sequence[LinearTerm]  # to identify together with the joints
-    ways: Sequence[LoadMethod]  # methods of load application
+    ways: tuple[LoadMethod, ...]  # methods of load application
     criteria: LoadCriteria  # limits of each load
     noise: ReadingNoise
 

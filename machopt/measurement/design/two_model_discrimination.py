@@ -109,7 +109,7 @@ def compute_noncentrality(
     Args:
         responses: (N, D, P) response of the rival's unknowns.
         truth: (N, D) signal of the true law.
-        covariance: (N, D, D) noise of the readings, as in :class:`ReadingErrors`.
+        covariance: (N, D, D) noise of the readings, as in :func:`design_discrimination`.
         pose: (N,) pose labels.
         shared: (D, D) covariance of the error shared by the readings of a pose.
         blocks: Selected readings, grouped by pose.

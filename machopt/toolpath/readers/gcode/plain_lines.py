@@ -91,12 +91,10 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
     with_tcp, machine, vector = r.setup.tcp is not None, r.setup.machine, r.setup.vector
     takes_vectors = r.setup.tcp == "vector" or (with_tcp and pattern is not PLAIN)
     i, j, k = r.axis
-    nan = math.nan
     numbers: list[float] = []
     places: list[tuple[int, int]] = []
     extend, append = numbers.extend, places.append
-    end = len(lines)
-    while at < end:
+    while at < len(lines):
         found = match(lines[at])
         if found is None:
             break
@@ -125,20 +123,13 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
             if not takes_vectors or not _SHORTEST < length < _LONGEST:
                 break
             vector = i, j, k = x1 / length, y1 / length, z1 / length
-        if xs is not None:
-            x = float(xs) * scale
-        if ys is not None:
-            y = float(ys) * scale
-        if zs is not None:
-            z = float(zs) * scale
+        x = x if xs is None else float(xs) * scale
+        y = y if ys is None else float(ys) * scale
+        z = z if zs is None else float(zs) * scale
         motion, feed = new, rate
         at += 1
-        if new:
-            extend((x, y, z, i, j, k, feed * per_feed))
-            append((MoveKind.CUT.value, at))
-        else:
-            extend((x, y, z, i, j, k, nan))
-            append((MoveKind.RAPID.value, at))
+        extend((x, y, z, i, j, k, feed * per_feed if new else math.nan))
+        append((MoveKind.CUT.value if new else MoveKind.RAPID.value, at))
         if len(places) >= _AT_ONCE:
             r.out.add_many(numbers, places)
             numbers.clear()
@@ -146,12 +137,13 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
     r.out.add_many(numbers, places)
     if places:
         before = numbers[-14:-11] if len(places) > 1 else list(r.p)
-        r.segment = None
-        if motion == 1 and not with_tcp:  # a corner may follow
-            r.segment = ContourSegment(
-                start=np.array(before), end=np.array([x, y, z]), first=len(r.out) - 1, feed=feed * per_feed
-            )
+        has_corner = motion == 1 and not with_tcp  # a corner may follow
+        r.segment = _build_last_segment(r, before, [x, y, z], feed * per_feed) if has_corner else None
     r.p, r.axis, r.motion, r.feed, r.fed_at = [x, y, z], (i, j, k), motion, feed, fed_at
     if angles is not r.setup.angles or vector is not r.setup.vector:
         r.setup = r.setup.with_changes(angles=angles, vector=vector)
     return at
+
+
+def _build_last_segment(r: BlockMotionReader, start: list[float], end: list[float], feed: float) -> ContourSegment:
+    return ContourSegment(start=np.array(start), end=np.array(end), first=len(r.out) - 1, feed=feed)
