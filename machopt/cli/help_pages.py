@@ -52,7 +52,17 @@ PAGES: dict[str, HelpPage] = {
             ("the toolpath file", ("--unit", "--feed", "--machine", "--offset")),
             (
                 "the plan",
-                ("--set", "--plan", "--process", "--objective", "--method", "--index", "--compensate", "--allow-gaps"),
+                (
+                    "--set",
+                    "--plan",
+                    "--process",
+                    "--objective",
+                    "--method",
+                    "--index",
+                    "--compensate",
+                    "--allow-gaps",
+                    "--max-reentries",
+                ),
             ),
             ("robot program", ("--post", "--program-tolerance-mm")),
             ("output", ("--out", "--force", "--front", "--json", "--quiet")),

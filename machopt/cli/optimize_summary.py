@@ -123,6 +123,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         lines += _format_removed_deflection(shift)
     lines += _format_tilt(result)
     lines += _format_joint_method(result)
+    lines += _format_reentries(result)
     if result.cycle_time_s is not None and result.feed_held_share is not None:
         dips, ramps = len(result.feed_dips), len(result.feed_stops)
         rest = f", {dips} dips" if dips else ", the rest is braking at stops that the path requires" if ramps else ""
@@ -351,6 +352,25 @@ def _format_joint_method(result: OptimizeDocument) -> list[str]:
             out.append(f"  the path of the plan is driven at its advised feeds: {entry.reason}")
         refused = [window for window in entry.windows if not window.accepted]
         out += [f"    not accepted, {window.window}: {window.reason}" for window in refused[:3]]
+    return out
+
+
+def _format_reentries(result: OptimizeDocument) -> list[str]:
+    out = []
+    for entry in result.reentry or ():
+        if entry.points:
+            places = ", ".join(map(str, entry.points))
+            changes = [
+                f"{what} {value:+.1f} %"
+                for what, value in (("mean", entry.mean_percent), ("worst", entry.worst_percent))
+                if value is not None
+            ]
+            out.append(
+                f"  lifted inside of a cut at point {places}, which leaves a mark there: {', '.join(changes)} against "
+                "the plan without"
+            )
+        if entry.reason:
+            out.append(f"  {'no further' if entry.points else 'no'} re-entry: {entry.reason}")
     return out
 
 

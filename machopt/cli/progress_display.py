@@ -29,6 +29,7 @@ class ProgressDisplay:
         "compare": "comparing methods",
         "compensate": "shifting the path against the deflection",
         "joint": "rotation and feed together",
+        "reentry": "lifts inside of closed contours",
         "points": "stiffness and clearance per point",
         "retime": "feed, acceleration and jerk",
         "export": "trajectory, tables and program",

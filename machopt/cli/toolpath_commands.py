@@ -74,6 +74,13 @@ def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning:
         "--allow-gaps", action="store_true", default=None, help="plan the remaining points where some are unreachable"
     )
     job.add_argument(
+        "--max-reentries",
+        type=int,
+        metavar="N",
+        help="lift the tool at most N times inside of closed contours, to enter again in another posture; each lift "
+        "leaves a mark (default: 0)",
+    )
+    job.add_argument(
         "--compensate",
         action="store_true",
         default=None,
@@ -158,6 +165,7 @@ def _run_optimize(args: argparse.Namespace) -> int:
         "index": args.index,
         "objective": args.objective,
         "allow_gaps": args.allow_gaps,
+        "max_reentries": args.max_reentries,
         "compensate": args.compensate,
         "sample_ms": args.sample_ms,
         "seed": args.seed,

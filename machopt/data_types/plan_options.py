@@ -162,6 +162,7 @@ class PlanOptions:
     rapid_scale: float = 0.8  # share of the joint velocity limits used in rapid moves
     limit_scale: float = 0.97  # share of the velocity, acceleration and jerk limits used while cutting
     allow_gaps: bool = False
+    max_reentries: int = 0  # lifts inside of closed contours, each followed by a new entry at the same point
     compensate: bool = False  # drive a path shifted against the deflection predicted under ``force``
     compensation_max: float = 0.002  # m, a larger shift is refused: a unit is wrong, or the arm far too soft
     seed: int = 0

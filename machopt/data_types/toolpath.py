@@ -95,6 +95,7 @@ class Toolpath:
     process_operation: NDArray[np.int32] | None = None  # (N,) operation of process.yaml, −1 for none; None: no process
     force: Array | None = None  # (N, 3) N along travel, normal, axis on the way to the point; NaN: planning option
     engagement: StockEngagement | None = None  # contact with the stock, where operations take it from there
+    reentries: tuple[int, ...] = ()  # points of cuts at which the tool lifts, and from which it goes on cutting
 
     def __post_init__(self) -> None:
         for name in ("position", "axis", "move", "feed", "operation", "reference", "tolerance", "line"):

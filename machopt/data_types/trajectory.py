@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 
 
@@ -25,3 +26,14 @@ class Trajectory:
     tool: NDArray[np.int32] | None = None  # (S,) which stint of the job, where it changes tools
     lead: Array | None = None  # (S,) rad, tilt of the tool against the CAM axis; NaN in rapid moves; None: no tilt
     side: Array | None = None  # (S,) rad
+
+    def find_links(self) -> NDArray[np.bool_]:
+        """Return (S,) rapid moves of re-entries: after a retract and before an approach at one and the same point."""
+        rapid = (self.move == MoveKind.RAPID) & np.isfinite(self.point)
+        edges = np.flatnonzero(np.diff(np.r_[False, rapid, False].astype(int))).reshape(-1, 2)
+        out = np.zeros(len(rapid), bool)
+        for first, stop in edges.tolist():
+            if first > 0 and stop < len(rapid) and np.ptp(self.point[first - 1 : stop + 1]) == 0.0:
+                before, after = self.move[first - 1], self.move[stop]
+                out[first:stop] = before == MoveKind.RETRACT and after == MoveKind.APPROACH
+        return out

@@ -197,6 +197,12 @@ class OptionKeys(StrictSchema):
     allow_gaps: bool | None = Field(
         default=None, description="true: cuts to points out of reach are left out and listed"
     )
+    max_reentries: int | None = Field(
+        default=None,
+        ge=0,
+        le=8,
+        description="lifts inside of closed contours, to enter again in another posture; each leaves a mark",
+    )
     compensate: bool | None = Field(
         default=None, description="true: drive a path shifted against the deflection under force_N"
     )

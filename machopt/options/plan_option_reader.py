@@ -104,6 +104,7 @@ OPTIONS = (
     _define_unscaled_option("rapid_scale"),
     _define_unscaled_option("limit_scale"),
     _define_unscaled_option("allow_gaps"),
+    _define_unscaled_option("max_reentries"),
     _define_unscaled_option("compensate"),
     _define_scaled_option("compensation_max_mm", "compensation_max", _MM),
     _define_unscaled_option("seed"),

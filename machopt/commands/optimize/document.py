@@ -32,6 +32,7 @@ from machopt.planning.plan_output.joint_section import build_joint_section
 from machopt.planning.plan_output.move_results import describe_low_feed
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import build_process_section
+from machopt.planning.plan_output.reentry_section import build_reentry_section
 from machopt.planning.plan_output.tilt_section import build_tilt_section
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
 from machopt.verification import Verification
@@ -73,6 +74,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         compensation=build_compensation_section(the_plan, toolpath) if trajectory is not None else None,
         tilt=build_tilt_section(the_plan, points),
         joint=build_joint_section(the_plan),
+        reentry=build_reentry_section(the_plan),
         position_error=build_position_error_section(the_plan),
         process=build_process_section(cell.process, points, made.stock),
         infeasible_points=tuple(list_infeasible_entries(the_plan, points)),

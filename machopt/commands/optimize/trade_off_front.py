@@ -14,7 +14,13 @@ from machopt.commands.optimize.report_files import list_tool_names
 from machopt.commands.optimize.request import OptimizeInputs
 from machopt.output.tables.plan_tables import write_points_csv, write_trajectory_csv
 from machopt.planning.job.job_planner import plan_job
-from machopt.planning.job.pareto_front import FrontPlan, list_front_variants, mark_dominated_plans, measure_front_plan
+from machopt.planning.job.pareto_front import (
+    FrontPlan,
+    list_front_variants,
+    list_reentry_variants,
+    mark_dominated_plans,
+    measure_front_plan,
+)
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.verification.folder.folder_checks import check_contents
@@ -44,9 +50,11 @@ def compute_trade_off_front(given: OptimizeInputs, asked: Plan, own: FrontPlan) 
     """
     found = [own]
     cell, toolpath = given.cell, given.toolpath
-    for name, changed, other in list_front_variants(given.options):
+    for name, changed, other in (*list_front_variants(given.options), *list_reentry_variants(asked, given.options)):
         job = plan_job(given.stints, toolpath, other, StageTimings())
         timeline = job.timeline
+        if other.max_reentries > given.options.max_reentries and not job.plan.path.is_reentry.any():
+            continue  # none pays: it is the requested plan
         if timeline is None or timeline.trajectory is None:
             continue
         with tempfile.TemporaryDirectory() as text:

@@ -235,6 +235,17 @@ class JointMethodEntry(DocumentModel):
     windows: tuple[JointWindowEntry, ...]
 
 
+class ReentryEntry(DocumentModel):
+    """Lifts inside of closed contours of one tool (max_reentries); changes are relative to the plan without them."""
+
+    points: tuple[Count, ...]  # toolpath points at which the tool is lifted and enters again
+    reason: Text  # why there are fewer than permitted; empty where there are not
+    objective_without: Known
+    objective: Known
+    mean_percent: Known  # change of the mean index
+    worst_percent: Known  # change of the worst index
+
+
 class InfeasiblePointEntry(DocumentModel):
     """A point without a configuration."""
 
@@ -463,6 +474,7 @@ class OptimizeDocument(DocumentModel):
     compensation: CompensationSection | None
     tilt: TiltSection | None = None  # null where the tool axis is that of the CAM file; older results have no such key
     joint: tuple[JointMethodEntry, ...] | None = None  # one a tool; null with another method
+    reentry: tuple[ReentryEntry, ...] | None = None  # one a tool; null where max_reentries is 0
     position_error: PositionErrorSection | None  # null where no measured pose stands behind the stiffness
     process: ProcessSection | None  # null where no process is stated
     infeasible_points: tuple[InfeasiblePointEntry, ...]

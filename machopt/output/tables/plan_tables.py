@@ -114,7 +114,8 @@ def _build_trajectory_columns(
     time_decimals: int | None = None,
 ) -> list[_TableColumn]:
     decimals = _count_time_decimals(t.time) if time_decimals is None else time_decimals
-    move, operation = _build_move_and_operation_columns(t.move, t.operation, operations)
+    moves = np.where(t.find_links(), MoveKind.LINK, t.move)
+    move, operation = _build_move_and_operation_columns(moves, t.operation, operations)
     return [
         _TableColumn("time_s", f"%.{decimals}f", t.time.tolist()),
         _build_optional_column("point", t.point, 6),

@@ -36,7 +36,8 @@ PLACES = 128  # samples of the averaging window; a corner is resolved to 1 % of 
 
 
 def compute_sideways_directions(path: PlanningPath) -> Array:
-    """Return (P, 3) t of the move that leaves each point; at the end of a run, of the move that arrives.
+    """Return (P, 3) t of the move that leaves each point; at the end of a run, of the move that arrives, where it is no
+    re-entry.
 
     Args:
         path: planning points.
@@ -47,6 +48,8 @@ def compute_sideways_directions(path: PlanningPath) -> Array:
         rows = np.arange(first, last + 1)
         run = _Run(path, first, last)
         out[rows] = run.direction(np.minimum(np.arange(len(rows)), max(len(rows) - 2, 0)), path.axis[rows])
+    again = np.flatnonzero(path.is_reentry)
+    out[again - 1] = out[again]  # the move of the file that leaves the point, whether the tool is lifted there or not
     return out
 
 

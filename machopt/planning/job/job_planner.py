@@ -36,6 +36,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.move_results import add_slowdown_notes, mark_undriven_points
 from machopt.planning.plan_output.point_table import PointResults, build_point_table
+from machopt.planning.reentry.reentry_planning import plan_with_reentries
 from machopt.planning.tilt.tilt_planning import return_to_cam_axes
 from machopt.planning.tolerance.process_results import add_process_results
 
@@ -144,6 +145,12 @@ def _planned(
     """One tool's plan, for its own worst index."""
     toolpath, options = stint.toolpath, stint.restrict_options(whole)
     the_plan = find_best_plan(stint.cell, toolpath, options, timings, before, scale=scale)
+    if options.max_reentries:
+        scale = the_plan.scores.scale
+        with timings.stage("reentry"):
+            the_plan = plan_with_reentries(
+                the_plan, toolpath, lambda other: find_best_plan(stint.cell, other, options, scale=scale)
+            )
     the_plan = add_constraint_conflict(the_plan, stint.cell, toolpath, options, timings)
     the_plan = replace(the_plan, over_external=compute_external_axis_bound(the_plan, toolpath, timings))
     begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)

@@ -15,6 +15,7 @@ from machopt.planning.cost.rapid_time import count_changes
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.point_table import PointResults
+from machopt.planning.reentry.closed_contours import find_reentry_points
 from machopt.planning.sequence_search.worst_value_constraint import GAP
 
 INDEX = GAP  # relative: accuracy of the objective of the choice, so smaller differences are not significant
@@ -112,6 +113,21 @@ def list_front_variants(options: PlanOptions) -> list[tuple[str, str, PlanOption
         wide = options.clearance + 0.01
         out.append(("wider clearance", f"clearance_mm {1e3 * wide:g}", replace(options, clearance=wide)))
     return out
+
+
+def list_reentry_variants(asked: Plan, options: PlanOptions) -> list[tuple[str, str, PlanOptions]]:
+    """Return the alternative with a lift inside of a closed contour, or without those that are permitted.
+
+    Args:
+        asked: the requested plan.
+        options: its options.
+    """
+    if options.max_reentries:
+        return [("no re-entry", "max_reentries 0", replace(options, max_reentries=0))]
+    plans = [part.plan for part in asked.parts] if asked.parts else [asked]
+    if options.tilts or not any(len(find_reentry_points(plan.path)) for plan in plans):
+        return []
+    return [("one re-entry", "max_reentries 1", replace(options, max_reentries=1))]
 
 
 def describe_missing_plans(points: Sequence[FrontPlan], options: PlanOptions) -> tuple[str, ...]:

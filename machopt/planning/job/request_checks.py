@@ -146,6 +146,30 @@ def check_joint_method(process: CuttingProcess | None, options: PlanOptions) -> 
         )
 
 
+def check_reentry_options(options: PlanOptions) -> None:
+    """Refuse re-entries together with options that do not know them.
+
+    Args:
+        options: plan options.
+
+    Raises:
+        InputError: the option, and what would work.
+    """
+    if not options.max_reentries:
+        return
+    wrong = None
+    if options.method != "global":
+        wrong = f"method {options.method} does not choose re-entries; method global, or max_reentries 0, would work"
+    elif options.compensate:
+        wrong = "a path shifted against the deflection has no re-entries; compensate: false would work"
+    elif options.tilts:
+        wrong = "a tilted tool has no re-entries; the plan without tilt_deg would work"
+    elif options.allow_gaps:
+        wrong = "with gaps the tool is lifted elsewhere, too; allow_gaps: false would work"
+    if wrong:
+        raise CellError(wrong, file="options", where="max_reentries")
+
+
 def check_plannable(toolpath: Toolpath, options: PlanOptions, process: CuttingProcess | None = None) -> None:
     """Refuse constraints that no plan can satisfy, and a motion of excessive length.
 
@@ -160,6 +184,7 @@ def check_plannable(toolpath: Toolpath, options: PlanOptions, process: CuttingPr
     check_fixed_rotation_points(toolpath, options)
     check_motion_length(toolpath, options)
     check_joint_method(process, options)
+    check_reentry_options(options)
     if options.compensate and not options.force.given:
         raise CellError(
             "there is no force to compensate for; the process force as force_N, e.g. force_N={normal: 200}, or a "

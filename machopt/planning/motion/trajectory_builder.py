@@ -184,8 +184,9 @@ class _Builder:
     def _legs(self, here: RestPose, first: int, last: int) -> tuple[list[MotionSegment], RestPose] | SequenceBreak:
         """The rapid move to a stretch, the stretch itself, and lifts where it starts or ends in the workpiece."""
         index = self.path.index
-        gap_in = not any(first == a for a, _ in self.path.runs)
-        gap_out = not any(last == b for _, b in self.path.runs)
+        lifted = self.path.is_reentry
+        gap_in = bool(lifted[first]) or not any(first == a for a, _ in self.path.runs)
+        gap_out = bool(lifted[last + 1 : last + 2].any()) or not any(last == b for _, b in self.path.runs)
         lift_in = self.lifts.gap(first) if gap_in else self._withdrawal(first)
         lift_out = self.lifts.gap(last) if gap_out else lift_in if first == last else self._withdrawal(last)
         if np.isnan(lift_in):

@@ -1,7 +1,8 @@
 """Planning path: runs, a reference direction without jumps, planning points and stations of a toolpath.
 
 A *run* is a stretch without rapid moves: it starts at rest at the end point of a rapid move and is
-traversed on straight lines. Long segments get additional points, so that nothing important (a limit,
+traversed on straight lines. At a re-entry (``toolpath.reentries``) a run ends and the next begins at the same
+point, which is then a planning point twice. Long segments get additional points, so that nothing important (a limit,
 a minimum of stiffness) is missed inside them. Long paths are thinned to *stations*, as dense as their
 detail requires, and the choice is made there.
 
@@ -88,6 +89,11 @@ class PlanningPath:
         return np.hstack([q, self.external[rows]])
 
     @cached_property
+    def is_reentry(self) -> NDArray[np.bool_]:
+        """(P,) True where a run begins at the point that the previous one ends at: the tool was lifted in a cut."""
+        return np.asarray((self.move == MoveKind.RAPID) & ~self.is_point)
+
+    @cached_property
     def may_touch(self) -> NDArray[np.bool_]:
         """(P,) True in runs with linear moves: there the cutter may be in the workpiece, after a rapid move never."""
         return np.asarray((np.bincount(self.run)[self.run] > 1) | (self.move != MoveKind.RAPID))
@@ -157,23 +163,24 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
     index = _densified(toolpath, starts)
     if corners > 0:
         index = _with_corners(toolpath, index, run_of_point, corners)
+    index, entered = _repeat_reentry_points(index, toolpath.reentries)
     low = np.clip(np.ceil(index).astype(int) - 1, 0, n - 1)  # previous toolpath point (or the point itself)
     high = np.ceil(index).astype(int)  # toolpath point at the end of its segment
     f = np.where(high > low, index - low, 1.0)[:, None]
     position = (1 - f) * toolpath.position[low] + f * toolpath.position[high]
     axis = interpolate_axis(toolpath.axis[low], toolpath.axis[high], f[:, 0])
-    run = run_of_point[high].astype(np.int32)
+    run = (run_of_point[high] + np.cumsum(entered)).astype(np.int32)
     joined = np.r_[False, run[1:] == run[:-1]]
     step = np.r_[0.0, np.hypot(*_steps(position, axis))]
     s = np.cumsum(np.where(joined, step, 0.0))
     seconds = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)] / _known_feed(toolpath.feed[high])
     bounds = np.flatnonzero(~joined)
     runs = tuple((int(a), int(b) - 1) for a, b in zip(bounds, np.r_[bounds[1:], len(index)], strict=True))
+    move = np.where(entered, MoveKind.RAPID, toolpath.move[high]).astype(np.int8)
     drilling = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[high]]
     travel = _travel(position, axis, joined)
-    along = np.abs(np.sum(np.diff(position, axis=0, prepend=position[:1]) * axis, axis=1))
-    length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
-    plunge = joined & (length > 0) & (along >= PARALLEL * length)
+    again = np.flatnonzero(entered)
+    travel[again - 1] = travel[again]  # at a re-entry the file's direction holds on both sides
     # values of the file at a point apply to the move that leaves it, like the direction of travel
     left = np.floor(index).astype(int)
     of_left = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[left]]
@@ -183,22 +190,38 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
         index=index,
         position=position,
         axis=axis,
-        move=toolpath.move[high],
-        feed=toolpath.feed[high],
+        move=move,
+        feed=np.where(entered, np.nan, toolpath.feed[high]),
         run=run,
         time=np.cumsum(np.where(joined, seconds, 0.0)),
         s=s,
         travel=travel,
-        is_point=np.abs(index - np.round(index)) < SAME_INDEX,
+        is_point=(np.abs(index - np.round(index)) < SAME_INDEX) & ~entered,
         is_drilling=drilling,
-        plunge=plunge,
+        plunge=_find_plunges(position, axis, joined),
         reference=reference,
         offset=compute_signed_angle(natural, reference, -axis),
-        stations=_stations(position, axis, toolpath.move[high], runs, np.searchsorted(index, keep)),
+        stations=_stations(position, axis, move, runs, np.searchsorted(index, keep)),
         runs=runs,
         external=np.empty((len(index), 0)),
         force=None if toolpath.force is None else toolpath.force[high],
     )
+
+
+def _repeat_reentry_points(index: Array, reentries: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the indices with each point of a re-entry twice, and where its second one stands, which begins a run."""
+    entered = np.zeros(len(index), bool)
+    if not reentries:
+        return index, entered
+    after = np.searchsorted(index, np.array(reentries, float) + SAME_INDEX)
+    return np.insert(index, after, np.array(reentries, float)), np.insert(entered, after, True)
+
+
+def _find_plunges(position: Array, axis: Array, joined: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (P,) whether the step into each point follows the tool axis; ``joined`` (P,): it is inside a run."""
+    along = np.abs(np.sum(np.diff(position, axis=0, prepend=position[:1]) * axis, axis=1))
+    length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
+    return np.asarray(joined & (length > 0) & (along >= PARALLEL * length))
 
 
 def _known_feed(feed: Array) -> Array:

@@ -35,6 +35,7 @@ from machopt.verification.motion.checks.move_labels import check_move_labels
 from machopt.verification.motion.checks.path_following import check_path
 from machopt.verification.motion.checks.points_columns import BLOCK_ROWS, PointsTableCheck
 from machopt.verification.motion.checks.process_columns import check_process_columns
+from machopt.verification.motion.checks.reentries import check_reentries
 from machopt.verification.motion.checks.requested_choices import check_requested_choices
 from machopt.verification.motion.checks.tilt_columns import TiltTables, check_tilt
 from machopt.verification.motion.checks.time_and_joint_limits import check_limits
@@ -226,6 +227,7 @@ class _VerifiedTool:
         return [
             *check_path(motion, self.toolpath, points, on, self.options.allow_gaps),
             *check_move_labels(motion, self.toolpath, points, on, self.options.allow_gaps),
+            *check_reentries(motion, self.toolpath, self.options),
             *check_feed(motion, self.toolpath, on, self.options, self.cell),
             *check_dwells_and_stops(motion, self.toolpath, points, on, self.corners, self.cell),
         ]

@@ -44,6 +44,7 @@ class ExpectedCuts:
     approach_feed: float  # m/s where the CAM file has none
     offset: Array  # (M, 3) m from where a controller's nominal kinematics put the tool to where it truly is
     tilt: Array  # (M, 3) what is to be added to the tool axis (tip to shank) for the same reason
+    reentries: tuple[int, ...] = ()  # points at which the tool is lifted inside of a cut
     line: MotionPolyline | None = None  # of a streamed program: its samples, with the path's corners between them
 
 
@@ -299,6 +300,9 @@ def _find_first_moves(
     before = np.where(k > 0, reached[k - 1], -1)
     for n in np.flatnonzero((k > 0) & (before < 0)).tolist():
         before[n] = _find_arriving_move(place, cuts.position[k[n] - 1], int(reached[k[n]]), limit)
+    for n in np.flatnonzero(np.isin(k - 1, cuts.reentries)).tolist():  # lifted there: the cut goes on from its return
+        returned = _find_arriving_move(place, cuts.position[k[n] - 1], int(reached[k[n]]), limit)
+        before[n] = returned if returned >= 0 else before[n]
     return np.where(before >= 0, np.minimum(before + 1, reached[k]), reached[k])
 
 

@@ -13,6 +13,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 
 LEAVING_RAD = 1e-5  # rad from the place of arrival: the motion leaves it
+NEAR_TURN_RAD = 0.1  # rad between orientations of the same target: far more than any tolerance, less than a posture
 SPIN_LEVER_M = 1e-3  # m/rad: of a rotation about the tool axis, which decides only where nothing else changes
 
 
@@ -29,13 +30,16 @@ def match_targets_in_order(
     axis_lever: float,
     arrived: float,
     give_up: int,
+    by_turn: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
     """Find each target on the polyline of the motion, at or after the place of the target before.
 
     A target lies on the first stretch ahead that is near it, an unbroken row of segments, at the least distance in
     position and tool axis. A motion that goes in and out of a shallow hole stays near a joint target all the time and
     passes it twice: the first arrival counts. Where the tool turns about its tip, the position is the same along the
-    whole turn. Where no stretch is within the first of the limits ``near``, the next one counts.
+    whole turn. Where no stretch is within the first of the limits ``near``, the next one counts. A move in joint space
+    that only turns the tool leaves its place and comes back to it: of the end of such a move (``by_turn``) the
+    orientation must be near, too, unless that of no stretch is.
 
     Args:
         place: (V, 3) positions at the vertices, m.
@@ -49,6 +53,7 @@ def match_targets_in_order(
         axis_lever: M/rad, by which an angle of the tool axis counts as a distance.
         arrived: Distance (rad) to a joint target at which the motion has arrived; the place counts if it then leaves.
         give_up: Number of unmatched targets that ends the search.
+        by_turn: (M,) the stretch of a pose has to come near the orientation of the target, too.
 
     Returns:
         (M,) place on the polyline, fractional, NaN where nothing ahead is near; (M,) distance to the nearest vertex
@@ -64,12 +69,10 @@ def match_targets_in_order(
             if by_joints[k]:
                 foot = _find_joint_stretch(joints, wanted_joints[k], here, near[level, 1], arrived)
             else:
-                foot = _find_pose_stretch(
-                    place, turn, wanted_place[k], wanted_turn[k], here, near[level, 0], axis_lever
-                )
+                goal, goal_turn = wanted_place[k], wanted_turn[k]
+                foot = _find_pose_stretch(place, turn, goal, goal_turn, here, near[level, 0], axis_lever, by_turn[k])
             if not np.isnan(foot):
-                here = max(foot, here)
-                at[k] = here
+                at[k] = here = max(foot, here)
                 break
         if np.isnan(at[k]):
             lost += 1
@@ -97,11 +100,21 @@ def _find_joint_stretch(joints: Array, wanted: Array, here: float, limit: float,
 
 @jit_compile
 def _find_pose_stretch(
-    place: Array, turn: Array, wanted: Array, wanted_turn: Array, here: float, limit: float, axis_lever: float
+    place: Array,
+    turn: Array,
+    wanted: Array,
+    wanted_turn: Array,
+    here: float,
+    limit: float,
+    axis_lever: float,
+    by_turn: bool,
 ) -> float:
-    """Return the place of a pose on the first stretch from ``here`` on within the limit (m); NaN for none."""
+    """Return the place of a pose on the first stretch from ``here`` on within the limit (m); NaN for none.
+
+    With ``by_turn`` the stretch also has to come near the orientation, unless none does: then the first one counts.
+    """
     vertices = len(place)
-    best, foot, found = np.inf, 0.0, False
+    best, foot, found, turned, first = np.inf, 0.0, False, np.inf, -1.0
     for a in range(min(int(here), max(vertices - 2, 0)), max(vertices - 1, 1)):
         b = min(a + 1, vertices - 1)
         away, fine, share = _compute_pose_distance(
@@ -111,8 +124,14 @@ def _find_pose_stretch(
             found = True
             if fine < best - 1e-12:
                 best, foot = fine, a + share
+                turned = _compute_turn_distance(turn[a], turn[b], wanted_turn, share)
         elif found:
-            break
+            if not by_turn or turned <= NEAR_TURN_RAD:
+                break
+            first = foot if first < 0.0 else first
+            best, found = np.inf, False
+    if first >= 0.0 and not (found and turned <= NEAR_TURN_RAD):
+        return first
     return foot if found else np.nan
 
 
@@ -141,6 +160,16 @@ def _compute_joint_distance(start: Array, end: Array, wanted: Array) -> tuple[fl
     for c in range(len(start)):
         away = max(away, abs(start[c] + share * (end[c] - start[c]) - wanted[c]))
     return away, share
+
+
+@jit_compile
+def _compute_turn_distance(start_turn: Array, end_turn: Array, wanted_turn: Array, share: float) -> float:
+    """Angle (rad, of small ones) between a wanted orientation and that at a share of a segment."""
+    away = 0.0
+    for c in range(3):
+        for d in range(3):
+            away += (start_turn[c, d] + share * (end_turn[c, d] - start_turn[c, d]) - wanted_turn[c, d]) ** 2
+    return float(np.sqrt(0.5 * away))
 
 
 @jit_compile

@@ -101,6 +101,7 @@ def match_targets(
         AXIS_LEVER_M,
         max(ARRIVAL_RAD, program.joint_step),
         MAX_UNMATCHED,
+        np.asarray(~known & (program.kind != LIN)),
     )
     on = np.isfinite(on_line)
     gap[on], tilt[on], turn[on] = _compute_target_distance(on_line[on], T[on], p, R, allowed.corner)

@@ -82,6 +82,9 @@ class ExportedMotion:
     tool: tuple[str, ...] = ()  # (S,) names, empty where the cell has no table
     lead: Array | None = None  # (S,) rad, tilt of the tool, NaN where empty; None: the table has no such column
     side: Array | None = None  # (S,) rad
+    lifted: NDArray[np.bool_] | None = (
+        None  # (S,) called link between retract and approach at one point; ``move`` RAPID
+    )
 
     @property
     def sample_time(self) -> float:
@@ -156,10 +159,13 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
     time = table.read_numbers("time_s")
     if len(time) < 2:
         raise OutputFolderError(f"{len(time)} samples; a motion has two or more", file=file)
+    point, move = table.read_numbers("point", empty=True), _parse_moves(table)
+    lifted = _find_lifted(point, move)
     return ExportedMotion(
         time=time,
-        point=table.read_numbers("point", empty=True),
-        move=_parse_moves(table),
+        point=point,
+        move=np.where(lifted, int(MoveKind.RAPID), move),
+        lifted=lifted,
         q=_read_joints(table, empty=False),
         external=_read_external(table, cell, empty=False),
         operation=tuple(table.read_words("operation")),
@@ -314,6 +320,19 @@ def _check_tools(table: ColumnTable, cell: Cell) -> None:
                 file=table.file,
                 where=f"data row {row}, tool",
             )
+
+
+def _find_lifted(point: Array, move: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(S,) rows called link behind a retract and ahead of an approach, all of them at one whole toolpath index."""
+    linked = np.r_[False, move == MoveKind.LINK, False]
+    begins, ends = (np.flatnonzero(linked[1:] & ~linked[:-1]), np.flatnonzero(~linked[1:] & linked[:-1]))
+    out = np.zeros(len(move), bool)
+    for a, b in zip(begins.tolist(), ends.tolist(), strict=True):  # rows a … b − 1
+        if a == 0 or b == len(move) or move[a - 1] != MoveKind.RETRACT or move[b] != MoveKind.APPROACH:
+            continue
+        there = point[a - 1 : b + 1]
+        out[a:b] = np.isfinite(there).all() and (there == np.round(there[0])).all()
+    return out
 
 
 def _parse_moves(table: ColumnTable) -> NDArray[np.int64]:

@@ -51,6 +51,7 @@ from machopt.verification.folder.programs.target_corrections import (
     turn_targets_back,
 )
 from machopt.verification.motion.checks.compensation_shift import compute_commanded_corners
+from machopt.verification.motion.checks.reentries import find_reentry_points
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.motion_verification import ExportedTables
 from machopt.verification.motion.path_geometry.motion_polyline import (
@@ -277,6 +278,7 @@ class _ComparisonContext:
             approach_feed=o.approach_feed,
             offset=offset,
             tilt=tilt,
+            reentries=find_reentry_points(self.motion),
             line=build_motion_polyline(
                 self.motion, turn_samples_back(self.tool_tilt, self.tcp, self.motion.point), self.motion.q, path
             )

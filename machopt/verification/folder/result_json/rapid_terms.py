@@ -11,7 +11,7 @@ p follows by bisection.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -51,10 +51,11 @@ def check_rapid_terms(t: ResultComparison) -> Iterable[str]:
         return  # of several tools it is a sum by shares; of a plan with gaps the ends are not known
     x = _read_joints(t, points)
     flown = np.flatnonzero(t.toolpath.move[1:] == MoveKind.RAPID)
-    steps = x[flown + 1] - x[flown]
+    lifts = _find_reentry_steps(t)
+    steps = np.vstack([x[flown + 1] - x[flown], lifts])
     turns = int(np.round(np.abs(steps[:, :6]) / (2.0 * math.pi)).sum())
     branch = points.get_column("branch")
-    most = turns + int((branch[flown + 1] != branch[flown]).sum())
+    most = turns + int((branch[flown + 1] != branch[flown]).sum()) + len(lifts)
     unit = INDEX_TOLERANCE * (w.mean * own.mean + w.worst * own.worst)
     if (turns and changes == 0.0) or changes > most * unit:
         yield (
@@ -64,7 +65,7 @@ def check_rapid_terms(t: ResultComparison) -> Iterable[str]:
     home = x[[0, -1]] - t.cell.joints_at_home
     home[:, :6] -= 2.0 * math.pi * np.round(home[:, :6] / (2.0 * math.pi))
     seconds = sum(compute_line_time(t, step) for step in np.vstack([steps, home]))
-    whole = _compute_programmed_time(t) + STOP_S * len(flown)
+    whole = _compute_programmed_time(t) + STOP_S * (len(flown) + len(lifts))
     expected = seconds / whole if whole > 0.0 else 0.0
     if abs(share - expected) > SHARE_TOLERANCE * expected:
         yield f"objective.chosen.rapid is {share:.6g}, the joints in points.csv give {expected:.6g}"
@@ -96,11 +97,35 @@ def compute_line_time(t: ResultComparison, step: Array) -> float:
 
 def _read_joints(t: ResultComparison, points: CheckedPoints) -> Array:
     """(N, 6 + E) rad or m, joints at the points."""
-    columns = [np.radians(points.get_column(f"q{n}_deg")) for n in range(1, 7)]
+    return _stack_joints(t, points.get_column)
+
+
+def _read_motion_joints(t: ResultComparison) -> Array:
+    """(S, 6 + E) rad or m, joints of the samples."""
+    return _stack_joints(t, t.motion.read_numbers)
+
+
+def _stack_joints(t: ResultComparison, read: Callable[[str], Array]) -> Array:
+    columns = [np.radians(read(f"q{n}_deg")) for n in range(1, 7)]
     for n, slides in enumerate(t.cell.external_prismatic, 1):
-        column = points.get_column(f"e{n}_mm" if slides else f"e{n}_deg")
+        column = read(f"e{n}_mm" if slides else f"e{n}_deg")
         columns.append(1e-3 * column if slides else np.radians(column))
     return np.column_stack(columns)
+
+
+def _find_reentry_steps(t: ResultComparison) -> Array:
+    """(L, 6 + E) rad or m between leaving and entering a cut at each re-entry (retract, link, approach)."""
+    x, words = _read_motion_joints(t), t.motion.read_words("move")
+    steps = []
+    link = np.array([word == MoveKind.LINK.word for word in words])
+    for row in np.flatnonzero(link & ~np.r_[False, link[:-1]]).tolist():
+        first, last = row, row
+        while first and words[first] != MoveKind.CUT.word:
+            first -= 1
+        while last + 1 < len(words) and words[last + 1] in (MoveKind.LINK.word, MoveKind.APPROACH.word):
+            last += 1
+        steps.append(x[last] - x[first])
+    return np.array(steps).reshape(-1, x.shape[1])
 
 
 def _compute_programmed_time(t: ResultComparison) -> float:

@@ -63,6 +63,7 @@ from machopt.verification.folder.result_json.objective_and_gains import (
 from machopt.verification.folder.result_json.position_error import check_position_error
 from machopt.verification.folder.result_json.process_section import check_process_section
 from machopt.verification.folder.result_json.program_entries import check_program_entries
+from machopt.verification.folder.result_json.reentry_section import check_reentry_section
 from machopt.verification.folder.result_json.schema_errors import list_schema_errors
 from machopt.verification.folder.result_json.tilt_section import check_tilt_section
 from machopt.verification.folder.result_json.worst_point import check_worst_point
@@ -464,6 +465,7 @@ _PARTS: dict[str, Callable[[ResultComparison], Iterable[str]]] = {
     "compensation": check_compensation,
     "tilt": check_tilt_section,
     "joint": check_joint_section,
+    "reentry": check_reentry_section,
     "position error": check_position_error,
     "process": check_process_section,
     CheckName.VERIFICATION: _check_verification,

@@ -34,6 +34,7 @@ _PART_BY_KEY = {
     "compensation": "compensation",
     "tilt": "tilt",
     "joint": "joint",
+    "reentry": "reentry",
     "verification": "verification",
     "programs": "programs",
     "notes": "warnings",

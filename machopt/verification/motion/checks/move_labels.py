@@ -57,6 +57,8 @@ def _check_moves(
     )
     drawn = np.isin(motion.move, (MoveKind.APPROACH, MoveKind.RETRACT)) & locations.is_on_retract(motion.point)
     wrong &= ~drawn
+    if motion.lifted is not None:
+        wrong &= ~motion.lifted  # re-entries have a check of their own
     wrong &= ~_is_next_to_cut(motion, toolpath, wanted)
     if allow_gaps:
         wrong &= ~((motion.move == MoveKind.RAPID) & _is_in_gap(motion, toolpath, points))

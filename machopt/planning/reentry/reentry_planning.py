@@ -1,0 +1,96 @@
+"""Plan with at most a given number of re-entries in closed contours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.reentry_result import ReentryResult
+from machopt.data_types.toolpath import Toolpath
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.reentry.closed_contours import find_reentry_points
+
+COARSE = 6  # places over all contours that are planned first
+HALVINGS = 2  # of their distance: one place more to either side of the best one each time
+APART = 0.05  # share of the points of all contours between two lifts: nearer ones are one place to the user
+LEAST_GAIN = 0.01  # share of J that a re-entry has to save: below, no user would accept a mark for it
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    plan: Plan
+    toolpath: Toolpath
+
+
+def plan_with_reentries(plan: Plan, toolpath: Toolpath, replan: Callable[[Toolpath], Plan]) -> Plan:
+    """Return the plan with the re-entries that pay, at most ``options.max_reentries``, and what was found.
+
+    Args:
+        plan: plan of one tool without re-entries.
+        toolpath: its toolpath.
+        replan: plans the same tool on a toolpath with re-entries.
+    """
+    if plan.found is None or plan.breaks or len(plan.missing):
+        return _conclude(plan, plan, "the plan without re-entry is not complete")
+    points = np.unique(np.round(plan.path.index[find_reentry_points(plan.path)]).astype(int))
+    if not len(points):
+        return _conclude(plan, plan, "no cut is a closed contour or winds around")
+    best, reason = _Candidate(plan, toolpath), ""
+    while len(best.toolpath.reentries) < plan.options.max_reentries:
+        better = _add_best_place(best, points, replan)
+        if better is None:
+            reason = f"no other place lowers J by {100 * LEAST_GAIN:g} %"
+            break
+        best = better
+    return _conclude(best.plan, plan, reason)
+
+
+def _add_best_place(
+    best: _Candidate, points: NDArray[np.int64], replan: Callable[[Toolpath], Plan]
+) -> _Candidate | None:
+    """One re-entry more, at the best of the places planned; None where none of them pays.
+
+    Args:
+        best: with the re-entries so far.
+        points: toolpath points at which the tool may be lifted, ascending.
+        replan: plans the same tool on a toolpath with re-entries.
+    """
+    taken = best.toolpath.reentries
+    if taken:
+        apart = np.abs(points[:, None] - np.array(taken)).min(axis=1)
+        points = points[apart > APART * len(points)]
+    if not len(points):
+        return None
+    found: dict[int, _Candidate | None] = {}
+
+    def measure(nth: int) -> float:
+        if nth not in found:
+            toolpath = replace(best.toolpath, reentries=tuple(sorted({*taken, int(points[nth])})))
+            plan = replan(toolpath)
+            found[nth] = None if plan.breaks or len(plan.missing) else _Candidate(plan, toolpath)
+        candidate = found[nth]
+        return np.inf if candidate is None else candidate.plan.chosen.objective.total
+
+    step = len(points) / COARSE
+    tried = {int((n + 0.5) * step) for n in range(COARSE)} if step >= 1.0 else set(range(len(points)))
+    nearest = min(tried, key=measure)
+    for _ in range(HALVINGS):
+        step /= 2.0
+        around = {max(round(nearest - step), 0), nearest, min(round(nearest + step), len(points) - 1)}
+        nearest = min(sorted(around), key=measure)
+    limit = (1.0 - LEAST_GAIN) * best.plan.chosen.objective.total
+    return found[nearest] if measure(nearest) <= limit else None
+
+
+def _conclude(plan: Plan, without: Plan, reason: str) -> Plan:
+    before = without.chosen.objective
+    result = ReentryResult(
+        reason=reason,
+        objective_without=float(before.total),
+        mean_without=float(before.mean),
+        worst_without=float(before.worst),
+    )
+    return replace(plan, reentry=result)
