@@ -41,7 +41,7 @@ from machopt.verification.folder.programs.frames_and_axes import (
     convert_to_controller_axes,
     find_wrong_frames,
 )
-from machopt.verification.folder.programs.post_lookup import select_controller
+from machopt.verification.folder.programs.post_lookup import select_listed_controller
 from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
 from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
 from machopt.verification.folder.programs.target_corrections import (
@@ -210,7 +210,7 @@ class _ComparisonContext:
             return ProgramComparison(
                 posted, 0, (build_failed_program_check(name, "files there", f"{missing[0]} is missing"),)
             )
-        controller, other = _select_controller(self.cell, posted)
+        controller, other = select_listed_controller(self.cell, posted.post)
         pulses = None if controller.pulses_per_deg is None else controller.pulses_per_deg.tolist()
         try:
             if other and not is_program_file(self.out / name):
@@ -468,10 +468,3 @@ def _build_unreadable_check(file: str) -> VerificationCheck:
         "",
         "NOT CHECKED: no reader for the language of this program exists",
     )
-
-
-def _select_controller(cell: Cell, posted: ListedProgram) -> tuple[RobotController, bool]:
-    """The cell's controller as the post took it, and whether the post is a user's own."""
-    if posted.post is None:
-        return cell.controller, True
-    return select_controller(cell, posted.post), isinstance(posted.post, Path)
