@@ -45,6 +45,7 @@ class PlanOptionValues(TypedDict, total=False):
     rapid_scale: float | None  # share of the joint velocity limits used in rapid moves
     limit_scale: float | None  # share of the joint limits used while cutting
     allow_gaps: bool | None  # true: cuts to points out of reach are left out and listed
+    max_reentries: int | None  # lifts inside of closed contours, to enter again in another posture; each leaves a mark
     compensate: bool | None  # true: drive a path shifted against the deflection under force_N
     compensation_max_mm: float | None  # a larger shift is refused, mm
     seed: int | None  # of the tree search for rapid moves
