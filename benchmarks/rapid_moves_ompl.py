@@ -48,17 +48,14 @@ def blocked_moves(setup: Any, count: int) -> list[tuple[Any, Any]]:
 
 
 def ours(setup: Any, a: Any, b: Any, seed: int) -> Way:
-    from machopt.planning.motion.rapid_moves import RapidMove, plan_rapid
+    from machopt.planning.motion.rapid_moves import FreeSpace, RapidMove, RapidTiming, plan_rapid
 
     start = time.perf_counter()
     found = plan_rapid(
         a,
         b,
-        limits=setup.driven.limits,
-        scale=0.8,
-        sample=0.012,
-        collision=setup.collision,
-        step=STEP,
+        timing=RapidTiming(setup.driven.limits, scale=0.8, sample=0.012),
+        space=FreeSpace(collision=setup.collision, step=STEP),
         detours=list,
         rng=np.random.default_rng(seed),
     )

@@ -23,7 +23,7 @@ from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.planning.continuous_refinement.bordered_system import BorderedSystem
 from machopt.planning.continuous_refinement.offset_curves import OffsetCurves
-from machopt.planning.continuous_refinement.plan_improvement import refine_plan
+from machopt.planning.continuous_refinement.plan_improvement import RefinementJob, refine_plan
 from machopt.planning.continuous_refinement.quadratic_model import (
     LocalModel,
     OffsetBounds,
@@ -32,7 +32,7 @@ from machopt.planning.continuous_refinement.quadratic_model import (
     minimize_quadratic_model,
 )
 from machopt.planning.continuous_refinement.refinement import PlanRefinement
-from machopt.planning.cost.objective import compute_objective
+from machopt.planning.cost.objective import AssignmentCosts, compute_objective
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
@@ -91,7 +91,8 @@ def test_the_model_is_j_to_second_order(
     assert here is not None
     a, x = plan.chosen.assignment, plan.setup.in_rad(plan.path, plan.chosen.assignment.q)
     velocity, scale = plan.setup.velocity, plan.scores.scale
-    own = compute_objective(plan.path, plan.chosen.cost, x, a.phi, scale, velocity, plan.options)  # its terms alone
+    costs = AssignmentCosts(cost=plan.chosen.cost, q=x, phi=a.phi)  # its terms alone
+    own = compute_objective(plan.path, costs, scale, velocity, plan.options)
     assert here.merit == pytest.approx(own.total, rel=1e-9)  # every planning point is a station
     local = r._local(here)
     assert local.known.all()
@@ -240,12 +241,16 @@ def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None
     assert len(np.unique(z[:, 2])) == 2
 
 
+def job_of(path: Toolpath, groups: list[OperationGroup], worth: AxisPlanRanking) -> RefinementJob:
+    return RefinementJob(toolpath=path, groups=groups, worth=worth, clock=StageTimings())
+
+
 @pytest.mark.slow
 def test_a_rail_that_moves_is_refined(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
     plan, groups, axes, path = along
-    better = refine_plan(plan, path, groups, AxisPlanRanking.of(plan.setup, axes), StageTimings())
+    better = refine_plan(plan, job_of(path, groups, AxisPlanRanking.of(plan.setup, axes)))
     assert better.chosen.objective.total < 0.999 * plan.chosen.objective.total
     low, high = plan.setup.cell.limits.lower[6], plan.setup.cell.limits.upper[6]
     assert low <= better.path.external.min() <= better.path.external.max() <= high
@@ -266,7 +271,7 @@ def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: f
     path = toolpath(slots(y, y + half))
     plan, groups, own = chosen(tmp_path, path, options, rail=True, table=True)
     worth = AxisPlanRanking.of(plan.setup, own)
-    better = refine_plan(plan, path, groups, worth, StageTimings())
+    better = refine_plan(plan, job_of(path, groups, worth))
     assert better is plan or worth.plan(better) < worth.plan(plan)
     assert len(better.missing) <= len(plan.missing)
 
@@ -313,7 +318,7 @@ def test_a_plan_far_behind_is_not_planned_again(
 ) -> None:
     plan, groups, axes, path = along
     worth = AxisPlanRanking.of(plan.setup, axes)
-    assert refine_plan(plan, path, groups, worth, StageTimings(), below=0.5 * worth.plan(plan)) is plan
+    assert refine_plan(plan, job_of(path, groups, worth), below=0.5 * worth.plan(plan)) is plan
 
 
 @pytest.mark.slow

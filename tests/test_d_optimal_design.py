@@ -23,7 +23,12 @@ from machopt.measurement.design.expected_accuracy import (
 )
 from machopt.measurement.design.measurement_schedule import build_schedule, order_poses_by_travel
 from machopt.measurement.design.reading_noise import ReadingNoise
-from machopt.measurement.design.two_model_discrimination import compute_noncentrality, design_discrimination
+from machopt.measurement.design.two_model_discrimination import (
+    LawResponse,
+    ReadingErrors,
+    compute_noncentrality,
+    design_discrimination,
+)
 
 
 def tiny(
@@ -149,18 +154,17 @@ def test_discriminating_design_is_the_best_of_all() -> None:
     rng = np.random.default_rng(0)
     extra = rng.normal(size=(len(problem.pose), 2, 1))
     full, b = np.concatenate([m.response, extra], axis=-1), np.array([1.0, -2.0, 3.0])
-    found = design_discrimination(
-        m.response, full, b, m.covariance, problem.pose, problem.shared, 2, 2, rng=rng, starts=8
-    )
+    errors = ReadingErrors(m.covariance, problem.pose, problem.shared)
+    found = design_discrimination(LawResponse(m.response), LawResponse(full, b), errors, 2, 2, rng=rng, starts=8)
 
     def left(blocks) -> float:  # what the rival leaves of the truth, by least squares on the whitened readings
         A, y = stacked(problem, blocks), stacked(problem, blocks, (full @ b)[..., None])[:, 0]
         return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 
     best = max(left(blocks) for blocks in every_design(problem, 2, 2))
-    assert found.b_against_a == pytest.approx(left(found.design.blocks), rel=1e-9)
-    assert found.b_against_a == pytest.approx(best, rel=1e-3)  # the search has a ridge of 1e-4
-    assert np.isnan(found.a_against_b)
+    assert found.truth_against_rival == pytest.approx(left(found.design.blocks), rel=1e-9)
+    assert found.truth_against_rival == pytest.approx(best, rel=1e-3)  # the search has a ridge of 1e-4
+    assert np.isnan(found.rival_against_truth)
 
 
 def test_discriminating_both_ways_and_laws_that_are_the_same() -> None:
@@ -168,16 +172,23 @@ def test_discriminating_both_ways_and_laws_that_are_the_same() -> None:
     m = problem.models[0]
     rng = np.random.default_rng(1)
     rival = rng.normal(size=m.response.shape)
-    args = (m.covariance, problem.pose, problem.shared, 3, 2)
-    both = design_discrimination(m.response, rival, np.ones(2), *args, rng=rng, values_a=np.ones(2), starts=4)
-    one = design_discrimination(m.response, rival, np.ones(2), *args, rng=rng, starts=4)
-    assert both.a_against_b > 0
-    assert both.b_against_a <= one.b_against_a * (1 + 1e-3)
-    assert both.a_against_b * both.b_against_a >= 0.999 * one.b_against_a * compute_noncentrality(
-        rival, m.response @ np.ones(2), m.covariance, problem.pose, problem.shared, one.design.blocks
+    args = (ReadingErrors(m.covariance, problem.pose, problem.shared), 3, 2)
+    true = LawResponse(rival, np.ones(2))
+    both = design_discrimination(LawResponse(m.response, np.ones(2)), true, *args, rng=rng, starts=4)
+    one = design_discrimination(LawResponse(m.response), true, *args, rng=rng, starts=4)
+    assert both.rival_against_truth > 0
+    assert both.truth_against_rival <= one.truth_against_rival * (1 + 1e-3)
+    assert (
+        both.rival_against_truth * both.truth_against_rival
+        >= 0.999
+        * one.truth_against_rival
+        * compute_noncentrality(
+            rival, m.response @ np.ones(2), m.covariance, problem.pose, problem.shared, one.design.blocks
+        )
     )
-    same = design_discrimination(m.response, m.response[..., ::-1] * 2.0, np.ones(2), *args, rng=rng)
-    assert same.b_against_a < 1e-9 * one.b_against_a  # in the rival's span: rounding only
+    own = LawResponse(m.response[..., ::-1] * 2.0, np.ones(2))
+    same = design_discrimination(LawResponse(m.response), own, *args, rng=rng)
+    assert same.truth_against_rival < 1e-9 * one.truth_against_rival  # in the rival's span: rounding only
 
 
 def test_readings_that_tell_laws_apart_differ_from_those_that_know_them_best() -> None:
@@ -186,10 +197,11 @@ def test_readings_that_tell_laws_apart_differ_from_those_that_know_them_best() -
     law, truth = m.response[..., :5], m.response
     b = np.ones(6)
     rng = np.random.default_rng(0)
-    split = design_discrimination(law, truth, b, m.covariance, problem.pose, problem.shared, 6, 2, rng=rng)
+    errors = ReadingErrors(m.covariance, problem.pose, problem.shared)
+    split = design_discrimination(LawResponse(law), LawResponse(truth, b), errors, 6, 2, rng=rng)
     known = find_d_optimal_design(problem, 6, 2, rng=rng)
     rest = compute_noncentrality(law, truth @ b, m.covariance, problem.pose, problem.shared, known.blocks)
-    assert split.b_against_a > 1.2 * rest
+    assert split.truth_against_rival > 1.2 * rest
 
 
 def test_accuracy_names_what_is_not_seen() -> None:

@@ -52,6 +52,7 @@ from machopt.measurement.diagnosis.discrimination.open_hypotheses import (
     RivalLawSet,
 )
 from machopt.measurement.diagnosis.discrimination.predicted_signals import (
+    DiagnosedArm,
     PredictedCases,
     compute_case_noise,
     predict_law,
@@ -230,7 +231,8 @@ def open_(*stands: CandidateLaw, pairs: tuple[tuple[int, int], ...] = ((0, 1),))
 
 def predicted(cell: Cell, cases: LoadCases, q: np.ndarray, steps: tuple[float, ...]) -> PredictedCases:
     robot = load_robot(cell)
-    return predict_load_tests(open_(), cases, q, robot, cell.tool.T_flange_tcp, load_masses(cell), COMPLIANCE, steps, 3)
+    arm = DiagnosedArm(found=open_(), cell=cell, robot=robot, masses=load_masses(cell), compliance=COMPLIANCE)
+    return predict_load_tests(arm, cases, q, steps, 3)
 
 
 def fewer(cases: LoadCases, keep: np.ndarray) -> LoadCases:

@@ -20,7 +20,7 @@ from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import load_robot
 from machopt.options.plan_option_reader import format_user_options, load_options
 from machopt.planning.external_axis_optimization.best_plan import find_best_plan
-from machopt.planning.motion.rapid_moves import RapidMove, plan_rapid
+from machopt.planning.motion.rapid_moves import FreeSpace, RapidMove, RapidTiming, plan_rapid
 from machopt.planning.motion.trajectory_builder import build_timeline
 from machopt.planning.optimality_certificate import compute_certificate
 from machopt.planning.pipeline.path_planner import plan_path
@@ -311,11 +311,8 @@ def test_a_rapid_move_takes_the_rail_along(tmp_path: FilePath) -> None:
     ends = np.zeros(7), np.array([0.1, -1.0, 0.5, 0.2, 0.1, 0.0, 2.0])
     move = plan_rapid(
         *ends,
-        limits=cell.limits,
-        scale=0.8,
-        sample=0.012,
-        collision=None,
-        step=0.02,
+        timing=RapidTiming(cell.limits, scale=0.8, sample=0.012),
+        space=FreeSpace(collision=None, step=0.02),
         detours=lambda: (),
         rng=np.random.default_rng(0),
     )

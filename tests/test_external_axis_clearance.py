@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 from machopt.options.plan_option_reader import load_options
-from machopt.planning.external_axes.moving_axis_search import _brushing, _neighbours
+from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch, _brushing, _neighbours
 from machopt.planning.external_axis_optimization import coarse_to_fine_search
 from machopt.toolpath.toolpath_reader import read_toolpath
 
@@ -44,9 +45,9 @@ def test_a_hanging_arm_that_touches_itself_is_led_along_beside_the_tool(
     looked: list[bool] = []
     made = coarse_to_fine_search.compute_moving_axis_path
 
-    def noted(*given: object, clear: bool = False, turns: bool = False) -> Array:
-        looked.append(clear)
-        return made(*given, clear=clear, turns=turns)  # type: ignore[arg-type]
+    def noted(search: AxisCurveSearch, *given: Any) -> Array:
+        looked.append(search.clear)
+        return made(search, *given)
 
     monkeypatch.setattr(coarse_to_fine_search, "compute_moving_axis_path", noted)
     found = coarse_to_fine_search.find_best_external_axis_plan(cell, path, options)

@@ -21,7 +21,7 @@ from machopt.data_types.cell import CollisionShape
 from machopt.data_types.documents.optimize_document import ExternalSearchBoundSection
 from machopt.data_types.plan_options import ExternalJointOptions
 from machopt.data_types.toolpath import MoveKind
-from machopt.planning.cost.objective import compute_objective
+from machopt.planning.cost.objective import AssignmentCosts, compute_objective
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import build_operation_groups
 from machopt.planning.external_axis_optimization.external_axis_bound import (
@@ -154,7 +154,8 @@ def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[
         w, share = options.weights, path.weight
         cost = np.zeros(S)
         cost[share > 0] = 1e-6 * lattice.node[rows, vertex][share > 0] / (w.mean * share[share > 0])
-        return compute_objective(path, cost, x, phi, 1e-6, setup.velocity, options).total
+        costs = AssignmentCosts(cost=cost, q=x, phi=phi)
+        return compute_objective(path, costs, 1e-6, setup.velocity, options).total
 
     assert price(vertex) == pytest.approx(total, rel=1e-9)
     assert bound <= total

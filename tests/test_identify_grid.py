@@ -221,7 +221,7 @@ def test_the_gradient_of_the_likelihood(rig: Rig) -> None:
     field = SmoothField.draw(rig.c, rng, scale=0.4)
     f, _ = rig.measure(field, plan.q[plan.reached], rng, rotations=True)
     work = work_of(f, region)
-    evidence, prior = work.evidence(work.start()), work.prior(work.start(), None)
+    evidence, prior = work.evidence(work.start()), work.prior(work.start())
     beta = work.first_unknowns() + 0.1 * rng.standard_normal(len(work.first_unknowns()))
     linear = work.linear(beta)
     x = evidence.parameters(prior) + 0.2 * rng.standard_normal(len(evidence.parameters(prior)))

@@ -7,7 +7,13 @@ import pytest
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_tool_rotation
-from machopt.planning.retiming.path_curve import PathCurve, build_curves, compute_path_parameter
+from machopt.planning.retiming.path_curve import (
+    CornerTolerances,
+    PathCurve,
+    RunPoints,
+    build_curves,
+    compute_path_parameter,
+)
 
 TOLERANCE = 15e-6  # m
 AXIS_TOLERANCE = np.radians(0.03)
@@ -20,9 +26,10 @@ def curves(
     axis = np.tile([0.0, 0.0, 1.0], (n, 1)) if axis is None else axis
     phi = np.zeros(n) if phi is None else phi
     reference = np.tile([1.0, 0.0, 0.0], (n, 1))
-    made = build_curves(
-        np.asarray(position, float), axis, reference, phi, np.full(n, feed), None, TOLERANCE, AXIS_TOLERANCE
+    points = RunPoints(
+        position=np.asarray(position, float), axis=axis, reference=reference, phi=phi, feed=np.full(n, feed)
     )
+    made = build_curves(points, CornerTolerances(TOLERANCE, AXIS_TOLERANCE))
     assert isinstance(made, list)
     return made
 
@@ -130,7 +137,8 @@ def test_opposite_axes_are_refused() -> None:
     up = np.array([[0.0, 0, 1], [0, 0, -1]])
     position, ref = np.array([[0.0, 0, 0], [0.1, 0, 0]]), np.tile([1.0, 0, 0], (2, 1))
     feed = np.full(2, 0.02)
-    assert build_curves(position, up, ref, np.zeros(2), feed, None, TOLERANCE, AXIS_TOLERANCE) == 1
+    points = RunPoints(position=position, axis=up, reference=ref, phi=np.zeros(2), feed=feed)
+    assert build_curves(points, CornerTolerances(TOLERANCE, AXIS_TOLERANCE)) == 1
 
 
 def test_path_parameter_counts_travel_and_turning() -> None:

@@ -13,7 +13,14 @@ from test_sequence_search import VELOCITY, random_problem
 from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.cost.objective import NEAR, ObjectiveTerms, PlanObjective, compute_crowding, compute_objective
+from machopt.planning.cost.objective import (
+    NEAR,
+    AssignmentCosts,
+    ObjectiveTerms,
+    PlanObjective,
+    compute_crowding,
+    compute_objective,
+)
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
@@ -42,7 +49,8 @@ def finished(
     plain = follow_grid_rotation(path, candidates, choice)
     cost = scores.cost[np.arange(len(path.index)), choice.rotation, choice.branch]
     crowded = None if scores.crowded is None else scores.crowded[np.arange(len(cost)), choice.rotation, choice.branch]
-    return compute_objective(path, cost, choice.q, plain.phi, scores.scale, VELOCITY, OPTIONS, crowded)
+    costs = AssignmentCosts(cost=cost, q=choice.q, phi=plain.phi, crowded=crowded)
+    return compute_objective(path, costs, scores.scale, VELOCITY, OPTIONS)
 
 
 def by_stretches(
@@ -128,7 +136,8 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
         q[:, 5] = phi
         table_ = part.band.crowded
         crowded = None if table_ is None else part._between(table_, phi - part.band.phi)
-        whole = compute_objective(path, cost, q, phi, 1.0, VELOCITY, OPTIONS, crowded)
+        costs = AssignmentCosts(cost=cost, q=q, phi=phi, crowded=crowded)
+        whole = compute_objective(path, costs, 1.0, VELOCITY, OPTIONS)
         assert crowds or whole.feed > 0 or np.ptp(phi) < 0.1
         assert (whole.clearance > 0) == crowds
         flown = part.price_of_flights(q[0], q[-1], ends)

@@ -19,18 +19,22 @@ from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import CollisionShape
 from machopt.kinematics.robot import load_chain
 from machopt.planning.motion import rapid_moves
-from machopt.planning.motion.rapid_moves import BlockedRapid, RapidMove, plan_rapid, retime_straight_segments
+from machopt.planning.motion.rapid_moves import (
+    BlockedRapid,
+    FreeSpace,
+    RapidMove,
+    RapidTiming,
+    plan_rapid,
+    retime_straight_segments,
+)
 
 STEP, SAMPLE = np.deg2rad(1.0), 0.012
 
 
 def plan(q_from: np.ndarray, q_to: np.ndarray, collision: CollisionModel | None = None, **more: object) -> object:
     fields: dict[str, object] = {
-        "limits": limits(),
-        "scale": 0.8,
-        "sample": SAMPLE,
-        "collision": collision,
-        "step": STEP,
+        "timing": RapidTiming(limits(), scale=0.8, sample=SAMPLE),
+        "space": FreeSpace(collision=collision, step=STEP),
         "detours": list,
         "rng": np.random.default_rng(0),
     }

@@ -22,7 +22,7 @@ from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization.best_plan import find_best_plan
-from machopt.planning.pipeline.path_planner import is_assignment_allowed
+from machopt.planning.pipeline.baseline_comparison import is_assignment_allowed
 from machopt.planning.pipeline.plan import Plan
 
 E_PIN = SteeringRule(points=(4, 6), joint="rail", at=0.35, unit="mm")

@@ -227,7 +227,7 @@ def test_a_program_between_whose_targets_the_axes_go_evenly(made: Made, tmp_path
         write_program(tmp_path, "slot", program(cell, motion, tolerance), "krl", cell.controller)
         posted = [ListedProgram("krl", "krl", ("slot.src", "slot.dat"))]
         (found,) = check_programs(
-            cell, toolpath(), tmp_path, posted, options=PlanOptions(), tolerance=ProgramTolerance(), motion=motion
+            cell, toolpath(), tmp_path, posted, options=PlanOptions(), tolerance=ProgramTolerance(), tables=motion
         )
         assert found.get_verdict("external axes at targets") is True
         assert found.get_verdict("lines along the motion") is True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os.path import exists, isdir
@@ -15,7 +15,7 @@ from machopt.cell.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys
 from machopt.cell.collision_body_selection import find_missing_meshes, select_bodies
 from machopt.cell.controller_reader import build_controller
 from machopt.cell.ignored_pairs import IgnoredPairReader
-from machopt.cell.joint_reader import read_joints
+from machopt.cell.joint_reader import CellJoints, read_joints
 from machopt.cell.joints.joint_chain import JointChain, check_carrier, describe_unused_motion, describe_urdf_limits
 from machopt.cell.kinematics_file import load_kinematics
 from machopt.cell.machining_properties import (
@@ -237,13 +237,7 @@ class _CellReader:
             rated_payload=robot.rated_payload_kg,
             files=tuple(dict.fromkeys(self.folder.read)),
             warnings=tuple(self.warnings),
-            notes=(
-                *describe_unused_elements(urdf),
-                *describe_tool_choice(tools),
-                *describe_urdf_limits(chain, keys),
-                *joints.narrowed_limits,
-                *describe_unused_motion(urdf, chain, joints.limits),
-            ),
+            notes=_list_notes(urdf, keys, joints, tools),
         )
 
     def stiffness(self, chain: JointChain) -> ArmStiffness | None:
@@ -467,3 +461,14 @@ class _CellReader:
 
 def _build_pose(keys: PoseKeys) -> Array:
     return copy_read_only(build_transform(compute_rpy_matrix(np.radians(keys.rpy_deg)), np.array(keys.xyz_mm) / 1e3))
+
+
+def _list_notes(urdf: UrdfModel, keys: CellKeys, joints: CellJoints, tools: Mapping[str, Tool]) -> tuple[str, ...]:
+    """Return what was chosen or left out when the cell was read."""
+    return (
+        *describe_unused_elements(urdf),
+        *describe_tool_choice(tools),
+        *describe_urdf_limits(joints.chain, keys),
+        *joints.narrowed_limits,
+        *describe_unused_motion(urdf, joints.chain, joints.limits),
+    )

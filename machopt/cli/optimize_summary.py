@@ -52,22 +52,11 @@ def format_information_line(i: VerificationInformation) -> str:
     return f"info {i.name}{value}{f', {i.where}' if i.where else ''}"
 
 
-def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]:
-    """Return the summary of a result as lines.
-
-    Args:
-        result: The content of result.json.
-        report: Path of the report.
-    """
-    path, objective = result.toolpath, result.objective
-    lines = [] if result.process is None or not result.process.tolerances else [result.process.headline]
-    lines += [f"before production: {text}" for text in result.production_blockers]
-    lines += [
-        f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "
-        f"{len(path.operations)} operations, {path.format}"
-    ]
+def _format_choice_lines(result: OptimizeDocument) -> list[str]:
+    """Return the objective of the baselines and of the plan, one line each."""
+    lines = []
     for name in ("cam_default", "jiao2022", "chosen"):
-        o: ChoiceObjectiveSection = getattr(objective, name)
+        o: ChoiceObjectiveSection = getattr(result.objective, name)
         if o.total is None:
             share = math.floor(1e3 * o.feasible_share) / 10  # never "100 %" of what is not feasible throughout
             lines.append(f"  {name:12} feasible at {share:g} % of the stations only")
@@ -75,6 +64,48 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
             mean, worst = (_format_cost(result, cost) for cost in (o.mean, o.worst))
             total = o.total - _convert_null_to_nan(o.tolerance)
             lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {total:.3f})")
+    return lines
+
+
+def _format_worst_point(result: OptimizeDocument) -> list[str]:
+    """Return deflection and stiffness at the worst point; empty without one."""
+    soft = result.worst_point
+    if not soft:
+        return []
+    lines = []
+    if soft.deflection_mm is not None:
+        parts = [
+            f"{_format_with_interval(value, interval)} {where}"
+            for where, value, interval in (
+                ("in all", soft.deflection_mm, soft.deflection_ci90_mm),
+                ("along the tool axis", soft.deflection_along_mm, soft.deflection_along_ci90_mm),
+                ("across it", soft.deflection_across_mm, soft.deflection_across_ci90_mm),
+            )
+        ]
+        lines.append(f"  worst point {soft.point}: deflection {', '.join(parts)}")
+    lines.append(
+        f"  {'stiffness there' if soft.deflection_mm is not None else f'worst point {soft.point}'}: "
+        f"{1e-3 * _convert_null_to_nan(soft.k_axial_N_mm):.3f} N/µm along the tool axis, "
+        f"{1e-3 * _convert_null_to_nan(soft.k_normal_N_mm):.3f} N/µm across it"
+    )
+    return lines
+
+
+def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]:
+    """Return the summary of a result as lines.
+
+    Args:
+        result: The content of result.json.
+        report: Path of the report.
+    """
+    path = result.toolpath
+    lines = [] if result.process is None or not result.process.tolerances else [result.process.headline]
+    lines += [f"before production: {text}" for text in result.production_blockers]
+    lines += [
+        f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "
+        f"{len(path.operations)} operations, {path.format}"
+    ]
+    lines += _format_choice_lines(result)
     lines += _format_gain_lines(result)
     lines += _format_bound_lines(result)
     if result.front:
@@ -82,23 +113,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         lines.append(f"  front of {len(free)} plan{'s' * (len(free) > 1)} in front.csv: {', '.join(free)}")
         if any(p.dominated and p.plan == "as asked" for p in result.front):
             lines.append("  another of these plans is at least as good in every criterion as the requested plan")
-    soft = result.worst_point
-    if soft:
-        if soft.deflection_mm is not None:
-            parts = [
-                f"{_format_with_interval(value, interval)} {where}"
-                for where, value, interval in (
-                    ("in all", soft.deflection_mm, soft.deflection_ci90_mm),
-                    ("along the tool axis", soft.deflection_along_mm, soft.deflection_along_ci90_mm),
-                    ("across it", soft.deflection_across_mm, soft.deflection_across_ci90_mm),
-                )
-            ]
-            lines.append(f"  worst point {soft.point}: deflection {', '.join(parts)}")
-        lines.append(
-            f"  {'stiffness there' if soft.deflection_mm is not None else f'worst point {soft.point}'}: "
-            f"{1e-3 * _convert_null_to_nan(soft.k_axial_N_mm):.3f} N/µm along the tool axis, "
-            f"{1e-3 * _convert_null_to_nan(soft.k_normal_N_mm):.3f} N/µm across it"
-        )
+    lines += _format_worst_point(result)
     shift = result.compensation
     if shift:
         lines.append(

@@ -61,6 +61,13 @@ def _compute_box_distance(low: Array, high: Array, k: int, lo: Array, hi: Array,
 
 
 @jit_compile
+def _take_direction(work: Array, distance: float, u: Array) -> None:
+    """Fill u (3,) with the unit direction between the nearest points of two triangles; 0 where they touch."""
+    for c in range(3):
+        u[c] = work[6, c] / distance if distance > 0.0 else 0.0
+
+
+@jit_compile
 def _find_nearest_triangles(
     a: Array,
     na: Array,
@@ -89,8 +96,7 @@ def _find_nearest_triangles(
     first guess.
     """
     best, _ = compute_triangle_distance(a[i], na[i], b[j], nb[j], np.inf, work)
-    for c in range(3):
-        u[c] = work[6, c] / best if best > 0.0 else 0.0
+    _take_direction(work, best, u)
     waiting[0, 0], waiting[0, 1], gaps[0], depth = 0, 0, 0.0, 1
     while depth:
         depth -= 1
@@ -108,8 +114,7 @@ def _find_nearest_triangles(
                     d, exact = compute_triangle_distance(a[v], na[v], b[w], nb[w], best, work)
                     if exact and d < best:
                         best, i, j = d, v, w
-                        for c in range(3):
-                            u[c] = work[6, c] / best if best > 0.0 else 0.0
+                        _take_direction(work, best, u)
             continue
         # the box with more triangles is divided
         if inner[m] < 0 or (child[k] >= 0 and count[k] >= number[m]):

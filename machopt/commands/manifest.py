@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from machopt.commands.input_hashes import build_manifest_file, list_cell_inputs, rename_duplicate_names
 from machopt.data_types.cell import Cell
-from machopt.data_types.manifest import CheckCoverage, FolderManifest, ManifestFile, add_scope_to_verdict
+from machopt.data_types.manifest import FolderManifest, ManifestFile, add_scope_to_verdict
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
 from machopt.file_formats.parquet_tables import write_parquet_copies
@@ -40,36 +40,40 @@ _REQUEST_PATH_FIELDS = (
 _LIBRARIES = ("numpy", "scipy", "numba", "pin", "coal", "python-fcl", "trimesh")  # whose numbers are in the output
 
 
+@dataclass(frozen=True, kw_only=True)
+class JobFiles:
+    """Input files of one plan, other than those of the cell."""
+
+    toolpath: Path
+    plan: Path | None  # plan file with options; None without one
+    posts: Sequence[Path]  # template files of posts
+    effects: Sequence[Path] = ()  # files with user-defined effects
+
+
 def build_optimize_manifest(
     cell: Cell,
-    toolpath_file: Path,
     toolpath: Toolpath,
     options: PlanOptions,
+    files: JobFiles,
     *,
     reading: Mapping[str, Any],
-    plan_file: Path | None,
-    post_files: Sequence[Path],
-    effects: Sequence[Path] = (),
     tolerance: ProgramTolerance,
 ) -> FolderManifest:
     """Return the manifest of one plan; files, programs and verdict are added later.
 
     Args:
         cell: The robot cell.
-        toolpath_file: The toolpath file.
         toolpath: The toolpath, points in the workpiece frame, SI.
         options: The planning options in force.
+        files: The input files other than those of the cell.
         reading: Reading options of the toolpath that differ from the default.
-        plan_file: Plan file with options; None without one.
-        post_files: Template files of posts.
-        effects: Files with user-defined effects.
         tolerance: The tolerance between program and motion.
     """
-    read = build_manifest_file(toolpath_file, "toolpath")
+    read = build_manifest_file(files.toolpath, "toolpath")
     named = [ManifestFile(read.name, "toolpath", toolpath.sha256 or read.sha256, read.size)]
-    named += [build_manifest_file(plan_file, "plan")] if plan_file is not None else []
-    named += [build_manifest_file(f, "post") for f in post_files]
-    named += [build_manifest_file(f, "effects") for f in effects]
+    named += [build_manifest_file(files.plan, "plan")] if files.plan is not None else []
+    named += [build_manifest_file(f, "post") for f in files.posts]
+    named += [build_manifest_file(f, "effects") for f in files.effects]
     return FolderManifest(
         command="optimize",
         verdict="",
@@ -103,7 +107,6 @@ def write_command_manifest(
     verdict: str,
     exit_code: int = 0,
     inputs: Iterable[ManifestFile] = (),
-    checked: Iterable[CheckCoverage] = (),
     unchecked: Iterable[str] = (),
 ) -> None:
     """Write manifest.json of a command that plans no toolpath, after all its other files.
@@ -116,7 +119,6 @@ def write_command_manifest(
         verdict: Verdict in words.
         exit_code: Exit code of the command.
         inputs: Input files other than those of the cell.
-        checked: What was checked.
         unchecked: What was not checked.
     """
     if getattr(request, "tables", "csv") == "parquet":
@@ -129,7 +131,6 @@ def write_command_manifest(
         versions=read_library_versions(),
         inputs=rename_duplicate_names((*list_cell_inputs(cell), *inputs)),
         options=convert_to_json_types(asked),
-        checked=tuple(checked),
         unchecked=tuple(unchecked),
     )
     write_manifest(folder, manifest, ROLES)

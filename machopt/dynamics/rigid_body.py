@@ -147,17 +147,11 @@ class MissingInertiaError(InputError):
     """Error for a URDF without masses and inertias of moving links."""
 
 
-def load_dynamics(cell: Cell) -> RigidBodyDynamics:
-    """Read the chain of the cell's arm joints with its inertias and those of the tool, gravity along −z of world.
-
-    Where the cell states no ``tool.inertia_kg_m2``, the tool's inertia about its own centre is zero here. It can be
-    identified (``compute_regressors``).
-
-    Args:
-        cell: robot cell.
+def _build_arm_model(cell: Cell) -> Any:  # a pinocchio model
+    """Return the model of the arm joints alone, in their order.
 
     Raises:
-        InputError: a joint is missing, has more than one degree of freedom, or no moving link has mass.
+        InputError: a joint is missing, or has more than one degree of freedom.
     """
     import pinocchio as pin
 
@@ -179,6 +173,24 @@ def load_dynamics(cell: Cell) -> RigidBodyDynamics:
             file=cell.urdf,
             where="robot.arm_joints",
         )
+    return model
+
+
+def load_dynamics(cell: Cell) -> RigidBodyDynamics:
+    """Read the chain of the cell's arm joints with its inertias and those of the tool, gravity along −z of world.
+
+    Where the cell states no ``tool.inertia_kg_m2``, the tool's inertia about its own centre is zero here. It can be
+    identified (``compute_regressors``).
+
+    Args:
+        cell: robot cell.
+
+    Raises:
+        InputError: a joint is missing, has more than one degree of freedom, or no moving link has mass.
+    """
+    import pinocchio as pin
+
+    model = _build_arm_model(cell)
     bodies = tuple(i for i in range(model.nv) if model.inertias[i + 1].mass > 0.0)
     if not bodies:
         raise MissingInertiaError(

@@ -197,7 +197,8 @@ def _read_yaml_jobs(path: Path) -> Iterator[ListedJob]:
         for file in files:
             for name, options in variants.items():
                 where = document.locate_key(("cells", c) if cell is not None else ("toolpaths",))
-                yield _build_job(keys, BatchJobKeys(toolpath=str(file)), cell, file, name, options, posts, path, where)
+                entry = _ListEntry(cell=cell, toolpath=file, name=name, options=options, posts=posts, where=where)
+                yield _build_job(path, keys, BatchJobKeys(toolpath=str(file)), entry)
     for n, job in enumerate(keys.jobs):
         yield from _list_explicit_jobs(document, ("jobs", n), keys, job, posts, path)
 
@@ -307,44 +308,44 @@ def _list_explicit_jobs(
     options = {} if job.options is None else job.options.given()
     posts = _resolve_posts(document, loc, job) or posts
     for file in _find_toolpaths(document, (*loc, "toolpath"), job.toolpath):
-        yield _build_job(
-            keys,
-            job,
-            cell,
-            file,
-            job.name or "",
-            options,
-            posts,
-            path,
-            document.locate_key(loc) or _describe_line(document),
+        entry = _ListEntry(
+            cell=cell,
+            toolpath=file,
+            name=job.name or "",
+            options=options,
+            posts=posts,
+            where=document.locate_key(loc) or _describe_line(document),
         )
+        yield _build_job(path, keys, job, entry)
 
 
-def _build_job(
-    keys: JobListKeys,
-    job: BatchJobKeys,
-    cell: Path | None,
-    file: Path,
-    name: str,
-    options: dict[str, object],
-    posts: tuple[str | Path, ...],
-    path: Path,
-    where: str,
-) -> ListedJob:
+@dataclass(frozen=True, kw_only=True)
+class _ListEntry:
+    """One combination of cell, toolpath and options, as in :class:`ListedJob`."""
+
+    cell: Path | None
+    toolpath: Path
+    name: str
+    options: dict[str, object]
+    posts: tuple[str | Path, ...]
+    where: str
+
+
+def _build_job(path: Path, keys: JobListKeys, job: BatchJobKeys, entry: _ListEntry) -> ListedJob:
     """A job with the list's own reading and limits under it."""
     time = job.time_limit_s or keys.time_limit_s
     memory = job.memory_limit_MiB or keys.memory_limit_MiB
     return ListedJob(
-        cell=cell,
-        toolpath=file,
-        name=name,
-        options=options,
+        cell=entry.cell,
+        toolpath=entry.toolpath,
+        name=entry.name,
+        options=entry.options,
         reading={**convert_reading_to_si(keys.reading), **convert_reading_to_si(job.reading)},
         time_limit=time,
         memory_limit=None if memory is None else int(memory * _MIB),
         file=path,
-        where=where,
-        posts=posts,
+        where=entry.where,
+        posts=entry.posts,
     )
 
 

@@ -409,6 +409,28 @@ class PathBuilder:
                 "--accept-unknown WORD accepts one that moves nothing"
             )
 
+    def _warn_of_arcs(self, position: Array) -> None:
+        """State the number of arcs; warn of those that run against the moves around them (positions (N, 3) mm)."""
+        if self._arcs:
+            self.meta["arcs"] = str(len(self._arcs))
+        found = compare_arc_directions(self._arcs, position)
+        if found.against:
+            self.warn(
+                f"{len(found.against)} arcs run against the tangents of their neighbours ({found.agree} run with "
+                f"them), at lines {_format_words([str(k) for k in found.against])}: check the arc direction"
+            )
+
+    def _state_incompleteness(self) -> None:
+        """State why the file seems incomplete; raise InputError where strict reading was requested."""
+        if self.incomplete_reason is None:
+            return
+        if self.options.strict:
+            raise self.source.build_error(
+                f"the file seems incomplete, and strict reading was requested: {self.incomplete_reason}"
+            )
+        self.meta["incomplete"] = self.incomplete_reason
+        self.warnings.insert(0, format_incomplete_warning(self.incomplete_reason))
+
     def build(self, *, reference: Array | None = None, tolerance_mm: Array | None = None) -> Toolpath:
         """Build the finished toolpath.
 
@@ -437,24 +459,11 @@ class PathBuilder:
                 f"holds {n} points but no cutting move; expected at least one feed move (GOTO after FEDRAT, G1)"
             )
         p, axis = table[:, :3], self._unit_axes(table[:, 3:6], line)
-        if self._arcs:
-            self.meta["arcs"] = str(len(self._arcs))
-        found = compare_arc_directions(self._arcs, p)
-        if found.against:
-            self.warn(
-                f"{len(found.against)} arcs run against the tangents of their neighbours ({found.agree} run with "
-                f"them), at lines {_format_words([str(k) for k in found.against])}: check the arc direction"
-            )
+        self._warn_of_arcs(p)
         self._warn_of_feeds_and_words(table, move, line)
         if self.used_options:
             self.meta[USED] = " ".join(sorted(self.used_options))
-        if self.incomplete_reason is not None:
-            if self.options.strict:
-                raise self.source.build_error(
-                    f"the file seems incomplete, and strict reading was requested: {self.incomplete_reason}"
-                )
-            self.meta["incomplete"] = self.incomplete_reason
-            self.warnings.insert(0, format_incomplete_warning(self.incomplete_reason))
+        self._state_incompleteness()
         return Toolpath(
             position=p * 1e-3,
             axis=axis,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
@@ -207,67 +207,82 @@ def find_best_placement(
     start_time = time.monotonic()
     work = InProcessExecutor(site) if executor is None else executor
     places = _evaluate_grid(site, search, journal, progress, start_time, work)
-    by_number = {p.number: p for p in places}
-    planned: dict[int, PlannedPlacement] = {}
-    ahead: dict[int, PlannedPlacement] = {}  # planned ahead of its turn
-
-    def whole(place: PlacementCandidate, then: Iterable[PlacementCandidate] = ()) -> None:
-        if place.number not in ahead:
-            wave = [p for p in (place, *islice(then, work.worker_count - 1)) if p.number not in ahead]
-            unknown = [p for p in wave if journal.find_planned(p) is None]
-            ahead.update({p.number: known for p in wave if (known := journal.find_planned(p)) is not None})
-            ahead.update(
-                {one.place.number: journal.append(one) for one in work.map_items(PlacementSite.plan_candidate, unknown)}
-            )
-        planned[place.number] = ahead[place.number]
-
+    plans = _PlannedPlaces(work, journal)
     progress(f"plan 1: {NO_SHIFT.text}")
+    here = next(p for p in places if p.number == 0)
+    if here.is_feasible:
+        plans.plan(here)
     queue = sorted(
         (p for p in places if p.is_feasible and p.number), key=lambda p: (max(p.worst, p.bound), p.bound, p.number)
     )
-    if by_number[0].is_feasible:
-        whole(by_number[0])
-    stopped = ""
+    stopped = _plan_queue(queue, plans, search, progress, start_time)
+    result = PlacementSearchResult(
+        carried=site.moved_bodies,
+        places=tuple(places),
+        planned=tuple(plans.planned.values()),
+        around={},
+        open_bound=min((p.bound for p in queue if p.number not in plans.planned), default=np.inf),
+        stopped=stopped,
+    )
+    if result.best and time.monotonic() - start_time < search.seconds:
+        progress("between the places of the grid")
+        finer = _refine_best(site, result.best[0].place, search, len(places), work)
+        if finer is not None:
+            plans.plan(finer)
+            result = replace(result, places=(*places, finer), planned=tuple(plans.planned.values()))
+    progress("around the best")
+    return replace(
+        result, around=_evaluate_neighbours(site, [p.place for p in result.best[: search.best]], search, work)
+    )
+
+
+@dataclass
+class _PlannedPlaces:
+    """Complete plans by number of the place; some are made ahead of their turn, by workers that are idle."""
+
+    work: PlacementExecutor
+    journal: SearchJournal
+    planned: dict[int, PlannedPlacement] = field(default_factory=dict)
+    _ahead: dict[int, PlannedPlacement] = field(default_factory=dict)
+
+    def plan(self, place: PlacementCandidate, then: Iterable[PlacementCandidate] = ()) -> None:
+        """Plan a place, and with the other workers the next ones."""
+        if place.number not in self._ahead:
+            wave = [p for p in (place, *islice(then, self.work.worker_count - 1)) if p.number not in self._ahead]
+            unknown = [p for p in wave if self.journal.find_planned(p) is None]
+            self._ahead.update({p.number: known for p in wave if (known := self.journal.find_planned(p)) is not None})
+            self._ahead.update(
+                {
+                    one.place.number: self.journal.append(one)
+                    for one in self.work.map_items(PlacementSite.plan_candidate, unknown)
+                }
+            )
+        self.planned[place.number] = self._ahead[place.number]
+
+
+def _plan_queue(
+    queue: Sequence[PlacementCandidate],
+    plans: _PlannedPlaces,
+    search: PlacementOptions,
+    progress: Progress,
+    start_time: float,
+) -> str:
+    """Plan places in their order until the best ones are proven; return why it stopped earlier, empty if not."""
     for turn, place in enumerate(queue):
+        planned = plans.planned
         values = sorted(p.worst for p in planned.values() if not p.refused)
         if len(values) - (0 in planned and not planned[0].refused) >= search.best and all(
             p.bound >= values[0] * (1 - TIE_TOLERANCE) for p in queue if p.number not in planned
         ):
             break
         if len(planned) >= search.plans:
-            stopped = f"after {search.plans} plans"
-            break
+            return f"after {search.plans} plans"
         if time.monotonic() - start_time > search.seconds and values:
-            stopped = f"after {search.seconds / 60:.3g} min"
-            break
+            return f"after {search.seconds / 60:.3g} min"
         best_text = f", best so far {1e3 * values[0]:.4g}" if values else ""
         progress(f"plan {len(planned) + 1} of at most {search.plans}: {place.shift.text}{best_text}")
-        whole(place, queue[turn + 1 :])
-    remaining = min((p.bound for p in queue if p.number not in planned), default=np.inf)
-    grid = PlacementSearchResult(
-        carried=site.moved_bodies,
-        places=tuple(places),
-        planned=tuple(planned.values()),
-        around={},
-        open_bound=remaining,
-        stopped=stopped,
-    )
-    if grid.best and time.monotonic() - start_time < search.seconds:
-        progress("between the places of the grid")
-        finer = _refine_best(site, grid.best[0].place, search, len(places), work)
-        if finer is not None:
-            places.append(finer)
-            whole(finer)
-    out = PlacementSearchResult(
-        carried=site.moved_bodies,
-        places=tuple(places),
-        planned=tuple(planned.values()),
-        around={},
-        open_bound=remaining,
-        stopped=stopped,
-    )
-    progress("around the best")
-    return replace(out, around=_evaluate_neighbours(site, [p.place for p in out.best[: search.best]], search, work))
+        plans.plan(place, queue[turn + 1 :])
+    return ""
 
 
 def _evaluate_grid(

@@ -82,11 +82,10 @@ def plan_jiao2022(
     Returns:
         Rotation, joints and infeasibility reason at each planning point.
     """
-    index = "jiao2022" if options.index == "auto" else options.index
     phi = np.full(len(path.index), np.nan)
     start = home
     for keys, rows, fraction in _groups(path, arm):
-        best, start = _best_rotations(path, arm, elasticity, directions, collision, keys, start, options, index)
+        best, start = _best_rotations(path, arm, elasticity, directions, collision, keys, start, options)
         roll = _roll(path, arm, rows)  # keys are the first and the last of rows
         psi = roll[[0, -1]] + best
         rotated = psi[0] + fraction * wrap_angle(psi[1] - psi[0])
@@ -150,11 +149,11 @@ def _best_rotations(
     keys: Ints,
     start: Array,
     options: PlanOptions,
-    index: str,
 ) -> tuple[Array, Array]:
     """Apply steps 1–5 of section 3.2: the stiffest of the 10° rotations per key point, in the branch nearest to
     ``start``.
     """
+    index = "jiao2022" if options.index == "auto" else options.index
     low, high = options.rotation_range
     grid = np.arange(-18, 18) * STEP
     q, why = _solve(path, arm, keys, np.broadcast_to(grid, (len(keys), len(grid))))
@@ -175,7 +174,7 @@ def _best_rotations(
     best = np.zeros(len(keys))
     for i in range(len(keys)):
         usable = np.flatnonzero(ok[i, :, b])
-        cost = compute_configuration_cost(elasticity, directions, np.full(len(usable), keys[i]), q[i, usable, b], index)  # type: ignore[arg-type]
+        cost = compute_configuration_cost(elasticity, directions, np.full(len(usable), keys[i]), q[i, usable, b], index)
         best[i] = grid[usable[cost.argmin()]]
     return best, q[0, int(np.argmin(np.abs(grid - best[0]))), b]
 
@@ -217,6 +216,35 @@ def _follow(path: PlanningPath, arm: PlanningArm, phi: Array, home: Array) -> Jo
 
 
 @jit_compile
+def _take_any_turn(
+    solutions: Array,
+    reasons: NDArray[np.uint8],
+    turns: Array,
+    lower: Array,
+    upper: Array,
+    near: Array,
+    fits: NDArray[np.bool_],
+) -> bool:
+    """Fill ``near`` (B, 6) rad and ``fits`` (B,) with the first turn of each branch inside the limits; return whether
+    there is one.
+    """
+    any_fits = False
+    for b in range(len(solutions)):
+        fits[b] = False
+        for k in range(len(turns)):
+            inside = reasons[b] == OK
+            for c in range(6):
+                x = solutions[b, c] + turns[k, c]
+                inside = inside and lower[c] <= x <= upper[c]
+            if inside:
+                for c in range(6):
+                    near[b, c] = solutions[b, c] + turns[k, c]
+                fits[b] = any_fits = True
+                break
+    return any_fits
+
+
+@jit_compile
 def _nearest_to_last(
     solutions: Array,
     reasons: NDArray[np.uint8],
@@ -252,18 +280,7 @@ def _nearest_to_last(
                 fits[b] = fits[b] and lower[c] <= near[b, c] <= upper[c]
             any_fits = any_fits or fits[b]
         if starts[p] and not any_fits:
-            for b in range(branches):
-                fits[b] = False
-                for k in range(len(turns)):
-                    inside = reasons[p, b] == OK
-                    for c in range(6):
-                        x = solutions[p, b, c] + turns[k, c]
-                        inside = inside and lower[c] <= x <= upper[c]
-                    if inside:
-                        for c in range(6):
-                            near[b, c] = solutions[p, b, c] + turns[k, c]
-                        fits[b] = any_fits = True
-                        break
+            any_fits = _take_any_turn(solutions[p], reasons[p], turns, lower, upper, near, fits)
         if not any_fits:
             latest_reason, exists = 0, False
             for b in range(branches):

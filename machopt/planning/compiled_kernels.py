@@ -85,7 +85,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     (
         "verification.programs.ordered_matching",
         "match_targets_in_order",
-        f"{_F2},{_F3},{_F2},{_F2},{_F3},{_F2},b1[::1],{_F2},f8,f8,i8",
+        f"{_F2},{_F3},{_F2},{_F2},{_F3},{_F2},b1[::1],{_F2},f8,f8,i8,b1[::1]",
     ),
     ("verification.programs.ordered_matching", "match_lines_in_order", f"{_F2},{_F2},{_F2},{_F2},b1[::1],f8,f8,f8,i8"),
     ("verification.motion.kinematics.urdf_kinematics", "_compute_frames", f"{_F2},{_I1},{_F3},{_F2},{_F2},{_F2}"),

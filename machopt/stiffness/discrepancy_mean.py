@@ -67,39 +67,15 @@ class DiscrepancyMean:
             masses=masses,
             geometric=geometric,
         )
-        joints, cosines, sines = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
-        gears: list[tuple[int, float, float]] = []
-        bodies: dict[str, Array] = {}
-        rest: dict[str, float] = {}
-        for name, value in zip(found.parts, found.shift.tolist(), strict=True):
-            part = parse_discrepancy_name(name)
-            word, numbers = part.kind, part.numbers
-            if value == 0.0:
-                continue
-            if word == JOINT:
-                joints[numbers[0], numbers[0]] += value
-            elif word == COUPLING:
-                i, j = numbers
-                joints[i, j] += value
-                joints[j, i] += value
-            elif word in (COS, SIN):
-                (cosines if word == COS else sines)[numbers[0]] += value
-            elif word in CURVE_SMOOTHING:
-                gears.append((numbers[0], float(CURVE_SMOOTHING[word] * found.torque[numbers[0]]), value))
-            elif word in (TERM, LOADED):
-                rest[name] = value
-            else:
-                bodies.setdefault(word, np.zeros(6))[part.axis] += value
-        places = [(*locate_compliance(robot, word), soft) for word, soft in bodies.items()]
-        left = replace(whole, names=tuple(rest))
+        parts = _sort_shifts(found)
         return cls(
-            joints=joints,
-            cosines=cosines,
-            sines=sines,
-            gears=tuple(gears),
-            bodies=tuple(places),
-            rest=left,
-            coefficients=np.array([*rest.values()]),
+            joints=parts.joints,
+            cosines=parts.cosines,
+            sines=parts.sines,
+            gears=tuple(parts.gears),
+            bodies=tuple((*locate_compliance(robot, word), soft) for word, soft in parts.bodies.items()),
+            rest=replace(whole, names=tuple(parts.rest)),
+            coefficients=np.array([*parts.rest.values()]),
         )
 
     @property
@@ -150,3 +126,43 @@ def _compute_body_twist(state: ArmState, body: int, at: Array, soft: Array, wren
         for c, v in ((soft[:3], force), (soft[3:], moment))
     )
     return np.concatenate([shift + cross_product(turn, r), turn], axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _SortedShifts:
+    """Mean values of a discrepancy by the kind of part, SI."""
+
+    joints: Array  # (6, 6) compliances of the joints and their couplings
+    cosines: Array  # (6,) of the joint angle
+    sines: Array  # (6,)
+    gears: list[tuple[int, float, float]]  # joint, smoothing torque in N·m, value
+    bodies: dict[str, Array]  # (6,) compliances of each body
+    rest: dict[str, float]  # values of the columns that are not summed here
+
+
+def _sort_shifts(found: ModelDiscrepancy) -> _SortedShifts:
+    """Return the mean values of the parts of a discrepancy, each kind apart."""
+    joints, cosines, sines = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+    gears: list[tuple[int, float, float]] = []
+    bodies: dict[str, Array] = {}
+    rest: dict[str, float] = {}
+    for name, value in zip(found.parts, found.shift.tolist(), strict=True):
+        part = parse_discrepancy_name(name)
+        word, numbers = part.kind, part.numbers
+        if value == 0.0:
+            continue
+        if word == JOINT:
+            joints[numbers[0], numbers[0]] += value
+        elif word == COUPLING:
+            i, j = numbers
+            joints[i, j] += value
+            joints[j, i] += value
+        elif word in (COS, SIN):
+            (cosines if word == COS else sines)[numbers[0]] += value
+        elif word in CURVE_SMOOTHING:
+            gears.append((numbers[0], float(CURVE_SMOOTHING[word] * found.torque[numbers[0]]), value))
+        elif word in (TERM, LOADED):
+            rest[name] = value
+        else:
+            bodies.setdefault(word, np.zeros(6))[part.axis] += value
+    return _SortedShifts(joints=joints, cosines=cosines, sines=sines, gears=gears, bodies=bodies, rest=rest)

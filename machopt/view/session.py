@@ -27,7 +27,7 @@ from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.job.constraint_conflicts import is_complete
 from machopt.planning.pipeline.planning_setup import Progress, StageTimings
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks
-from machopt.report.page_data.optimize import build_report_data, format_measured_value
+from machopt.report.page_data.optimize import PlanEvidence, build_report_data, format_measured_value
 from machopt.report.page_types.steering import SteeringAxis, SteeringData
 from machopt.report.pages.optimize.optimize_page import build_report_html
 from machopt.view.plan_comparison import compare_plans
@@ -202,12 +202,7 @@ class ViewSession:
     def build_html(self) -> str:
         """Return the page: the report of the shown plan, and the steering panel."""
         made, timings = self.current.job_result, self.current.timings
-        data = build_report_data(
-            made.plan,
-            made.toolpath,
-            made.points,
-            made.timeline,
-            None,
+        evidence = PlanEvidence(
             shown=made.shown,
             blockers=made.production_blockers,
             before=None if self.previous is None else self.previous.job_result.plan,
@@ -215,6 +210,7 @@ class ViewSession:
             options=format_user_options(made.options),
             timings=timings.seconds,
         )
+        data = build_report_data(made.plan, made.toolpath, made.points, made.timeline, evidence)
         return build_report_html(data, self._build_steering_data())
 
     def _build_options(self, wishes: dict[str, Any]) -> PlanOptions:

@@ -62,6 +62,20 @@ class MapLayerResult:
     values: QuantityValues
 
 
+@dataclass(frozen=True, kw_only=True)
+class EvaluatedMap:
+    """A map with its inputs and the quantities at its samples."""
+
+    cell: Cell
+    options: MapOptions
+    setting: MapSettings  # constant inputs of the quantities
+    samples: MapSamples
+    arm: ReachingArm  # kinematics, limits, margins
+    layers: list[MapLayerResult]  # the given rotation first
+    criterion: MapQuantity  # by which postures are selected
+    comparison: MeasuredComparison | None  # with measured stiffness; None: none
+
+
 def build_column_name(field: MapQuantity) -> str:
     """Return the name of a quantity's column in files.
 
@@ -96,33 +110,17 @@ def compute_sample_positions(samples: MapSamples, layer: MapLayerResult, options
     )
 
 
-def build_map_document(
-    inputs: dict[str, str],
-    cell: Cell,
-    plan: PlanOptions,
-    options: MapOptions,
-    setting: MapSettings,
-    samples: MapSamples,
-    arm: ReachingArm,
-    layers: list[MapLayerResult],
-    criterion: MapQuantity,
-    comparison: MeasuredComparison | None,
-) -> tuple[MapDocument, str]:
+def build_map_document(evaluated: EvaluatedMap, inputs: dict[str, str], plan: PlanOptions) -> tuple[MapDocument, str]:
     """Return map.json, and its verdict as one sentence.
 
     Args:
+        evaluated: the map with its inputs.
         inputs: SHA-256 of each input file by name.
-        cell: robot cell.
         plan: plan options with the margins.
-        options: map options.
-        setting: constant inputs of the quantities.
-        samples: samples of the map.
-        arm: kinematics, limits, margins.
-        layers: computed layers.
-        criterion: quantity by which postures are selected.
-        comparison: comparison with measured stiffness; None: none.
     """
-    message = _format_verdict(samples, layers, criterion, arm, setting, options)
+    cell, options, setting, comparison = evaluated.cell, evaluated.options, evaluated.setting, evaluated.comparison
+    samples, layers = evaluated.samples, evaluated.layers
+    message = _format_verdict(evaluated)
     angle = options.kind == "joints"
     scale = DEG if angle else MM
     result = MapDocument(
@@ -146,7 +144,7 @@ def build_map_document(
             for a in samples.axes
         ),
         samples=len(samples),
-        options=_build_options_section(plan, options, setting, criterion),
+        options=_build_options_section(plan, options, setting, evaluated.criterion),
         characteristic_length_mm=setting.length * MM,
         layers={layer.name: _build_layer_entry(samples, layer, options) for layer in layers},
         measured=None if comparison is None else _build_measured_section(comparison),
@@ -246,15 +244,9 @@ def _build_measured_section(c: MeasuredComparison) -> MeasuredStiffnessSection:
     )
 
 
-def _format_verdict(
-    samples: MapSamples,
-    layers: list[MapLayerResult],
-    criterion: MapQuantity,
-    arm: ReachingArm,
-    setting: MapSettings,
-    options: MapOptions,
-) -> str:
-    most = max(layers, key=lambda layer: int(layer.postures.ok.sum()))
+def _format_verdict(evaluated: EvaluatedMap) -> str:
+    samples, criterion, arm, options = evaluated.samples, evaluated.criterion, evaluated.arm, evaluated.options
+    most = max(evaluated.layers, key=lambda layer: int(layer.postures.ok.sum()))
     count = int(most.postures.ok.sum())
     if count == 0:
         reasons = np.bincount(most.postures.reason)
@@ -264,7 +256,7 @@ def _format_verdict(
         middle = (T[:3, :3] @ centre + T[:3, 3]) * MM
         verdict = f"none of {len(samples):,} samples has a posture; most are {REASON_TEXTS[worst]}"
         if samples.q is not None:
-            return f"{verdict}: the joint limits are {_format_limit_note(setting)}"
+            return f"{verdict}: the joint limits are {_format_limit_note(evaluated.setting)}"
         short = most.postures.shortfall[most.postures.shortfall > 0]
         miss = (
             f", the nearest by {short.min() * MM:.0f} mm"

@@ -53,6 +53,19 @@ class MeasuredComparison:
         return out
 
 
+def _evaluate_model(setting: MapSettings, q: Array, axes: tuple[str, ...]) -> tuple[Array, Array]:
+    """Return the model's stiffness along the axes at q (n, 6), free and with the other directions held, N/m."""
+    model, constrained = (np.full((len(q), len(axes)), np.nan) for _ in range(2))
+    there = np.flatnonzero(np.isfinite(q).all(axis=1))
+    if len(there):
+        at = setting.evaluate_states(q[there])
+        for f, axis in enumerate(axes):
+            direction = at.compute_axis("xyz".index(axis))
+            model[there, f] = 1.0 / at.elasticity.compute_compliance_along(direction)
+            constrained[there, f] = at.compute_held_stiffness(direction)
+    return model, constrained
+
+
 def compare_with_measured(
     table: MeasuredStiffness,
     request: MapRequest,
@@ -81,14 +94,7 @@ def compare_with_measured(
     axes = tuple(table.stiffness)
     measured = np.column_stack([table.stiffness[axis] for axis in axes])
     position, q, warnings = _locate_readings(table, options, arm, setting, criterion)
-    model, constrained = np.full(measured.shape, np.nan), np.full(measured.shape, np.nan)
-    there = np.flatnonzero(np.isfinite(q).all(axis=1))
-    if len(there):
-        at = setting.evaluate_states(q[there])
-        for f, axis in enumerate(axes):
-            direction = at.compute_axis("xyz".index(axis))
-            model[there, f] = 1.0 / at.elasticity.compute_compliance_along(direction)
-            constrained[there, f] = at.compute_held_stiffness(direction)
+    model, constrained = _evaluate_model(setting, q, axes)
     known = np.isfinite(places).all(axis=1)
     value, inside = np.full((len(places), len(axes)), np.nan), np.zeros(len(places), bool)
     nearest = np.full(len(places), np.nan)

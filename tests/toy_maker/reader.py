@@ -6,7 +6,7 @@ import numpy as np
 
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.parsed_program import LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import ProgramBuilder
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
 from machopt.programs.reading.rotation_conventions import Rows, build_pose_matrix, convert_quaternion
 
 from .harmless_words import TOY
@@ -23,7 +23,9 @@ def read_toy(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
             (out.set_tool if word == "TOOL" else out.set_base)(frame)
         elif word == "JUMP":
             *axes, wrist = rest.split()
-            out.joint([float(a) for a in axes], line, configuration={"wrist": wrist.removeprefix("WRIST=")})
+            out.joint(
+                [float(a) for a in axes], line, MoveAttributes(configuration={"wrist": wrist.removeprefix("WRIST=")})
+            )
         elif word == "LINE":
             values, _, said = rest.partition(" FEED=")
             feed, blend, move, operation = said.split(" ", 3)
@@ -32,7 +34,7 @@ def read_toy(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
             rows, place = _read_pose(values.split())
             size = float(blend.removeprefix("ROUND=")) * 1e-3
             x, y, z = (v * 1e-3 for v in place)
-            out.pose(LINEAR, rows, x, y, z, line, feed=float(feed) / 6e4, blend=size)
+            out.pose(LINEAR, rows, (x, y, z), line, MoveAttributes(feed=float(feed) / 6e4, blend=size))
         elif word == ";":
             out.event(rest)
         elif text and word not in TOY:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,6 +87,38 @@ def read_chain(urdf: UrdfModel, keys: CellKeys, document: YamlDocument, *, any_c
     moves = tuple(dict.fromkeys(j for j in (*to_flange, *to_part) if j.moves))
     followers = [j for j in to_flange[len(to_base) :] if j.mimic is not None]
     moving = tuple(j for j in moves if any_chain or j not in followers)
+    _check_moving_joints(moving, arm, external, document, any_chain=any_chain)
+    if not any_chain:
+        _check_followers(followers, arm, document)
+    idle = [j.name for j in external if j not in moving]
+    if idle:
+        raise document.build_error(
+            ("robot", "external_joints"), f"joint {idle[0]!r} moves neither the flange nor the workpiece link"
+        )
+    return JointChain(tuple(arm), tuple(external), (*arm, *external))
+
+
+def _check_followers(followers: Sequence[UrdfJoint], arm: Sequence[UrdfJoint], document: YamlDocument) -> None:
+    """Raise InputError where a mimic joint follows no joint of the arm."""
+    sources = {a.name for a in arm}
+    for j in followers:
+        if j.mimic is not None and j.mimic.joint not in sources:
+            raise document.build_error(
+                ("robot", "urdf"),
+                f"joint {j.name!r} mimics {j.mimic.joint!r}, which is no joint of the arm; it has "
+                f"{', '.join(a.name for a in arm)}",
+            )
+
+
+def _check_moving_joints(
+    moving: Sequence[UrdfJoint],
+    arm: Sequence[UrdfJoint],
+    external: Sequence[UrdfJoint],
+    document: YamlDocument,
+    *,
+    any_chain: bool,
+) -> None:
+    """Raise InputError where a joint that moves flange or workpiece is a mimic joint, or is not listed."""
     for j in moving:
         if j.mimic is not None:
             kind = "moves the base or the workpiece" if not any_chain else "is in the chain"
@@ -100,20 +133,6 @@ def read_chain(urdf: UrdfModel, keys: CellKeys, document: YamlDocument, *, any_c
                 f"{j.kind} joint {j.name!r} moves the base or the workpiece but is not listed; "
                 "add it to external_joints",
             )
-    sources = {a.name for a in arm}
-    for j in followers:
-        if j.mimic is not None and j.mimic.joint not in sources and not any_chain:
-            raise document.build_error(
-                ("robot", "urdf"),
-                f"joint {j.name!r} mimics {j.mimic.joint!r}, which is no joint of the arm; it has "
-                f"{', '.join(a.name for a in arm)}",
-            )
-    idle = [j.name for j in external if j not in moving]
-    if idle:
-        raise document.build_error(
-            ("robot", "external_joints"), f"joint {idle[0]!r} moves neither the flange nor the workpiece link"
-        )
-    return JointChain(tuple(arm), tuple(external), (*arm, *external))
 
 
 def read_limits(chain: JointChain, keys: CellKeys, document: YamlDocument, warnings: list[str]) -> JointLimits:
@@ -164,21 +183,26 @@ def read_limits(chain: JointChain, keys: CellKeys, document: YamlDocument, warni
                     (*loc, i), f"{found}; the URDF allows {urdf_range}, which may only be narrowed"
                 )
             lower[i], upper[i] = (lo, hi) if j.kind == "continuous" else (max(lo, lower[i]), min(hi, upper[i]))
-    speed = rates["velocity_deg_s"]
-    if limits.velocity_deg_s is None:  # the URDF's, in rad/s by its own definition
-        return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
-    given = zip(chain.moving, limits.velocity_deg_s, strict=True)
+    if limits.velocity_deg_s is not None:  # else the URDF's, in rad/s by its own definition
+        warnings += _list_velocity_warnings(chain, limits.velocity_deg_s, rates["velocity_deg_s"])
+    return JointLimits(lower, upper, rates["velocity_deg_s"], rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
+
+
+def _list_velocity_warnings(chain: JointChain, velocity_deg_s: Sequence[float], speed: Array) -> list[str]:
+    """Return warnings of velocities that look like rad/s, and of those above the URDF's; ``speed`` (n,) in SI units."""
+    warnings = []
+    given = zip(chain.moving, velocity_deg_s, strict=True)
     turning = [(v, j.velocity) for j, v in given if j in chain.arm and j.kind != "prismatic"]
     # The URDF has rad/s by its own definition: much the same numbers are that, too. NaN compares false.
     as_in_urdf = all(_SAME[0] * urdf < v < _SAME[1] * urdf for v, urdf in turning)
     if turning and (max(v for v, _ in turning) < _RAD_LOOK or as_in_urdf):
-        warnings.append(f"robot.limits.velocity_deg_s {limits.velocity_deg_s} looks like rad/s; deg/s is expected")
+        warnings.append(f"robot.limits.velocity_deg_s {velocity_deg_s} looks like rad/s; deg/s is expected")
     fast = [
         j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity > 0
     ]  # NaN compares false; 0: it has none
     if fast:
         warnings.append(f"robot.limits.velocity_deg_s is above the URDF's velocity for {', '.join(fast)}")
-    return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
+    return warnings
 
 
 def read_velocity_limits(chain: JointChain, keys: CellKeys, document: YamlDocument) -> list[float]:

@@ -15,6 +15,7 @@ import math
 from dataclasses import dataclass, replace
 
 from machopt.cell.urdf import UrdfJoint, UrdfModel
+from machopt.cell.urdf.urdf_model import UrdfMimic
 from machopt.data_types.cell import JointLimits, MimicJoint
 from machopt.errors import CellError, InputError
 
@@ -81,6 +82,47 @@ def find_side_followers(
     return tuple(out)
 
 
+def _check_mimic_joint(
+    urdf: UrdfModel,
+    j: UrdfJoint,
+    m: UrdfMimic,
+    listed: tuple[UrdfJoint, ...],
+    external: tuple[UrdfJoint, ...],
+) -> UrdfJoint:
+    """Return the joint that a mimic joint follows; raise InputError where this is not supported."""
+    by_name = {j.name: j for j in urdf.joints}
+    if m.joint not in by_name:
+        raise _build_joint_error(urdf, j, f"joint {j.name!r} mimics {m.joint!r}, which the URDF does not have")
+    if j.kind not in (*TURNING, "prismatic"):
+        raise _build_joint_error(
+            urdf, j, f"joint {j.name!r} is {j.kind} and mimics {m.joint!r}; a revolute one would work"
+        )
+    source = by_name[m.joint]
+    if source.mimic is not None:
+        raise _build_joint_error(
+            urdf,
+            j,
+            f"joint {j.name!r} mimics {m.joint!r}, which mimics {source.mimic.joint!r} itself; "
+            f"to mimic {source.mimic.joint!r} with the product of both multipliers would work",
+        )
+    if not source.moves:
+        raise _build_joint_error(
+            urdf, j, f"joint {j.name!r} mimics {m.joint!r}, which is fixed; a fixed joint would do the same"
+        )
+    if j in listed:
+        raise _build_joint_error(
+            urdf,
+            j,
+            f"joint {j.name!r} mimics {m.joint!r}, so it is no joint of its own; "
+            "arm_joints and external_joints without it would work",
+        )
+    if source in external:
+        raise _build_joint_error(
+            urdf, j, f"joint {j.name!r} mimics the external joint {m.joint!r}; only joints of the arm are followed"
+        )
+    return source
+
+
 def find_mimic_joints(
     urdf: UrdfModel,
     arm: tuple[UrdfJoint, ...],
@@ -101,7 +143,6 @@ def find_mimic_joints(
     Raises:
         InputError: one that follows the arm is not supported; names it and what would work.
     """
-    by_name = {j.name: j for j in urdf.joints}
     beside = {s.joint.name for s in side}
     out = []
     for j in urdf.joints:
@@ -111,35 +152,7 @@ def find_mimic_joints(
         if j.name in beside:
             out.append(MimicJoint(j.name, j.name, 0.0, m.offset))  # its own source: nothing drives it
             continue
-        if m.joint not in by_name:
-            raise _build_joint_error(urdf, j, f"joint {j.name!r} mimics {m.joint!r}, which the URDF does not have")
-        if j.kind not in (*TURNING, "prismatic"):
-            raise _build_joint_error(
-                urdf, j, f"joint {j.name!r} is {j.kind} and mimics {m.joint!r}; a revolute one would work"
-            )
-        source = by_name[m.joint]
-        if source.mimic is not None:
-            raise _build_joint_error(
-                urdf,
-                j,
-                f"joint {j.name!r} mimics {m.joint!r}, which mimics {source.mimic.joint!r} itself; "
-                f"to mimic {source.mimic.joint!r} with the product of both multipliers would work",
-            )
-        if not source.moves:
-            raise _build_joint_error(
-                urdf, j, f"joint {j.name!r} mimics {m.joint!r}, which is fixed; a fixed joint would do the same"
-            )
-        if j in arm or j in external:
-            raise _build_joint_error(
-                urdf,
-                j,
-                f"joint {j.name!r} mimics {m.joint!r}, so it is no joint of its own; "
-                "arm_joints and external_joints without it would work",
-            )
-        if source in external:
-            raise _build_joint_error(
-                urdf, j, f"joint {j.name!r} mimics the external joint {m.joint!r}; only joints of the arm are followed"
-            )
+        source = _check_mimic_joint(urdf, j, m, (*arm, *external), external)
         if source in arm:
             _check_plannable(urdf, j, source, arm)
         out.append(MimicJoint(j.name, m.joint, m.multiplier, m.offset))

@@ -51,6 +51,19 @@ def _read_without_comments(path: Path, expected: str) -> str:
     return _COMMENT.sub("", read_text(path, expected=expected, most=MARKUP))
 
 
+_FAILURES_OF_EXPRESSIONS = (
+    ValueError,
+    TypeError,
+    AttributeError,
+    LookupError,
+    NameError,
+    ArithmeticError,
+    SyntaxError,
+    RuntimeError,  # attributes that are missing, and recursion without end
+    OSError,
+)
+
+
 def expand_xacro(path: Path, arguments: Mapping[str, str], find: PackageFinder, may: FileAccessCheck) -> ExpandedXacro:
     """Carry out a xacro file.
 
@@ -74,19 +87,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str], find: PackageFinder, 
             "it expands to, would work",
             file=path,
         ) from None
-    failures = (
-        XacroException,
-        SubstitutionException,
-        ValueError,
-        TypeError,
-        AttributeError,
-        LookupError,
-        NameError,
-        ArithmeticError,
-        SyntaxError,
-        RuntimeError,  # attributes that are missing, and recursion without end
-        OSError,
-    )
+    failures = (XacroException, SubstitutionException, *_FAILURES_OF_EXPRESSIONS)
     said, known = io.StringIO(), len(xacro.all_includes)
     try:
         with (

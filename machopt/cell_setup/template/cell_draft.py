@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +37,24 @@ def estimate_tool_length(request: InitRequest, span: float) -> float:
     return float(np.clip(round(1e2 * TOOL_SHARE * span) * 10.0, *TOOL_MM))
 
 
+def _list_guesses_of_links(links: ArmLinks) -> list[str]:
+    if not links.gripper:
+        return []
+    return [
+        f"{', '.join(j.name for j in links.gripper)} behind {links.flange_link} {_is_or_are(links.gripper)} "
+        "assumed to belong to a gripper and fixed at zero (--flange-link)"
+    ]
+
+
+def _list_guesses_of_velocities(slow: Sequence[str]) -> list[str]:
+    if not slow:
+        return []
+    return [
+        f"the URDF has no velocity for {', '.join(slow)}: robot.limits.velocity_deg_s is a slow guess "
+        "(--velocity-deg-s)"
+    ]
+
+
 def draft_cell(
     request: InitRequest, urdf: UrdfModel, links: ArmLinks, span: float
 ) -> tuple[NewCellContent, tuple[str, ...]]:
@@ -59,19 +78,9 @@ def draft_cell(
     scale = [1e3 if slide else 180.0 / math.pi for slide in slides]
     lower, upper = _list_joint_ranges(joints, scale, urdf)
     velocity, of, slow = _list_joint_velocities(request, joints, slides, urdf)
-    guesses = [] if request.tool_mass_kg else ["tool.mass_kg is 0: the tool's weight is not counted"]
     body, part_body, of_bodies = _draft_bodies(request, span)
-    guesses += of_bodies
-    if links.gripper:
-        guesses.append(
-            f"{', '.join(j.name for j in links.gripper)} behind {links.flange_link} {_is_or_are(links.gripper)} "
-            "assumed to belong to a gripper and fixed at zero (--flange-link)"
-        )
-    if slow:
-        guesses.append(
-            f"the URDF has no velocity for {', '.join(slow)}: robot.limits.velocity_deg_s is a slow guess "
-            "(--velocity-deg-s)"
-        )
+    guesses = [] if request.tool_mass_kg else ["tool.mass_kg is 0: the tool's weight is not counted"]
+    guesses += [*of_bodies, *_list_guesses_of_links(links), *_list_guesses_of_velocities(slow)]
     new = NewCellContent(
         name=request.name or urdf.path.stem,
         urdf=URDF,

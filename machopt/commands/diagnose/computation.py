@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.commands.diagnose.files import write_kinematics_file, write_residual_table, write_stiffness_file
+from machopt.commands.diagnose.files import (
+    write_kinematics_file,
+    write_residual_table,
+    write_stiffness_file,
+)
 from machopt.commands.diagnose.model_files import check_written_errors, write_assessed_files
 from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs
 from machopt.commands.manifest import write_command_manifest
@@ -16,10 +20,14 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording
 from machopt.measurement.diagnosis.outputs.model_assessment import ModelAssessment
 from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.output import write_result
+from machopt.report.page_data.cell_scene import build_cell_scene
+from machopt.report.page_data.diagnosis import build_diagnosis_page_data
 from machopt.report.page_types.diagnosis_page_data import DiagnosisPageData
+from machopt.report.page_types.display_units import format_option_value
 from machopt.report.pages.diagnosis.diagnosis_page import write_diagnosis_page
 
 Progress = Callable[[str], None]
@@ -38,6 +46,50 @@ class DiagnoseComputation:
     model: ArmStiffness | None  # the extended one, where it is one
     page: DiagnosisPageData
     result: DiagnosisDocument
+
+
+def build_computation(
+    request: DiagnoseRequest,
+    cell: Cell,
+    found: DiagnosedRecording,
+    assessed: ModelAssessment | None,
+    model: ArmStiffness | None,
+    result: DiagnosisDocument,
+    facts: Mapping[str, object],
+) -> DiagnoseComputation:
+    """Return the computation of a finished diagnosis, with its page.
+
+    Args:
+        request: The validated request.
+        cell: The robot cell.
+        found: The diagnosed recording.
+        assessed: Errors of the written files; None of a motion.
+        model: The extended model; None without one.
+        result: The document.
+        facts: Options and hashes of input files for the page.
+    """
+    d = found.diagnosis
+    scene = None if found.recording.kind == "motion" else build_cell_scene(cell)[0]
+    page = build_diagnosis_page_data(
+        cell,
+        found.recording,
+        d,
+        tuple((k, format_option_value(v)) for k, v in facts.items()),
+        result.effect_on_job,
+        problem=found.problem,
+        scene=scene,
+    )
+    return DiagnoseComputation(
+        request=request,
+        cell=cell,
+        recording=found.recording,
+        problem=found.problem,
+        assessed=assessed,
+        diagnosis=d,
+        model=model,
+        page=page,
+        result=result,
+    )
 
 
 def write_diagnosis_files(done: DiagnoseComputation, folder: Path, progress: Progress = lambda _: None) -> None:

@@ -19,7 +19,7 @@ from machopt.effects.kinematic_corrections import extend_kinematics
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.options.plan_option_reader import load_options
-from machopt.output.tables.residuals_table import write_residuals_csv
+from machopt.output.tables.residuals_table import ResidualsTable, write_residuals_csv
 from machopt.report.page_data.diagnosis import locate_readings
 from machopt.toolpath.unknown_words import read_for_plan
 
@@ -47,8 +47,7 @@ def write_residual_table(
         f"{prefix if c.name in 'xyz' else ''}{c.name.replace(' ', '')}_{_UNITS.get(c.unit, c.unit)}"
         for c in page["coordinates"]
     ]
-    write_residuals_csv(
-        path,
+    table = ResidualsTable(
         row=page["row"],
         line=page["line"],
         file=page["file"],
@@ -60,6 +59,7 @@ def write_residual_table(
         before=diagnosis.errors.residual,
         after=diagnosis.errors.final,
     )
+    write_residuals_csv(path, table)
 
 
 def write_stiffness_file(folder: Path, stiffness: ArmStiffness | None) -> None:

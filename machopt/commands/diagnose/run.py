@@ -7,20 +7,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from machopt.cell.cell_reader import load_cell
-from machopt.commands.diagnose.computation import DiagnoseComputation, write_diagnosis_files
+from machopt.commands.diagnose.computation import DiagnoseComputation, build_computation, write_diagnosis_files
 from machopt.commands.diagnose.files import KINEMATICS, STIFFNESS, compute_effect_on_job, list_kinematic_corrections
 from machopt.commands.input_hashes import compute_input_hashes, list_request_paths
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument
+from machopt.data_types.measurements.recording import Recording
 from machopt.effects.user_effects import UserModule, activate_user_effects, run_user_files
 from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
-from machopt.measurement.diagnosis.diagnosis_pipeline import diagnose_motion_recording, diagnose_static_recording
+from machopt.measurement.diagnosis.diagnosis_pipeline import (
+    DiagnosedRecording,
+    diagnose_motion_recording,
+    diagnose_static_recording,
+)
 from machopt.measurement.diagnosis.effect_columns import user_hypotheses
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.outputs.diagnosis_document import build_diagnosis_document
-from machopt.measurement.diagnosis.outputs.extended_stiffness import add_withheld_notes, build_extended_stiffness
-from machopt.measurement.diagnosis.outputs.model_assessment import state_written_errors
+from machopt.measurement.diagnosis.outputs.extended_stiffness import (
+    ExtendedStiffness,
+    add_withheld_notes,
+    build_extended_stiffness,
+)
+from machopt.measurement.diagnosis.outputs.model_assessment import ModelAssessment, state_written_errors
 from machopt.measurement.diagnosis.outputs.model_uncertainty import add_model_uncertainty
 from machopt.measurement.diagnosis.outputs.plausible_corrections import diagnose_with_useful_files
 from machopt.measurement.diagnosis.request import DiagnoseRequest, check_diagnose_request
@@ -28,9 +37,6 @@ from machopt.measurement.diagnosis.verdict.verdict_rules import apply_verdict_ru
 from machopt.measurement.recording import load_recording, load_recordings
 from machopt.options.plan_option_reader import load_options
 from machopt.output import write_output_folder
-from machopt.report.page_data.cell_scene import build_cell_scene
-from machopt.report.page_data.diagnosis import build_diagnosis_page_data
-from machopt.report.page_types.display_units import format_option_value
 
 Progress = Callable[[str], None]
 
@@ -65,6 +71,42 @@ def run_diagnose(request: DiagnoseRequest, progress: Progress = lambda _: None) 
     return DiagnoseResult(done.diagnosis, done.result, request.out / "report.html")
 
 
+def _diagnose_motion(
+    request: DiagnoseRequest, cell: Cell, recording: Recording, options: selection_pipeline.DiagnosisOptions
+) -> tuple[DiagnosedRecording, ExtendedStiffness, ModelAssessment | None]:
+    """Return the diagnosis of a motion, its model, and the assessment of the written files, which a motion has not."""
+    asked, job = request.channel, request.toolpath is not None
+    found = diagnose_motion_recording(
+        cell, recording, options, requested_channel=asked, seed=request.seed, toolpath=job
+    )
+    made = build_extended_stiffness(cell, found.diagnosis)
+    made = replace(made, after=add_model_uncertainty(cell, found, made.after))
+    # noise of a motion is what changes from sample to sample, whatever the model
+    diagnosis = replace(found.diagnosis, measured_noise=found.diagnosis.noise_floor)
+    return replace(found, diagnosis=diagnosis), made, None
+
+
+def _diagnose_load_tests(
+    request: DiagnoseRequest,
+    cell: Cell,
+    recording: Recording,
+    options: selection_pipeline.DiagnosisOptions,
+    laws: list[tuple[str, user_hypotheses.HypothesisSource]],
+) -> tuple[DiagnosedRecording, ExtendedStiffness, ModelAssessment | None]:
+    """Return the diagnosis of load tests, its model, and the assessment of the written files."""
+    accept, seed = request.accept, request.seed
+    useful = diagnose_with_useful_files(
+        cell,
+        lambda barred, unstated: diagnose_static_recording(
+            cell, recording, options, laws, accept=accept, seed=seed, barred=barred, unstated=unstated
+        ),
+    )
+    found = replace(useful.found, diagnosis=state_written_errors(useful.found.diagnosis, useful.assessed))
+    options.progress("what the model may still lack")
+    made = replace(useful.made, after=add_model_uncertainty(cell, found, useful.made.after))
+    return found, made, useful.assessed
+
+
 def compute_diagnosis(
     request: DiagnoseRequest, own: tuple[UserModule, ...], progress: Progress, cell: Cell | None = None
 ) -> DiagnoseComputation:
@@ -89,34 +131,16 @@ def compute_diagnosis(
     options = selection_pipeline.DiagnosisOptions(
         max_effects=request.get_max_findings(recording.kind), progress=progress
     )
-    assessed = None
     if moving:
-        asked, job = request.channel, request.toolpath is not None
-        found = diagnose_motion_recording(
-            cell, recording, options, requested_channel=asked, seed=request.seed, toolpath=job
-        )
-        made = build_extended_stiffness(cell, found.diagnosis)
+        found, made, assessed = _diagnose_motion(request, cell, recording, options)
     else:
-        accept, seed = request.accept, request.seed
-        useful = diagnose_with_useful_files(
-            cell,
-            lambda barred, unstated: diagnose_static_recording(
-                cell, recording, options, laws, accept=accept, seed=seed, barred=barred, unstated=unstated
-            ),
-        )
-        made, assessed = useful.made, useful.assessed
-        found = replace(useful.found, diagnosis=state_written_errors(useful.found.diagnosis, assessed))
-        progress("what the model may still lack")
-    made = replace(made, after=add_model_uncertainty(cell, found, made.after))
-    if moving:  # noise of a motion is what changes from sample to sample, whatever the model
-        found = replace(found, diagnosis=replace(found.diagnosis, measured_noise=found.diagnosis.noise_floor))
+        found, made, assessed = _diagnose_load_tests(request, cell, recording, options, laws)
     found = replace(found, diagnosis=apply_verdict_rules(found.diagnosis))
     d = add_withheld_notes(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
     if request.toolpath is not None and made.after is not None and made.before is not None:
         progress("what it changes for the toolpath")
     effect = compute_effect_on_job(cell, request.toolpath, made.before, made.after, request.overrides)
-    inputs = compute_input_hashes(cell, request.recordings)
-    said = request.list_options(recording.kind)
+    inputs, said = compute_input_hashes(cell, request.recordings), request.list_options(recording.kind)
     result = build_diagnosis_document(
         cell,
         found.recording,
@@ -127,16 +151,6 @@ def compute_diagnosis(
         options=said,
         inputs=inputs,
     )
-    scene = None if moving else build_cell_scene(cell)[0]
-    facts = tuple((k, format_option_value(v)) for k, v in (said | inputs).items())
-    return DiagnoseComputation(
-        request=request,
-        cell=cell,
-        recording=found.recording,
-        problem=found.problem,
-        assessed=assessed,
-        diagnosis=d,
-        model=made.after,
-        page=build_diagnosis_page_data(cell, found.recording, d, facts, effect, problem=found.problem, scene=scene),
-        result=result,
+    return build_computation(
+        request, cell, replace(found, diagnosis=d), assessed, made.after, result, {**said, **inputs}
     )

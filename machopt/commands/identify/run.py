@@ -16,7 +16,7 @@ from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.measurement.identification.identification_result import IdentificationResult
 from machopt.measurement.identification.request import IdentifyRequest
 from machopt.output import write_output_folder, write_result
-from machopt.output.tables.readings_table import write_readings_csv
+from machopt.output.tables.readings_table import ReadingsTable, write_readings_csv
 from machopt.report.page_data.identification import build_identification_page_data
 from machopt.report.page_types.display_units import format_option_value
 from machopt.report.pages.identification_page import write_identification_page
@@ -65,8 +65,7 @@ def write_identification_files(
     request, cell, tests, found = done.request, done.cell, done.tests, done.identification
     write_stiffness(folder / "stiffness.yaml", found.stiffness)
     t = found.table
-    write_readings_csv(
-        folder / "readings.csv",
+    table = ReadingsTable(
         pose=tests.pose,
         cycle=done.recording.cycle,
         session=tests.session,
@@ -79,6 +78,7 @@ def write_identification_files(
         weight=t.weight,
         leverage=found.influence.leverage,
     )
+    write_readings_csv(folder / "readings.csv", table)
     progress("report")
     write_identification_page(
         folder / "report.html",

@@ -19,7 +19,7 @@ from machopt.output.tables.map_table import read_measured_stiffness
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
 from machopt.report.page_data.workspace_map import build_map_page_data
 from machopt.report.page_types.workspace_map_page import MapPageData
-from machopt.workspace_map.document import MapLayerResult, build_map_document, compute_sample_positions
+from machopt.workspace_map.document import EvaluatedMap, MapLayerResult, build_map_document, compute_sample_positions
 from machopt.workspace_map.measured_stiffness import MeasuredComparison, compare_with_measured
 from machopt.workspace_map.posture_layers import (
     build_collision_check,
@@ -65,6 +65,14 @@ class MapComputation:
         return _UNCHECKED[self.request.collision]
 
 
+def _compute_hashes(request: MapRequest, cell: Cell) -> dict[str, str]:
+    """Return SHA-256 of the input files by name."""
+    files = compute_input_hashes(cell)
+    if request.measured is not None:
+        files[request.measured.name] = compute_sha256(request.measured)
+    return files
+
+
 def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell | None = None) -> MapComputation:
     """Return the map.
 
@@ -100,14 +108,19 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
         comparison = compare_with_measured(
             measured, request, options, arm, setting, criterion, compute_sample_positions(samples, layers[0], options)
         )
-    files = compute_input_hashes(cell)
-    if request.measured is not None:
-        files[request.measured.name] = compute_sha256(request.measured)
-    result, message = build_map_document(
-        files, cell, plan_options, options, setting, samples, arm, layers, criterion, comparison
+    evaluated = EvaluatedMap(
+        cell=cell,
+        options=options,
+        setting=setting,
+        samples=samples,
+        arm=arm,
+        layers=layers,
+        criterion=criterion,
+        comparison=comparison,
     )
+    result, message = build_map_document(evaluated, _compute_hashes(request, cell), plan_options)
     scene = build_machine_scene(cell, robot, build_bodies(cell, robot, shapes))
-    data = build_map_page_data(cell, options, setting, samples, arm, layers, criterion, comparison, result, scene)
+    data = build_map_page_data(evaluated, result, scene)
     return MapComputation(
         request=request,
         cell=cell,

@@ -35,6 +35,7 @@ from machopt.planning.plan_output.process_section import build_process_section
 from machopt.planning.plan_output.reentry_section import build_reentry_section
 from machopt.planning.plan_output.tilt_section import build_tilt_section
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
+from machopt.verification import Verification
 from machopt.version import __version__
 
 
@@ -47,7 +48,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         seconds: Computing time of each stage, s.
     """
     cell, toolpath, the_plan, points = made.cell, made.toolpath, made.plan, made.points
-    timeline, verification = made.timeline, made.verification
+    timeline = made.timeline
     trajectory = timeline.trajectory if timeline else None
     stopped = timeline.obstructions if timeline else ()
     return told.OptimizeDocument(
@@ -85,25 +86,34 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         feed_stops=tuple(build_slowdown_entry(d) for d in (timeline.dips if timeline else ()) if not d.lost),
         rapid_detours=timeline.detours if timeline else (),
         obstructions=tuple(told.ObstructedRapidEntry(before=o.before, after=o.after, reason=o.text) for o in stopped),
-        verification=None
-        if verification is None
-        else told.VerificationSection(
-            passed=verification.ok,
-            checks=tuple(told.CheckEntry.from_fields(c) for c in verification.checks),
-            information=tuple(told.InformationEntry.from_fields(i) for i in verification.information),
-        ),
+        verification=_build_verification_section(made.verification),
         programs=tuple(p.to_document() for p in made.programs),
         notes=tuple(cell.notes),
-        warnings=(
-            *cell.warnings,
-            *toolpath.warnings,
-            *find_options_without_effect(the_plan.options),
-            *describe_missing_plans(made.front, the_plan.options),
-            *describe_better_plans(made.front),
-            *describe_low_feed(timeline.dips if trajectory and timeline else ()),
-            *list_hints(the_plan),
-        ),
+        warnings=_list_warnings(made),
         timings_s={name: round(value, 3) for name, value in seconds.items()},
+    )
+
+
+def _build_verification_section(verification: Verification | None) -> told.VerificationSection | None:
+    if verification is None:
+        return None
+    return told.VerificationSection(
+        passed=verification.ok,
+        checks=tuple(told.CheckEntry.from_fields(c) for c in verification.checks),
+        information=tuple(told.InformationEntry.from_fields(i) for i in verification.information),
+    )
+
+
+def _list_warnings(made: OptimizeJobResult) -> tuple[str, ...]:
+    timeline = made.timeline
+    return (
+        *made.cell.warnings,
+        *made.toolpath.warnings,
+        *find_options_without_effect(made.plan.options),
+        *describe_missing_plans(made.front, made.plan.options),
+        *describe_better_plans(made.front),
+        *describe_low_feed(timeline.dips if timeline and timeline.trajectory else ()),
+        *list_hints(made.plan),
     )
 
 

@@ -25,7 +25,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.program_export.exported_programs import remove_programs
-from machopt.report.page_data.optimize import build_report_data
+from machopt.report.page_data.optimize import PlanEvidence, build_report_data
 from machopt.report.pages.optimize.optimize_page import write_report
 
 
@@ -40,13 +40,9 @@ def write_report_files(made: OptimizeJobResult, folder: Path, timings: StageTimi
     if made.exit_code != 0 and any(p.files for p in made.programs):
         made = made.with_programs(remove_programs(folder, made.programs, made.verdict))
     with timings.stage("report"):
-        data = build_report_data(
-            made.plan,
-            made.toolpath,
-            made.points,
-            made.timeline,
-            made.verification,
-            [p.to_page_data() for p in made.programs],
+        evidence = PlanEvidence(
+            verification=made.verification,
+            programs=[p.to_page_data() for p in made.programs],
             front=made.front,
             shown=made.shown,
             unchecked=made.unchecked,
@@ -56,6 +52,7 @@ def write_report_files(made: OptimizeJobResult, folder: Path, timings: StageTimi
             timings=timings.seconds,
             stock=made.stock,
         )
+        data = build_report_data(made.plan, made.toolpath, made.points, made.timeline, evidence)
         write_report(folder / "report.html", data)
     for name in ("result.json", MANIFEST):
         (folder / name).unlink(missing_ok=True)

@@ -11,7 +11,7 @@ from machopt.cell.absolute_accuracy import apply_absolute_accuracy
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.tool_selection import select_job_tools, split_into_tool_segments
 from machopt.cell.work_offsets import place_toolpath
-from machopt.commands.manifest import build_optimize_manifest
+from machopt.commands.manifest import JobFiles, build_optimize_manifest
 from machopt.commands.toolpath_reading_options import get_reading_options
 from machopt.data_types.cell import Cell
 from machopt.data_types.manifest import FolderManifest
@@ -110,17 +110,13 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
     check_tilt(segments, options)
     if not options.allow_gaps:
         check_length_unit(cell, toolpath, request.toolpath, stated="unit" in request.reading)
-    manifest = build_optimize_manifest(
-        cell,
-        request.toolpath,
-        toolpath,
-        options,
-        reading=request.reading,
-        plan_file=request.plan_file,
-        post_files=[Path(text) for text in request.posts if is_post_file(text)],
+    files = JobFiles(
+        toolpath=request.toolpath,
+        plan=request.plan_file,
+        posts=[Path(text) for text in request.posts if is_post_file(text)],
         effects=request.effects,
-        tolerance=tolerance,
     )
+    manifest = build_optimize_manifest(cell, toolpath, options, files, reading=request.reading, tolerance=tolerance)
     return OptimizeInputs(
         cell=cell,
         options=options,

@@ -51,6 +51,21 @@ def get_index_unit(options: PlanOptions) -> tuple[str, float]:
     return ("mm", 1e3) if resolve_index(options) == "deflection" else ("mm/kN", 1e6)
 
 
+def _build_search_section(search: PlacementOptions) -> PlaceSearchSection:
+    grid = compute_grid_steps(search)
+    return PlaceSearchSection(
+        x_mm=_convert_to_mm(search.x),
+        y_mm=_convert_to_mm(search.y),
+        z_mm=_convert_to_mm(search.z),
+        turn_deg=tuple(degrees(v) for v in search.turn),
+        step_mm=_convert_to_mm(grid.translation),
+        step_deg=degrees(grid.turn),
+        places=search.places,
+        plans=search.plans,
+        minutes=search.seconds / 60,
+    )
+
+
 def build_place_document(
     site: PlacementSite,
     search: PlacementOptions,
@@ -77,7 +92,6 @@ def build_place_document(
     code = 3 if not best else max((c.exit_code for c in confirmed or ()), default=0)
     top = siting.best[0] if siting.best else None
     gain = 100 * (1 - top.worst / base) if top is not None else np.nan
-    grid = compute_grid_steps(search)
     return PlaceDocument(
         machopt_place=1,
         version=__version__,
@@ -91,17 +105,7 @@ def build_place_document(
         turn_about_mm=_convert_to_mm(siting.carried.centre),
         index=resolve_index(site.options),
         unit=unit[0],
-        search=PlaceSearchSection(
-            x_mm=_convert_to_mm(search.x),
-            y_mm=_convert_to_mm(search.y),
-            z_mm=_convert_to_mm(search.z),
-            turn_deg=tuple(degrees(v) for v in search.turn),
-            step_mm=_convert_to_mm(grid.translation),
-            step_deg=degrees(grid.turn),
-            places=search.places,
-            plans=search.plans,
-            minutes=search.seconds / 60,
-        ),
+        search=_build_search_section(search),
         looked_at=len(siting.places),
         within_reach=sum(p.is_feasible for p in siting.places),
         planned=len(siting.planned),

@@ -21,7 +21,7 @@ from machopt.measurement.design.external_axis_positions import (
     describe_external_axis_positions,
     set_external_axis_positions,
 )
-from machopt.measurement.design.measurement_plan_document import build_measurement_plan_document
+from machopt.measurement.design.measurement_plan_document import PlannedMeasurement, build_measurement_plan_document
 from machopt.measurement.design.plan_warnings import build_plan_warnings
 from machopt.measurement.design.request import PosesRequest, check_poses_request, list_unchecked_conditions
 from machopt.measurement.design.work_table_and_template import (
@@ -98,9 +98,10 @@ def compute_pose_plan(
     hashes = compute_input_hashes(cell)
     told = None if m.discrimination is None else build_discrimination_document(m.discrimination)
     steps = (1.0,) if m.plan is None else m.plan.steps if m.discrimination is None else m.discrimination.steps
-    result = build_measurement_plan_document(
-        request, cell, m.pool, m.cases, m.plan, m.noise, warnings, hashes, m.length, m.load_methods, told, job
+    planned = PlannedMeasurement(
+        pool=m.pool, cases=m.cases, plan=m.plan, noise=m.noise, length=m.length, load_methods=m.load_methods
     )
+    result = build_measurement_plan_document(request, cell, planned, warnings, hashes, told, job)
     table = template = None
     if m.plan is not None:
         table = build_poses_table(m.plan, m.pool, m.load_methods, m.collision, cell.home, m.noise)
@@ -109,9 +110,7 @@ def compute_pose_plan(
             template = build_recording_template(table, m.plan, m.noise, request, steps)
             template = replace(template, notes=f"{template.notes} Note: {stands}." if stands else template.notes)
     scene = None if m.collision is None else build_machine_scene(cell, m.robot, m.collision.bodies)
-    page = build_pose_plan_page_data(
-        request, cell, m.robot, m.pool, m.cases, m.plan, table, hashes, warnings, m.discrimination, scene, job
-    )
+    page = build_pose_plan_page_data(request, cell, m, table, hashes, warnings, scene, job)
     verdict = page.reason or format_verdict_sentence(page)
     return PlanPosesComputation(
         request=request, cell=cell, table=table, template=template, page=page, result=result, verdict=verdict

@@ -7,12 +7,38 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools
 
 ROUNDS, MOST = 60, 2000
 LEVER_SCALE = 1e3  # rad/(N·m) per 1/N: scales rotations with a lever arm of 1 mm
 MIN_EIGENVALUE = 1e-6  # relative eigenvalue above which a direction counts as observed
 CONVERGENCE_TOLERANCE = 1e-9  # relative
+
+
+def _compute_direction_scales(
+    values: Array, pairs: Sequence[tuple[int, int]], curvature: Array, unseen: Bools
+) -> Array:
+    """Return the scale (n,) of each direction, so that metres and radians are comparable.
+
+    Args:
+        values: (p,) entries of the matrix, SI.
+        pairs: Row and column of each entry.
+        curvature: (p,) increase of the residual sum for a change of each entry.
+        unseen: (n,) directions that no reading determines.
+    """
+    unit = 1.0 / np.sqrt(np.maximum(curvature, np.finfo(float).tiny))
+    size = np.ones(len(unseen))
+    for v, u, (i, j) in zip(values, unit, pairs, strict=True):
+        if i == j and not unseen[i]:
+            size[i] = np.sqrt(max(float(v), float(u)))
+    for i in np.flatnonzero(unseen).tolist():
+        with_seen = [
+            abs(float(v)) / size[a + b - i]
+            for v, (a, b) in zip(values, pairs, strict=True)
+            if i in (a, b) and not unseen[a + b - i]
+        ]
+        size[i] = max(with_seen)
+    return size
 
 
 def find_nearest_semidefinite(values: Array, pairs: Sequence[tuple[int, int]], metric: Array) -> Array:
@@ -35,19 +61,8 @@ def find_nearest_semidefinite(values: Array, pairs: Sequence[tuple[int, int]], m
     n = 1 + max(j for _, j in pairs)
     rows, columns = np.array(pairs).T
     twice = np.where(rows == columns, 1.0, 2.0)
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(metric), np.finfo(float).tiny))
-    size = np.ones(n)  # scale of each direction, so that metres and radians are comparable
     unseen = _find_unobserved_directions(values, pairs, np.diag(metric), n)
-    for v, u, (i, j) in zip(values, unit, pairs, strict=True):
-        if i == j and not unseen[i]:
-            size[i] = np.sqrt(max(float(v), float(u)))
-    for i in np.flatnonzero(unseen).tolist():
-        with_seen = [
-            abs(float(v)) / size[a + b - i]
-            for v, (a, b) in zip(values, pairs, strict=True)
-            if i in (a, b) and not unseen[a + b - i]
-        ]
-        size[i] = max(with_seen)
+    size = _compute_direction_scales(values, pairs, np.diag(metric), unseen)
     scale = size[rows] * size[columns]
     x0 = np.where((rows == columns) & unseen[rows], 1.0, values / scale)
     eigen, axes = np.linalg.eigh(metric * np.outer(scale, scale))

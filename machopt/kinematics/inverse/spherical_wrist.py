@@ -220,26 +220,37 @@ def compute_spherical_branches(vectors: ArmVectors, numbers: ArmConstants, T: Ar
             # wrist: axis 6 relative to link 3, and axis 4 with joints 4 to 6 at zero
             x = rotate_vector(h3, c3, -s3, rotate_vector(h2, c2, -s2, rotate_vector(h1, c1, -s1, g)))
             y = rotate_vector(h1, c1, s1, rotate_vector(h2, c2, s2, rotate_vector(h3, c3, s3, h4)))
-            k = (
-                X[0] * y[0] + Y[0] * y[1] + Z[0] * y[2],
-                X[1] * y[0] + Y[1] * y[1] + Z[1] * y[2],
-                X[2] * y[0] + Y[2] * y[1] + Z[2] * y[2],
-            )
+            k = _express_in_flange(X, Y, Z, y)
             y = (dot_product(zx, k), dot_product(zy, k), dot_product(zz, k))
             half5 = _compute_half_angle(dot_product(h4, x) - h456, n5)
             if math.isnan(half5):
                 continue
             margin[2, first] = margin[2, first + 1] = min(half5, math.pi - half5)
             for f in range(2):
-                q5 = centre5 + half5 if f == 0 else centre5 - half5
-                c5, s5 = math.cos(q5), math.sin(q5)
                 out = q[first + f]
-                out[0], out[1], out[2], out[4] = q1, q2, q3, q5
-                out[3] = compute_angle_about_axis(h4, rotate_vector(h5, c5, s5, h6), x)
-                out[5] = -compute_angle_about_axis(h6, rotate_vector(h5, c5, -s5, h4), y)
-                for i in range(6):
-                    out[i] = wrap_angle(out[i])
+                out[0], out[1], out[2], out[4] = q1, q2, q3, centre5 + half5 if f == 0 else centre5 - half5
+                _complete_wrist(h4, h5, h6, x, y, out)
     return _clamp_to_zero(short)
+
+
+@jit_compile
+def _express_in_flange(X: Vector, Y: Vector, Z: Vector, y: Vector) -> Vector:
+    """Return a vector of base_link in the axes of the flange, by the rows X, Y, Z of its rotation."""
+    return (
+        X[0] * y[0] + Y[0] * y[1] + Z[0] * y[2],
+        X[1] * y[0] + Y[1] * y[1] + Z[1] * y[2],
+        X[2] * y[0] + Y[2] * y[1] + Z[2] * y[2],
+    )
+
+
+@jit_compile
+def _complete_wrist(h4: Vector, h5: Vector, h6: Vector, x: Vector, y: Vector, q: Array) -> None:
+    """Fill joints 4 and 6 of q (6,) rad and wrap all joints; x and y as in :func:`compute_spherical_branches`."""
+    c5, s5 = math.cos(q[4]), math.sin(q[4])
+    q[3] = compute_angle_about_axis(h4, rotate_vector(h5, c5, s5, h6), x)
+    q[5] = -compute_angle_about_axis(h6, rotate_vector(h5, c5, -s5, h4), y)
+    for i in range(6):
+        q[i] = wrap_angle(q[i])
 
 
 @jit_compile

@@ -107,7 +107,9 @@ def fit_coefficients(
             break
         free[negative] = False
         warnings.append(f"{NAMES[negative]} came out negative within its interval and is set to 0")
-    return _build_fit(recording, design, force, fz, free, solution, (low, high), level, reasons, warnings)
+    equations = _ForceEquations(design=design, force=force, feed_per_tooth=fz, free=free, reasons=reasons)
+    warnings += _list_fit_warnings(equations, (low, high), level)
+    return _build_fit(equations, solution, (low, high), level, (*recording.warnings, *warnings))
 
 
 def _build_design(recording: CuttingRecording, cutter: MillingCutter, fz: Array) -> tuple[Array, list[str]]:
@@ -254,19 +256,43 @@ def _find_negative_coefficient(values: Array, high: Array, free: Bools) -> int |
     return None
 
 
+@dataclass(frozen=True, kw_only=True)
+class _ForceEquations:
+    """The equations of N cuts and which of them and of the coefficients are used."""
+
+    design: Array  # (N, 3, 6) force per N/mm² and N/mm
+    force: Array  # (N, 3) N
+    feed_per_tooth: Array  # (N,) m
+    free: Bools  # (6,) False: the coefficient is set to 0
+    reasons: list[str]  # (N,) why a row is not used; empty where it is
+
+    @property
+    def used(self) -> Bools:
+        """(N,) rows that are used."""
+        return np.array([not reason for reason in self.reasons])
+
+
+def _list_fit_warnings(equations: _ForceEquations, interval: tuple[Array, Array], level: float) -> list[str]:
+    """Return warnings of coefficients whose interval includes negative values, and of too few feeds."""
+    fz = equations.feed_per_tooth[equations.used]
+    warnings = [
+        f"{NAMES[n]} is not determined: its {100 * level:g} % interval is {low:.3g} … {high:.3g}"
+        for n, low, high in zip(np.flatnonzero(equations.free), *interval, strict=True)
+        if low < 0.0
+    ]
+    if len(np.unique(np.round(fz / fz.max(), 3))) < 3:
+        warnings.append("two feeds only: a misfit of the linear law cannot be seen; three or more would show it")
+    return warnings
+
+
 def _build_fit(
-    recording: CuttingRecording,
-    design: Array,
-    force: Array,
-    fz: Array,
-    free: Bools,
+    equations: _ForceEquations,
     solution: _Solution,
     interval: tuple[Array, Array],
     level: float,
-    reasons: list[str],
-    warnings: list[str],
+    warnings: tuple[str, ...],
 ) -> CoefficientFit:
-    used = np.array([not reason for reason in reasons])
+    design, force, free, used = equations.design, equations.force, equations.free, equations.used
     values, covariance, low, high = np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     values[free], low[free], high[free] = solution.values, *interval
     covariance[np.ix_(free, free)] = solution.covariance
@@ -277,14 +303,6 @@ def _build_fit(
     doubt = np.einsum("nck,kl,ncl->n", design[used], covariance, design[used])
     resultant = np.sum(shown**2, axis=1)
     relative = math.sqrt(float(np.mean((doubt + np.sum((seen - shown) ** 2, axis=1)) / resultant)))
-    for n in np.flatnonzero(free):
-        if low[n] < 0.0:
-            warnings.append(
-                f"{NAMES[n]} is not determined: its {100 * level:g} % interval is {low[n]:.3g} … {high[n]:.3g}"
-            )
-    distinct = len(np.unique(np.round(fz[used] / fz[used].max(), 3)))
-    if distinct < 3:
-        warnings.append("two feeds only: a misfit of the linear law cannot be seen; three or more would show it")
     return CoefficientFit(
         values=values,
         covariance=covariance,
@@ -294,11 +312,11 @@ def _build_fit(
         fixed=tuple(NAMES[n] for n in np.flatnonzero(~free)),
         measured=np.array(force),
         predicted=predicted,
-        feed_per_tooth=fz,
+        feed_per_tooth=equations.feed_per_tooth,
         used=used,
-        reasons=tuple(reasons),
+        reasons=tuple(equations.reasons),
         residual=np.sqrt(solution.variance),
         explained=1.0 - square / np.where(about > 0.0, about, np.inf),
         sigma_log=math.log1p(relative),
-        warnings=(*recording.warnings, *warnings),
+        warnings=warnings,
     )

@@ -118,6 +118,16 @@ class _MethodCases:
     nu_r: Array
 
 
+def _compute_load_caps(criteria: LoadCriteria, twist: Array, torque: Array) -> dict[str, Array]:
+    """Return the largest load (N,) in N within each limit, by twist (N, 6) and joint torque (N, 6) per newton."""
+    most_torque = np.full(6, np.inf) if criteria.max_torque is None else criteria.max_torque
+    return {
+        "load above the limit": np.full(len(twist), criteria.max_load),
+        "deflection above the limit": _divide_limit(criteria.max_deflection, np.linalg.norm(twist[:, :3], axis=1)),
+        "joint torque above the limit": _divide_limit(most_torque, np.abs(torque)).min(axis=1),
+    }
+
+
 def _build_method_cases(
     pool: PosePool,
     way: LoadMethod,
@@ -133,12 +143,7 @@ def _build_method_cases(
     unit = np.where(possible[:, None], unit, 0.0)
     linear = replace(elastic, geometric=False).compute_twist(unit)  # per newton
     tau = np.einsum("pci,pc->pi", J, unit)
-    most_torque = np.full(6, np.inf) if criteria.max_torque is None else criteria.max_torque
-    caps = {  # N, largest load within each limit
-        "load above the limit": np.full(len(pool), criteria.max_load),
-        "deflection above the limit": _divide_limit(criteria.max_deflection, np.linalg.norm(linear[:, :3], axis=1)),
-        "joint torque above the limit": _divide_limit(most_torque, np.abs(tau)).min(axis=1),
-    }
+    caps = _compute_load_caps(criteria, linear, tau)
     sizes = np.array(way.magnitudes)
     level = np.searchsorted(sizes, np.min(list(caps.values()), axis=0) * (1 + 1e-12), side="right") - 1
     reason: Ints = np.full(len(pool), -1, np.int64)

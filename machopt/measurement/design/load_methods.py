@@ -69,52 +69,44 @@ def build_load_method_combinations(
     Returns:
         The methods.
     """
+    down = -R_base_world[:, 2]
+    newtons = tuple(sorted({float(m) * GRAVITY for m in weights}))
+    sizes = tuple(sorted({float(p) for p in pulls}))
+    angles = [2.0 * np.pi * n / azimuths for n in range(0 if len(anchors) else azimuths)]
+    out = []
+    for at, place in _list_load_points(arms):
+        if newtons:
+            out.append(_build_method("weight", at, newtons, f"hanging {place}", direction=down))
+        if not sizes:
+            continue
+        for n, anchor in enumerate(anchors, start=1):
+            out.append(_build_method("rope", at, sizes, f"rope to anchor {n} {place}", anchor=anchor))
+        for angle in angles:
+            direction = R_base_world @ np.array([np.cos(angle), np.sin(angle), 0.0])
+            words = f"horizontal pull at {np.degrees(angle):.4g} deg {place}"
+            out.append(_build_method("pull", at, sizes, words, direction=direction))
+    return tuple(out)
+
+
+def _list_load_points(arms: Sequence[float]) -> list[tuple[Array, str]]:
+    """Return the lever arms (3,) m across the tool, and their places in words."""
     points = [(np.zeros(3), "at the TCP")] if 0.0 in arms else []
     for arm in sorted({float(a) for a in arms if a > 0.0}):
         for word, axis in zip(AXES, ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)), strict=True):
             points.append((arm * np.array(axis, float), f"on an arm {word} {arm * 1e3:.4g} mm"))
-    out = []
-    for at, place in points:
-        if weights:
-            newtons = tuple(sorted({float(m) * GRAVITY for m in weights}))
-            out.append(
-                LoadMethod(
-                    kind="weight",
-                    direction=-R_base_world[:, 2],
-                    anchor=None,
-                    arm=at,
-                    magnitudes=newtons,
-                    words=f"hanging {place}",
-                )
-            )
-        if not pulls:
-            continue
-        sizes = tuple(sorted({float(p) for p in pulls}))
-        for n, anchor in enumerate(anchors, start=1):
-            out.append(
-                LoadMethod(
-                    kind="rope",
-                    direction=None,
-                    anchor=anchor,
-                    arm=at,
-                    magnitudes=sizes,
-                    words=f"rope to anchor {n} {place}",
-                )
-            )
-        for n in range(0 if len(anchors) else azimuths):
-            angle = 2.0 * np.pi * n / azimuths
-            direction = R_base_world @ np.array([np.cos(angle), np.sin(angle), 0.0])
-            out.append(
-                LoadMethod(
-                    kind="pull",
-                    direction=direction,
-                    anchor=None,
-                    arm=at,
-                    magnitudes=sizes,
-                    words=f"horizontal pull at {np.degrees(angle):.4g} deg {place}",
-                )
-            )
-    return tuple(out)
+    return points
+
+
+def _build_method(
+    kind: Kind,
+    arm: Array,
+    magnitudes: tuple[float, ...],
+    words: str,
+    *,
+    direction: Array | None = None,
+    anchor: Array | None = None,
+) -> LoadMethod:
+    return LoadMethod(kind=kind, direction=direction, anchor=anchor, arm=arm, magnitudes=magnitudes, words=words)
 
 
 def compute_unit_wrench(way: LoadMethod, T_base_tcp: Array) -> tuple[Array, Array]:

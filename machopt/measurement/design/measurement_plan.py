@@ -180,18 +180,36 @@ def build_design_problem(
     return DesignProblem(models, cases.pose, noise.shared()), shares
 
 
+@dataclass(frozen=True, kw_only=True)
+class MeasurementTask:
+    """What a plan selects readings from, and the models that it uses."""
+
+    pool: PosePool  # candidate poses
+    cases: LoadCases  # admissible load cases, at least one
+    screen: PoseScreen
+    limits: tuple[Array, Array]  # lower and upper joint limits, each (6,) rad
+    home: Array  # (6,) rad
+    velocity: Array  # (6,) rad/s, joint speed limits
+    prior: ArmElasticity
+    terms: Sequence[LinearTerm]  # to identify together with the joints
+    ways: tuple[LoadMethod, ...]  # methods of load application
+    criteria: LoadCriteria  # limits of each load
+    noise: ReadingNoise
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ReferenceDesign:
+    """The design that others are compared with."""
+
+    accuracy: ExpectedAccuracy
+    judged: Bools  # (P,) unknowns to which rms and worst refer
+    poses: int
+    loads: int  # different loads at each pose
+    curve_poses: tuple[int, ...]
+
+
 def build_measurement_plan(
-    pool: PosePool,
-    cases: LoadCases,
-    screen: PoseScreen,
-    limits: tuple[Array, Array],
-    home: Array,
-    velocity: Array,
-    prior: ArmElasticity,
-    terms: Sequence[LinearTerm],
-    ways: Sequence[LoadMethod],
-    criteria: LoadCriteria,
-    noise: ReadingNoise,
+    task: MeasurementTask,
     size: MeasurementPlanSize,
     progress: Callable[[str], None] = lambda _: None,
     job: ProcessLoads | None = None,
@@ -199,17 +217,7 @@ def build_measurement_plan(
     """Select, evaluate, compare and order the readings.
 
     Args:
-        pool: Candidate poses.
-        cases: Admissible load cases, at least one.
-        screen: Screening of poses.
-        limits: Lower and upper joint limits, each (6,) rad.
-        home: (6,) home position, rad.
-        velocity: (6,) joint speed limits, rad/s.
-        prior: Prior model of the arm.
-        terms: Linear terms to identify together with the joints.
-        ways: Methods of load application.
-        criteria: Limits of each load.
-        noise: Noise of a reading.
+        task: Candidate poses, load cases and models.
         size: Size of the plan.
         progress: Called with progress messages.
         job: Process loads; the loads are then read at two sizes and reverse joint torques.
@@ -218,70 +226,111 @@ def build_measurement_plan(
         The plan.
     """
     rng = np.random.default_rng(size.seed)
-    unknowns = build_unknowns(prior, terms, cases)
+    cases, noise = task.cases, task.noise
+    unknowns = build_unknowns(task.prior, task.terms, cases)
     problem, shares = build_design_problem(cases, unknowns, noise, size.belief, rng)
     progress("choosing readings")
     design = find_d_optimal_design(problem, size.poses, size.loads, rng=rng, starts=size.starts)
-    steps: tuple[float, ...] = (1.0,)
-    turning: TorqueReversalCases | None = None
-    if job is not None:
-        steps = compute_load_steps(job, cases)
-        turning = TorqueReversalCases.from_cases(cases, pool, screen.robot, prior.masses, unknowns.scale, noise, steps)
-        design = exchange_loads_for_reversal(design, cases, turning, problem)
-    way = order_poses_by_travel(pool.q[cases.pose[[b[0] for b in design.blocks]]], home, velocity)
-    design = replace(design, blocks=tuple(design.blocks[i] for i in way))
+    design, steps, joints = _fit_to_job(task, job, design, problem, unknowns.scale)
     found = compute_expected_accuracy(compute_information_matrix(problem, design.blocks))
-    believed = tuple(
-        compute_expected_accuracy(
-            compute_information_matrix(problem, design.blocks, k) * np.outer(shares[k], shares[k])
-        )
-        for k in range(len(shares))
-    )[1:]
     nominal = replace(problem, models=(replace(problem.models[0], weight=1.0),))
-    bound = compute_efficiency_bound(nominal, design, size.loads)
     progress("designs of other sizes")
     smaller, _ = nominal.select_poses(select_promising_poses(nominal, design, size.loads, CURVE_POSES))
     sigmas = _AccuracyByPoseCount(smaller, size.loads, rng, {len(design.blocks): found})
-    numbers = _list_curve_pose_counts(len(design.blocks), size.loads * noise.dimensions, len(unknowns.scale))
-    judged = unknowns.relative & found.is_identified
-    curve = tuple(sigmas(n).rms(judged) for n in numbers)
-    needed = None
-    if size.target is not None and judged.any():
-        needed = find_smallest_number(lambda n: sigmas(n).worst(judged), size.target, len(design.blocks), MOST_POSES)
+    reference = _ReferenceDesign(
+        accuracy=found,
+        judged=unknowns.relative & found.is_identified,
+        poses=len(design.blocks),
+        loads=size.loads,
+        curve_poses=_list_curve_pose_counts(len(design.blocks), size.loads * noise.dimensions, len(unknowns.scale)),
+    )
+    curve = tuple(sigmas(n).rms(reference.judged) for n in reference.curve_poses)
+    needed = _find_needed_poses(sigmas, reference, size.target)
     progress("the papers' ways of choosing")
-    chosen = [
-        build_random_heuristic(pool),
-        build_zhang2025_heuristic(pool),
-        build_dumas2011_heuristic(pool, cases, screen, limits),
-    ]
-    beside = [
-        _compare_with_heuristic(c, nominal, cases, found, judged, design, size.loads, numbers, rng) for c in chosen
-    ]
-    cube = build_jiao2022_poses(screen, pool, limits, rng)
-    cube_cases = build_load_cases(cube, ways, prior, terms, criteria, noise) if len(cube) else None
-    if cube_cases is not None and len(cube_cases):
-        own = build_design_problem(cube_cases, unknowns, noise, 1.0, rng)[0]
-        chooser = HeuristicPosePool("jiao2022", np.arange(len(cube)))
-        beside.append(
-            _compare_with_heuristic(chooser, own, cube_cases, found, judged, design, size.loads, numbers, rng)
-        )
-    visits = build_schedule(design.blocks, noise.cycles, rng)
+    comparisons = _compare_with_heuristics(task, reference, nominal, unknowns, rng)
     return MeasurementPlan(
         unknowns=unknowns,
         cases=cases,
         design=design,
         accuracy=found,
-        accuracy_by_belief=judged,
-        believed_values=believed,
-        bound=bound,
-        comparisons=tuple(c for c in beside if c is not None),
-        curve_poses=numbers,
+        accuracy_by_belief=reference.judged,
+        believed_values=_compute_believed_accuracy(problem, design, shares),
+        bound=compute_efficiency_bound(nominal, design, size.loads),
+        comparisons=comparisons,
+        curve_poses=reference.curve_poses,
         curve=curve,
         needed_poses=needed,
-        visits=visits,
+        visits=build_schedule(design.blocks, noise.cycles, rng),
         steps=steps,
-        joints=() if job is None or turning is None else compare_joint_loads(job, design, turning, steps),
+        joints=joints,
     )
+
+
+def _fit_to_job(
+    task: MeasurementTask, job: ProcessLoads | None, design: ReadingDesign, problem: DesignProblem, scale: Array
+) -> tuple[ReadingDesign, tuple[float, ...], tuple[JointLoadComparison, ...]]:
+    """Return the design in the order of least travel, its load steps, and the loads of its joints.
+
+    With a job, loads are exchanged so that joint torques reverse as in the job.
+    """
+    pool, cases = task.pool, task.cases
+    steps: tuple[float, ...] = (1.0,)
+    turning: TorqueReversalCases | None = None
+    if job is not None:
+        steps = compute_load_steps(job, cases)
+        turning = TorqueReversalCases.from_cases(
+            cases, pool, task.screen.robot, task.prior.masses, scale, task.noise, steps
+        )
+        design = exchange_loads_for_reversal(design, cases, turning, problem)
+    way = order_poses_by_travel(pool.q[cases.pose[[b[0] for b in design.blocks]]], task.home, task.velocity)
+    design = replace(design, blocks=tuple(design.blocks[i] for i in way))
+    joints = () if job is None or turning is None else compare_joint_loads(job, design, turning, steps)
+    return design, steps, joints
+
+
+def _compute_believed_accuracy(
+    problem: DesignProblem, design: ReadingDesign, shares: Array
+) -> tuple[ExpectedAccuracy, ...]:
+    """Return the accuracy under each other prior stiffness, shares (K, P) of the prior, relative to it."""
+    return tuple(
+        compute_expected_accuracy(
+            compute_information_matrix(problem, design.blocks, k) * np.outer(shares[k], shares[k])
+        )
+        for k in range(len(shares))
+    )[1:]
+
+
+def _find_needed_poses(sigmas: _AccuracyByPoseCount, reference: _ReferenceDesign, target: float | None) -> int | None:
+    """Return the number of poses for the target accuracy; None without one, or for more than MOST_POSES."""
+    judged = reference.judged
+    if target is None or not judged.any():
+        return None
+    return find_smallest_number(lambda n: sigmas(n).worst(judged), target, reference.poses, MOST_POSES)
+
+
+def _compare_with_heuristics(
+    task: MeasurementTask,
+    reference: _ReferenceDesign,
+    problem: DesignProblem,
+    unknowns: IdentifiedUnknowns,
+    rng: np.random.Generator,
+) -> tuple[HeuristicComparison, ...]:
+    """Return the comparisons with the published heuristics that have enough poses."""
+    pool, cases, screen, limits = task.pool, task.cases, task.screen, task.limits
+    chosen = [
+        build_random_heuristic(pool),
+        build_zhang2025_heuristic(pool),
+        build_dumas2011_heuristic(pool, cases, screen, limits),
+    ]
+    compared = [_compare_with_heuristic(c, problem, cases, reference, rng) for c in chosen]
+    cube = build_jiao2022_poses(screen, pool, limits, rng)
+    if len(cube):
+        cube_cases = build_load_cases(cube, task.ways, task.prior, task.terms, task.criteria, task.noise)
+        if len(cube_cases):
+            own = build_design_problem(cube_cases, unknowns, task.noise, 1.0, rng)[0]
+            chooser = HeuristicPosePool("jiao2022", np.arange(len(cube)))
+            compared.append(_compare_with_heuristic(chooser, own, cube_cases, reference, rng))
+    return tuple(c for c in compared if c is not None)
 
 
 @dataclass
@@ -311,15 +360,11 @@ def _compare_with_heuristic(
     chooser: HeuristicPosePool,
     problem: DesignProblem,
     cases: LoadCases,
-    best: ExpectedAccuracy,
-    judged: Bools,
-    design: ReadingDesign,
-    loads: int,
-    numbers: tuple[int, ...],
+    reference: _ReferenceDesign,
     rng: np.random.Generator,
 ) -> HeuristicComparison | None:
     """Return the typical accuracy of a heuristic; None if it has fewer poses than the plan."""
-    n = len(design.blocks)
+    n, judged, best = reference.poses, reference.judged, reference.accuracy
     available = int(np.isin(chooser.poses, cases.pose).sum())
     if available < n or not judged.any():
         return None
@@ -327,7 +372,9 @@ def _compare_with_heuristic(
     def drawn(count: int, times: int) -> list[ExpectedAccuracy]:
         return [
             compute_expected_accuracy(
-                compute_information_matrix(problem, draw_heuristic_design(chooser, problem, cases, count, loads, rng))
+                compute_information_matrix(
+                    problem, draw_heuristic_design(chooser, problem, cases, count, reference.loads, rng)
+                )
             )
             for _ in range(times)
         ]
@@ -337,7 +384,7 @@ def _compare_with_heuristic(
     low, middle, high = (float(np.quantile(rms, p, method="nearest")) for p in (0.1, 0.5, 0.9))
     curve = tuple(
         float(np.median([a.rms(judged) for a in drawn(m, CURVE_DRAWS)])) if m <= available else float("nan")
-        for m in numbers
+        for m in reference.curve_poses
     )
     efficiencies = np.array([compute_design_efficiency(a, best) for a in at])
     sigma = np.quantile(np.array([a.sigma for a in at]), 0.5, axis=0, method="nearest")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,17 +32,36 @@ from machopt.measurement.design.request import PosesRequest, list_request_option
 from machopt.version import __version__
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlannedMeasurement:
+    """Candidates of a measurement and the plan."""
+
+    pool: PosePool
+    cases: LoadCases  # admissible ones
+    plan: MeasurementPlan | None  # None without admissible load cases
+    noise: ReadingNoise
+    length: float  # m, characteristic length of the conditioning index
+    load_methods: Sequence[LoadMethod]
+
+
+def _build_design_section(plan: MeasurementPlan) -> DesignQualitySection:
+    found, judged = plan.accuracy, plan.accuracy_by_belief
+    return DesignQualitySection(
+        condition_number=found.condition,
+        rms=found.rms(judged),
+        worst=found.worst(judged),
+        log_det=plan.design.value,
+        d_efficiency_at_least=plan.bound,
+        worst_if_prior_wrong=tuple(a.worst(judged) for a in plan.believed_values),
+    )
+
+
 def build_measurement_plan_document(
     request: PosesRequest,
     cell: Cell,
-    pool: PosePool,
-    cases: LoadCases,
-    plan: MeasurementPlan | None,
-    noise: ReadingNoise,
+    planned: PlannedMeasurement,
     warnings: Sequence[str],
     hashes: dict[str, str],
-    length: float,
-    ways: Sequence[LoadMethod],
     discriminate: DiscriminationSection | None = None,
     job: ProcessLoads | None = None,
 ) -> PosesDocument:
@@ -50,20 +70,16 @@ def build_measurement_plan_document(
     Args:
         request: Validated user request.
         cell: Robot cell.
-        pool: Candidate poses.
-        cases: Admissible load cases.
-        plan: The plan; None without admissible load cases.
-        noise: Noise of a reading.
+        planned: Candidates and the plan.
         warnings: Warnings of the plan.
         hashes: Hashes of the input files.
-        length: Characteristic length of the conditioning index, m.
-        ways: Methods of load application.
         discriminate: Section of a plan that discriminates between explanations.
         job: Process loads, or None.
 
     Returns:
         The document.
     """
+    pool, cases, plan = planned.pool, planned.cases, planned.plan
     head = PosesDocument(
         machopt_poses=1,
         version=__version__,
@@ -71,44 +87,39 @@ def build_measurement_plan_document(
         inputs=hashes,
         options=dict(list_request_options(request)),
         cell=cell.name,
-        characteristic_length_mm=length * 1e3,
-        reading_uncertainty_mm=noise.reading * 1e3,
+        characteristic_length_mm=planned.length * 1e3,
+        reading_uncertainty_mm=planned.noise.reading * 1e3,
         candidates=PoseCandidatesSection(poses=len(pool), tried=pool.drawn_count, rejected=pool.rejected),
-        load_cases=LoadCasesSection(ways=len(ways), admissible=len(cases), rejected=cases.rejected),
+        load_cases=LoadCasesSection(ways=len(planned.load_methods), admissible=len(cases), rejected=cases.rejected),
         warnings=tuple(warnings),
     )
     if plan is None:
         return head
-    found, poses, target = plan.accuracy, len(plan.design.blocks), request.target_percent
+    found, poses = plan.accuracy, len(plan.design.blocks)
     steps = len(plan.steps if discriminate is None else discriminate.steps)
-    planned = {
+    sections = {
         "poses": poses,
         "readings": len(plan.visits) * steps,
         "load_cases_chosen": len(plan.design.readings),
         "unknowns": _build_unknown_entries(plan),
         "not_told_apart": tuple(tuple(plan.unknowns.names[p] for p in group) for group in found.unidentified_groups),
-        "design": DesignQualitySection(
-            condition_number=found.condition,
-            rms=found.rms(plan.accuracy_by_belief),
-            worst=found.worst(plan.accuracy_by_belief),
-            log_det=plan.design.value,
-            d_efficiency_at_least=plan.bound,
-            worst_if_prior_wrong=tuple(a.worst(plan.accuracy_by_belief) for a in plan.believed_values),
-        ),
-        "target": None
-        if target is None
-        else UncertaintyTargetSection(
-            percent=target,
-            poses=plan.needed_poses,
-            readings=None if plan.needed_poses is None else plan.needed_poses * request.loads * request.cycles * steps,
-        ),
+        "design": _build_design_section(plan),
+        "target": _build_target_section(plan, request, steps),
         "curve": UncertaintyCurveSection(poses=plan.curve_poses, rms=plan.curve),
         "heuristics": tuple(_build_heuristic_entry(c) for c in plan.comparisons),
         "order": tuple(WorkStepEntry(pose=v.pose + 1, cycle=v.cycle + 1, session=v.round + 1) for v in plan.visits),
     }
     more: dict[str, DiscriminationSection | JobSection] = {} if discriminate is None else {"discriminate": discriminate}
     more |= {} if job is None else {"job": _build_job_entry(job, plan)}
-    return head.model_copy(update=planned | more)
+    return head.model_copy(update=sections | more)
+
+
+def _build_target_section(plan: MeasurementPlan, request: PosesRequest, steps: int) -> UncertaintyTargetSection | None:
+    if request.target_percent is None:
+        return None
+    poses = plan.needed_poses
+    readings = None if poses is None else poses * request.loads * request.cycles * steps
+    return UncertaintyTargetSection(percent=request.target_percent, poses=poses, readings=readings)
 
 
 def _build_job_entry(job: ProcessLoads, plan: MeasurementPlan) -> JobSection:

@@ -27,37 +27,54 @@ class DiscriminationDesign:
     """Design that discriminates between two laws."""
 
     design: ReadingDesign
-    b_against_a: float  # noncentrality if b is true and a is fitted
-    a_against_b: float  # noncentrality if a is true and b is fitted; NaN without values of a
+    truth_against_rival: float  # noncentrality if the truth holds and the rival is fitted
+    rival_against_truth: float  # noncentrality if the rival holds and the truth is fitted; NaN without its values
+
+
+@dataclass(frozen=True)
+class LawResponse:
+    """Response of N readings with D components to the P unknowns of one law."""
+
+    columns: Array  # (N, D, P)
+    values: Array | None = None  # (P,) values of the unknowns; None: not known
+
+    @property
+    def signal(self) -> Array:
+        """(N, D) signal of the law with its values."""
+        if self.values is None:
+            raise ValueError("the signal of a law needs the values of its unknowns")
+        return np.asarray(self.columns @ self.values)
+
+
+@dataclass(frozen=True)
+class ReadingErrors:
+    """Errors of N readings with D components."""
+
+    covariance: Array  # (N, D, D) noise of the readings
+    pose: Ints  # (N,) pose labels, ascending
+    shared: Array  # (D, D) covariance of the error shared by the readings of a pose
 
 
 def design_discrimination(
-    responses_a: Array,
-    responses_b: Array,
-    values_b: Array,
-    covariance: Array,
-    pose: Ints,
-    shared: Array,
+    rival: LawResponse,
+    truth: LawResponse,
+    errors: ReadingErrors,
     poses: int,
     loads: int,
     *,
     rng: np.random.Generator,
-    values_a: Array | None = None,
     starts: int = 2,
 ) -> DiscriminationDesign:
-    """Select the readings at which law b differs most from law a.
+    """Select the readings at which the true law differs most from its rival.
 
     Args:
-        responses_a: (N, D, Pa) response of the rival's unknowns, all refitted.
-        responses_b: (N, D, Pb) response of the law taken as true.
-        values_b: (Pb,) values of the true law.
-        covariance: (N, D, D) noise of the readings.
-        pose: (N,) pose labels, ascending.
-        shared: (D, D) covariance of the error shared by the readings of a pose.
+        rival: Law whose unknowns are all refitted. Its values make the design symmetric, with each law as the truth in
+            turn.
+        truth: Law taken as true, with its values.
+        errors: Errors of the readings.
         poses: Number of poses.
         loads: Number of different loads at each pose.
         rng: Random generator.
-        values_a: (Pa,) values of a; they make the design symmetric, with each law as the truth in turn.
         starts: Number of starts of the exchange.
 
     Returns:
@@ -66,20 +83,22 @@ def design_discrimination(
     Source:
         Atkinson & Fedorov, Biometrika 62 (1975) 57, eq. 2.2, for laws linear in their unknowns.
     """
-    ways = [(responses_a, responses_b @ values_b)]
-    if values_a is not None:
-        ways.append((responses_b, responses_a @ values_a))
+    ways = [(rival.columns, truth.signal)]
+    if rival.values is not None:
+        ways.append((truth.columns, rival.signal))
     models = []
-    for A, y in ways:
-        A = _normalise_columns(A, covariance)  # noqa: PLW2901  the columns' units do not matter to a refit
-        models.append(ModelBelief(np.concatenate([A, y[..., None]], axis=-1), covariance, 1.0 / len(ways)))
-        models.append(ModelBelief(A, covariance, -1.0 / len(ways)))
-    problem = DesignProblem(tuple(models), pose, shared)
+    for columns, signal in ways:
+        A = _normalise_columns(columns, errors.covariance)  # the columns' units do not matter to a refit
+        both = np.concatenate([A, signal[..., None]], axis=-1)
+        models.append(ModelBelief(both, errors.covariance, 1.0 / len(ways)))
+        models.append(ModelBelief(A, errors.covariance, -1.0 / len(ways)))
+    problem = DesignProblem(tuple(models), errors.pose, errors.shared)
     design = find_d_optimal_design(problem, poses, loads, rng=rng, starts=starts)
-    back = (
-        float("nan") if values_a is None else compute_noncentrality(*ways[1], covariance, pose, shared, design.blocks)
-    )
-    return DiscriminationDesign(design, compute_noncentrality(*ways[0], covariance, pose, shared, design.blocks), back)
+    noncentralities = [
+        compute_noncentrality(columns, signal, errors.covariance, errors.pose, errors.shared, design.blocks)
+        for columns, signal in ways
+    ]
+    return DiscriminationDesign(design, noncentralities[0], noncentralities[1] if len(ways) > 1 else float("nan"))
 
 
 def compute_noncentrality(

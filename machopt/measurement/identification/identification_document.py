@@ -55,7 +55,6 @@ def build_identification_document(
     errors, unseen = found.errors, found.heldout
     joints90, terms90 = _compute_90_percent_intervals(found)
     doubt = found.stiffness.discrepancy
-    known = {j.joint: j.k for j in found.joints if j.identified}
     if doubt is not None:
         joints90 = [
             widen_stiffness_interval(j.joint, j.k, ends, doubt, found.sessions, found.lever, CI90)
@@ -73,16 +72,7 @@ def build_identification_document(
         poses=found.poses,
         misfit=_build_misfit_section(request, doubt),
         joints=_build_joint_entries(found, joints90),
-        inseparable=tuple(
-            InseparableSumEntry(
-                joint=s.joint,
-                body=s.body,
-                sum_ci90_rad_per_Nm=s.compliance,
-                joint_at_least_Nm_per_rad=s.least_joint_stiffness,
-                body_at_most_rad_per_Nm=s.compliance[1],
-            )
-            for s in (() if doubt is None else find_inseparable_sums(known, doubt, found.sessions, CI90))
-        ),
+        inseparable=_build_inseparable_entries(found),
         terms=_build_term_entries(found, terms90),
         known_combinations=tuple(found.combinations),
         rmse_mm=1e3 * errors.rmse,
@@ -96,32 +86,61 @@ def build_identification_document(
         interval_level=request.level_percent / 100.0,
         outliers=_build_outlier_entries(found),
         noise_mm=_build_noise_entry(found),
-        findings=tuple(
-            RecordingFindingEntry(
-                code=f.code, severity=f.severity, message=f.message, rows=tuple(r + 1 for r in f.rows)
-            )
-            for f in found.findings
-        ),
-        warnings=(
-            *(w for w in found.warnings if w.startswith(MISFIT_WARNING)),
-            *cell.warnings,
-            *recording.warnings,
-            *(w for w in found.warnings if not w.startswith(MISFIT_WARNING)),
-            *_describe_common_factor(found, cell),
-        ),
+        findings=_build_finding_entries(found),
+        warnings=_list_warnings(cell, recording, found),
         notes=(*found.notes, *([found.why_model] if found.why_model else [])),
-        options=IdentifyOptionsSection(
-            model=request.model,
-            fit=tuple(request.terms),
-            geometric=request.geometric,
-            plain_least_squares=request.plain,
-            robust=request.robust,
-            grid_cell_mm=request.grid_cell_mm,
-            seed=request.seed,
-        ),
+        options=_build_options_section(request),
         inputs=inputs,
     )
     return result.model_copy(update=_build_optional_sections(found))
+
+
+def _build_finding_entries(found: IdentificationResult) -> tuple[RecordingFindingEntry, ...]:
+    return tuple(
+        RecordingFindingEntry(code=f.code, severity=f.severity, message=f.message, rows=tuple(r + 1 for r in f.rows))
+        for f in found.findings
+    )
+
+
+def _build_inseparable_entries(found: IdentificationResult) -> tuple[InseparableSumEntry, ...]:
+    """Return the sums of a joint and a body that the readings cannot separate."""
+    doubt = found.stiffness.discrepancy
+    if doubt is None:
+        return ()
+    known = {j.joint: j.k for j in found.joints if j.identified}
+    return tuple(
+        InseparableSumEntry(
+            joint=s.joint,
+            body=s.body,
+            sum_ci90_rad_per_Nm=s.compliance,
+            joint_at_least_Nm_per_rad=s.least_joint_stiffness,
+            body_at_most_rad_per_Nm=s.compliance[1],
+        )
+        for s in find_inseparable_sums(known, doubt, found.sessions, CI90)
+    )
+
+
+def _list_warnings(cell: Cell, recording: Recording, found: IdentificationResult) -> tuple[str, ...]:
+    """Return all warnings; those of a misfit come first."""
+    return (
+        *(w for w in found.warnings if w.startswith(MISFIT_WARNING)),
+        *cell.warnings,
+        *recording.warnings,
+        *(w for w in found.warnings if not w.startswith(MISFIT_WARNING)),
+        *_describe_common_factor(found, cell),
+    )
+
+
+def _build_options_section(request: IdentifyRequest) -> IdentifyOptionsSection:
+    return IdentifyOptionsSection(
+        model=request.model,
+        fit=tuple(request.terms),
+        geometric=request.geometric,
+        plain_least_squares=request.plain,
+        robust=request.robust,
+        grid_cell_mm=request.grid_cell_mm,
+        seed=request.seed,
+    )
 
 
 def _build_misfit_section(request: IdentifyRequest, doubt: ModelDiscrepancy | None) -> MisfitSection:

@@ -37,6 +37,19 @@ def build_warnings(
     Returns:
         Warnings.
     """
+    return [
+        *_list_identifiability_warnings(fit, uncertainty, settled),
+        *_list_coefficient_warnings(fit, uncertainty, settled),
+        *_list_error_warnings(fitted_errors, holdout_errors),
+        *_list_scatter_warnings(fit),
+        *_list_outlier_warnings(outliers),
+    ]
+
+
+def _list_identifiability_warnings(
+    fit: StiffnessFit, uncertainty: CoefficientUncertainty, settled: SettledCoefficients
+) -> list[str]:
+    """Return warnings of unknowns that the readings do not determine."""
     out = []
     if uncertainty.unobserved_directions.shape[1]:
         names = [
@@ -54,6 +67,14 @@ def build_warnings(
         if not any(s.identified for s in term_statuses):
             reasons = dict.fromkeys(s.reason for s in term_statuses)
             out.append(f"{term.effect} at {term.location} is not found and left out: {'; '.join(reasons)}")
+    return out
+
+
+def _list_coefficient_warnings(
+    fit: StiffnessFit, uncertainty: CoefficientUncertainty, settled: SettledCoefficients
+) -> list[str]:
+    """Return warnings of negative compliances, of single coefficients and of whole matrices."""
+    out = []
     for p, u in enumerate(fit.unknowns):
         if np.isfinite(u.lower) and fit.free[p] + thresholds.IDENTIFIED.below_bound * uncertainty.sigma[p] < u.lower:
             out.append(
@@ -68,6 +89,12 @@ def build_warnings(
             "structure does; the best fit that does not is given instead, fewer coefficients (form: diagonal) would be "
             "surer"
         )
+    return out
+
+
+def _list_error_warnings(fitted_errors: HoldoutErrorSummary, holdout_errors: HoldoutErrorSummary) -> list[str]:
+    """Return warnings of a model that explains little, or that predicts unseen poses worse."""
+    out = []
     if fitted_errors.explained < thresholds.IDENTIFIED.explains_little:
         out.append(
             f"the model explains only {100 * fitted_errors.explained:.0f} % of the squared displacements"
@@ -80,6 +107,12 @@ def build_warnings(
             f"{1e3 * fitted_errors.rmse:.3g} mm: "
             "too few poses for the unknowns, or stiffness that changes with the pose"
         )
+    return out
+
+
+def _list_scatter_warnings(fit: StiffnessFit) -> list[str]:
+    """Return warnings of readings that scatter more than their stated uncertainty."""
+    out = []
     stated = fit.experiment.uncertainty
     for value, scatter, unit, factor in zip(
         (stated.displacement, stated.rotation),
@@ -93,11 +126,15 @@ def build_warnings(
                 f"readings scatter by {factor * scatter.reading:.3g} {unit} about the model, {factor * value:.3g} "
                 f"{unit} are stated: physics that the model lacks, or a measurement that is worse than stated"
             )
-    if outliers:
-        places = list(dict.fromkeys(o.place for o in outliers))
-        more = f" and {len(places) - MAX_LISTED_ROWS} more" if len(places) > MAX_LISTED_ROWS else ""
-        out.append(f"put aside as outliers: {', '.join(places[:MAX_LISTED_ROWS])}{more}")
     return out
+
+
+def _list_outlier_warnings(outliers: tuple[ReadingOutlier, ...]) -> list[str]:
+    if not outliers:
+        return []
+    places = list(dict.fromkeys(o.place for o in outliers))
+    more = f" and {len(places) - MAX_LISTED_ROWS} more" if len(places) > MAX_LISTED_ROWS else ""
+    return [f"put aside as outliers: {', '.join(places[:MAX_LISTED_ROWS])}{more}"]
 
 
 def build_notes(

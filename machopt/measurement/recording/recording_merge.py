@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import Recording, RecordingKind, StandardUncertainty
 from machopt.errors import RecordingError
@@ -188,6 +189,12 @@ def find_wide_poses(recording: Recording) -> tuple[str, ...]:
     )
 
 
+def _number_stations(recordings: Sequence[Recording], frame: Ints) -> NDArray[np.intp]:
+    """Return new labels (N,): tracker stations of different folders are distinct, whatever their labels."""
+    whose = np.repeat(np.arange(len(recordings)), [len(r) for r in recordings])
+    return np.unique(np.column_stack([whose, frame]), axis=0, return_inverse=True)[1].reshape(-1)
+
+
 def merge_recordings(recordings: Sequence[Recording], *, new_sessions: bool) -> Recording:
     """Merge several recordings in the given order.
 
@@ -222,13 +229,8 @@ def merge_recordings(recordings: Sequence[Recording], *, new_sessions: bool) -> 
     for name in (*(c.field for c in CHANNELS[1:]), *_BESIDE):
         parts = [getattr(r, name) for r in recordings]
         joined[name] = None if parts[0] is None else np.concatenate(parts)
-    if (
-        new_sessions and first.frame is not None
-    ):  # tracker stations of different folders are distinct, whatever their labels
-        whose = np.repeat(np.arange(len(recordings)), [len(r) for r in recordings])
-        joined["frame"] = np.unique(np.column_stack([whose, joined["frame"]]), axis=0, return_inverse=True)[1].reshape(
-            -1
-        )
+    if new_sessions and first.frame is not None:
+        joined["frame"] = _number_stations(recordings, joined["frame"])
     if "cycle" in labelled:
         cycle = separate_cycles(pose, np.concatenate([r.cycle for r in recordings]), session)
     else:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.measurements.recording import Recording, StandardUncertainty, TrackerTarget
+from machopt.data_types.measurements.recording import Recording, RecordingKind, StandardUncertainty, TrackerTarget
 from machopt.errors import RecordingError
 from machopt.file_formats.strict_yaml import YamlDocument, format_found_value, read_yaml, validate_document
 from machopt.measurement.recording import inclinometer as by_tilt
@@ -47,7 +47,7 @@ from machopt.measurement.recording.recording_schema import (
     UncertaintyKeys,
 )
 from machopt.measurement.recording.recording_table import RecordingTable, read_table
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools, Ints
 
 _RADIANS_LOOK = 6.3  # all angles within one turn in rad: in degrees the arm would hardly have moved
 
@@ -226,19 +226,10 @@ def _read_data_file(document: YamlDocument, keys: RecordingKeys, path: Path) -> 
     )
 
 
-def _read_run(
-    table: RecordingTable,
-    keys: RecordingKeys,
-    folder: Path,
-    targets: Mapping[str, TrackerTarget],
-    motors: by_motor.MotorProperties,
-    tilted: str,
-) -> Recording:
-    """Read one data file as a recording of its own."""
-    reflectors, target = by_target.match_targets(table, targets, isinstance(keys.targets_mm, list))
-    frame = by_target.read_tracker_stations(table)
-    prismatic = find_sliding_joints(table, keys.kind)
-    by_tilt.check_tilt_columns(table, tilted)
+def _read_channels(
+    table: RecordingTable, keys: RecordingKeys, motors: by_motor.MotorProperties, prismatic: tuple[bool, ...]
+) -> tuple[dict[str, Array], list[str]]:
+    """Return the channels in SI by field of :class:`Recording`, those by motor included, and warnings."""
     by_motors = by_motor.compute_joint_angles(table, motors, prismatic)
     found, warnings = read_channels(table, keys.kind, prismatic, {} if by_motors is None else {"q": by_motors})
     if found["q"] is not by_motors:
@@ -252,18 +243,51 @@ def _read_run(
         )
     elif made is not None:
         warnings.append(f"{table.path.name}: tau1_Nm … stand too and are used; current1_A … are not")
-    n = len(table)
-    given = {name: read_labels(table, name) for name in LABELS if name in table.numbers}
+    return found, warnings
+
+
+def _convert_point(point_mm: Sequence[float] | None) -> Array | None:
+    """Return a point (3,) in m."""
+    return None if point_mm is None else np.array(point_mm) / 1e3
+
+
+def _read_used_rows(
+    table: RecordingTable, kind: RecordingKind, found: Mapping[str, Array]
+) -> tuple[Bools | None, list[str]]:
+    """Return the rows (N,) that are used, None: all; and warnings of targets that were lost."""
+    used = read_used_rows(table)
+    return _leave_out_lost_targets(table, found["position"], used) if kind == "absolute" else (used, [])
+
+
+def _complete_labels(given: Mapping[str, Ints], q: Array, kind: RecordingKind) -> tuple[Ints, Ints, Ints]:
+    """Return labels (N,) of pose, session and cycle: those of the table, else numbered."""
     pose = given.get("pose")
     if pose is None:
-        pose = number_poses(found["q"], keys.kind)
-    session = given.get("session", np.zeros(n, dtype=np.int64))
-    cycle = separate_cycles(pose, given["cycle"], session) if "cycle" in given else np.arange(n, dtype=np.int64)
+        pose = number_poses(q, kind)
+    session = given.get("session", np.zeros(len(q), dtype=np.int64))
+    cycle = separate_cycles(pose, given["cycle"], session) if "cycle" in given else np.arange(len(q), dtype=np.int64)
+    return pose, session, cycle
+
+
+def _read_run(
+    table: RecordingTable,
+    keys: RecordingKeys,
+    folder: Path,
+    targets: Mapping[str, TrackerTarget],
+    motors: by_motor.MotorProperties,
+    tilted: str,
+) -> Recording:
+    """Read one data file as a recording of its own."""
+    reflectors, target = by_target.match_targets(table, targets, isinstance(keys.targets_mm, list))
+    frame = by_target.read_tracker_stations(table)
+    prismatic = find_sliding_joints(table, keys.kind)
+    by_tilt.check_tilt_columns(table, tilted)
+    found, warnings = _read_channels(table, keys, motors, prismatic)
+    given = {name: read_labels(table, name) for name in LABELS if name in table.numbers}
+    pose, session, cycle = _complete_labels(given, found["q"], keys.kind)
     branch = read_branches(table) if "branch" in table.words else None
-    used = read_used_rows(table)
-    if keys.kind == "absolute":
-        used, lost = _leave_out_lost_targets(table, found["position"], used)
-        warnings += lost
+    used, lost = _read_used_rows(table, keys.kind, found)
+    warnings += lost
     for array in (pose, session, cycle, branch, target, frame, used, table.lines, *found.values()):
         if array is not None:
             array.setflags(write=False)
@@ -277,7 +301,7 @@ def _read_run(
         line=table.lines,
         wrench=found.get("wrench"),
         wrench_frame=keys.wrench_frame,
-        wrench_point=None if keys.wrench_point_mm is None else np.array(keys.wrench_point_mm) / 1e3,
+        wrench_point=_convert_point(keys.wrench_point_mm),
         displacement=found.get("displacement"),
         displacement_frame=keys.displacement_frame,
         position=found.get("position"),

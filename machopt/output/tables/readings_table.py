@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,52 +13,45 @@ from machopt.numerics.array_types import Array, Ints
 _COMPONENTS = ("dx_mm", "dy_mm", "dz_mm", "rx_mrad", "ry_mrad", "rz_mrad")
 
 
-def write_readings_csv(
-    path: Path,
-    *,
-    pose: Ints,
-    cycle: Ints,
-    session: Ints,
-    line: Ints,
-    wrench: Array,
-    measured: Array,
-    predicted: Array,
-    heldout: Array,
-    uncertainty: Array,
-    weight: Array,
-    leverage: Array,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ReadingsTable:
+    """Columns of N readings with D components each, D = 3 or 6."""
+
+    pose: Ints  # (N,) labels
+    cycle: Ints  # (N,) labels
+    session: Ints  # (N,) labels
+    line: Ints  # (N,) lines of the data file
+    wrench: Array  # (N, 6) at the TCP, N and N·m
+    measured: Array  # (N, D) displacements, m and rad
+    predicted: Array  # (N, D) displacements, m and rad
+    heldout: Array  # (N, D) predictions of fits without the pose; NaN where there is none
+    uncertainty: Array  # (N, D) 1 sigma of the prediction from the coefficients
+    weight: Array  # (N, D) 0 … 1; below 0.5 the reading is an outlier
+    leverage: Array  # (N,)
+
+
+def write_readings_csv(path: Path, table: ReadingsTable) -> None:
     """Write the table, one row for each reading.
 
     Args:
         path: The file to write.
-        pose: (N,) pose labels.
-        cycle: (N,) cycle labels.
-        session: (N,) session labels.
-        line: (N,) lines of the data file.
-        wrench: (N, 6) wrenches at the TCP, N and N·m.
-        measured: (N, D) measured displacements, m and rad; D = 3 or 6.
-        predicted: (N, D) predicted displacements, m and rad.
-        heldout: (N, D) predictions of fits without the pose; NaN where there is none.
-        uncertainty: (N, D) 1 sigma of the prediction from the coefficients.
-        weight: (N, D) weights 0 … 1; below 0.5 the reading is an outlier.
-        leverage: (N,) leverages.
+        table: The columns.
     """
-    names = _COMPONENTS[: measured.shape[1]]
+    names = _COMPONENTS[: table.measured.shape[1]]
     columns: list[tuple[str, Array | Ints, str]] = [
-        ("reading", np.arange(1, len(pose) + 1), "d"),
-        ("pose", pose, "d"),
-        ("cycle", cycle, "d"),
-        ("session", session, "d"),
-        ("line", line, "d"),
+        ("reading", np.arange(1, len(table.pose) + 1), "d"),
+        ("pose", table.pose, "d"),
+        ("cycle", table.cycle, "d"),
+        ("session", table.session, "d"),
+        ("line", table.line, "d"),
     ]
     for c, name in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
-        columns.append((name, wrench[:, c], ".6g"))
-    for kind, values in (("measured", measured), ("predicted", predicted), ("heldout", heldout)):
+        columns.append((name, table.wrench[:, c], ".6g"))
+    for kind, values in (("measured", table.measured), ("predicted", table.predicted), ("heldout", table.heldout)):
         columns += [(f"{kind}_{name}", 1e3 * values[:, c], ".5f") for c, name in enumerate(names)]
-    columns += [(f"sigma_{name}", 1e3 * uncertainty[:, c], ".5f") for c, name in enumerate(names)]
-    columns += [(f"weight_{name}", weight[:, c], ".3f") for c, name in enumerate(names)]
-    columns.append(("leverage", leverage, ".4f"))
+    columns += [(f"sigma_{name}", 1e3 * table.uncertainty[:, c], ".5f") for c, name in enumerate(names)]
+    columns += [(f"weight_{name}", table.weight[:, c], ".3f") for c, name in enumerate(names)]
+    columns.append(("leverage", table.leverage, ".4f"))
     with path.open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow([name for name, _, _ in columns])

@@ -30,7 +30,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.collision_handling.path_check import PathCollisionChecker
 from machopt.planning.cost.clearance_cost import compute_path_crowding
 from machopt.planning.cost.held_feed import compute_lost_time
-from machopt.planning.cost.objective import PlanObjective, compute_objective
+from machopt.planning.cost.objective import AssignmentCosts, PlanObjective, compute_objective
 from machopt.planning.cost.process_force_direction import compute_engaged_force
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
 from machopt.planning.pipeline.place_pricing import price_places
@@ -173,21 +173,16 @@ def rescore_plan(plan: Plan, assignment: JointAssignment) -> Plan:
 def _objective(plan: Plan, a: JointAssignment, cost: Array) -> PlanObjective:
     pricing = None if plan.pricing is None else plan.pricing.with_path(plan.path, plan.directions)
     x, rapid = plan.setup.in_rad(plan.path, a.q), plan.scores.rapid
-    return compute_objective(
-        plan.path,
-        cost,
-        x,
-        a.phi,
-        plan.scores.scale,
-        plan.setup.velocity,
-        plan.options,
-        compute_path_crowding(plan.path, plan.setup.collision, a.q, plan.options),
+    costs = AssignmentCosts(
+        cost=cost,
+        q=x,
+        phi=a.phi,
+        crowded=compute_path_crowding(plan.path, plan.setup.collision, a.q, plan.options),
         places=price_places(pricing, a.q),
         rapids=(0.0, 0.0) if rapid is None else rapid.measure(plan.path, x, a.branch),
-        late=compute_lost_time(
-            plan.path, plan.setup.arm, plan.setup.robot, plan.setup.cell.limits, plan.options, a.q, a.phi
-        ),
+        late=compute_lost_time(plan.path, plan.setup.drives, plan.options, a.q, a.phi),
     )
+    return compute_objective(plan.path, costs, plan.scores.scale, plan.setup.velocity, plan.options)
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,13 @@ from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.continuous_refinement.refinement import TRUST, PlanRefinement, RefinementResult
 from machopt.planning.continuous_refinement.starting_point import RefinementStart
 from machopt.planning.cost.held_feed import compute_lost_time
-from machopt.planning.cost.objective import compute_objective, compute_total
+from machopt.planning.cost.objective import AssignmentCosts, compute_objective, compute_total
 from machopt.planning.cost.stiffness_index import LoadDirections, compute_load_directions
 from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.motion.trajectory_builder import has_motion
-from machopt.planning.pipeline.path_planner import is_assignment_allowed
+from machopt.planning.pipeline.baseline_comparison import is_assignment_allowed
+from machopt.planning.pipeline.path_planner import PathVariant
 from machopt.planning.pipeline.path_planner import plan_path as planned
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings, fix_external_axes
@@ -40,13 +41,20 @@ SEARCHES = 2  # a rotation that only the search finds starts another refinement
 GAINS = 1e-3  # share of the objective: a smaller gain does not justify another pass or a full plan
 
 
+@dataclass(frozen=True, kw_only=True)
+class RefinementJob:
+    """What the refinements of the plans of one toolpath have in common."""
+
+    toolpath: Toolpath
+    groups: Sequence[OperationGroup]  # with the ranges of their external joints
+    worth: AxisPlanRanking
+    clock: StageTimings
+    before: Plan | None = None  # as for :func:`machopt.planning.pipeline.path_planner.plan_path`
+
+
 def refine_plan(
     plan: Plan,
-    toolpath: Toolpath,
-    groups: Sequence[OperationGroup],
-    worth: AxisPlanRanking,
-    clock: StageTimings,
-    before: Plan | None = None,
+    job: RefinementJob,
     below: float = np.inf,
     trust: float = TRUST,
     start: RefinementStart | None = None,
@@ -58,11 +66,7 @@ def refine_plan(
 
     Args:
         plan: plan to refine.
-        toolpath: toolpath of the plan.
-        groups: operation groups with the ranges of their external joints.
-        worth: ranking of plans with external joints.
-        clock: stage timings.
-        before: as for :func:`machopt.planning.pipeline.path_planner.plan_path`.
+        job: toolpath, operation groups and ranking of the plans.
         below: ranking value that must be reached after the passes; otherwise the result is not planned in full.
         trust: rad, trust region of the refinement's steps, initial and maximum value.
         start: starting point in place of the plan.
@@ -72,16 +76,7 @@ def refine_plan(
         return plan
     best = plan
     for _ in range(SEARCHES):
-        found, searched = _Passes(
-            plan=best,
-            toolpath=toolpath,
-            groups=groups,
-            worth=worth,
-            clock=clock,
-            before=before,
-            trust=trust,
-            passes=passes,
-        ).best(below, start)
+        found, searched = _Passes(plan=best, job=job, trust=trust, passes=passes).best(below, start)
         start = None
         best, done = found, found is best or not searched
         if done:
@@ -101,9 +96,7 @@ def is_drivable(plan: Plan, toolpath: Toolpath, clock: StageTimings) -> bool:
         return has_motion(plan, toolpath)
 
 
-def plan_on_other_grid(
-    plan: Plan, toolpath: Toolpath, step: float, worth: AxisPlanRanking, clock: StageTimings, before: Plan | None = None
-) -> Plan:
+def plan_on_other_grid(plan: Plan, step: float, job: RefinementJob) -> Plan:
     """Return the plan with another rotation step: the result of the search there, or its own rotation.
 
     The rotation of a plan with external joints is a curve between the grid's steps and therefore valid on
@@ -111,14 +104,11 @@ def plan_on_other_grid(
 
     Args:
         plan: plan with external joints.
-        toolpath: toolpath of the plan.
         step: rad, step of the rotation grid.
-        worth: ranking of plans with external joints.
-        clock: stage timings.
-        before: as for :func:`machopt.planning.pipeline.path_planner.plan_path`.
+        job: toolpath and ranking of the plans; no external joint moves.
     """
     on = replace(plan, options=replace(plan.options, rotation_step=step))
-    return _Passes(plan=on, toolpath=toolpath, groups=(), worth=worth, clock=clock, before=before).planned_again()
+    return _Passes(plan=on, job=job).planned_again()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,11 +116,7 @@ class _Passes:
     """Refinement passes of one plan without gaps or breaks."""
 
     plan: Plan
-    toolpath: Toolpath
-    groups: Sequence[OperationGroup]
-    worth: AxisPlanRanking
-    clock: StageTimings
-    before: Plan | None
+    job: RefinementJob
     trust: float = TRUST  # rad
     passes: int = PASSES
 
@@ -143,8 +129,8 @@ class _Passes:
         """
         stages = [self.plan]  # each better than the previous one; without a new search the candidates are stale
         for _ in range(self.passes):
-            with self.clock.stage("external"):
-                proposed = PlanRefinement(stages[-1], self.groups, self.worth, self.trust).found(start)
+            with self.job.clock.stage("external"):
+                proposed = PlanRefinement(stages[-1], self.job.groups, self.job.worth, self.trust).found(start)
                 start = None
                 if proposed is None or proposed.saved < GAINS * stages[-1].chosen.objective.total:
                     break
@@ -153,12 +139,12 @@ class _Passes:
                 better = self._searched(stages[-1], proposed)
             if better is None:
                 break
-            gained = self.worth.plan(stages[-1]) - self.worth.plan(better)
+            gained = self.job.worth.plan(stages[-1]) - self.job.worth.plan(better)
             stages.append(better)
             if gained < GAINS * better.chosen.objective.total:
                 break
         for last in reversed(stages[1:]):
-            if self.worth.plan(last) >= min(below, self.worth.plan(self.plan)):
+            if self.job.worth.plan(last) >= min(below, self.job.worth.plan(self.plan)):
                 break
             whole, searched = self._whole(last)
             if self._better(whole, self.plan):
@@ -172,10 +158,14 @@ class _Passes:
         if is_incomplete:
             return searched
         own = replace(_own(searched, self.plan), over_external=self.plan.over_external)
-        return searched if self._better(searched, own) and is_drivable(searched, self.toolpath, self.clock) else own
+        return (
+            searched
+            if self._better(searched, own) and is_drivable(searched, self.job.toolpath, self.job.clock)
+            else own
+        )
 
     def _better(self, one: Plan, other: Plan) -> bool:
-        return not one.breaks and not len(one.missing) and self.worth.plan(one) < self.worth.plan(other)
+        return not one.breaks and not len(one.missing) and self.job.worth.plan(one) < self.job.worth.plan(other)
 
     def _part_of(self, plan: Plan, proposed: RefinementResult) -> Plan | None:
         """Return the plan with the largest share of the offsets that makes it better and drivable; None where none
@@ -207,10 +197,15 @@ class _Passes:
 
     def _planned(self, plan: Plan, path: PlanningPath, below: float = np.inf) -> Plan:
         return planned(
-            plan.setup.cell, self.toolpath, plan.options, self.clock,
-            setup=plan.setup, external=path.external, scale=plan.scores.scale, before=self.before,
-            below=below,
-        )  # fmt: skip
+            plan.setup.cell,
+            self.job.toolpath,
+            plan.options,
+            self.job.clock,
+            setup=plan.setup,
+            variant=PathVariant(external=path.external, below=below),
+            scale=plan.scores.scale,
+            before=self.job.before,
+        )
 
     def _turned(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
         """Return the plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it is
@@ -234,10 +229,9 @@ def _own(searched: Plan, plan: Plan) -> Plan:
 def _as_searched(plan: Plan) -> float:
     """Return J of a plan as the search counts it: the travel of its external joints, a constant there, is left out."""
     a, objective, cell = plan.chosen.assignment, plan.chosen.objective, plan.setup.cell
-    velocity, scale = cell.limits.velocity[:6], plan.scores.scale
-    s = plan.setup
-    late = compute_lost_time(plan.path, s.arm, s.robot, cell.limits, plan.options, a.q, a.phi)
-    own = compute_objective(plan.path, plan.chosen.cost, a.q, a.phi, scale, velocity, plan.options, late=late)
+    late = compute_lost_time(plan.path, plan.setup.drives, plan.options, a.q, a.phi)
+    costs = AssignmentCosts(cost=plan.chosen.cost, q=a.q, phi=a.phi, late=late)
+    own = compute_objective(plan.path, costs, plan.scores.scale, cell.limits.velocity[:6], plan.options)
     return compute_total(
         replace(objective, travel=own.travel, feed=own.feed), plan.options.weights, plan.scores.elsewhere
     )

@@ -120,62 +120,72 @@ class FeedMotion:
         )
 
 
-def compute_lost_time(
-    path: PlanningPath, arm: PlanningArm, robot: Robot, limits: JointLimits, options: PlanOptions, q: Array, phi: Array
-) -> float:
+@dataclass(frozen=True)
+class ArmDrives:
+    """An arm and the limits of its drives."""
+
+    arm: PlanningArm
+    robot: Robot
+    limits: JointLimits
+
+    def compute_excess(
+        self, options: PlanOptions, q: Array, motion: FeedMotion, row: NDArray[np.integer[Any]]
+    ) -> Array:
+        """Return the (M,) time in s that configurations lose.
+
+        Args:
+            options: plan options.
+            q: (M, 6) rad, joints.
+            motion: motion at N places.
+            row: (M,) place of each configuration.
+        """
+        return compute_excess(self.robot, self.arm.T_flange_tcp, self.limits, options, q, motion, row)
+
+
+def compute_lost_time(path: PlanningPath, drives: ArmDrives, options: PlanOptions, q: Array, phi: Array) -> float:
     """Return the time in s that an assignment loses; 0 where lost time has no price.
 
     Args:
         path: planning points.
-        arm: arm model.
-        robot: kinematic model of the arm.
-        limits: of the joints.
+        drives: arm and the limits of its drives.
         options: plan options.
         q: (P, 6) rad, joints, NaN where there are none.
         phi: (P,) rad, rotation.
     """
     if options.weights.feed == 0.0:
         return 0.0
-    motion = FeedMotion.of(path, arm, options)
+    motion = FeedMotion.of(path, drives.arm, options)
     seconds = np.diff(path.time)
     known = (path.run[1:] == path.run[:-1]) & (seconds > 0) & np.isfinite(phi[1:]) & np.isfinite(phi[:-1])
     spin = np.zeros(len(phi))
     spin[:-1][known] = (np.diff(phi)[known]) / seconds[known]
     twist = motion.twist.copy()
-    twist[:, 3:] -= spin[:, None] * arm.directions(path.external, path.axis)
+    twist[:, 3:] -= spin[:, None] * drives.arm.directions(path.external, path.axis)
     rows = np.flatnonzero((motion.seconds > 0) & np.isfinite(q).all(axis=1))
-    lost = compute_excess(robot, arm.T_flange_tcp, limits, options, q[rows], replace(motion, twist=twist), rows)
-    return float(lost.sum())
+    return float(drives.compute_excess(options, q[rows], replace(motion, twist=twist), rows).sum())
 
 
 def compute_grid_price(
-    path: PlanningPath,
-    arm: PlanningArm,
-    robot: Robot,
-    limits: JointLimits,
-    options: PlanOptions,
-    candidates: CandidateGrid,
+    path: PlanningPath, drives: ArmDrives, options: PlanOptions, candidates: CandidateGrid
 ) -> Array | None:
     """Return the (S, R, B) price in J of the time that each configuration loses with its rotation held; None without
     one.
 
     Args:
         path: planning points.
-        arm: arm model.
-        robot: kinematic model of the arm.
-        limits: of the joints.
+        drives: arm and the limits of its drives.
         options: plan options.
         candidates: candidate grid.
     """
     if options.weights.feed == 0.0:
         return None
-    motion = FeedMotion.of(path, arm, options).at_stations(path)
+    motion = FeedMotion.of(path, drives.arm, options).at_stations(path)
     usable = candidates.usable & (motion.seconds > 0)[:, None, None]
     out = np.full(usable.shape, np.nan)
 
     def evaluate(wanted: Bools) -> None:
         s, r, b = np.nonzero(wanted)
-        out[s, r, b] = compute_excess(robot, arm.T_flange_tcp, limits, options, candidates.q[s, r, b], motion, s)
+        out[s, r, b] = drives.compute_excess(options, candidates.q[s, r, b], motion, s)
 
     R = usable.shape[1]
     if R % STRIDE == 0:  # some rotations, and the mean of their neighbours between them
@@ -286,14 +296,21 @@ def _compute_excess(
                 held = min(held, np.cbrt(bounds[2, k] * rounding**2 / (PEAKS[1] * abs(jump))))
         lost = min(max(slow - slow_v, 0.0), MOST) * seconds
         if held < 1.0:
-            longest = 0.0
-            for k in range(6):
-                change = (1.0 - held) * rates[0, k]
-                a, j = bounds[1, k], bounds[2, k]
-                longest = max(longest, change / a + a / j if change * j > a * a else 2.0 * np.sqrt(change / j))
+            longest = _compute_longest_change(rates[0], bounds, 1.0 - held)
             lost += min(count * (1.0 - held) * longest, MOST * seconds)
         out[m] = lost
     return out
+
+
+@jit_compile
+def _compute_longest_change(rates: Any, bounds: Any, share: float) -> float:
+    """Return the time in s in which the slowest axis changes its speed by a share of ``rates`` (6,) rad/s."""
+    longest = 0.0
+    for k in range(6):
+        change = share * rates[k]
+        a, j = bounds[1, k], bounds[2, k]
+        longest = max(longest, change / a + a / j if change * j > a * a else 2.0 * np.sqrt(change / j))
+    return longest
 
 
 @jit_compile

@@ -293,42 +293,70 @@ class ObjectiveTerms:
         return dq.sum(axis=-1), np.abs(np.diff(phi, axis=-1)), (dq * self.slowness).max(axis=-1)
 
 
+@dataclass(frozen=True, kw_only=True)
+class AssignmentCosts:
+    """One assignment at the P planning points, and the costs that its points have beside their motion."""
+
+    cost: Array  # (P,) c of the configurations, in the unit of the index
+    q: Array  # (P, n) rad, joints of the arm, or of the machine in equivalent rad
+    phi: Array  # (P,) rad, continuous inside each run
+    crowded: Array | None = None  # (P,) :func:`compute_crowding`, NaN where it is not known; None: it does not count
+    places: tuple[float, float] = (0.0, 0.0)  # prices of the points out of tolerance, and of instability
+    rapids: tuple[float, float] = (0.0, 0.0)  # time of the rapid moves as a share, and changes times J₀
+    late: float = 0.0  # s, lost by limits of acceleration and jerk (:mod:`machopt.planning.cost.held_feed`)
+
+
 def compute_objective(
     path: PlanningPath,
-    cost: Array,
-    q: Array,
-    phi: Array,
+    assignment: AssignmentCosts,
     scale: float,
     velocity: Array,
     options: PlanOptions,
-    crowded: Array | None = None,
     elsewhere: float = 0.0,
-    places: tuple[float, float] = (0.0, 0.0),
-    rapids: tuple[float, float] = (0.0, 0.0),
-    late: float = 0.0,
 ) -> PlanObjective:
     """Return J of one assignment at all planning points; infinite where a counted point has no cost.
 
     Args:
         path: planning points.
-        cost: (P,) c of the chosen configurations.
-        q: (P, 6) rad.
-        phi: (P,) rad, continuous inside each run.
+        assignment: configurations, rotation and costs at the planning points.
         scale: c₀, in the unit of the cost.
-        velocity: (6,) rad/s, joint velocity limits.
+        velocity: (n,) rad/s, velocity limits of these joints.
         options: plan options with the weights.
-        crowded: (P,) :func:`compute_crowding`, NaN where it is not known; None: it does not count.
         elsewhere: worst index of the other tools of the job, in units of c₀; a lower worst index brings no gain.
-        places: prices of the points out of tolerance, and of instability.
-        rapids: time of the rapid moves as a share, and changes times J₀.
-        late: s, time lost by limits of acceleration and jerk (:mod:`machopt.planning.cost.held_feed`).
     """
-    terms, w = ObjectiveTerms.of(path, velocity, options), options.weights
-    counted = path.counted
-    share, c = terms.share[counted], np.where(np.isfinite(cost[counted]), cost[counted], np.inf) / scale
+    terms = ObjectiveTerms.of(path, velocity, options)
+    mean, worst = _compute_index_terms(terms, assignment.cost, scale)
+    travel, rotation, lost = _compute_motion_terms(terms, assignment)
+    preferred, clearance = _compute_place_terms(terms, assignment)
+    parts = PlanObjective(
+        total=np.nan,
+        mean=mean,
+        worst=worst,
+        travel=travel,
+        rotation=rotation,
+        feed=lost + assignment.late / max(float(path.time[-1]), 1e-9),
+        preferred=preferred,
+        clearance=clearance,
+        tolerance=assignment.places[0],
+        stability=assignment.places[1],
+        rapid=assignment.rapids[0],
+        reorientation=assignment.rapids[1],
+    )
+    return replace(parts, total=compute_total(parts, options.weights, elsewhere))
+
+
+def _compute_index_terms(terms: ObjectiveTerms, cost: Array, scale: float) -> tuple[float, float]:
+    """Return the mean and the worst index over the counted points, in units of c₀, from c (P,)."""
+    share, c = terms.share[terms.counted], cost[terms.counted]
+    c = np.where(np.isfinite(c), c, np.inf) / scale
     if not len(c):
         c, share = np.zeros(1), np.ones(1)
-    mean, worst = float(share @ c) if np.isfinite(c).all() else float("inf"), float(c.max())
+    return float(share @ c) if np.isfinite(c).all() else float("inf"), float(c.max())
+
+
+def _compute_motion_terms(terms: ObjectiveTerms, assignment: AssignmentCosts) -> tuple[float, float, float]:
+    """Return travel, rotation and the share of time lost at the velocity limits, over the steps that are known."""
+    q, phi = assignment.q, assignment.phi
     known = np.isfinite(q).all(axis=1)
     travel = float(terms.travel[known][1:] @ np.abs(np.diff(q[known], axis=0)).sum(axis=1))
     with np.errstate(invalid="ignore"):
@@ -336,28 +364,18 @@ def compute_objective(
         behind = compute_delay(slow, terms.seconds[1:])
     turned, both = np.isfinite(turn), np.isfinite(behind)
     rotation = float(terms.rotation[1:][turned] @ turn[turned])
-    lost = float(terms.lost[1:][both] @ behind[both]) + late / max(float(path.time[-1]), 1e-9)
-    price = terms.liked(phi)[counted]
+    return travel, rotation, float(terms.lost[1:][both] @ behind[both])
+
+
+def _compute_place_terms(terms: ObjectiveTerms, assignment: AssignmentCosts) -> tuple[float, float]:
+    """Return the mean price of the rotation and the mean crowding over the counted points."""
+    counted, share = terms.counted, terms.share
+    price = terms.liked(assignment.phi)[counted]
     rated = np.isfinite(price)
-    preferred = float(terms.share[counted][rated] @ price[rated] / max(terms.share[counted][rated].sum(), 1e-300))
-    near = np.zeros(len(path.index)) if crowded is None else crowded
+    preferred = float(share[counted][rated] @ price[rated] / max(share[counted][rated].sum(), 1e-300))
+    near = np.zeros(len(share)) if assignment.crowded is None else assignment.crowded
     there = counted & np.isfinite(near)
-    clearance = float(terms.share[there] @ near[there] / max(terms.share[there].sum(), 1e-300))
-    parts = PlanObjective(
-        total=np.nan,
-        mean=mean,
-        worst=worst,
-        travel=travel,
-        rotation=rotation,
-        feed=lost,
-        preferred=preferred,
-        clearance=clearance,
-        tolerance=places[0],
-        stability=places[1],
-        rapid=rapids[0],
-        reorientation=rapids[1],
-    )
-    return replace(parts, total=compute_total(parts, w, elsewhere))
+    return preferred, float(share[there] @ near[there] / max(share[there].sum(), 1e-300))
 
 
 def compute_total(parts: PlanObjective, w: ObjectiveWeights, elsewhere: float = 0.0) -> float:

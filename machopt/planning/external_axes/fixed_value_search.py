@@ -31,7 +31,7 @@ from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axes.sampled_sequence import choose_collision_free_sequence
 from machopt.planning.pipeline.planning_setup import PlanningSetup, fix_external_axes
-from machopt.planning.pipeline.vertex_prices import add_rapid_prices
+from machopt.planning.pipeline.vertex_prices import build_rapid_pricing
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
@@ -299,7 +299,8 @@ class FixedValueSearch:
                 continue
             part, candidates, scores = found
             scores = replace(scores, scale=self.scale)
-            scores = add_rapid_prices(scores, part, self.setup, candidates, self.options)
+            rapid = build_rapid_pricing(part, self.setup, scores.least, candidates.stable, self.options)
+            scores = replace(scores, rapid=rapid)
             choice, colliding = choose_collision_free_sequence(part, candidates, scores, self.setup, self.options)
             j = self._of_choice(own, part, scores, choice, colliding)
             total += group.share * (LOST * j.lost + w.mean * j.mean / self.scale + j.motion)

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
+from machopt.data_types.plan_options import ExternalJointOptions
 from machopt.numerics.array_types import Array, Bools
-from machopt.planning.external_axes.moving_axis_search import GroupAxisRange, compute_axis_curve
+from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch, GroupAxisRange, compute_axis_curve
 from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.external_axes.position_constraints import (
     AxisBound,
@@ -19,7 +19,6 @@ from machopt.planning.external_axes.position_constraints import (
     Interval,
     find_nearest_allowed,
 )
-from machopt.planning.pipeline.planning_setup import PlanningSetup
 from machopt.planning.stations.path_subset import list_run_points
 from machopt.planning.stations.planning_path import PlanningPath
 
@@ -81,29 +80,20 @@ def _resting(group: OperationGroup, rests: Bools, value: Array) -> OperationGrou
 
 
 def compute_moving_axis_path(
-    setup: PlanningSetup,
-    options: PlanOptions,
+    search: AxisCurveSearch,
     path: PlanningPath,
     groups: Sequence[OperationGroup],
     axes: Sequence[ExternalJointOptions],
     fixed_values: Sequence[Array],
-    scale: float,
-    *,
-    clear: bool = False,
-    turns: bool = False,
 ) -> Array:
     """Return the (P, E) external joints in m or rad: curves where they may move, else the values of their group.
 
     Args:
-        setup: planning setup of the cell.
-        options: plan options.
+        search: setup and settings of the search.
         path: planning points.
         groups: operation groups.
         axes: options of each external joint.
         fixed_values: (E,) m or rad, fixed values of each group.
-        scale: c₀.
-        clear: as for :func:`machopt.planning.external_axes.moving_axis_search.compute_axis_curve`.
-        turns: as for :func:`machopt.planning.external_axes.moving_axis_search.compute_axis_curve`.
     """
     fixed_values = [g.snapped(value) for g, value in zip(groups, fixed_values, strict=True)]
     out = np.empty((len(path.index), len(axes)))
@@ -115,7 +105,7 @@ def compute_moving_axis_path(
             rows = list_run_points(path, g.runs)
             sides = [_side(g, wish, float(value[wish.joint])) for wish in g.stands]
             low, high = _narrowed(g, sides)
-            home = g.snapped(setup.cell.external_home)
+            home = g.snapped(search.setup.cell.external_home)
             bounds = tuple(
                 _bound(rows, wish, side) for wish, side in zip(g.stands, sides, strict=True) if g.moving[wish.joint]
             )
@@ -130,7 +120,7 @@ def compute_moving_axis_path(
                 bounds=bounds,
                 allowed=g.allowed,
             )
-            out[rows] = compute_axis_curve(setup, options, path, group, scale, weight, clear=clear, turns=turns)
+            out[rows] = compute_axis_curve(search, path, group, weight)
     return out
 
 

@@ -14,6 +14,40 @@ from machopt.planning.cost.objective import edge_price_compiled, late_compiled
 
 
 @jit_compile
+def _measure_external_step(e: Array, before: Array, weight: Array, slowness: Array) -> tuple[float, float]:
+    """Return the weighted travel of external joints (E,) in equivalent rad, and the time in s of the slowest."""
+    way, slow = 0.0, 0.0
+    for c in range(len(e)):
+        d = abs(e[c] - before[c])
+        way += weight[c] * d
+        slow = max(slow, d * slowness[6 + c])
+    return way, slow
+
+
+@jit_compile
+def _measure_step(
+    q: Array, before: Array, winds: Bools, slowness: Array, way: float, slow: float
+) -> tuple[float, float, float]:
+    """Return travel in rad, time in s and largest joint step in rad of a step of the arm (6,).
+
+    Travel ``way`` and time ``slow`` of the external joints are included. An unreachable place adds nothing: it has its
+    own price.
+    """
+    length, late, largest_step = way, slow, 0.0
+    for c in range(6):
+        d = q[c] - before[c]
+        if winds[c]:
+            d -= 2.0 * np.pi * np.round(d / (2.0 * np.pi))
+        d = abs(d)
+        length += d
+        late = max(late, d * slowness[c])
+        largest_step = max(largest_step, d)
+    if np.isnan(length):
+        return way, slow, 0.0
+    return length, late, largest_step
+
+
+@jit_compile
 def compute_transition_costs(
     q: Array,
     e: Array,
@@ -54,7 +88,7 @@ def compute_transition_costs(
         lost: price of such a step.
     """
     S, V = q.shape[0], q.shape[1]
-    K, E = near.shape[1], e.shape[2]
+    K = near.shape[1]
     turn = 2.0 * np.pi / R
     out = np.zeros((S, K * 3, V), np.float32)
     for s in range(1, S):
@@ -66,31 +100,51 @@ def compute_transition_costs(
                 h = near[g, k]
                 way, slow = 0.0, 0.0
                 if h >= 0:
-                    for c in range(E):
-                        d = abs(e[s, g, c] - e[s - 1, h, c])
-                        way += weight[c] * d
-                        slow = max(slow, d * slowness[6 + c])
+                    way, slow = _measure_external_step(e[s, g], e[s - 1, h], weight, slowness)
                 for dr in range(-1, 2):
                     if h < 0 or (is_plunge[s] and (k > 0 or dr != 0)):
                         out[s, 3 * k + dr + 1, v] = np.inf
                         continue
                     u = (h * R + (r + dr) % R) * B + b
-                    length, late, largest_step = way, slow, 0.0
-                    for c in range(6):
-                        d = q[s, v, c] - q[s - 1, u, c]
-                        if winds[c]:
-                            d -= 2.0 * np.pi * np.round(d / (2.0 * np.pi))
-                        d = abs(d)
-                        length += d
-                        late = max(late, d * slowness[c])
-                        largest_step = max(largest_step, d)
-                    if np.isnan(length):  # an unreachable place has its own price
-                        length, late, largest_step = way, slow, 0.0
+                    length, late, largest_step = _measure_step(q[s, v], q[s - 1, u], winds, slowness, way, slow)
                     price = edge_price_compiled(
                         length, turn * abs(dr), late_compiled(late, seconds[s]), travel[s], rotation[s], feed[s]
                     )
                     out[s, 3 * k + dr + 1, v] = price + (lost if largest_step > most else 0.0)
     return out
+
+
+@jit_compile
+def _fly_to_values(
+    before: Array, e_from: Array, e_to: Array, flown: float, node: Array, here: Array, back: NDArray[np.int64]
+) -> None:
+    """Fill ``here`` and ``back`` (V,) with price and predecessor of each vertex behind a rapid move.
+
+    Args:
+        before: (V,) price up to the station before.
+        e_from: (G, E) external joints there in equivalent rad, times their weight.
+        e_to: (G, E) external joints here.
+        flown: price per equivalent rad.
+        node: (V,) price of each vertex.
+        here: (V,) filled.
+        back: (V,) filled.
+    """
+    G = len(e_to)
+    size = len(node) // G  # vertices of one value
+    last = np.zeros(G, np.int64)
+    for g in range(G):
+        last[g] = g * size + np.argmin(before[g * size : (g + 1) * size])
+    for g in range(G):
+        least, which = np.inf, -1
+        for h in range(G):
+            way = 0.0
+            for c in range(e_to.shape[1]):
+                way += abs(e_to[g, c] - e_from[h, c])
+            price = before[last[h]] + flown * way
+            if price < least:
+                least, which = price, last[h]
+        for v in range(g * size, (g + 1) * size):
+            here[v], back[v] = least + node[v], which
 
 
 @jit_compile
@@ -117,26 +171,13 @@ def find_cheapest_value_sequence(
         flown: (S,) price per equivalent rad of the external joints over a rapid move.
     """
     S, V = node.shape
-    G, K = near.shape
+    K = near.shape[1]
     back = np.full((S, V), -1, np.int64)
     here, before = node[0].copy(), np.empty(V)
     for s in range(1, S):
         before[:] = here
         if not joined[s]:
-            last = np.zeros(G, np.int64)
-            for g in range(G):
-                last[g] = g * R * B + np.argmin(before[g * R * B : (g + 1) * R * B])
-            for g in range(G):
-                least, which = np.inf, -1
-                for h in range(G):
-                    way = 0.0
-                    for c in range(e.shape[2]):
-                        way += abs(e[s, g, c] - e[s - 1, h, c])
-                    price = before[last[h]] + flown[s] * way
-                    if price < least:
-                        least, which = price, last[h]
-                for v in range(g * R * B, (g + 1) * R * B):
-                    here[v], back[s, v] = least + node[s, v], which
+            _fly_to_values(before, e[s - 1], e[s], flown[s], node[s], here, back[s])
             continue
         for v in range(V):
             b, r, g = v % B, (v // B) % R, v // (B * R)

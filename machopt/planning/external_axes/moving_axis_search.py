@@ -78,75 +78,112 @@ class GroupAxisRange:
     allowed: tuple[tuple[Interval, ...], ...] = ()  # (E,) of those that keep one value; empty: the full range
 
 
-def compute_axis_curve(
-    setup: PlanningSetup,
-    options: PlanOptions,
-    path: PlanningPath,
-    group: GroupAxisRange,
-    scale: float,
-    weight: Array,
-    *,
-    clear: bool = False,
-    turns: bool = False,
-) -> Array:
+@dataclass(frozen=True)
+class AxisCurveSearch:
+    """Setup and settings of a search for curves."""
+
+    setup: PlanningSetup
+    options: PlanOptions
+    scale: float  # c₀
+    clear: bool = False  # use only poses without contact. Every pose has to be checked, so there are fewer stations.
+    turns: bool = False  # count whole turns of the arm's joints: a part may have to be turned to keep a joint inside
+
+
+@dataclass(frozen=True, kw_only=True)
+class _GroupSearch:
+    """Search along the runs of one group."""
+
+    search: AxisCurveSearch
+    options: PlanOptions  # with the rotation step of the search
+    part: PlanningPath  # the runs of the group
+    group: GroupAxisRange
+    weight: Array  # (E,) factor of the travel of the external joints
+    winds: Bools  # (6,) whole turns of the joint are ignored
+    least: Array  # (n, E) m or rad, range of the external joints at the planning points
+    most: Array
+
+    def place(self, u: Array, rows: NDArray[np.integer[Any]] | slice) -> Array:
+        """Return values u (…, E) over the whole range as shares of the range at some planning points."""
+        if not self.group.bounds:
+            return u
+        low, high = self.group.low, self.group.high
+        span = np.where(high > low, high - low, 1.0)
+        a, b = (room[rows].reshape(-1, *(1,) * (u.ndim - 2), u.shape[-1]) for room in (self.least, self.most))
+        return np.where(self.group.moving, a + (u - low) / span * (b - a), u)
+
+    def find_steps(self, u: Array, near: NDArray[np.int64]) -> tuple[float, Array]:
+        """Return the cost of the best sequence through a grid of values u (S, G, E), and its values (S, E)."""
+        cost, at = _find_best_sequence(self, self.place(u, self.part.stations), near)
+        return cost, np.asarray(u[np.arange(len(u)), at])
+
+
+def compute_axis_curve(search: AxisCurveSearch, path: PlanningPath, group: GroupAxisRange, weight: Array) -> Array:
     """Return the (n, E) external joints in m or rad at the planning points of a group's runs, in order.
 
     Args:
-        setup: planning setup of the cell.
-        options: plan options.
+        search: setup and settings of the search.
         path: planning points.
         group: group of operations and the ranges of its joints.
-        scale: c₀.
         weight: (E,) factor of their travel.
-        clear: use only poses without contact. Every pose has to be checked, so there are fewer stations.
-        turns: count whole turns of the arm's joints: a part may have to be turned to keep a joint inside its limits.
     """
+    setup = search.setup
     free = np.flatnonzero(group.moving & (group.high > group.low))
     size = (group.high - group.low)[free] * setup.per_rad[6:][free]
-    counts = _counts(setup, free, size, clear=clear, turns=turns)
-    whole = round(2 * np.pi / max(options.rotation_step, STEP)) * setup.arm.solver.branches
-    stations = LEAST if clear else int(np.clip(VERTICES / (whole * int(np.prod(counts))), LEAST, MOST))
-    part = select_path_runs(path, group.runs, stations)
-    winds = np.full(6, True) if not turns else np.asarray(setup.arm.upper - setup.arm.lower >= WINDS)
-    opts = replace(options, rotation_step=max(options.rotation_step, STEP))
+    counts = _counts(setup, free, size, clear=search.clear, turns=search.turns)
+    own = _prepare_group(search, path, group, weight, int(np.prod(counts)))
     step = np.zeros(len(group.fixed))
     step[free] = (group.high - group.low)[free] / (np.array(counts) - 1)
-    ends = zip(free, counts, strict=True)
-    of_each = [np.linspace(group.low[k], group.high[k], n) for k, n in ends]
-    near = _neighbours(counts)
-
-    least, most = compute_axis_range_along_path(
-        part, group.low, group.high, group.bounds, [_near(part, run) for run in part.runs]
-    )
-    span = np.where(group.high > group.low, group.high - group.low, 1.0)
-
-    def stood(u: Array, rows: NDArray[np.integer[Any]] | slice) -> Array:
-        """Values u (…, E) over the whole range as shares of the room at some planning points."""
-        a, b = (room[rows].reshape(-1, *(1,) * (u.ndim - 2), u.shape[-1]) for room in (least, most))
-        return np.where(group.moving, a + (u - group.low) / span * (b - a), u) if group.bounds else u
-
-    def way(u: Array) -> tuple[float, Array]:
-        cost, at = _best_way(setup, opts, part, stood(u, part.stations), near, scale, weight, group.share, clear, winds)
-        return cost, np.asarray(u[np.arange(len(u)), at])
-
-    def coarse(fixed_values: Array) -> tuple[float, Array]:
-        grid = _offsets(free, of_each, fixed_values)
-        return way(np.broadcast_to(grid, (len(part.stations), *grid.shape)))
-
-    tries = [(*coarse(fixed_values), fixed_values) for fixed_values in _held(group)]  # of joints that keep one value
-    _, stairs, fixed_values = min(tries, key=lambda found: found[0])
-    found = _smooth(part, stairs, group, WAVE)
+    stairs, fixed_values = _find_coarse_steps(own, free, counts)
+    found = _smooth(own.part, stairs, group, WAVE)
     for level in range(1, FINER + 1):
         if float((step * setup.per_rad[6:]).max()) <= FINEST:
             break
         step = 0.5 * step
         side = AROUND[len(free)]
         around = _offsets(free, [np.arange(-side, side + 1) * step[k] for k in free], np.zeros(len(group.fixed)))
-        around = found[part.stations][:, None] + around
+        around = found[own.part.stations][:, None] + around
         near = _neighbours([2 * side + 1] * len(free))
-        _, stairs = way(np.where(group.moving, np.clip(around, group.low, group.high), fixed_values))
-        found = _smooth(part, stairs, group, WAVE / 1.5**level)
-    return np.where(group.moving, stood(found, slice(None)), fixed_values)
+        values = np.where(group.moving, np.clip(around, group.low, group.high), fixed_values)
+        _, stairs = own.find_steps(values, near)
+        found = _smooth(own.part, stairs, group, WAVE / 1.5**level)
+    return np.where(group.moving, own.place(found, slice(None)), fixed_values)
+
+
+def _prepare_group(
+    search: AxisCurveSearch, path: PlanningPath, group: GroupAxisRange, weight: Array, count: int
+) -> _GroupSearch:
+    """Return the search along the runs of a group, with as many stations as ``count`` coarse values permit."""
+    setup, rotation_step = search.setup, max(search.options.rotation_step, STEP)
+    whole = round(2 * np.pi / rotation_step) * setup.arm.solver.branches
+    stations = LEAST if search.clear else int(np.clip(VERTICES / (whole * count), LEAST, MOST))
+    part = select_path_runs(path, group.runs, stations)
+    winds = np.full(6, True) if not search.turns else np.asarray(setup.arm.upper - setup.arm.lower >= WINDS)
+    least, most = compute_axis_range_along_path(
+        part, group.low, group.high, group.bounds, [_near(part, run) for run in part.runs]
+    )
+    return _GroupSearch(
+        search=search,
+        options=replace(search.options, rotation_step=rotation_step),
+        part=part,
+        group=group,
+        weight=weight,
+        winds=winds,
+        least=least,
+        most=most,
+    )
+
+
+def _find_coarse_steps(own: _GroupSearch, free: NDArray[np.intp], counts: list[int]) -> tuple[Array, Array]:
+    """Return the best sequence (S, E) over the coarse grid, and the (E,) values of the joints that keep one."""
+    low, high, near = own.group.low, own.group.high, _neighbours(counts)
+    of_each = [np.linspace(low[k], high[k], n) for k, n in zip(free, counts, strict=True)]
+    tries = []
+    for fixed_values in _held(own.group):  # of joints that keep one value
+        grid = _offsets(free, of_each, fixed_values)
+        cost, stairs = own.find_steps(np.broadcast_to(grid, (len(own.part.stations), *grid.shape)), near)
+        tries.append((cost, stairs, fixed_values))
+    _, stairs, fixed_values = min(tries, key=lambda found: found[0])
+    return stairs, fixed_values
 
 
 def _counts(setup: PlanningSetup, free: NDArray[np.intp], size: Array, *, clear: bool, turns: bool) -> list[int]:
@@ -196,84 +233,106 @@ def _neighbours(counts: list[int]) -> NDArray[np.int64]:
     return np.array(out, np.int64).T.copy()
 
 
-def _best_way(
-    setup: PlanningSetup,
-    options: PlanOptions,
-    part: PlanningPath,
-    values: Array,
-    near: NDArray[np.int64],
-    scale: float,
-    weight: Array,
-    share: float,
-    clear: bool,
-    winds: Bools,
-) -> tuple[float, NDArray[np.int64]]:
+@dataclass(frozen=True, kw_only=True)
+class _ValueVertices:
+    """Vertices of a grid of values: S stations, G values, R rotations, B branches."""
+
+    values: Array  # (S, G, E) m or rad, external joints
+    near: NDArray[np.int64]  # (G, 3^k) numbers of the values next to each, −1 where the grid ends
+    cost: Array  # (S, G, R, B) index in units of c₀, NaN where infeasible
+    q: Array  # (S, G·R·B, 6) rad, NaN where infeasible
+    stable: bool  # the branch index is the same assembly mode at every pose
+
+
+def _find_best_sequence(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> tuple[float, NDArray[np.int64]]:
     """Return the cost of the best sequence through the grid of values (S, G, E), and the index (S,) in G it takes."""
+    vertices = _score_values(own, values, near)
+    setup, part = own.search.setup, own.part
+    S, (R, B) = len(values), vertices.cost.shape[2:]
+    terms, w = ObjectiveTerms.at_stations(part, setup.velocity, own.options), own.options.weights
+    joined = np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
+    edges = _compute_edges(own, vertices, terms, joined)
+    flown = np.ascontiguousarray(w.travel * terms.travel)
+    c = vertices.cost.reshape(S, -1)
+    node = terms.share[:, None] * w.mean * c
+    node = np.where(np.isfinite(node), node, LOST / S)
+    counted = np.asarray(part.counted[part.stations])
+    raw = np.where(counted[:, None] & np.isfinite(c), c, 0.0)
+    scaled = values * setup.per_rad[6:] * own.weight
+
+    def under(cap: float) -> tuple[float, float, NDArray[np.int64]]:
+        way, total = find_cheapest_value_sequence(
+            np.where(raw > cap, LOST / S, node), edges, near, scaled, R, B, joined, flown
+        )
+        worst = float(raw[np.arange(S), way].max())
+        return total + w.worst / max(own.group.share, 1e-9) * worst, worst, way
+
+    best = under(np.inf)
+    most = best[1]
+    reached = np.where(np.isfinite(c), c, np.inf).min(axis=1)[counted]
+    least = float(reached[np.isfinite(reached)].max(initial=0.0))
+    if most > least:
+        capped = map_in_threads(under, [least + t * (most - least) for t in CAPS])
+        best = min([best, *capped], key=lambda f: f[0])
+    return best[0], best[2] // (R * B)
+
+
+def _score_values(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> _ValueVertices:
+    """Return index and joints of the configurations at every value of the grid (S, G, E)."""
+    setup, part = own.search.setup, own.part
     S, G = values.shape[:2]
     station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
     across = compute_sideways_directions(part)
 
     def at(g: int) -> tuple[Array, Array, bool]:
         there = replace(part, external=values[station_of, g])
-        candidates = enumerate_candidates(there, setup.arm, options, every_branch=True)
-        d = compute_load_directions(there, setup.arm, setup.elasticity, options.force, across)
-        cost = score_candidates(there, candidates, setup.elasticity, d, options).cost
-        if clear:
+        candidates = enumerate_candidates(there, setup.arm, own.options, every_branch=True)
+        d = compute_load_directions(there, setup.arm, setup.elasticity, own.options.force, across)
+        cost = score_candidates(there, candidates, setup.elasticity, d, own.options).cost
+        if own.search.clear:
             cost = _free(cost, candidates.q, values[:, g], part, setup)
         return cost, np.where(np.isfinite(cost)[..., None], candidates.q, np.nan), candidates.stable
 
     found_at = map_in_threads(at, range(G))
-    cost, q, stable = [c for c, _, _ in found_at], [x for _, x, _ in found_at], found_at[0][2]
-    c = np.stack(cost, axis=1) / scale  # (S, G, R, B)
-    if clear:
+    c = np.stack([cost for cost, _, _ in found_at], axis=1) / own.search.scale  # (S, G, R, B)
+    if own.search.clear:
         c[_brushing(np.asarray(np.isfinite(c).any(axis=(2, 3))), near)] = np.nan
-    R, B = c.shape[2:]
-    terms, w = ObjectiveTerms.at_stations(part, setup.velocity, options), options.weights
-    per = setup.per_rad[6:]
-    lost = LOST / S
-    joined = np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
+    return _ValueVertices(
+        values=values,
+        near=near,
+        cost=c,
+        q=np.stack([q for _, q, _ in found_at], axis=1).reshape(S, -1, 6),
+        stable=found_at[0][2],
+    )
+
+
+def _compute_edges(
+    own: _GroupSearch, vertices: _ValueVertices, terms: ObjectiveTerms, joined: Bools
+) -> NDArray[np.float32]:
+    """Return the price of every transition between neighbouring vertices of one run; ``joined`` (S,): the station
+    continues the run of the previous one.
+    """
+    part, w = own.part, own.options.weights
     still: Bools = part.is_drilling | part.plunge
-    is_plunge = still[part.stations]
-    edges = compute_transition_costs(
-        np.stack(q, axis=1).reshape(S, -1, 6),
-        values * per,
-        near,
+    R, B = vertices.cost.shape[2:]
+    return compute_transition_costs(
+        vertices.q,
+        vertices.values * own.search.setup.per_rad[6:],
+        vertices.near,
         R,
         B,
         joined,
-        is_plunge,
-        winds,
+        still[part.stations],
+        own.winds,
         terms.seconds,
         terms.slowness,
-        weight,
+        own.weight,
         np.ascontiguousarray(w.travel * terms.travel),
         np.ascontiguousarray(w.rotation * terms.rotation),
         np.ascontiguousarray(w.feed * terms.lost),
-        compute_joint_jump_limit(stable),
-        lost,
+        compute_joint_jump_limit(vertices.stable),
+        LOST / len(vertices.values),
     )
-    flown = np.ascontiguousarray(w.travel * terms.travel)
-    node = terms.share[:, None] * w.mean * c.reshape(S, -1)
-    node = np.where(np.isfinite(node), node, lost)
-    counted = np.asarray(part.counted[part.stations])
-    raw = np.where(counted[:, None] & np.isfinite(c.reshape(S, -1)), c.reshape(S, -1), 0.0)
-    scaled = values * per * weight
-
-    def under(cap: float) -> tuple[float, float, NDArray[np.int64]]:
-        way, total = find_cheapest_value_sequence(
-            np.where(raw > cap, lost, node), edges, near, scaled, R, B, joined, flown
-        )
-        worst = float(raw[np.arange(S), way].max())
-        return total + w.worst / max(share, 1e-9) * worst, worst, way
-
-    best = under(np.inf)
-    most = best[1]
-    reached = np.where(np.isfinite(c.reshape(S, -1)), c.reshape(S, -1), np.inf).min(axis=1)[counted]
-    least = float(reached[np.isfinite(reached)].max(initial=0.0))
-    if most > least:
-        capped = map_in_threads(under, [least + t * (most - least) for t in CAPS])
-        best = min([best, *capped], key=lambda f: f[0])
-    return best[0], best[2] // (R * B)
 
 
 def _free(cost: Array, q: Array, external: Array, part: PlanningPath, setup: PlanningSetup) -> Array:

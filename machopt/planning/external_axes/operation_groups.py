@@ -93,6 +93,46 @@ def build_operation_groups(
     """
     position_wishes = build_axis_position_wishes(cell, path, wishes)
     labels = [o.label for o in toolpath.operations]
+    _refuse_unknown_operations(axes, labels)
+    out = []
+    for operations, runs in _list_operations_by_run(toolpath, path):
+        mine = tuple(
+            s
+            for s in position_wishes
+            if any(s.rows[0] <= path.runs[r][1] and path.runs[r][0] <= s.rows[1] for r in runs)
+        )
+        own = [labels[o] for o in operations]
+        ranges = [_find_axis_range(cell, k, axis, own, mine) for k, axis in enumerate(axes)]
+        group = OperationGroup(
+            runs=runs,
+            operations=operations,
+            moving=np.array([r.moving for r in ranges], bool),
+            low=np.array([r.allowed[0][0] for r in ranges], float),
+            high=np.array([r.allowed[-1][1] for r in ranges], float),
+            share=float(path.weight[list_run_points(path, runs)].sum()),
+            least=np.array([r.least for r in ranges], float),
+            most=np.array([r.most for r in ranges], float),
+            allowed=tuple(r.allowed for r in ranges),
+            must=np.array([r.must for r in ranges], bool),
+            stands=mine,
+        )
+        _refuse_too_many_choices(group, axes)
+        out.append(group)
+    return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class _AxisRange:
+    """Where one external joint may be in one group of operations, m or rad."""
+
+    moving: bool
+    allowed: tuple[Interval, ...]  # values of a joint that keeps one
+    least: float  # range of a joint that moves
+    most: float
+    must: bool
+
+
+def _refuse_unknown_operations(axes: Sequence[ExternalJointOptions], labels: list[str]) -> None:
     for axis in axes:
         for label, _ in (*axis.operations, *axis.at_operations):
             if label not in labels:
@@ -101,69 +141,64 @@ def build_operation_groups(
                     file="options",
                     where=f"external.{axis.joint}.operations",
                 )
+
+
+def _list_operations_by_run(toolpath: Toolpath, path: PlanningPath) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Return the operations that share runs, and these runs, in the order of the path."""
     of_row = toolpath.operation[np.ceil(path.index - 1e-12).astype(int)]
-    group = np.arange(len(labels))
+    group = np.arange(len(toolpath.operations))
     for first, last in path.runs:
         own = np.unique(group[of_row[first : last + 1]])
         group[np.isin(group, own)] = own[0]
-    out = []
-    for g in dict.fromkeys(group[of_row[first]] for first, _ in path.runs):
-        operations = np.flatnonzero(group == g)
-        runs = tuple(k for k, (first, _) in enumerate(path.runs) if group[of_row[first]] == g)
-        low, high, moving = np.empty(len(axes)), np.empty(len(axes)), np.zeros(len(axes), bool)
-        mine = tuple(
-            s
-            for s in position_wishes
-            if any(s.rows[0] <= path.runs[r][1] and path.runs[r][0] <= s.rows[1] for r in runs)
+    return [
+        (
+            tuple(np.flatnonzero(group == g).tolist()),
+            tuple(k for k, (first, _) in enumerate(path.runs) if group[of_row[first]] == g),
         )
-        least, most, must = low.copy(), high.copy(), moving.copy()
-        allowed: list[tuple[Interval, ...]] = []
-        for k, axis in enumerate(axes):
-            modes = {dict(axis.operations).get(labels[o], axis.mode or MOVING): labels[o] for o in operations}
-            if len(modes) > 1:
-                message = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
-                raise CellError(
-                    f"{message}: they share a run without a rapid move, so they share a mode; one mode would work",
-                    file="options",
-                    where=f"external.{axis.joint}.operations",
-                )
-            mode = next(iter(modes))
-            moving[k] = mode == MOVING
-            requested = _given(axis, [labels[o] for o in operations])
-            axis_options = axis if requested is None else replace(axis, at=requested)
-            locked = mode == "locked" or requested is not None
-            moving[k] &= requested is None
-            left = _room(cell, k, axis_options, [s for s in mine if s.joint == k], locked=locked, moves=bool(moving[k]))
-            must[k], allowed_here, (least[k], most[k]) = left
-            allowed.append(allowed_here)
-            low[k], high[k] = allowed_here[0][0], allowed_here[-1][1]
-        chosen = np.flatnonzero((high > low) | (moving & (most > least)))
-        if len(chosen) > MOST:
-            names = [axes[k].joint for k in chosen.tolist()]
-            raise CellError(
-                f"places are to be chosen for {len(chosen)} external joints ({', '.join(names)}), and {MOST} are the "
-                f"most; one that stays at home would work: {names[-1]}: {{mode: locked}}",
-                file="options",
-                where="external",
-            )
-        share = float(path.weight[list_run_points(path, runs)].sum())
-        some = tuple(operations.tolist())
-        out.append(
-            OperationGroup(
-                runs=runs,
-                operations=some,
-                moving=moving,
-                low=low,
-                high=high,
-                share=share,
-                least=least,
-                most=most,
-                allowed=tuple(allowed),
-                must=must,
-                stands=mine,
-            )
+        for g in dict.fromkeys(group[of_row[first]] for first, _ in path.runs)
+    ]
+
+
+def _find_axis_range(
+    cell: Cell, k: int, axis: ExternalJointOptions, labels: list[str], wishes: tuple[AxisPositionWish, ...]
+) -> _AxisRange:
+    """Return where external joint k may be in the operations ``labels``.
+
+    Raises:
+        InputError: the operations request two modes, or no place satisfies all wishes.
+    """
+    modes = {dict(axis.operations).get(label, axis.mode or MOVING): label for label in labels}
+    if len(modes) > 1:
+        message = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
+        raise CellError(
+            f"{message}: they share a run without a rapid move, so they share a mode; one mode would work",
+            file="options",
+            where=f"external.{axis.joint}.operations",
         )
-    return out
+    mode = next(iter(modes))
+    requested = _given(axis, labels)
+    moving = mode == MOVING and requested is None
+    must, allowed, (least, most) = _room(
+        cell,
+        k,
+        axis if requested is None else replace(axis, at=requested),
+        [s for s in wishes if s.joint == k],
+        locked=mode == "locked" or requested is not None,
+        moves=moving,
+    )
+    return _AxisRange(moving=moving, allowed=allowed, least=least, most=most, must=must)
+
+
+def _refuse_too_many_choices(group: OperationGroup, axes: Sequence[ExternalJointOptions]) -> None:
+    chosen = np.flatnonzero((group.high > group.low) | (group.moving & (group.most > group.least)))
+    if len(chosen) > MOST:
+        names = [axes[k].joint for k in chosen.tolist()]
+        raise CellError(
+            f"places are to be chosen for {len(chosen)} external joints ({', '.join(names)}), and {MOST} are the "
+            f"most; one that stays at home would work: {names[-1]}: {{mode: locked}}",
+            file="options",
+            where="external",
+        )
 
 
 def _room(

@@ -24,7 +24,13 @@ from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
 from machopt.data_types.steering_rules import list_constrained_points, resolve_steering
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.planning.continuous_refinement.plan_improvement import PASSES, is_drivable, plan_on_other_grid, refine_plan
+from machopt.planning.continuous_refinement.plan_improvement import (
+    PASSES,
+    RefinementJob,
+    is_drivable,
+    plan_on_other_grid,
+    refine_plan,
+)
 from machopt.planning.continuous_refinement.refinement import TRUST
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.fixed_value_search import STEP, FixedValueSearch
@@ -34,13 +40,14 @@ from machopt.planning.external_axes.moving_axes import (
     list_moving_subsets,
     list_partly_fixed_groups,
 )
+from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axes.position_constraints import check_known_axes_and_places
 from machopt.planning.external_axis_optimization.external_axis_bound import BoundSearch
 from machopt.planning.external_axis_optimization.value_grid import VALUES
 from machopt.planning.motion.trajectory_builder import has_motion
-from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.path_planner import PathVariant, plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings, prepare_planning
 from machopt.planning.stations.path_subset import list_run_points
@@ -92,7 +99,7 @@ class _Asked:
             self.options,
             self.clock,
             setup=setup,
-            external=external,
+            variant=PathVariant(external=external),
             scale=scale,
             before=self.before,
         )
@@ -126,9 +133,9 @@ def find_best_external_axis_plan(
     if not options.is_searched or options.rotation_step >= STEP or _stand_still(request):
         return _refined(request)
     coarse = _refined(replace(request, options=replace(options, rotation_step=STEP)))
-    found = plan_on_other_grid(
-        coarse, toolpath, options.rotation_step, AxisPlanRanking.of(coarse.setup, axes), clock, before
-    )
+    ranking = AxisPlanRanking.of(coarse.setup, axes)
+    job = RefinementJob(toolpath=toolpath, groups=(), worth=ranking, clock=clock, before=before)
+    found = plan_on_other_grid(coarse, options.rotation_step, job)
     if not _lost(found):
         return found if found.over_external is not None else _led_on(found, request)
     # Where few rotations are feasible, a finer grid may find some that the coarse one misses.
@@ -146,43 +153,37 @@ def _refined(request: _Asked) -> Plan:
         return found
     worth, key = AxisPlanRanking.of(found.setup, request.axes), _key_of(found.setup, request.axes)
     # The best fixed plan is a local optimum of its own, so that the moving plan is never worse.
-    still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
+    job = RefinementJob(toolpath=toolpath, groups=groups, worth=worth, clock=clock, before=before)
+    still = replace(job, groups=[replace(g, moving=np.zeros_like(g.moving)) for g in groups])
     best, rivals, every = found, starts[1:], list[Plan]()
     fixed_plan: Plan | None = None
     long = len(found.path.index) > SHORT
     passes = ONCE if long and not (found.options.fixed or found.options.steer) else PASSES
     for trust in FAR if long else TRUSTS:
-        every.append(refine_plan(found, toolpath, groups, worth, clock, before, worth.plan(best), trust, passes=passes))
+        every.append(refine_plan(found, job, worth.plan(best), trust, passes=passes))
         best = min(best, every[-1], key=key)
         near = []
         for other in rivals:
-            every.append(refine_plan(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best), trust))
+            every.append(refine_plan(other, still, AS_GOOD * worth.plan(best), trust))
             if worth.plan(every[-1]) < AS_GOOD * worth.plan(best):
                 near.append(other)
                 fixed_plan = every[-1] if fixed_plan is None else min(fixed_plan, every[-1], key=key)
             best = min(best, every[-1], key=key)
         rivals = near
-    led = _leapt(best, toolpath, groups, worth, clock, before)
+    led = _leapt(best, job)
     if passes < PASSES and len(led) == 1:  # no sequence improved the plan, so the remaining passes are still to be done
-        further = refine_plan(best, toolpath, groups, worth, clock, before, trust=FAR[0])
-        led += [] if further is best else _leapt(further, toolpath, groups, worth, clock, before)
+        further = refine_plan(best, job, trust=FAR[0])
+        led += [] if further is best else _leapt(further, job)
     every += led
     if fixed_plan is not None and worth.plan(fixed_plan) <= AS_GOOD * worth.plan(every[-1]):
-        every += [replace(p, over_external=None) for p in _leapt(fixed_plan, toolpath, still, worth, clock, before)]
+        every += [replace(p, over_external=None) for p in _leapt(fixed_plan, still)]
     for one in sorted(every, key=lambda one: (key(one), one.over_external is None)):
         if one.chosen is found.chosen or (key(one) < key(found) and is_drivable(one, toolpath, clock)):
             return one
     return found
 
 
-def _leapt(
-    best: Plan,
-    toolpath: Toolpath,
-    groups: Sequence[OperationGroup],
-    worth: AxisPlanRanking,
-    clock: StageTimings,
-    before: Plan | None,
-) -> list[Plan]:
+def _leapt(best: Plan, job: RefinementJob) -> list[Plan]:
     """Return a local optimum and its improvements by better sequences over grids around it, until one leads no further.
 
     The lower bound over such sequences (:mod:`machopt.planning.external_axis_optimization.external_axis_bound`) is
@@ -193,8 +194,8 @@ def _leapt(
         return [best]
     most, out = LEAPS[len(best.path.index) > SHORT], [best]
     for leap in range(most + 1):
-        with clock.stage("external"):
-            around = BoundSearch.of(out[-1], groups, VALUES)
+        with job.clock.stage("external"):
+            around = BoundSearch.of(out[-1], job.groups, VALUES)
             if isinstance(around, str):
                 break
             found = around.best()
@@ -202,7 +203,7 @@ def _leapt(
             if found is None or leap == most or found.total > (1.0 - WORTH_IT) * around.own:
                 break
             start = around.start(found.vertex, out[-1])
-        further = refine_plan(out[-1], toolpath, groups, worth, clock, before, start=start)
+        further = refine_plan(out[-1], job, start=start)
         if further is out[-1]:
             break
         out.append(further)
@@ -213,7 +214,9 @@ def _led_on(found: Plan, request: _Asked) -> Plan:
     """Return the improvement by sequences of a plan that a finer rotation grid has made better."""
     toolpath, clock = request.toolpath, request.clock
     groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
-    led = _leapt(found, toolpath, groups, AxisPlanRanking.of(found.setup, request.axes), clock, request.before)
+    ranking = AxisPlanRanking.of(found.setup, request.axes)
+    job = RefinementJob(toolpath=toolpath, groups=groups, worth=ranking, clock=clock, before=request.before)
+    led = _leapt(found, job)
     for one in sorted(led[1:], key=_key_of(found.setup, request.axes)):
         if is_drivable(one, toolpath, clock):
             return one
@@ -346,16 +349,8 @@ class _Tries:
         """
         search = self.search
         with self.asked.clock.stage("external"):
-            way = compute_moving_axis_path(
-                self.setup,
-                self.asked.options,
-                self.path,
-                self.groups,
-                self.asked.axes,
-                stands,
-                search.scale,
-                clear=True,
-            )
+            curves = AxisCurveSearch(self.setup, self.asked.options, search.scale, clear=True)
+            way = compute_moving_axis_path(curves, self.path, self.groups, self.asked.axes, stands)
         return self._planned(way)
 
     def _along(self, tries: list[list[OperationGroup]], stands: list[Array], turns: bool = False) -> tuple[Key, Plan]:
@@ -370,10 +365,9 @@ class _Tries:
         search = self.search
         with self.asked.clock.stage("external"):
             light = [replace(axis, weight=LIGHT * axis.weight) for axis in self.asked.axes]
+            curves = AxisCurveSearch(self.setup, self.asked.options, search.scale, turns=turns)
             ways = [
-                compute_moving_axis_path(
-                    self.setup, self.asked.options, self.path, some, axes, stands, search.scale, turns=turns
-                )
+                compute_moving_axis_path(curves, self.path, some, axes, stands)
                 for some, axes in [*((some, self.asked.axes) for some in tries), (tries[0], light)]
             ]
             following = list_following_paths(self.setup, self.path, self.groups, stands)

@@ -286,6 +286,48 @@ def _at_stations(plan: Plan, part: PlanningPath) -> float:
     return float(terms.nodes(cost, phi).sum() + terms.steps(x, phi).sum() + w.worst * worst)
 
 
+def _list_values(
+    part: PlanningPath, groups: Sequence[OperationGroup], grids: Sequence[GroupValueGrid], of_point: NDArray[np.intp]
+) -> Array:
+    """Return the (P, G, E) external joints in m or rad of each value of the grids; ``of_point`` (P,): its group."""
+    value = np.stack([values.value for values in grids])[of_point]
+    value = np.where(np.isfinite(value), value, part.external[:, None])
+    away = np.stack([values.offset for values in grids])[of_point]
+    low, high = (np.stack(ends)[of_point][:, None] for ends in zip(*((g.low, g.high) for g in groups), strict=True))
+    return np.where(away != 0.0, np.clip(value + away, low, high), value)
+
+
+def _turn_references(part: PlanningPath, turn: Array) -> PlanningPath:
+    """Return the path with its rotations counted from ``turn`` (P,) rad."""
+    frames = compute_tcp_poses(part, np.arange(len(turn), dtype=np.int32), turn)
+    return replace(part, reference=np.ascontiguousarray(frames[:, :3, 0]), offset=part.offset + turn)
+
+
+def _score_values(
+    setup: PlanningSetup, options: PlanOptions, part: PlanningPath, turn: Array, value: Array
+) -> list[tuple[CandidateGrid, Array]]:
+    """Return candidates and cost (S, R, B) with each of the values (P, G, E); rotations are counted from ``turn``."""
+    across = compute_sideways_directions(part)
+    own = _turn_references(part, turn)
+
+    def at(k: int) -> tuple[CandidateGrid, Array]:
+        there = replace(own, external=np.ascontiguousarray(value[:, k]))
+        candidates = enumerate_candidates(there, setup.arm, options, every_branch=True)
+        d = compute_load_directions(there, setup.arm, setup.elasticity, options.force, across)
+        return candidates, score_candidates(there, candidates, setup.elasticity, d, options).cost
+
+    return map_in_threads(at, range(value.shape[1]))
+
+
+def _find_step_kinds(part: PlanningPath, of_point: NDArray[np.intp]) -> Bools:
+    """Return (S, 3) whether the step into each station stays in its group, in its run, and in it plunges only."""
+    st = part.stations
+    same_run = np.r_[False, np.diff(part.run[st]) == 0]
+    plunged = np.r_[0, np.cumsum(~part.plunge)]
+    still = np.r_[False, plunged[st[1:] + 1] == plunged[st[:-1] + 1]]  # plunges only
+    return np.column_stack([np.r_[False, np.diff(of_point[st]) == 0], same_run, still & same_run])
+
+
 def build_value_grid_sequences(
     setup: PlanningSetup,
     options: PlanOptions,
@@ -312,36 +354,18 @@ def build_value_grid_sequences(
     for n, group in enumerate(groups):
         of_run[list(group.runs)] = n
     of_point, st = of_run[part.run], part.stations
-    value = np.stack([values.value for values in grids])[of_point]  # (P, G, E)
-    value = np.where(np.isfinite(value), value, part.external[:, None])
-    away = np.stack([values.offset for values in grids])[of_point]
-    low, high = (np.stack(ends)[of_point][:, None] for ends in zip(*((g.low, g.high) for g in groups), strict=True))
-    value = np.where(away != 0.0, np.clip(value + away, low, high), value)
+    value = _list_values(part, groups, grids, of_point)
     exists = np.stack([values.exists for values in grids])[of_point[st]]  # (S, G)
-    across = compute_sideways_directions(part)
     turn = np.zeros(len(part.index)) if turned is None else turned
-    frames = compute_tcp_poses(part, np.arange(len(turn), dtype=np.int32), turn)
-    own = replace(part, reference=np.ascontiguousarray(frames[:, :3, 0]), offset=part.offset + turn)
-
-    def at(k: int) -> tuple[CandidateGrid, Array]:
-        there = replace(own, external=np.ascontiguousarray(value[:, k]))
-        candidates = enumerate_candidates(there, setup.arm, options, every_branch=True)
-        d = compute_load_directions(there, setup.arm, setup.elasticity, options.force, across)
-        cost = score_candidates(there, candidates, setup.elasticity, d, options).cost / scale
-        return candidates, np.where(exists[:, k, None, None], cost, np.nan)
-
-    every = map_in_threads(at, range(G))
+    every = _score_values(setup, options, part, turn, value)
     candidates, index = every[0][0], [cost for _, cost in every]
     joints, e = [one.q for one, _ in every], [value[st, k] for k in range(G)]
     phi, stable = candidates.phi_at() + turn[st][:, None], candidates.stable
     terms, w, S = ObjectiveTerms.at_stations(part, setup.velocity, options), options.weights, len(st)
-    c = np.stack(index, axis=1)  # (S, G, R, B)
+    c = np.where(exists[..., None, None], np.stack(index, axis=1) / scale, np.nan)  # (S, G, R, B)
     q, more = unwrap_to_lower_limits(np.stack(joints, axis=1).reshape(S, -1, 6), setup.arm.lower, setup.arm.upper)
     preference_price = terms.liked(phi.T).T[:, None, :, None]
     node = terms.share[:, None, None, None] * compute_node_cost(c, preference_price, w.mean)
-    same_run = np.r_[False, np.diff(part.run[st]) == 0]
-    plunged = np.r_[0, np.cumsum(~part.plunge)]
-    still = np.r_[False, plunged[st[1:] + 1] == plunged[st[:-1] + 1]]  # plunges only
     return ValueGridSequences(
         node=np.where(np.isfinite(c), node, np.inf).reshape(S, -1),
         raw=np.where(terms.counted[:, None, None, None] & np.isfinite(c), c, 0.0).reshape(S, -1),
@@ -352,7 +376,7 @@ def build_value_grid_sequences(
         held=np.stack([values.held for values in grids])[of_point[st]],
         branches=c.shape[3],
         stable=stable,
-        kind=np.column_stack([np.r_[False, np.diff(of_point[st]) == 0], same_run, still & same_run]),
+        kind=_find_step_kinds(part, of_point),
         priced=np.column_stack(
             [terms.seconds, w.travel * terms.travel, w.rotation * terms.rotation, w.feed * terms.lost]
         ),

@@ -19,7 +19,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array, Bools
 from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.job.constraint_conflicts import is_complete
-from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, plan_rapid
+from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, FreeSpace, RapidTiming, plan_rapid
 from machopt.planning.motion.retract_moves import compute_rest_poses
 from machopt.planning.motion.search_budget import is_used_up
 from machopt.planning.motion.trajectory_builder import SEARCHED, MotionTimeline
@@ -173,14 +173,10 @@ def _free(plan: Plan, a: Array, b: Array) -> bool:
     move = plan_rapid(
         a,
         b,
-        limits=setup.driven.limits,
-        scale=options.rapid_scale,
-        sample=options.sample,
-        collision=setup.collision,
-        step=options.collision_step,
+        timing=RapidTiming(setup.driven.limits, options.rapid_scale, options.sample),
+        space=FreeSpace(collision=setup.collision, step=options.collision_step, per_rad=setup.per_rad),
         detours=lambda: (),
         rng=np.random.default_rng(options.seed),
-        per_rad=setup.per_rad,
     )
     return not isinstance(move, BlockedRapid)
 

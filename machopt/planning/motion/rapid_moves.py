@@ -27,6 +27,7 @@ ITERATIONS = 400  # extensions of the tree before giving up (a few ms each)
 UNDER = "cutter ~ workpiece (no geometry: under a cut)"  # cause of a barred move without contact
 LOOKS = 4  # checks of ``barred`` per collision step
 SHORTCUTS = 60  # attempts to cut corners of the tree's path
+MoveShape = Literal["direct", "retract", "sampled"]
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class RapidMove:
     """A collision-free motion at rest at both ends."""
 
     waypoints: Array  # (W, n) rad or m, first and last are the ends; straight in joint space and at rest at each
-    kind: Literal["direct", "retract", "sampled"]
+    kind: MoveShape
     q: Array  # (S, n) rad or m, one row a control sample, both ends included exactly
 
 
@@ -48,77 +49,112 @@ class BlockedRapid:
     reason: Literal["start", "end", "way"]
 
 
+@dataclass(frozen=True)
+class RapidTiming:
+    """Limits of a rapid move, for n joints."""
+
+    limits: JointLimits  # position, velocity, acceleration, jerk
+    scale: float  # share of the velocity, acceleration and jerk limits to use
+    sample: float  # s, control sample
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeSpace:
+    """Configurations without collisions that are not forbidden for another reason."""
+
+    collision: CollisionModel | None  # None leaves collisions unchecked
+    step: float  # rad, greatest joint step between collision checks
+    per_rad: Array | None = None  # (n,) factor from each joint to equivalent rad in the random tree; None: 1
+    barred: Callable[[Array], bool] | None = None  # whether samples (S, n) of a collision-free move are forbidden
+
+    def allows(self, move: RapidMove) -> bool:
+        """Return whether a collision-free move is not forbidden for another reason."""
+        return self.barred is None or not self.barred(move.q)
+
+    def is_free(self, waypoints: Array) -> bool:
+        """Return whether the straight legs between waypoints (W, n) are without collisions."""
+        return self.collision is None or _free(self.collision, waypoints, self.step)
+
+
 def plan_rapid(
     q_from: Array,
     q_to: Array,
     *,
-    limits: JointLimits,
-    scale: float,
-    sample: float,
-    collision: CollisionModel | None,
-    step: float,
+    timing: RapidTiming,
+    space: FreeSpace,
     detours: Callable[[], Iterable[Array]],
     rng: np.random.Generator,
     iterations: int = ITERATIONS,
     known_free: bool = False,
-    per_rad: Array | None = None,
-    barred: Callable[[Array], bool] | None = None,
 ) -> RapidMove | BlockedRapid:
     """Plan and time a rapid move.
 
     Args:
         q_from: (n,) rad or m, start, of the arm and then of the external joints.
         q_to: (n,) rad or m, end.
-        limits: of the same joints; position, velocity, acceleration, jerk.
-        scale: share of the velocity, acceleration and jerk limits to use.
-        sample: s, control sample.
-        collision: None leaves collisions unchecked.
-        step: rad, greatest joint step between collision checks.
+        timing: limits of the same joints, and the control sample.
+        space: collision model and what else forbids a move.
         detours: called only when the straight line is blocked; yields intermediate waypoints (W, n), best first.
         rng: for the random tree; the same state gives the same move.
         iterations: extensions of the random tree before giving up; 0 disables it.
         known_free: the straight line has been checked already and is free.
-        per_rad: (n,) factor from each joint to equivalent rad in the random tree; None: 1.
-        barred: whether samples (S, n) of a collision-free move are forbidden for another reason; None: never.
 
     Returns:
         The move, or the reason why none was found.
     """
     q_from, q_to = np.asarray(q_from, float), np.asarray(q_to, float)
     direct = np.array([q_from, q_to])
-
-    def moved(waypoints: Array, kind: Literal["direct", "retract", "sampled"]) -> RapidMove:
-        return RapidMove(waypoints, kind, retime_straight_segments(waypoints, limits, scale, sample))
-
-    def allowed(move: RapidMove) -> bool:
-        return barred is None or not barred(move.q)
-
-    blocked = None if collision is None or known_free else _blocked(collision, direct, step)
+    blocked = None if space.collision is None or known_free else _blocked(space.collision, direct, space.step)
     if blocked is None:
-        straight = moved(direct, "direct")
-        if allowed(straight):
+        straight = _time_move(direct, "direct", timing)
+        if space.allows(straight):
             return straight
         blocked = BlockedRapid(UNDER, direct[0], 0.0, "way")
     if blocked.reason != "way":
         return blocked
-    low, high = limits.lower[: len(q_from)], limits.upper[: len(q_from)]
+    around = _find_detour(direct, timing, space, detours)
+    return around or _find_sampled_move(direct, timing, space, blocked, rng, iterations)
+
+
+def _time_move(waypoints: Array, kind: MoveShape, timing: RapidTiming) -> RapidMove:
+    return RapidMove(waypoints, kind, retime_straight_segments(waypoints, timing.limits, timing.scale, timing.sample))
+
+
+def _find_detour(
+    direct: Array, timing: RapidTiming, space: FreeSpace, detours: Callable[[], Iterable[Array]]
+) -> RapidMove | None:
+    """Return the first free move over the waypoints of the caller, None where there is none."""
+    n = direct.shape[1]
+    low, high = timing.limits.lower[:n], timing.limits.upper[:n]
     for between in detours():
-        waypoints = np.vstack([q_from, np.asarray(between, float).reshape(-1, len(q_from)), q_to])
-        if (waypoints >= low - STILL).all() and (waypoints <= high + STILL).all():  # noqa: SIM102 — cheap test first
-            if collision is None or _free(collision, waypoints, step):
-                around = moved(waypoints, "retract")
-                if allowed(around):
-                    return around
-    measure = np.ones(len(q_from)) if per_rad is None else per_rad
-    space = _Space(collision=collision, barred=barred, step=step, measure=measure)
+        waypoints = np.vstack([direct[0], np.asarray(between, float).reshape(-1, n), direct[1]])
+        inside = (waypoints >= low - STILL).all() and (waypoints <= high + STILL).all()
+        if inside and space.is_free(waypoints):
+            around = _time_move(waypoints, "retract", timing)
+            if space.allows(around):
+                return around
+    return None
+
+
+def _find_sampled_move(
+    direct: Array,
+    timing: RapidTiming,
+    space: FreeSpace,
+    blocked: BlockedRapid,
+    rng: np.random.Generator,
+    iterations: int,
+) -> RapidMove | BlockedRapid:
+    """Return a move by the random tree; without one, why the straight line is blocked."""
+    measure = np.ones(direct.shape[1]) if space.per_rad is None else space.per_rad
+    tree_space = _Space(collision=space.collision, barred=space.barred, step=space.step, measure=measure)
     extensions = allow_extensions(iterations)
-    path = _connect(space, direct, limits, rng, iterations=extensions)
+    path = _connect(tree_space, direct, timing.limits, rng, iterations=extensions)
     if path is None:
         count_in_vain(extensions)
         return blocked
-    for waypoints in (_shortcut(space, path, rng), path):  # between checked samples the shortened path may be barred
-        sampled = moved(waypoints, "sampled")
-        if allowed(sampled):
+    for waypoints in (_shortcut(tree_space, path, rng), path):  # between samples the shortened path may be barred
+        sampled = _time_move(waypoints, "sampled", timing)
+        if space.allows(sampled):
             return sampled
     return BlockedRapid(UNDER, direct[0], 0.0, "way")
 

@@ -15,7 +15,14 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.cache import compute_cached
 from machopt.planning.motion.clearance_over_cuts import BELOW, CutSurface
-from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, plan_rapid, retime_straight_segments
+from machopt.planning.motion.rapid_moves import (
+    UNDER,
+    BlockedRapid,
+    FreeSpace,
+    RapidTiming,
+    plan_rapid,
+    retime_straight_segments,
+)
 from machopt.planning.motion.retract_moves import RetractMoves
 from machopt.planning.motion.search_budget import EXTENSIONS, is_used_up
 from machopt.planning.motion.segments import MotionSegment, count_rest_samples, label_cut_samples, select_program_points
@@ -72,17 +79,17 @@ class SegmentPlanner:
         move = plan_rapid(
             a.x,
             b.x,
-            limits=self.plan.setup.driven.limits,
-            scale=self.options.rapid_scale,
-            sample=self.options.sample,
-            collision=self.plan.setup.collision,
-            step=self.options.collision_step,
+            timing=RapidTiming(self.plan.setup.driven.limits, self.options.rapid_scale, self.options.sample),
+            space=FreeSpace(
+                collision=self.plan.setup.collision,
+                step=self.options.collision_step,
+                per_rad=self.plan.setup.per_rad,
+                barred=self._under if self._held(a, b) else None,
+            ),
             rng=self.rng,
             detours=lambda: self.lifts.detours(a.row, b.row),
             iterations=extensions,
             known_free=build_rapid_key(a.x, b.x) in self.free,
-            per_rad=self.plan.setup.per_rad,
-            barred=self._under if self._held(a, b) else None,
         )
         if isinstance(move, BlockedRapid):
             return _blocked(move, a, b)

@@ -165,8 +165,14 @@ class CollisionFreeSearch:
                 self.strikes.grid(choice, found, check, budget)
             budget, grid_is_free = 2 * budget, False
             choice = self._again(choice)
+        return self._build_result(self._without_breaks(found, choice), source, choice, check)
+
+    def _build_result(
+        self, assignment: JointAssignment, source: str, choice: SequenceChoice, check: PathCollisions
+    ) -> CollisionFreeSequence:
+        """Return the result with the exclusions so far."""
         return CollisionFreeSequence(
-            assignment=self._without_breaks(found, choice),
+            assignment=assignment,
             source=source,
             choice=choice,
             check=check,

@@ -9,8 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,27 +18,30 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.steering_rules import (
-    is_inside_zone,
     list_constrained_points,
     resolve_steering,
-    select_steered_rows,
 )
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.parallel_map import run_two_in_threads
-from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.baselines import plan_cam_default, plan_jiao2022
-from machopt.planning.collision_handling.gouge_check import find_gouges
+from machopt.planning.collision_handling.gouge_check import GougeResult, find_gouges
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
 from machopt.planning.cost.clearance_cost import compute_path_crowding
 from machopt.planning.cost.held_feed import compute_lost_time
-from machopt.planning.cost.objective import PlanObjective, compute_objective
+from machopt.planning.cost.objective import AssignmentCosts, PlanObjective, compute_objective
 from machopt.planning.cost.stiffness_index import (
     CandidateScores,
     LoadDirections,
     compute_configuration_cost,
     compute_load_directions,
     score_candidates,
+)
+from machopt.planning.pipeline.baseline_comparison import (
+    PlannedPaths,
+    SelectedAssignment,
+    build_baselines,
+    select_baseline,
+    select_best_assignment,
 )
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch, CollisionFreeSequence
 from machopt.planning.pipeline.nested_grids import choose_best_nested_grid
@@ -60,13 +62,20 @@ from machopt.planning.sampling.joint_path import JointAssignment
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.sequence_search.worst_index_across_swings import compute_worst_index, find_hidden_points
 from machopt.planning.smoothing.rotation_smoothing import follow_grid_rotation
-from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 from machopt.planning.stations.tilt_curve import TiltCurve
 
-PAPER, DEFAULT = "jiao2022", "cam default"  # sources of assignments without a search
-PINNED = 1e-6  # rad, tolerance of a pin
-BOUND_SLACK = np.radians(0.05)  # tolerance of the user's rotation bounds for the baselines
+
+@dataclass(frozen=True)
+class PathVariant:
+    """Poses of the path that differ from those of the CAM file at home."""
+
+    external: Array | None = None  # (P, E) m or rad, external joints at the planning points; None: at home
+    tilt: TiltCurve | None = None  # tilted tool axes; the baselines keep those of the CAM file. None: the CAM file's
+    below: float = np.inf  # J of a plan with the same poses: where the search is far from it, no curve is computed
+
+
+AS_PROGRAMMED = PathVariant()
 
 
 def plan_path(
@@ -76,11 +85,9 @@ def plan_path(
     timings: StageTimings | None = None,
     *,
     setup: PlanningSetup | None = None,
-    external: Array | None = None,
+    variant: PathVariant = AS_PROGRAMMED,
     scale: float | None = None,
     before: Plan | None = None,
-    below: float = np.inf,
-    tilt: TiltCurve | None = None,
 ) -> Plan:
     """Plan one toolpath in one cell; infeasible points are data in the result, never an exception.
 
@@ -90,99 +97,248 @@ def plan_path(
         options: plan options.
         timings: receives the duration of the stages.
         setup: of the same cell and options, prepared before; None: it is prepared here.
-        external: (P, E) m or rad, external joints at the planning points; None: at home.
+        variant: external joints and tilted tool axes at the planning points.
         scale: c₀, where plans are compared that have other candidates; None: of its own.
         before: a plan of the same job with other pins, zones, preferences or branches; unchanged parts are reused.
-        below: J of a plan with the same external joints: where the search is far from it, no curve is computed.
-        tilt: tilted tool axes; the baselines keep those of the CAM file. None: the CAM file's.
     """
     clock = timings or StageTimings()
     options = resolve_steering(options, toolpath)
     setup = before.setup if before is not None and setup is None else setup
-
-    def stage(name: str) -> AbstractContextManager[None]:
-        return clock.stage(name)
-
-    with stage("prepare"):
+    with clock.stage("prepare"):
         setup = prepare_planning(cell, options) if setup is None else setup
-        at_home = fix_external_axes(build_planning_path(toolpath, list_constrained_points(options)), cell.external_home)
-        path = at_home if external is None else fix_external_axes(at_home, external)
-        path = path if tilt is None else tilt.tilt_path(path)
-        d = compute_load_directions(path, setup.arm, setup.elasticity, options.force)
-        is_at_home = path is at_home or np.array_equal(path.external, at_home.external)
-        same = is_at_home and tilt is None
-        d_home = d if is_at_home else compute_load_directions(at_home, setup.arm, setup.elasticity, options.force)
+        paths = _build_paths(setup, toolpath, options, variant)
     gouges = None
     if options.gouge is not None:
-        with stage("gouges"):
-            gouges = find_gouges(path, cell, options.gouge)
-    with stage("candidates"):
+        with clock.stage("gouges"):
+            gouges = find_gouges(paths.path, cell, options.gouge)
+    problem = _build_problem(paths, setup, toolpath, options, scale, clock)
+    search = problem.build_search(clock) if options.is_searched else None
+    with clock.stage("baselines"):  # and, in parallel, the first choice, which needs no contact checks
+        default, paper = _score_baselines(problem, paths, before, search)
+    if search is not None:
+        search.below = variant.below
+        found = problem.find_sequence(search, clock)
+        with clock.stage("compare"):
+            others = (paper, default) if paths.same else ()
+            selected = select_best_assignment(found, problem.score, others, problem.path, options)
+        return _build_searched_plan(problem, found, _MarkedAssignments.build(selected, default, paper, gouges))
+    velocity = setup.cell.limits.velocity[:6]
+    choice = choose_sequence(problem.path, problem.candidates, problem.scores, velocity, options)
+    selected = select_baseline(default, paper, problem.path, setup, options)
+    return _build_plan(problem, choice, _MarkedAssignments.build(selected, default, paper, gouges))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PathProblem:
+    """One path with its candidates and their scores, on which the steps of a plan work."""
+
+    path: PlanningPath
+    directions: LoadDirections
+    setup: PlanningSetup
+    options: PlanOptions
+    candidates: CandidateGrid
+    scores: CandidateScores
+    pricing: PlacePricing | None
+
+    def score(self, assignment: JointAssignment) -> ScoredAssignment:
+        """Return cost and objective of an assignment."""
+        path, setup, scores, options = self.path, self.setup, self.scores, self.options
+        cost = np.full(len(path.index), np.nan)
+        ok = np.flatnonzero(assignment.reason == InfeasibilityReason.OK)
+        cost[ok] = compute_configuration_cost(setup.elasticity, self.directions, ok, assignment.q[ok], scores.index)
+        x = setup.in_rad(path, assignment.q)
+        costs = AssignmentCosts(
+            cost=cost,
+            q=x,
+            phi=assignment.phi,
+            crowded=compute_path_crowding(path, setup.collision, assignment.q, options),
+            places=price_places(self.pricing, assignment.q),
+            rapids=(0.0, 0.0) if scores.rapid is None else scores.rapid.measure(path, x, assignment.branch),
+            late=compute_lost_time(path, setup.drives, options, assignment.q, assignment.phi),
+        )
+        value = compute_objective(path, costs, scores.scale, setup.velocity, options, scores.elsewhere)
+        return ScoredAssignment(assignment, cost, value)
+
+    def rate_grid_choice(self, choice: SequenceChoice) -> PlanObjective:
+        """Return the objective of the grid optimum; decimated points take the cost of their neighbouring stations."""
+        path, setup, candidates, scores, options = self.path, self.setup, self.candidates, self.scores, self.options
+        st, rows = path.stations, np.arange(len(path.stations))
+        plain = follow_grid_rotation(path, candidates, choice)
+        vertex = np.where(choice.dropped, np.nan, scores.cost[rows, choice.rotation, choice.branch])
+        # stations behind rapid moves share a path length with the previous point; index by row, not by length
+        cost = np.interp(np.arange(len(path.index)), st, vertex)
+        crowded = None
+        if scores.crowded is not None:
+            near = np.where(choice.dropped, np.nan, scores.crowded[rows, choice.rotation, choice.branch])
+            crowded = np.interp(np.arange(len(path.index)), st, near)
+        x = setup.in_rad(path, plain.seed)
+        price = 0.0, 0.0  # of tolerances, and of stability: the grid has their sum
+        if scores.place_price is not None:
+            vertices = scores.place_price[rows, choice.rotation, choice.branch]
+            total = float(vertices[~choice.dropped].sum())
+            price = (total, 0.0) if options.objective == "tolerance" else (0.0, total)
+        rapids = 0.0, 0.0
+        if scores.rapid is not None:
+            at = np.minimum(np.searchsorted(st, np.arange(len(path.index))), len(st) - 1)
+            rapids = scores.rapid.measure(path, x, choice.branch[at])
+        late = compute_lost_time(path, setup.drives, options, plain.seed, plain.phi)
+        costs = AssignmentCosts(cost=cost, q=x, phi=plain.phi, crowded=crowded, places=price, rapids=rapids, late=late)
+        objective = compute_objective(path, costs, scores.scale, setup.velocity, options, scores.elsewhere)
+        crossed = compute_worst_index(
+            scores.raw, path.counted[st], find_hidden_points(path), choice.rotation, choice.branch
+        )
+        worst, worst_elsewhere = max(objective.worst, crossed), scores.elsewhere
+        more = max(worst, worst_elsewhere) - max(objective.worst, worst_elsewhere)
+        return replace(objective, worst=worst, total=objective.total + options.weights.worst * more)
+
+    def build_search(self, clock: StageTimings) -> CollisionFreeSearch:
+        """Return a search over the candidates, with nothing excluded yet."""
+        setup = self.setup
+        return CollisionFreeSearch(
+            path=self.path,
+            candidates=self.candidates,
+            scores=self.scores,
+            velocity=setup.cell.limits.velocity[:6],
+            options=self.options,
+            checker=PathCollisionChecker.of(self.path, setup.arm, setup.robot, setup.collision, self.options),
+            progress=clock.switch,
+        )
+
+    def find_sequence(self, search: CollisionFreeSearch, clock: StageTimings) -> CollisionFreeSequence:
+        """Return the global choice, smoothed and as free of contacts as possible."""
+
+        def prefer_grid(choice: SequenceChoice, curve: JointAssignment, plain: JointAssignment) -> bool:
+            return self.score(curve).objective.total > self.score(plain).objective.total * (1 + 1e-9)
+
+        try:
+            return choose_best_nested_grid(search, prefer_grid, lambda a: self.score(a).objective.total)
+        finally:
+            clock.switch(None)
+
+
+def _build_paths(setup: PlanningSetup, toolpath: Toolpath, options: PlanOptions, variant: PathVariant) -> PlannedPaths:
+    """Return the planning points of a variant, and of the path at home."""
+    at_home = fix_external_axes(
+        build_planning_path(toolpath, list_constrained_points(options)), setup.cell.external_home
+    )
+    path = at_home if variant.external is None else fix_external_axes(at_home, variant.external)
+    path = path if variant.tilt is None else variant.tilt.tilt_path(path)
+    d = compute_load_directions(path, setup.arm, setup.elasticity, options.force)
+    is_at_home = path is at_home or np.array_equal(path.external, at_home.external)
+    return PlannedPaths(
+        path=path,
+        directions=d,
+        at_home=at_home,
+        at_home_d=d if is_at_home else compute_load_directions(at_home, setup.arm, setup.elasticity, options.force),
+        same=is_at_home and variant.tilt is None,
+    )
+
+
+def _build_problem(
+    paths: PlannedPaths,
+    setup: PlanningSetup,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    scale: float | None,
+    clock: StageTimings,
+) -> _PathProblem:
+    """Return the candidates of a path with their cost and prices."""
+    path, d = paths.path, paths.directions
+    with clock.stage("candidates"):
         candidates = enumerate_candidates(path, setup.arm, options)
-    with stage("score"):
+    with clock.stage("score"):
         scores = score_candidates(path, candidates, setup.elasticity, d, options)
         scores = scores if scale is None else replace(scores, scale=scale)
         scores = add_vertex_prices(scores, path, setup, candidates, options)
         pricing = PlacePricing.build(toolpath, path, setup, d, options)
         if pricing is not None:
             scores = replace(scores, place_price=pricing.price_grid(candidates))
-
-    scored = _scorer(path, setup, d, scores, options, pricing)
-    search = _search(path, setup, candidates, scores, options, clock) if options.is_searched else None
-    if search is not None:
-        search.below = below
-    with stage("baselines"):  # and, in parallel, the first choice, which needs no contact checks
-        begin = search.begin if search is not None else lambda: None
-        (by_file, by_paper), _ = run_two_in_threads(lambda: _yardsticks(before, at_home, d_home, setup, options), begin)
-        priced_home = pricing if pricing is None or same else pricing.with_path(at_home, d_home)
-        default, paper = map(_scorer(at_home, setup, d_home, scores, options, priced_home), (by_file, by_paper))
-
-    found: CollisionFreeSequence | None = None
-    if search is not None:
-        found = _searched(search, scored, clock)
-        choice = found.choice
-        with stage("compare"):
-            picked = _picked(found, scored, (paper, default) if same else (), path, options)
-    else:
-        choice = choose_sequence(path, candidates, scores, setup.cell.limits.velocity[:6], options)
-        chosen, source = (paper, PAPER) if options.method == "jiao2022" else (default, DEFAULT)
-        a = chosen.assignment
-        checker = PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, options)
-        picked = _Picked(
-            chosen, source, checker.whole(a.phi, np.where((a.reason == InfeasibilityReason.OK)[:, None], a.q, np.nan))
-        )
-    chosen, check = picked.chosen, picked.check
-    if check is not None:
-        chosen = _looked_at(chosen, check)
-    if gouges is not None:
-        chosen = replace(chosen, assignment=chosen.assignment.marked(gouges.deep, InfeasibilityReason.GOUGING))
-    default, paper = (chosen if one is picked.chosen else one for one in (default, paper))
-    breaks = (
-        find_sequence_breaks(path, setup, candidates, found)
-        if found and picked.searched
-        else find_configuration_jumps(path, chosen)
-    )
-    if picked.searched:
-        chosen = _with_names(path, choice, candidates, chosen)
-    grid = _grid_objective(path, choice, candidates, scores, setup, options)
-    return Plan(
-        setup=setup,
-        options=options,
+    return _PathProblem(
         path=path,
         directions=d,
+        setup=setup,
+        options=options,
         candidates=candidates,
         scores=scores,
+        pricing=pricing,
+    )
+
+
+def _score_baselines(
+    problem: _PathProblem, paths: PlannedPaths, before: Plan | None, search: CollisionFreeSearch | None
+) -> tuple[ScoredAssignment, ScoredAssignment]:
+    """Return the CAM baseline and the paper's; in parallel, the search makes its first choice."""
+    begin = search.begin if search is not None else lambda: None
+    (by_file, by_paper), _ = run_two_in_threads(
+        lambda: build_baselines(before, paths, problem.setup, problem.options), begin
+    )
+    pricing = problem.pricing
+    if pricing is not None and not paths.same:
+        pricing = pricing.with_path(paths.at_home, paths.at_home_d)
+    at_home = replace(problem, path=paths.at_home, directions=paths.at_home_d, pricing=pricing)
+    return at_home.score(by_file), at_home.score(by_paper)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _MarkedAssignments:
+    """The selected assignment and the baselines, with contacts and gouges of the selected one as reasons."""
+
+    selected: SelectedAssignment
+    default: ScoredAssignment
+    paper: ScoredAssignment
+    gouges: GougeResult | None
+
+    @classmethod
+    def build(
+        cls,
+        selected: SelectedAssignment,
+        default: ScoredAssignment,
+        paper: ScoredAssignment,
+        gouges: GougeResult | None,
+    ) -> _MarkedAssignments:
+        chosen = selected.chosen if selected.check is None else _looked_at(selected.chosen, selected.check)
+        if gouges is not None:
+            marked = chosen.assignment.marked(gouges.deep, InfeasibilityReason.GOUGING)
+            chosen = replace(chosen, assignment=marked)
+        default, paper = (chosen if one is selected.chosen else one for one in (default, paper))
+        return cls(selected=replace(selected, chosen=chosen), default=default, paper=paper, gouges=gouges)
+
+
+def _build_plan(problem: _PathProblem, choice: SequenceChoice, marked: _MarkedAssignments) -> Plan:
+    """Return the plan of a selected assignment."""
+    chosen = marked.selected.chosen
+    return Plan(
+        setup=problem.setup,
+        options=problem.options,
+        path=problem.path,
+        directions=problem.directions,
+        candidates=problem.candidates,
+        scores=problem.scores,
         choice=choice,
         chosen=chosen,
-        chosen_from=picked.source,
-        grid=grid,
-        cam_default=default,
-        jiao2022=paper,
-        check=check,
-        rounds=found.rounds if found is not None else 0,
-        breaks=breaks,
-        found=found,
-        notes=gouges.sentences() if gouges is not None else {},
-        pricing=pricing,
+        chosen_from=marked.selected.source,
+        grid=problem.rate_grid_choice(choice),
+        cam_default=marked.default,
+        jiao2022=marked.paper,
+        check=marked.selected.check,
+        rounds=0,
+        breaks=find_configuration_jumps(problem.path, chosen),
+        found=None,
+        notes={} if marked.gouges is None else marked.gouges.sentences(),
+        pricing=problem.pricing,
+    )
+
+
+def _build_searched_plan(problem: _PathProblem, found: CollisionFreeSequence, marked: _MarkedAssignments) -> Plan:
+    """Return the plan after a search, which has selected its result or a baseline."""
+    plan = replace(_build_plan(problem, found.choice, marked), rounds=found.rounds, found=found)
+    if not marked.selected.searched:
+        return plan
+    path, candidates = problem.path, problem.candidates
+    return replace(
+        plan,
+        breaks=find_sequence_breaks(path, problem.setup, candidates, found),
+        chosen=_with_names(path, found.choice, candidates, plan.chosen),
     )
 
 
@@ -243,124 +399,32 @@ def _with_another_search(
     options: PlanOptions,
     clock: StageTimings,
 ) -> Plan:
-    path, setup = before.path, before.setup
-    scored = _scorer(path, setup, before.directions, scores, options, before.pricing)
-    search = _search(path, setup, candidates, scores, options, clock)
+    problem = _PathProblem(
+        path=before.path,
+        directions=before.directions,
+        setup=before.setup,
+        options=options,
+        candidates=candidates,
+        scores=scores,
+        pricing=before.pricing,
+    )
+    search = problem.build_search(clock)
     search.resume(found)
-    found = _searched(search, scored, clock)
-    check = found.check
-    chosen = _looked_at(scored(found.assignment), check)
+    found = problem.find_sequence(search, clock)
     return replace(
         before,
         options=options,
         candidates=candidates,
         scores=scores,
         choice=found.choice,
-        chosen=chosen,
+        chosen=_looked_at(problem.score(found.assignment), found.check),
         chosen_from=found.source,
-        grid=_grid_objective(path, found.choice, candidates, scores, setup, options),
-        check=check,
+        grid=problem.rate_grid_choice(found.choice),
+        check=found.check,
         rounds=before.rounds + found.rounds,
-        breaks=find_sequence_breaks(path, setup, candidates, found),
+        breaks=find_sequence_breaks(problem.path, problem.setup, candidates, found),
         found=found,
     )
-
-
-def _scorer(
-    path: PlanningPath,
-    setup: PlanningSetup,
-    d: LoadDirections,
-    scores: CandidateScores,
-    options: PlanOptions,
-    pricing: PlacePricing | None,
-) -> Callable[[JointAssignment], ScoredAssignment]:
-    """Return a function that computes cost and objective of an assignment."""
-
-    def scored(assignment: JointAssignment) -> ScoredAssignment:
-        cost = np.full(len(path.index), np.nan)
-        ok = np.flatnonzero(assignment.reason == InfeasibilityReason.OK)
-        cost[ok] = compute_configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
-        crowded = compute_path_crowding(path, setup.collision, assignment.q, options)
-        x, v = setup.in_rad(path, assignment.q), setup.velocity
-        price = price_places(pricing, assignment.q)
-        rapids = (0.0, 0.0) if scores.rapid is None else scores.rapid.measure(path, x, assignment.branch)
-        value = compute_objective(
-            path,
-            cost,
-            x,
-            assignment.phi,
-            scores.scale,
-            v,
-            options,
-            crowded,
-            scores.elsewhere,
-            price,
-            rapids,
-            compute_lost_time(path, setup.arm, setup.robot, setup.cell.limits, options, assignment.q, assignment.phi),
-        )
-        return ScoredAssignment(assignment, cost, value)
-
-    return scored
-
-
-def _search(
-    path: PlanningPath,
-    setup: PlanningSetup,
-    candidates: CandidateGrid,
-    scores: CandidateScores,
-    options: PlanOptions,
-    clock: StageTimings,
-) -> CollisionFreeSearch:
-    """A search over candidates, with nothing struck out yet."""
-    return CollisionFreeSearch(
-        path=path,
-        candidates=candidates,
-        scores=scores,
-        velocity=setup.cell.limits.velocity[:6],
-        options=options,
-        checker=PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, options),
-        progress=clock.switch,
-    )
-
-
-@dataclass(frozen=True)
-class _Picked:
-    """The selected assignment."""
-
-    chosen: ScoredAssignment
-    source: str
-    check: PathCollisions | None  # None: not needed, or already done
-    searched: bool = False  # it is the result of the search
-
-
-def _picked(
-    found: CollisionFreeSequence,
-    scored: Callable[[JointAssignment], ScoredAssignment],
-    others: Sequence[ScoredAssignment],
-    path: PlanningPath,
-    options: PlanOptions,
-) -> _Picked:
-    """Return the result of a search, or a baseline that is better: the paper's first, then the CAM file's."""
-    best = _Picked(scored(found.assignment), found.source, found.check, searched=True)
-    for other, name in zip(others, (PAPER, DEFAULT), strict=False):
-        is_allowed = is_rotation_allowed(other.assignment.phi, path, options)
-        if is_allowed and other.objective.total < best.chosen.objective.total and _whole(other, path):
-            best = _Picked(other, name, None)
-    return best
-
-
-def _searched(
-    search: CollisionFreeSearch, scored: Callable[[JointAssignment], ScoredAssignment], clock: StageTimings
-) -> CollisionFreeSequence:
-    """Return the global choice, smoothed and as free of contacts as possible."""
-
-    def prefer_grid(choice: SequenceChoice, curve: JointAssignment, plain: JointAssignment) -> bool:
-        return scored(curve).objective.total > scored(plain).objective.total * (1 + 1e-9)
-
-    try:
-        return choose_best_nested_grid(search, prefer_grid, lambda a: scored(a).objective.total)
-    finally:
-        clock.switch(None)
 
 
 def _looked_at(scored: ScoredAssignment, check: PathCollisions) -> ScoredAssignment:
@@ -386,133 +450,3 @@ def _with_names(
         known == InfeasibilityReason.OK, InfeasibilityReason.BOUNDS, known
     )  # the user's bounds, where they alone are in the way
     return replace(scored, assignment=scored.assignment.marked(dropped, furthest[at].astype(np.uint8)))
-
-
-def is_rotation_allowed(phi: Array, path: PlanningPath, options: PlanOptions) -> bool:
-    """Return whether a rotation keeps the user's range and fixed values, which the baselines do not consider.
-
-    Args:
-        phi: (P,) rad, rotation.
-        path: planning points.
-        options: plan options.
-    """
-    if options.steer:
-        return False
-    gamma = np.asarray(wrap_angle(phi + path.offset))
-    low, high = options.rotation_range
-    inside = (gamma >= low - BOUND_SLACK) & (gamma <= high + BOUND_SLACK)
-    if high - low < 2 * np.pi - BOUND_SLACK and not inside[path.counted].all():
-        return False
-    rows = np.flatnonzero(path.is_point)  # toolpath point k is planning point rows[k]
-    return all(abs(float(wrap_angle(gamma[rows[f.point]] - f.gamma))) < BOUND_SLACK for f in options.fixed)
-
-
-def is_assignment_allowed(a: JointAssignment, path: PlanningPath, options: PlanOptions) -> bool:
-    """Return whether rotation and branch keep the user's range, pins, zones and branches at every planning point.
-
-    Args:
-        a: rotation and joints.
-        path: planning points.
-        options: plan options.
-    """
-    if not is_rotation_allowed(a.phi, path, replace(options, steer=())):
-        return False
-    if any(
-        abs(float(wrap_angle(a.phi[row] - phi))) > PINNED for row, phi in find_fixed_rotations(path, options).items()
-    ):
-        return False
-    gamma = np.asarray(wrap_angle(a.phi + path.offset))
-    for wish in options.steer:
-        rows = select_steered_rows(wish, path.index)
-        if wish.forbid is not None and is_inside_zone(gamma[rows], wish.forbid).any():
-            return False
-        if wish.branch is not None and (a.branch[rows] != wish.branch).any():
-            return False
-    return True
-
-
-def _yardsticks(
-    before: Plan | None, path: PlanningPath, d: LoadDirections, setup: PlanningSetup, options: PlanOptions
-) -> tuple[JointAssignment, JointAssignment]:
-    """Return the CAM baseline and the paper's, with the external joints at home; those of another plan, where there
-    is one.
-    """
-    if before is not None:
-        known = (before.cam_default.assignment, before.jiao2022.assignment)
-        return known
-    by_file = _free(plan_cam_default(path, setup.arm, setup.driven.home), path, setup, options)
-    by_paper = plan_jiao2022(path, setup.arm, setup.elasticity, d, setup.collision, setup.driven.home, options)
-    return by_file, _free(by_paper, path, setup, options)
-
-
-def _free(
-    assignment: JointAssignment, path: PlanningPath, setup: PlanningSetup, options: PlanOptions
-) -> JointAssignment:
-    """Return a baseline with its collisions marked, if it is otherwise drivable: only then a gain over it is
-    reported.
-    """
-    if setup.collision is not None and (assignment.reason[path.may_touch] == InfeasibilityReason.OK).all():
-        q = np.where((assignment.reason == InfeasibilityReason.OK)[:, None], assignment.q, np.nan)
-        found = PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, options).whole(assignment.phi, q)
-        return assignment.marked(found.lost, InfeasibilityReason.NO_PATH).marked(
-            found.hit, InfeasibilityReason.COLLIDING
-        )
-    return assignment
-
-
-def _whole(scored: ScoredAssignment, path: PlanningPath) -> bool:
-    """Return whether every point is feasible."""
-    return bool((scored.assignment.reason == InfeasibilityReason.OK).all()) and not find_configuration_jumps(
-        path, scored
-    )
-
-
-def _grid_objective(
-    path: PlanningPath,
-    choice: SequenceChoice,
-    candidates: CandidateGrid,
-    scores: CandidateScores,
-    setup: PlanningSetup,
-    options: PlanOptions,
-) -> PlanObjective:
-    """Return the objective of the grid optimum; decimated points take the cost of their neighbouring stations."""
-    st, rows = path.stations, np.arange(len(path.stations))
-    plain = follow_grid_rotation(path, candidates, choice)
-    vertex = np.where(choice.dropped, np.nan, scores.cost[rows, choice.rotation, choice.branch])
-    # stations behind rapid moves share a path length with the previous point; index by row, not by length
-    cost = np.interp(np.arange(len(path.index)), st, vertex)
-    crowded = None
-    if scores.crowded is not None:
-        near = np.where(choice.dropped, np.nan, scores.crowded[rows, choice.rotation, choice.branch])
-        crowded = np.interp(np.arange(len(path.index)), st, near)
-    x = setup.in_rad(path, plain.seed)
-    v = setup.velocity
-    price = 0.0, 0.0  # of tolerances, and of stability: the grid has their sum
-    if scores.place_price is not None:
-        vertices = scores.place_price[rows, choice.rotation, choice.branch]
-        total = float(vertices[~choice.dropped].sum())
-        price = (total, 0.0) if options.objective == "tolerance" else (0.0, total)
-    rapids = 0.0, 0.0
-    if scores.rapid is not None:
-        at = np.minimum(np.searchsorted(st, np.arange(len(path.index))), len(st) - 1)
-        rapids = scores.rapid.measure(path, x, choice.branch[at])
-    objective = compute_objective(
-        path,
-        cost,
-        x,
-        plain.phi,
-        scores.scale,
-        v,
-        options,
-        crowded,
-        scores.elsewhere,
-        price,
-        rapids,
-        compute_lost_time(path, setup.arm, setup.robot, setup.cell.limits, options, plain.seed, plain.phi),
-    )
-    crossed = compute_worst_index(
-        scores.raw, path.counted[st], find_hidden_points(path), choice.rotation, choice.branch
-    )
-    worst, worst_elsewhere = max(objective.worst, crossed), scores.elsewhere
-    more = max(worst, worst_elsewhere) - max(objective.worst, worst_elsewhere)
-    return replace(objective, worst=worst, total=objective.total + options.weights.worst * more)

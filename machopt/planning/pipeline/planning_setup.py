@@ -18,6 +18,7 @@ from machopt.kinematics.inverse.solver import build_solver
 from machopt.kinematics.machine import Machine, load_machine
 from machopt.kinematics.robot import Robot, load_chain, load_masses
 from machopt.numerics.array_types import Array
+from machopt.planning.cost.held_feed import ArmDrives
 from machopt.planning.cost.objective import PlanObjective
 from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import JointAssignment
@@ -71,6 +72,11 @@ class PlanningSetup:
         """Radius of the cutter in m where it is a ball, which may tilt; else 0."""
         cutter = self.cell.tool.cutter
         return cutter.corner if cutter is not None and cutter.is_ball else 0.0
+
+    @property
+    def drives(self) -> ArmDrives:
+        """The arm and the limits of its drives."""
+        return ArmDrives(self.arm, self.robot, self.cell.limits)
 
     @property
     def driven(self) -> Cell:

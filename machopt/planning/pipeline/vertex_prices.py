@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
+from machopt.numerics.array_types import Array
 from machopt.planning.cost.clearance_cost import compute_grid_crowding
 from machopt.planning.cost.held_feed import compute_grid_price
 from machopt.planning.cost.rapid_time import RapidPricing
@@ -28,28 +29,26 @@ def add_vertex_prices(
         candidates: candidate grid.
         options: plan options with the weights.
     """
-    limits = setup.cell.limits
     return replace(
-        add_rapid_prices(scores, path, setup, candidates, options),
+        scores,
+        rapid=build_rapid_pricing(path, setup, scores.least, candidates.stable, options),
         crowded=compute_grid_crowding(path, setup.collision, candidates, options),
-        feed_price=compute_grid_price(path, setup.arm, setup.robot, limits, options, candidates),
+        feed_price=compute_grid_price(path, setup.drives, options, candidates),
     )
 
 
-def add_rapid_prices(
-    scores: CandidateScores, path: PlanningPath, setup: PlanningSetup, candidates: CandidateGrid, options: PlanOptions
-) -> CandidateScores:
-    """Return the scores with the prices of rapid moves and changes of posture alone.
+def build_rapid_pricing(
+    path: PlanningPath, setup: PlanningSetup, least: Array, stable: bool, options: PlanOptions
+) -> RapidPricing | None:
+    """Return the prices of rapid moves and changes of posture; None where these have none.
 
     Args:
-        scores: cost of the candidates, with the scale in use.
         path: planning points.
         setup: planning setup of the cell.
-        candidates: candidate grid.
+        least: (S,) lowest index of each station in units of c₀.
+        stable: the branches have fixed numbers along the path.
         options: plan options with the weights.
     """
     limits = setup.cell.limits
     rates = np.stack([limits.velocity, limits.acceleration, limits.jerk]) * setup.per_rad
-    home = setup.driven.joints_at_home
-    pricing = RapidPricing.build(path, rates, home, setup.per_rad, scores.least, candidates.stable, options)
-    return replace(scores, rapid=pricing)
+    return RapidPricing.build(path, rates, setup.driven.joints_at_home, setup.per_rad, least, stable, options)

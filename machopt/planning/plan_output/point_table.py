@@ -61,31 +61,14 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         toolpath: its toolpath.
     """
     rows = np.flatnonzero(plan.path.is_point)
-    n, a = len(rows), plan.chosen.assignment
+    a = plan.chosen.assignment
     q = a.q[rows]  # true angles; the table has encoder angles
     known = plan.setup.correction
     encoder_angles = q if known is None else known.compute_encoder_angles(q)
     ok = np.flatnonzero(a.reason[rows] == InfeasibilityReason.OK)
-    axial, normal, paper, bend = (np.full(n, np.nan) for _ in range(4))
-    elasticity, d = plan.setup.elasticity, plan.directions
-    for some in _blocks(ok):
-        at = rows[some]
-        elastic = d.elastic(elasticity, q[some], at)
-        axial[some], normal[some] = (
-            1.0 / elastic.compute_compliance_along(d.axial[at]),
-            1.0 / elastic.compute_compliance_along(d.normal[at]),
-        )
-        paper[some] = elastic.compute_jiao_index(d.axial[at])
-        if plan.options.force.given:
-            bend[some] = np.linalg.norm(elastic.compute_deflection(d.force[at]), axis=-1)
-    bend_std, axial_std = _uncertainty(plan, rows, ok, q, axial)
-    clearance, pairs = np.full(n, np.nan), [""] * n
-    model = plan.setup.collision
-    if model is not None and len(ok):
-        near = model.find_nearest_pair(plan.path.whole(q[ok], rows[ok]), plan.path.may_touch[rows[ok]])
-        clearance[ok] = near.distance
-        for i, k in zip(ok, near.pair, strict=True):
-            pairs[i] = model.pairs[k].name if k >= 0 else ""
+    soft = _compute_stiffness_columns(plan, rows, ok, q)
+    bend_std, axial_std = _uncertainty(plan, rows, ok, q, soft.axial)
+    clearance, pairs = _find_clearances(plan, rows, ok, q)
     lower, upper = plan.setup.cell.limits.lower[:6], plan.setup.cell.limits.upper[:6]
     margin = np.minimum(encoder_angles - lower, upper - encoder_angles).min(axis=1)
     shoulder = np.arctan2(a.shoulder[rows], 1.0)  # as an angle over 1 m, to compare with the others
@@ -102,17 +85,17 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         q=encoder_angles,
         external=plan.path.external[rows],
         external_prismatic=plan.setup.cell.external_prismatic,
-        k_axial=axial,
-        k_normal=normal,
-        deflection=bend,
+        k_axial=soft.axial,
+        k_normal=soft.normal,
+        deflection=soft.deflection,
         clearance=clearance,
         limit_margin=margin,
         singularity=singular,
         status=_status(plan, rows),
         reason=tuple(why.get(p, "") for p in rows.tolist()),
         feed=toolpath.feed,
-        k_jiao_x=paper,
-        nearest_pair=tuple(pairs),
+        k_jiao_x=soft.jiao_x,
+        nearest_pair=pairs,
         in_grid=None if plan.setup.elasticity.stiffness.grid is None else plan.directions.in_grid[rows],
         deflection_std=bend_std,
         k_axial_std=axial_std,
@@ -122,7 +105,48 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         side=_of_reached(plan, plan.path.side, rows),
         feed_advised=None if plan.posture_feed is None else plan.posture_feed.feed,
     )
-    return PointResults(table, rows, tuple(pairs))
+    return PointResults(table, rows, pairs)
+
+
+@dataclass(frozen=True)
+class _StiffnessColumns:
+    """Columns of n toolpath points; NaN where there is no configuration."""
+
+    axial: Array  # (n,) N/m, along the tool axis
+    normal: Array  # (n,) N/m, across it
+    jiao_x: Array  # (n,) N/m, index of jiao2022
+    deflection: Array  # (n,) m; NaN without a force
+
+
+def _compute_stiffness_columns(plan: Plan, rows: NDArray[np.intp], ok: NDArray[np.intp], q: Array) -> _StiffnessColumns:
+    """Return stiffness and deflection at the feasible toolpath points ``ok``, at true angles q (n, 6)."""
+    axial, normal, paper, bend = (np.full(len(rows), np.nan) for _ in range(4))
+    elasticity, d = plan.setup.elasticity, plan.directions
+    for some in _blocks(ok):
+        at = rows[some]
+        elastic = d.elastic(elasticity, q[some], at)
+        axial[some], normal[some] = (
+            1.0 / elastic.compute_compliance_along(d.axial[at]),
+            1.0 / elastic.compute_compliance_along(d.normal[at]),
+        )
+        paper[some] = elastic.compute_jiao_index(d.axial[at])
+        if plan.options.force.given:
+            bend[some] = np.linalg.norm(elastic.compute_deflection(d.force[at]), axis=-1)
+    return _StiffnessColumns(axial, normal, paper, bend)
+
+
+def _find_clearances(
+    plan: Plan, rows: NDArray[np.intp], ok: NDArray[np.intp], q: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """Return clearance (n,) in m and the names of the nearest pair; NaN and empty where they are not known."""
+    clearance, pairs = np.full(len(rows), np.nan), [""] * len(rows)
+    model = plan.setup.collision
+    if model is not None and len(ok):
+        near = model.find_nearest_pair(plan.path.whole(q[ok], rows[ok]), plan.path.may_touch[rows[ok]])
+        clearance[ok] = near.distance
+        for i, k in zip(ok, near.pair, strict=True):
+            pairs[i] = model.pairs[k].name if k >= 0 else ""
+    return clearance, tuple(pairs)
 
 
 def _of_reached(plan: Plan, tilt: Array | None, rows: NDArray[np.intp]) -> Array | None:

@@ -15,7 +15,7 @@ from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.cost.stiffness_index import compute_load_directions
 from machopt.planning.motion.retract_moves import RetractMoves
 from machopt.planning.motion.segment_planner import SegmentPlanner
-from machopt.planning.pipeline.path_planner import is_assignment_allowed
+from machopt.planning.pipeline.baseline_comparison import is_assignment_allowed
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak

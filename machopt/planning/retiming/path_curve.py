@@ -132,73 +132,87 @@ def _distance(dp: Array, dR: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(dp**2, axis=-1) + ARM**2 * 0.5 * np.sum(dR**2, axis=(-2, -1))))
 
 
-def build_curves(
-    position: Array,
-    axis: Array,
-    reference: Array,
-    phi: Array,
-    feed: Array,
-    phi_curve: Callable[[Array], Array] | None,
-    path_tolerance: float,
-    axis_tolerance: float,
-    rests: tuple[int, ...] = (),
-    spin_tolerance: float = SPIN_TOLERANCE,
-) -> list[PathCurve] | int:
+@dataclass(frozen=True, kw_only=True)
+class RunPoints:
+    """n points of one run, as far as its geometry needs them."""
+
+    position: Array  # (n, 3) m
+    axis: Array  # (n, 3) unit tool axes
+    reference: Array  # (n, 3) directions of TCP x at phi = 0
+    phi: Array  # (n,) rad
+    feed: Array  # (n,) m/s of the move that ends at each point
+    phi_curve: Callable[[Array], Array] | None = None  # phi by :func:`compute_path_parameter`; None: at the points only
+    rests: tuple[int, ...] = ()  # points at which the run comes to rest, increasing
+
+
+@dataclass(frozen=True)
+class CornerTolerances:
+    """Maximum deviations of the rounded run from its polyline."""
+
+    position: float  # m
+    axis: float  # rad, of the tool axis
+    spin: float = SPIN_TOLERANCE  # rad, of the rotation about the tool axis
+
+
+def build_curves(points: RunPoints, tolerances: CornerTolerances) -> list[PathCurve] | int:
     """Split a run where it turns back, and at its rest points; round the parts.
 
     Args:
-        position: (n, 3) m.
-        axis: (n, 3) unit tool axes.
-        reference: (n, 3) directions of TCP x at phi = 0.
-        phi: (n,) rad.
-        feed: (n,) m/s of the move that ends at each point.
-        phi_curve: phi as a smooth function of :func:`compute_path_parameter`; None: only the values at the points.
-        path_tolerance: m, maximum corner deviation.
-        axis_tolerance: rad, maximum deviation of the tool axis.
-        rests: points at which the run comes to rest, increasing.
-        spin_tolerance: rad, maximum deviation of the rotation about the tool axis.
+        points: points of the run.
+        tolerances: maximum deviations.
 
     Returns:
         The parts in order; none where the run has no length. Or the point up to which the tool axis flips.
     """
-    u_all = compute_path_parameter(position, axis, reference, phi)
-    first, last = _vertices(position, compute_tool_rotation(axis, reference, phi), u_all)
+    u_all = compute_path_parameter(points.position, points.axis, points.reference, points.phi)
+    rotation = compute_tool_rotation(points.axis, points.reference, points.phi)
+    first, last = _vertices(points.position, rotation, u_all)
     if len(first) < 2:
         return []
     at = np.r_[first[:-1], last[-1]]  # representative point of the vertex
-    n = axis[at]
+    n = points.axis[at]
     flips = np.flatnonzero(np.sum(n[1:] * n[:-1], axis=1) < FLIP)
     if len(flips):
         return int(at[flips[0] + 1])
-    base, turn = _carried(n, reference[at])
+    base, turn = _carried(n, points.reference[at])
     u = np.r_[u_all[first[:-1]], u_all[last[-1]]]
-    rest = phi[at] - (0.0 if phi_curve is None else phi_curve(u))  # a curve that misses the points is corrected
-    X = np.column_stack([position[at], n, base, turn + rest])
-    slope = np.diff(X * np.r_[1, 1, 1, np.full(7, ARM)], axis=0) / np.diff(u)[:, None]
+    smooth = 0.0 if points.phi_curve is None else points.phi_curve(u)
+    rest = points.phi[at] - smooth  # a curve that misses the points is corrected
+    X = np.column_stack([points.position[at], n, base, turn + rest])
+    polyline = PathCurve(
+        u=u, X=X, width=np.zeros((len(u), 2)), first=first, last=last, turns=turn, phi_curve=points.phi_curve
+    )
+    wide = np.minimum(points.feed[last[:-1] + 1], np.r_[np.inf, points.feed[last[:-2] + 1]]) * TIME
+    return [_round_part(polyline, a, b, wide, tolerances) for a, b in pairwise(_find_stops(polyline, points.rests))]
+
+
+def _find_stops(polyline: PathCurve, rests: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return the vertices at which the run stops: its ends, where it turns back, and the rest points."""
+    slope = np.diff(polyline.X * np.r_[1, 1, 1, np.full(7, ARM)], axis=0) / np.diff(polyline.u)[:, None]
     size = np.linalg.norm(slope, axis=1)
     back = np.sum(slope[1:] * slope[:-1], axis=1) < TURN_BACK_COS * size[1:] * size[:-1]
-    stops = np.unique(np.r_[0, 1 + np.flatnonzero(back), np.searchsorted(last, rests), len(u) - 1].astype(np.int64))
-    wide = np.minimum(feed[last[:-1] + 1], np.r_[np.inf, feed[last[:-2] + 1]]) * TIME
-    curves = []
-    for a, b in pairwise(stops):
-        part = slice(a, b + 1)
-        width = np.zeros((b - a + 1, 2))
-        cap = wide[a + 1 : b]
-        scale = np.r_[np.full(3, 1 / path_tolerance), np.full(3, 1 / axis_tolerance)]
-        width[:, 0] = _half_widths(u[part], X[part, POSE] * scale, (0, 3, 6), cap)
-        width[:, 1] = _half_widths(u[part], X[part, TURN] / spin_tolerance, (0, 4), 2.0 * cap)
-        curves.append(
-            PathCurve(
-                u=u[part],
-                X=X[part],
-                width=width,
-                first=first[part],
-                last=last[part],
-                turns=turn[part],
-                phi_curve=phi_curve,
-            )
-        )
-    return curves
+    at_rest = np.searchsorted(polyline.last, rests)
+    return np.unique(np.r_[0, 1 + np.flatnonzero(back), at_rest, len(polyline.u) - 1].astype(np.int64))
+
+
+def _round_part(polyline: PathCurve, a: int, b: int, wide: Array, tolerances: CornerTolerances) -> PathCurve:
+    """Return the part between the stops a and b with its half-widths; ``wide`` (m − 1,) m: largest at the vertices."""
+    part = slice(a, b + 1)
+    u, X = polyline.u[part], polyline.X[part]
+    width = np.zeros((b - a + 1, 2))
+    cap = wide[a + 1 : b]
+    scale = np.r_[np.full(3, 1 / tolerances.position), np.full(3, 1 / tolerances.axis)]
+    width[:, 0] = _half_widths(u, X[:, POSE] * scale, (0, 3, 6), cap)
+    width[:, 1] = _half_widths(u, X[:, TURN] / tolerances.spin, (0, 4), 2.0 * cap)
+    return PathCurve(
+        u=u,
+        X=X,
+        width=width,
+        first=polyline.first[part],
+        last=polyline.last[part],
+        turns=polyline.turns[part],
+        phi_curve=polyline.phi_curve,
+    )
 
 
 def _vertices(position: Array, R: Array, u: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -9,7 +9,7 @@ the speed is reduced near that place and the run is timed again.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,8 +26,23 @@ from machopt.planning.retiming.joint_derivatives import (
     compute_poses_along_curve,
     solve_joints_near_seeds,
 )
-from machopt.planning.retiming.path_curve import SPIN_TOLERANCE, PathCurve, build_curves, compute_path_parameter
-from machopt.planning.retiming.slowdowns import HELD, ON_THE_SPOT, FeedSlowdown, NodeBounds, Where, find_slowdowns
+from machopt.planning.retiming.path_curve import (
+    SPIN_TOLERANCE,
+    CornerTolerances,
+    PathCurve,
+    RunPoints,
+    build_curves,
+    compute_path_parameter,
+)
+from machopt.planning.retiming.slowdowns import (
+    HELD,
+    ON_THE_SPOT,
+    FeedSlowdown,
+    NodeBounds,
+    SampledSpeeds,
+    Where,
+    find_slowdowns,
+)
 from machopt.planning.retiming.time_law import SpeedBounds, TimeLaw, compute_node_speed_limits, compute_time_law
 
 STEPS_PER_SAMPLE = 3
@@ -60,6 +75,19 @@ class RunInput:
     phi_curve: Callable[[Array], Array] | None = None  # phi as a smooth function of blend.path_parameter
     correction: EncoderCorrection | None = None  # limits hold for encoder angles; None: those are the true ones
     rests: tuple[int, ...] = ()  # points to come to rest at, rising
+
+    @property
+    def points(self) -> RunPoints:
+        """The points as far as the geometry of the run needs them."""
+        return RunPoints(
+            position=self.position,
+            axis=self.axis,
+            reference=self.reference,
+            phi=self.phi,
+            feed=self.feed,
+            phi_curve=self.phi_curve,
+            rests=self.rests,
+        )
 
     @cached_property
     def moves(self) -> bool:
@@ -178,35 +206,11 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     n = len(run.position)
     if n and not (np.isfinite(run.feed[1:]).all() and (run.feed[1:] > 0).all()):
         raise ValueError("every move of a run needs a feed above zero")
-    curves = build_curves(
-        run.position,
-        run.axis,
-        run.reference,
-        run.phi,
-        run.feed,
-        run.phi_curve,
-        run.path_tolerance,
-        run.axis_tolerance,
-        run.rests,
-        run.spin_tolerance,
-    )
+    curves = build_curves(run.points, CornerTolerances(run.path_tolerance, run.axis_tolerance, run.spin_tolerance))
     if isinstance(curves, int):
         return RunFailure(curves, f"the tool axis turns by more than 170° between points {curves - 1} and {curves}")
-    if not curves:  # no length: rest for one sample
-        ends = [0, n - 1]
-        none = np.zeros(2)
-        return RunTrajectory(
-            q=run.told(run.q[ends]),
-            point=np.array(ends, float),
-            speed=none,
-            phi=run.phi[ends],
-            held=none > 0,
-            dips=(),
-            external=run.external[ends],
-            duration=run.sample,
-            held_share=0.0,
-            rests=(1,) * len(run.rests),
-        )
+    if not curves:
+        return _rest_for_one_sample(run)
     parts: list[_Part] = []
     ends = [int(curves[0].last[0]), *(int(curve.last[-1]) for curve in curves)]  # the last point of each stop's vertex
     stop_of = [int(np.searchsorted(ends, k)) for k in run.rests]  # 0: where the run begins
@@ -218,12 +222,35 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
         if isinstance(part, RunFailure):
             return part
         parts.append(part)
+    return _join_parts(run, parts, stop_of)
+
+
+def _rest_for_one_sample(run: RunInput) -> RunTrajectory:
+    """Return the trajectory of a run without length."""
+    ends = [0, len(run.position) - 1]
+    none = np.zeros(2)
+    return RunTrajectory(
+        q=run.told(run.q[ends]),
+        point=np.array(ends, float),
+        speed=none,
+        phi=run.phi[ends],
+        held=none > 0,
+        dips=(),
+        external=run.external[ends],
+        duration=run.sample,
+        held_share=0.0,
+        rests=(1,) * len(run.rests),
+    )
+
+
+def _join_parts(run: RunInput, parts: list[_Part], stop_of: list[int]) -> RunTrajectory:
+    """Return the trajectory of consecutive parts; ``stop_of``: the part that ends at each rest point, from 1 on."""
 
     def join(name: str) -> Array:
         return np.concatenate([getattr(p, name)[min(k, 1) :] for k, p in enumerate(parts)])
 
     point, q = join("point"), join("q")
-    point[0], point[-1] = 0.0, n - 1.0
+    point[0], point[-1] = 0.0, len(run.position) - 1.0
     is_feed_kept = np.nan_to_num(join("ratio")) >= HELD
     dips = tuple(dip for part in parts for dip in part.dips)
     sample_of = np.cumsum([0, *(len(part.q) - 1 for part in parts)]).tolist()
@@ -241,7 +268,42 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class _DrivenCurve:
+    """Joints and speed limits at the M nodes of a curve, for J axes."""
+
+    curve: PathCurve
+    D: Array  # (M, 4, 6) rad, true joint angles and their derivatives
+    bounds: SpeedBounds
+    slope: Array  # (M,) m of the TCP per m of path parameter
+    feed_cap: Array  # (M,) largest du/dt that the feed allows
+    single: Array  # (M, J, 3) largest du/dt by each limit of each axis alone
+
+
+@dataclass(frozen=True, kw_only=True)
+class _TimedSamples:
+    """S samples of a curve by a time law."""
+
+    law: TimeLaw
+    u: Array  # (S,) m, path parameter
+    place: Array  # (S, 3) m, TCP where the feed is measured
+    q: Array  # (S, J) rad or m, by encoder
+    phi: Array  # (S,) rad
+
+
 def _drive(run: RunInput, curve: PathCurve, begin: Where, finish: Where) -> _Part | RunFailure:
+    """Return the trajectory along one curve, from rest to rest."""
+    driven = _follow_curve(run, curve)
+    if isinstance(driven, RunFailure):
+        return driven
+    timed = _time_samples(run, driven)
+    if isinstance(timed, RunFailure):
+        return timed
+    return _rate_samples(run, driven, timed, begin, finish)
+
+
+def _follow_curve(run: RunInput, curve: PathCurve) -> _DrivenCurve | RunFailure:
+    """Return the joints along a curve; a failure where the arm cannot follow it."""
     u = curve.nodes()
     index = curve.index(u)
     pose, twist, _, p1 = compute_poses_along_curve(curve, u, run.stands(u))
@@ -265,58 +327,39 @@ def _drive(run: RunInput, curve: PathCurve, begin: Where, finish: Where) -> _Par
     derivatives = np.ascontiguousarray(E[:, 1:].transpose(0, 2, 1))
     feed_cap = _feed_cap(run, curve, u, p1)
     cap, single = compute_node_speed_limits(derivatives, feed_cap, v, a, j)
+    bounds = SpeedBounds(u=u, derivatives=derivatives, cap=cap, velocity=v, acceleration=a, jerk=j)
+    return _DrivenCurve(curve=curve, D=D, bounds=bounds, slope=p1, feed_cap=feed_cap, single=single)
+
+
+def _time_samples(run: RunInput, driven: _DrivenCurve) -> _TimedSamples | RunFailure:
+    """Return samples that keep the limits: the speed is reduced near those that do not, and in the end everywhere."""
+    bounds, u = driven.bounds, driven.bounds.u
+    cap = bounds.cap
     for attempt in range(ROUNDS + 1):
-        law = compute_time_law(
-            SpeedBounds(u=u, derivatives=derivatives, cap=cap, velocity=v, acceleration=a, jerk=j),
-            run.sample / STEPS_PER_SAMPLE,
-        )
+        law = compute_time_law(replace(bounds, cap=cap), run.sample / STEPS_PER_SAMPLE)
         steps = max(int(np.ceil(law.duration / run.sample - 1e-6)), 1)
-        sampled = _sampled(run, curve, u, D, law.slower(steps * run.sample / law.duration), steps)
+        sampled = _sample_law(run, driven, law, steps)
         if isinstance(sampled, RunFailure):
             return sampled
-        law, at, p, q, phi = sampled
-        excess = _excess(q, v, a, j, run.sample)
+        timed = sampled
+        excess = _excess(timed.q, bounds, run.sample)
         worst = float(excess.max())
         if worst <= SLACK or attempt == ROUNDS:
             break
+        at = timed.u
         for s in np.flatnonzero(excess > SLACK):
             near = (u >= at[max(int(s) - 3, 0)]) & (u <= at[min(int(s) + 1, len(at) - 1)])
             near |= np.convolve(near, np.ones(3), "same") > 0
-            cap = np.where(near, np.minimum(cap, 0.9 * _speed_there(law, at, int(s))), cap)
+            cap = np.where(near, np.minimum(cap, 0.9 * _speed_there(timed.law, at, int(s))), cap)
     if worst > SLACK:  # slower by the root of the order of the limit; velocity needs most
-        steps = int(np.ceil(steps * worst))
-        sampled = _sampled(run, curve, u, D, law.slower(steps * run.sample / law.duration), steps)
-        if isinstance(sampled, RunFailure):
-            return sampled
-        law, at, p, q, phi = sampled
-    t = np.asarray(np.arange(steps + 1) * run.sample, float)
-    t[-1] = law.duration
-    _, vt, at_acc, jt = law.at(t)
-    point = curve.index(at)
-    ratio = np.r_[
-        np.nan, np.linalg.norm(np.diff(p, axis=0), axis=1) / run.sample / compute_programmed_feed(run, point[1:])
-    ]
-    slope = np.interp(at, u, p1)
-    law_ratio = _law_ratios(u, derivatives, at, vt, at_acc, jt, v, a, j)
-    nodes = NodeBounds(u=u, single=single, programmed=np.where(p1 >= ON_THE_SPOT, feed_cap, np.nan))
-    dips = find_slowdowns(ratio, at, point, vt, slope, nodes, law_ratio, begin, finish)
-    return _Part(
-        q=q[:, :6],
-        point=point,
-        speed=vt * slope,
-        phi=phi,
-        ratio=ratio,
-        dips=dips,
-        external=run.external_along(at)[:, 0],
-    )
+        return _sample_law(run, driven, timed.law, int(np.ceil(steps * worst)))
+    return timed
 
 
-def _sampled(
-    run: RunInput, curve: PathCurve, u: Array, D: Array, law: TimeLaw, steps: int
-) -> tuple[TimeLaw, Array, Array, Array, Array] | RunFailure:
-    """Return the law, u, TCP places (S, 3) m where the feed is measured, encoder angles (S, axes), and phi at the
-    samples.
-    """
+def _sample_law(run: RunInput, driven: _DrivenCurve, law: TimeLaw, steps: int) -> _TimedSamples | RunFailure:
+    """Return the samples of a law that is made slower, so that it takes a whole number of samples."""
+    u, D, curve = driven.bounds.u, driven.D, driven.curve
+    law = law.slower(steps * run.sample / law.duration)
     t = np.minimum(np.arange(steps + 1) * run.sample, law.duration)
     at = np.maximum.accumulate(np.clip(law.at(t)[0], u[0], u[-1]))
     at[0], at[-1] = u[0], u[-1]
@@ -331,18 +374,48 @@ def _sampled(
             float(curve.index(at[failed : failed + 1])[0]), "the pose between the points cannot be reached"
         )
     if not run.moves:
-        return law, at, pose[:, :3, 3], run.told(q), phi
+        return _TimedSamples(law=law, u=at, place=pose[:, :3, 3], q=run.told(q), phi=phi)
     place = np.einsum(
         "mij,mi->mj", workpiece_jets[:, 0, :3, :3], pose[:, :3, 3] - workpiece_jets[:, 0, :3, 3]
     )  # in the workpiece
-    return law, at, place, np.hstack([run.told(q), run.external_along(at)[:, 0]]), phi
+    whole = np.hstack([run.told(q), run.external_along(at)[:, 0]])
+    return _TimedSamples(law=law, u=at, place=place, q=whole, phi=phi)
 
 
-def _excess(q: Array, velocity: Array, acceleration: Array, jerk: Array, sample: float) -> Array:
+def _rate_samples(run: RunInput, driven: _DrivenCurve, timed: _TimedSamples, begin: Where, finish: Where) -> _Part:
+    """Return the trajectory of the samples, with the share of the programmed feed and the slowdowns."""
+    u, at = driven.bounds.u, timed.u
+    t = np.asarray(np.arange(len(at)) * run.sample, float)
+    t[-1] = timed.law.duration
+    _, speed, acceleration, jerk = timed.law.at(t)
+    point = driven.curve.index(at)
+    travel = np.linalg.norm(np.diff(timed.place, axis=0), axis=1)
+    samples = SampledSpeeds(
+        ratio=np.r_[np.nan, travel / run.sample / compute_programmed_feed(run, point[1:])],
+        u=at,
+        point=point,
+        speed=speed,
+        slope=np.interp(at, u, driven.slope),
+        use=_compute_limit_use(driven.bounds, at, speed, acceleration, jerk),
+    )
+    programmed = np.where(driven.slope >= ON_THE_SPOT, driven.feed_cap, np.nan)
+    nodes = NodeBounds(u=u, single=driven.single, programmed=programmed)
+    return _Part(
+        q=timed.q[:, :6],
+        point=point,
+        speed=speed * samples.slope,
+        phi=timed.phi,
+        ratio=samples.ratio,
+        dips=find_slowdowns(samples, nodes, begin, finish),
+        external=run.external_along(at)[:, 0],
+    )
+
+
+def _excess(q: Array, bounds: SpeedBounds, sample: float) -> Array:
     """(S,) largest ratio of joint differences to their limits around each sample, at rest before and after."""
     x = np.concatenate([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
     worst = np.zeros(len(q))
-    for order, limit in enumerate((velocity, acceleration, jerk), start=1):
+    for order, limit in enumerate((bounds.velocity, bounds.acceleration, bounds.jerk), start=1):
         x = np.diff(x, axis=0) / sample
         ratio = (np.abs(x) / limit).max(axis=1)  # row r uses padded samples r … r + order
         worst = np.maximum(worst, ratio[3 : 3 + len(q)] if order < 3 else ratio[2 : 2 + len(q)])
@@ -387,13 +460,16 @@ def _feed_cap(run: RunInput, curve: PathCurve, u: Array, slope: Array) -> Array:
     return np.asarray(cap / np.maximum(steepest, cap / NO_FEED))
 
 
-def _law_ratios(
-    u: Array, D: Array, at: Array, v: Array, a: Array, j: Array, velocity: Array, acceleration: Array, jerk: Array
-) -> Array:
-    """(S, n, 3) use of each axis's limits at the samples."""
+def _compute_limit_use(bounds: SpeedBounds, at: Array, speed: Array, acceleration: Array, jerk: Array) -> Array:
+    """Return the (S, J, 3) use of each axis's limits at the samples, by u and its derivatives with respect to time."""
+    u, D = bounds.u, bounds.derivatives
     k = np.clip(np.searchsorted(u, at, side="right") - 1, 0, len(u) - 2)
     w = ((at - u[k]) / (u[k + 1] - u[k]))[:, None, None]
     g1, g2, g3 = np.moveaxis(D[k] + w * (D[k + 1] - D[k]), -1, 0)
-    v, a, j = v[:, None], a[:, None], j[:, None]
-    use = [g1 * v / velocity, (g2 * v**2 + g1 * a) / acceleration, (g3 * v**3 + 3 * g2 * v * a + g1 * j) / jerk]
+    v, a, j = speed[:, None], acceleration[:, None], jerk[:, None]
+    use = [
+        g1 * v / bounds.velocity,
+        (g2 * v**2 + g1 * a) / bounds.acceleration,
+        (g3 * v**3 + 3 * g2 * v * a + g1 * j) / bounds.jerk,
+    ]
     return np.asarray(np.abs(np.stack(use, axis=-1)))

@@ -51,45 +51,43 @@ class NodeBounds:
     programmed: Array  # (M,) du/dt of the programmed feed; NaN where the tool turns on the spot
 
 
-def find_slowdowns(
-    ratio: Array,
-    at: Array,
-    point: Array,
-    v: Array,
-    slope: Array,
-    nodes: NodeBounds,
-    use: Array,
-    begin: Where,
-    finish: Where,
-) -> list[FeedSlowdown]:
+@dataclass(frozen=True, kw_only=True)
+class SampledSpeeds:
+    """Speed and use of the limits at the S samples of a curve, for J axes."""
+
+    ratio: Array  # (S,) share of the programmed feed of the step that ends at each sample; the first is NaN
+    u: Array  # (S,) m, path parameter
+    point: Array  # (S,) fractional point index
+    speed: Array  # (S,) m/s, du/dt
+    slope: Array  # (S,) m of the TCP per m of path parameter
+    use: Array  # (S, J, 3) use of the limits of velocity, acceleration and jerk of each axis
+
+
+def find_slowdowns(samples: SampledSpeeds, nodes: NodeBounds, begin: Where, finish: Where) -> list[FeedSlowdown]:
     """Return the stretches below HELD, each with the bound that is lowest there, or in a ramp the limit that is used
     most.
 
     Part of a ramp that the axes could not drive at the feed even at constant speed follows as a slowdown of the path.
 
     Args:
-        ratio: (S,) share of the programmed feed of the step that ends at each sample; the first is NaN.
-        at: (S,) m, path parameter of the samples.
-        point: (S,) fractional point index.
-        v: (S,) m/s, du/dt.
-        slope: (S,) m of the TCP per m of path parameter.
+        samples: speed and use of the limits at the samples.
         nodes: speed bounds at the nodes.
-        use: (S, J, 3) use of each axis's limits at the samples.
         begin: kind of the first ramp.
         finish: kind of the last ramp.
     """
+    ratio, at, point, use = samples.ratio, samples.u, samples.point, samples.use
     low = np.r_[False, ratio[1:] < HELD, False]
     edge = np.flatnonzero(np.diff(low.astype(int)))
     dips = []
     for first, last in zip(edge[::2], edge[1::2], strict=True):  # samples first … last enclose the slow steps
         where: Where = begin if first == 0 else finish if last == len(ratio) - 1 else "path"
         slowest = first + 1 + int(np.argmin(ratio[first + 1 : last + 1]))
-        if where == "path" and slope[slowest] < ON_THE_SPOT:
+        if where == "path" and samples.slope[slowest] < ON_THE_SPOT:
             where = "reorientation"
         a, b = np.searchsorted(nodes.u, at[first]), np.searchsorted(nodes.u, at[last], side="right")
         bound = nodes.single[a:b]
         joint, limit = np.unravel_index(int(np.argmax(use[first : last + 1].max(axis=0))), use.shape[1:])
-        if where in {"path", "reorientation"} and len(bound) and bound.min() < 1.25 * v[slowest]:
+        if where in {"path", "reorientation"} and len(bound) and bound.min() < 1.25 * samples.speed[slowest]:
             _, joint, limit = np.unravel_index(int(np.argmin(bound)), bound.shape)
         dips.append(
             FeedSlowdown(

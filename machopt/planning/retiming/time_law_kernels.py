@@ -249,6 +249,65 @@ def _try(
 
 
 @jit_compile
+def _find_largest_jerk(
+    i: int,
+    u: float,
+    v: float,
+    a: float,
+    j: float,
+    h: float,
+    resting: bool,
+    un: Array,
+    Q: Array,
+    cap: Array,
+    easy: Array,
+    corner: Array,
+    al: Array,
+    jl: Array,
+) -> tuple[bool, float, float, float, float]:
+    """Find the largest jerk above j whose step can be followed by a stop, by halving.
+
+    Near the speed limit, the jerk that ends the acceleration is tried first.
+
+    Returns:
+        Whether there is one, the jerk, the place of the stop and its plan as in :func:`_try`.
+    """
+    found, stop, c, x = False, 0.0, 0.0, 0.0
+    w = (u - un[i]) / (un[i + 1] - un[i])
+    jlo, jhi, _, ahi = _window(i, w, v, a, 0.0, Q, al, jl, 1.0)
+    top = min(jhi, (ahi - a) / h, easy[i], easy[i + 1]) * (1.0 - 1e-9)
+    if v > HOLD * (cap[i] + w * (cap[i + 1] - cap[i])):
+        middle = min(max(-a / h, jlo), top)
+        code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
+        if code == 0:
+            return True, middle, place, cn, xn
+    if not top > j:
+        return False, j, stop, c, x
+    low, high = j, top
+    code, place, cn, xn = _try(i, u, v, a, top, h, un, Q, cap, easy, corner, al, jl)
+    if code == 0:
+        return True, top, place, cn, xn
+    for _ in range(30 if code == 2 or resting else 7):
+        middle = 0.5 * (low + high)
+        code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
+        if code == 0:
+            low, j, stop, c, x, found = middle, middle, place, cn, xn, True
+        else:
+            high = middle
+    return found, j, stop, c, x
+
+
+@jit_compile
+def _double_rows(rows: Array) -> Array:
+    """Return the rows (K, 5) with room for as many again."""
+    more = np.empty((2 * len(rows), 5))
+    for k in range(len(rows)):
+        for m in range(5):
+            more[k, m] = rows[k, m]
+    return more
+
+
+@jit_compile
 def compute_greedy_time_law(
     un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float, i: int, again: bool
 ) -> tuple[int, Array]:
@@ -274,11 +333,7 @@ def compute_greedy_time_law(
         if n + 2 > len(rows):
             if n > STEPS:
                 return 1, rows[:0]
-            more = np.empty((2 * len(rows), 5))
-            for k in range(n):
-                for m in range(5):
-                    more[k, m] = rows[k, m]
-            rows = more
+            rows = _double_rows(rows)
         resting = v < 1e-12
         arriving = end - stop < tolerance
         if resting and arriving:
@@ -292,29 +347,9 @@ def compute_greedy_time_law(
             j = _policy(i, u, v, a, c, x, h, un, Q, easy, al, jl)
         found = False
         if not arriving:
-            w = (u - un[i]) / (un[i + 1] - un[i])
-            jlo, jhi, _, ahi = _window(i, w, v, a, 0.0, Q, al, jl, 1.0)
-            top = min(jhi, (ahi - a) / h, easy[i], easy[i + 1]) * (1.0 - 1e-9)
-            if v > HOLD * (cap[i] + w * (cap[i + 1] - cap[i])):
-                middle = min(max(-a / h, jlo), top)
-                code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
-                if code == 0:
-                    j, stop, c, x, found = middle, place, cn, xn, True
-            if not found and top > j:
-                low, high, middle, halvings = j, top, top, -1
-                while halvings < 0:
-                    code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
-                    if code == 0:
-                        j, stop, c, x, found = middle, place, cn, xn, True
-                        break
-                    halvings = 30 if code == 2 or resting else 7
-                for _ in range(halvings):
-                    middle = 0.5 * (low + high)
-                    code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
-                    if code == 0:
-                        low, j, stop, c, x, found = middle, middle, place, cn, xn, True
-                    else:
-                        high = middle
+            found, new, place, cn, xn = _find_largest_jerk(i, u, v, a, j, h, resting, un, Q, cap, easy, corner, al, jl)
+            if found:
+                j, stop, c, x = new, place, cn, xn
             if resting and not found:
                 return 2, rows[:0]
         rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = t, u, v, a, j

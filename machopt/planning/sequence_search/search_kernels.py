@@ -142,6 +142,136 @@ def _listed(ways: Any, low: int, high: int, source: int, target: int) -> Any:  #
 
 
 @jit_compile
+def _bound_vertices(node: Any, feasible: Any) -> Any:  # numba infers
+    """Return (S, R, B) whether a vertex has a feasible turn, and (S + 1,) a lower bound of the vertices from a station
+    on.
+    """
+    S, R, B, T = feasible.shape
+    usable, to_go = np.zeros((S, R, B), np.bool_), np.zeros(S + 1)
+    for s in range(S - 1, -1, -1):
+        low = np.inf
+        for r in range(R):
+            for b in range(B):
+                for t in range(T):
+                    if feasible[s, r, b, t]:
+                        usable[s, r, b] = True
+                        break
+                if usable[s, r, b]:
+                    low = min(low, node[s, r, b])
+        to_go[s] = to_go[s + 1] + (low if low < np.inf else 0.0)
+    return usable, to_go
+
+
+@jit_compile
+def _list_source_turns(turns: Array) -> Ints:
+    """Return (3⁶, T) the turn before, from the whole turns between two base configurations and the turn now.
+
+    −1 where there is none.
+    """
+    twopi, T = 2 * np.pi, len(turns)
+    lookup = np.full(3**6, -1, np.int32)
+    for t in range(T):
+        code = 0
+        for i in range(6):
+            code = 3 * code + round(turns[t, i] / twopi) + 1
+        lookup[code] = t
+    source_turn = np.full((3**6, T), -1, np.int32)
+    for code in range(3**6):
+        for t in range(T):
+            rest, other, unit = code, 0, 1
+            for i in range(5, -1, -1):
+                digit = rest % 3 - 1 + round(turns[t, i] / twopi)
+                rest //= 3
+                if abs(digit) > 1:
+                    other = -1
+                    break
+                other += unit * (digit + 1)
+                unit *= 3
+            if other >= 0:
+                source_turn[code, t] = lookup[other]
+    return source_turn
+
+
+@jit_compile
+def _find_flight_source(
+    q: Any,
+    turns: Any,
+    here: tuple[int, int, int, int],
+    last: int,
+    rotation: int,
+    before: Any,
+    members: Any,
+    group: Any,
+    corner: Any,
+    cheapest: Any,
+    shut: Any,
+    loose: bool,
+    travel: float,
+    need: Any,
+    external_need: Any,
+    flight: Any,
+    most: float,
+) -> Any:  # numba infers
+    """Return the least price below ``most`` up to a vertex behind a rapid move, without its own, and its source or −1.
+
+    The other arguments are as in :func:`find_cheapest_sequence` and :func:`_groups`; ``here`` is the station, rotation,
+    branch and turn of the vertex, ``rotation`` that of the same posture at the station ``last``.
+    """
+    s, r, b, t = here
+    B, T = q.shape[2], len(turns)
+    value, source = most, -1
+    for tu in range(T):  # the same posture first: near, so that few others are examined
+        u = (rotation * B + b) * T + tu
+        if before[u] < value:
+            start = (last, rotation, b, tu)
+            room = value - before[u]
+            way = price_flight(q, turns, here, start, loose, travel, room, need, external_need, flight)
+            if before[u] + way < value:
+                value, source = before[u] + way, u
+    for g in range(len(cheapest)):
+        if cheapest[g] >= value:
+            break
+        away = 0.0
+        for i in range(6):
+            x = q[s, r, b, i] + turns[t, i]
+            away += max(corner[g, 0, i] - x, 0.0) + max(x - corner[g, 1, i], 0.0)
+        other = members[group[g, 0]] // T % B != b
+        away = (0.0 if loose else travel * away) + (flight[1] if other else 0.0)
+        if cheapest[g] + away >= value:
+            continue
+        for j in range(group[g, 0], group[g, 1]):
+            u = members[j]
+            bj = u // T % B
+            if before[u] >= value or shut[bj, b]:
+                continue
+            start = (last, u // (B * T), bj, u % T)
+            room = value - before[u]
+            way = price_flight(q, turns, here, start, loose, travel, room, need, external_need, flight)
+            if before[u] + way < value:
+                value, source = before[u] + way, u
+    return value, source
+
+
+@jit_compile
+def _trace_sequence(back: Ints, exists_at: Any, v: int, last: int, size: tuple[int, int]) -> Ints:
+    """Return (S, 3) rotation, branch and turn of the sequence that ends in vertex v of station ``last``; −1 where a
+    station is dropped. ``size``: numbers of branches and turns.
+    """
+    B, T = size
+    best = np.full((len(back), 3), -1, np.int32)
+    s = last
+    while s >= 0:
+        best[s, 0], best[s, 1], best[s, 2] = v // (B * T), v // T % B, v % T
+        v = back[s, v]
+        s -= 1
+        while s >= 0 and v >= 0 and not exists_at[s]:
+            s -= 1
+        if v < 0:
+            break
+    return best
+
+
+@jit_compile
 def find_cheapest_sequence(
     node: Any,
     q: Any,
@@ -229,43 +359,10 @@ def find_cheapest_sequence(
     now = np.empty(V)
     best = np.full((S, 3), -1, np.int32)
     last = -1  # last kept station
-    twopi = 2 * np.pi
-    step_r = twopi / R
+    step_r = 2 * np.pi / R
     largest = JUMP if stable else GUESSED
-    usable = np.zeros((S, R, B), np.bool_)
-    to_go = np.zeros(S + 1)  # lower bound of the vertices from a station on
-    for s in range(S - 1, -1, -1):
-        low = inf
-        for r in range(R):
-            for b in range(B):
-                for t in range(T):
-                    if feasible[s, r, b, t]:
-                        usable[s, r, b] = True
-                        break
-                if usable[s, r, b]:
-                    low = min(low, node[s, r, b])
-        to_go[s] = to_go[s + 1] + (low if low < inf else 0.0)
-    # the turn before from the turn now and the whole turns between two base configurations, −1 where there is none
-    lookup = np.full(3**6, -1, np.int32)
-    for t in range(T):
-        code = 0
-        for i in range(6):
-            code = 3 * code + round(turns[t, i] / twopi) + 1
-        lookup[code] = t
-    source_turn = np.full((3**6, T), -1, np.int32)
-    for code in range(3**6):
-        for t in range(T):
-            rest, other, unit = code, 0, 1
-            for i in range(5, -1, -1):
-                digit = rest % 3 - 1 + round(turns[t, i] / twopi)
-                rest //= 3
-                if abs(digit) > 1:
-                    other = -1
-                    break
-                other += unit * (digit + 1)
-                unit *= 3
-            if other >= 0:
-                source_turn[code, t] = lookup[other]
+    usable, to_go = _bound_vertices(node, feasible)
+    source_turn = _list_source_turns(turns)
     values, sources = np.empty(T), np.empty(T, np.int64)
     members, group, corner, cheapest = _groups(before, q[0], turns)
     s = -1
@@ -292,58 +389,11 @@ def find_cheapest_sequence(
                 elif free:
                     ru = (r + shift[s]) % R
                     for t in range(T):
-                        value, source = most, -1
                         if feasible[s, r, b, t]:
-                            for tu in range(T):  # the same posture first: near, so that few others are examined
-                                u = (ru * B + b) * T + tu
-                                if before[u] < value:
-                                    way = price_flight(
-                                        q,
-                                        turns,
-                                        (s, r, b, t),
-                                        (last, ru, b, tu),
-                                        loose,
-                                        price_q[s],
-                                        value - before[u],
-                                        need,
-                                        external_need,
-                                        flight,
-                                    )
-                                    if before[u] + way < value:
-                                        value, source = before[u] + way, u
-                            for g in range(len(cheapest)):
-                                if cheapest[g] >= value:
-                                    break
-                                away = 0.0
-                                for i in range(6):
-                                    x = q[s, r, b, i] + turns[t, i]
-                                    away += max(corner[g, 0, i] - x, 0.0) + max(x - corner[g, 1, i], 0.0)
-                                other = members[group[g, 0]] // T % B != b
-                                away = (0.0 if loose else price_q[s] * away) + (flight[1] if other else 0.0)
-                                if cheapest[g] + away >= value:
-                                    continue
-                                for j in range(group[g, 0], group[g, 1]):
-                                    u = members[j]
-                                    if before[u] >= value:
-                                        continue
-                                    rj, bj, tj = u // (B * T), u // T % B, u % T
-                                    if shut[bj, b]:
-                                        continue
-                                    way = price_flight(
-                                        q,
-                                        turns,
-                                        (s, r, b, t),
-                                        (last, rj, bj, tj),
-                                        loose,
-                                        price_q[s],
-                                        value - before[u],
-                                        need,
-                                        external_need,
-                                        flight,
-                                    )
-                                    if before[u] + way < value:
-                                        value, source = before[u] + way, u
-                        values[t], sources[t] = value, source
+                            values[t], sources[t] = _find_flight_source(
+                                q, turns, (s, r, b, t), last, ru, before, members, group, corner, cheapest,
+                                shut, loose, price_q[s], need, external_need, flight, most,
+                            )  # fmt: skip
                 else:
                     highest = most  # upper bound of the values found so far: higher ones are irrelevant for every turn
                     up, down = True, True  # no forbidden rotation crossed so far
@@ -426,14 +476,4 @@ def find_cheapest_sequence(
     for u in range(V):
         if before[u] < before[v]:
             v = u
-    value = before[v]
-    s = last
-    while s >= 0:
-        best[s, 0], best[s, 1], best[s, 2] = v // (B * T), v // T % B, v % T
-        v = back[s, v]
-        s -= 1
-        while s >= 0 and v >= 0 and not exists_at[s]:
-            s -= 1
-        if v < 0:
-            break
-    return best, value, -1, broken, reached
+    return _trace_sequence(back, exists_at, v, last, (B, T)), before[v], -1, broken, reached

@@ -83,6 +83,19 @@ class SplineBasis:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _RatedPlaces:
+    """Prices of the n places by themselves, and their derivatives with respect to the rotations."""
+
+    value: float
+    gradient: Array  # (n,)
+    diagonal: Array  # (n,)
+    delta: Array  # (n,) rad, from the middle of the corridor
+    cost: Array  # (n,) index in units of c₀
+    slope: Array  # (n,) 1/rad, its derivative
+    hollow: Array  # (n,) 1/rad², its second derivative where positive
+
+
+@dataclass(frozen=True, kw_only=True)
 class RoundedObjective:
     """Smoothed objective at one point: value, and gradient and Hessian in the offsets (n,)."""
 
@@ -135,16 +148,9 @@ class SplineObjective:
         flown = ((0, ends.before, w.travel * terms.travel[0]), (-1, ends.after, ends.onward))
         self.flights = [(i, band.slope[i], band.q[i] - q, price) for i, q, price in flown if q is not None]
 
-    def model(self, c: Array, width: float, stiff: float) -> RoundedObjective:
-        """Return the smoothed J, with the price of leaving the corridor and without that of bending.
-
-        Args:
-            c: (m,) coefficients.
-            width: ε, in rad, and in c₀ for the worst cost.
-            stiff: price per rad² outside the corridor.
-        """
+    def _rate_places(self, phi: Array, stiff: float) -> _RatedPlaces:
+        """Return mean index, preference, clearance and the price of leaving the corridor at phi (n,) rad."""
         part, terms, w = self.part, self.part.terms, self.part.terms.weights
-        phi = self.basis.values(c)
         delta = phi - part.band.phi
         cost, slope, bend = self.table.at(delta)
         share, hollow = terms.share, np.maximum(bend, 0.0)
@@ -165,21 +171,42 @@ class SplineObjective:
         value += stiff * float(out @ out)
         gradient += 2.0 * stiff * out
         diagonal += 2.0 * stiff * (out != 0.0)
-        # the worst cost: a smoothed maximum, with the shares p of the places that contribute
-        high = np.where(terms.counted, cost, -np.inf)
-        top = max(float(high.max()), self.elsewhere)
-        p = np.exp((high - top) / width)
-        whole = float(p.sum()) + float(np.exp((self.elsewhere - top) / width))
-        p /= whole
-        value += w.worst * (top + width * float(np.log(whole)))
-        gradient += w.worst * p * slope
-        diagonal += w.worst * p * (hollow + slope**2 / width)
+        return _RatedPlaces(
+            value=value, gradient=gradient, diagonal=diagonal, delta=delta, cost=cost, slope=slope, hollow=hollow
+        )
+
+    def _add_flights(self, value: float, gradient: Array, diagonal: Array, delta: Array, width: float) -> float:
+        """Add the prices of the rapid moves to gradient and diagonal (n,), in place; return the value with them."""
         for i, lean, apart, flight in self.flights:
             f = apart + lean * delta[i]
             r = np.sqrt(f * f + width * width)
             value += flight * float(r.sum())
             gradient[i] += flight * float((lean * f / r).sum())
             diagonal[i] += flight * float((lean**2 * width * width / r**3).sum())
+        return value
+
+    def model(self, c: Array, width: float, stiff: float) -> RoundedObjective:
+        """Return the smoothed J, with the price of leaving the corridor and without that of bending.
+
+        Args:
+            c: (m,) coefficients.
+            width: ε, in rad, and in c₀ for the worst cost.
+            stiff: price per rad² outside the corridor.
+        """
+        terms, w = self.part.terms, self.part.terms.weights
+        nodes = self._rate_places(self.basis.values(c), stiff)
+        value, gradient, diagonal = nodes.value, nodes.gradient, nodes.diagonal
+        delta, slope = nodes.delta, nodes.slope
+        # the worst cost: a smoothed maximum, with the shares p of the places that contribute
+        high = np.where(terms.counted, nodes.cost, -np.inf)
+        top = max(float(high.max()), self.elsewhere)
+        p = np.exp((high - top) / width)
+        whole = float(p.sum()) + float(np.exp((self.elsewhere - top) / width))
+        p /= whole
+        value += w.worst * (top + width * float(np.log(whole)))
+        gradient += w.worst * p * slope
+        diagonal += w.worst * p * (nodes.hollow + slope**2 / width)
+        value = self._add_flights(value, gradient, diagonal, delta, width)
         v = self.jump + self.back * delta[:-1] + self.on * delta[1:]
         s = np.sqrt(v * v + width * width)
         z, price = v / s, self.price

@@ -184,9 +184,6 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
     travel = _travel(position, axis, joined)
     again = np.flatnonzero(entered)
     travel[again - 1] = travel[again]  # at a re-entry the file's direction holds on both sides
-    along = np.abs(np.sum(np.diff(position, axis=0, prepend=position[:1]) * axis, axis=1))
-    length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
-    plunge = joined & (length > 0) & (along >= PARALLEL * length)
     # values of the file at a point apply to the move that leaves it, like the direction of travel
     left = np.floor(index).astype(int)
     of_left = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[left]]
@@ -204,7 +201,7 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
         travel=travel,
         is_point=(np.abs(index - np.round(index)) < SAME_INDEX) & ~entered,
         is_drilling=drilling,
-        plunge=plunge,
+        plunge=_find_plunges(position, axis, joined),
         reference=reference,
         offset=compute_signed_angle(natural, reference, -axis),
         stations=_stations(position, axis, move, runs, np.searchsorted(index, keep)),
@@ -221,6 +218,13 @@ def _repeat_reentry_points(index: Array, reentries: tuple[int, ...]) -> tuple[Ar
         return index, entered
     after = np.searchsorted(index, np.array(reentries, float) + SAME_INDEX)
     return np.insert(index, after, np.array(reentries, float)), np.insert(entered, after, True)
+
+
+def _find_plunges(position: Array, axis: Array, joined: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (P,) whether the step into each point follows the tool axis; ``joined`` (P,): it is inside a run."""
+    along = np.abs(np.sum(np.diff(position, axis=0, prepend=position[:1]) * axis, axis=1))
+    length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
+    return np.asarray(joined & (length > 0) & (along >= PARALLEL * length))
 
 
 def _known_feed(feed: Array) -> Array:

@@ -13,7 +13,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.cost.objective import compute_total
-from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.path_planner import PathVariant, plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.stations.planning_path import PlanningPath
@@ -97,10 +97,9 @@ class _TiltRequest:
             self.toolpath,
             self.search_options,
             self.clock,
-            external=plan.path.external if setup.cell.external_joints else None,
+            variant=PathVariant(plan.path.external if setup.cell.external_joints else None, curve),
             scale=plan.scores.scale,
             before=plan,
-            tilt=curve,
         )
         weights, grid = self.options.weights, found.grid
         dearer = (1.0 - MOTION_SHARE) * (weights.travel * grid.travel + weights.rotation * grid.rotation)

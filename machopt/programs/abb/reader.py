@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
@@ -27,7 +28,7 @@ from machopt.programs.abb.rapid_syntax import (
 from machopt.programs.abb.rapid_syntax import list_external_axes as externals
 from machopt.programs.reading.called_files import find_called_file
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import ProgramBuilder
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
 from machopt.programs.reading.rotation_conventions import build_pose_matrix, convert_quaternion
 
 _MOVES = frozenset(
@@ -283,7 +284,7 @@ class _RapidReader:
         self.frames(values[count + 2], options.get("WOBJ"))
         if word == "MOVEABSJ":
             axes, external = parse_jointtarget(targets[0])
-            self.out.joint(axes, line, blend=blend, external=external)
+            self.out.joint(axes, line, MoveAttributes(blend=blend, external=external))
             return
         x, y, z, q, rest = parse_robtarget(targets[-1])
         rows = convert_quaternion(*q)
@@ -293,27 +294,18 @@ class _RapidReader:
             self.out.ignore("length of a quaternion", line, understood=False, stops=False)
         external = externals(rest[1]) if len(rest) > 1 else []
         bits = parse_confdata(rest[0]) if rest else {}
+        given = MoveAttributes(feed=feed, blend=blend, external=external, configuration=bits)
         if word.startswith("MOVEC"):
             via = _parse_via_pose(targets[0])
             end = build_pose_matrix(rows, x * 1e-3, y * 1e-3, z * 1e-3)
-            self.out.circle(via, end, line, feed=feed, blend=blend, external=external, configuration=bits)
+            self.out.circle(via, end, line, given)
             return
         seconds = options.get("T")
         if isinstance(seconds, float) and seconds > 0.0 and self.out.last is not None:
             feed = math.dist(self.out.last[:3, 3] * 1e3, (x, y, z)) * 1e-3 / seconds
         kind = JOINT if word.startswith("MOVEJ") else LINEAR
-        self.out.pose(
-            kind,
-            rows,
-            x * 1e-3,
-            y * 1e-3,
-            z * 1e-3,
-            line,
-            feed=feed if kind == LINEAR else math.nan,
-            blend=blend,
-            external=external,
-            configuration=bits,
-        )
+        given = replace(given, feed=feed if kind == LINEAR else math.nan)
+        self.out.pose(kind, rows, (x * 1e-3, y * 1e-3, z * 1e-3), line, given)
 
     def frames(self, tool: object, base: object) -> None:
         tool_name = self.data.frame_name(tool, "TOOL")

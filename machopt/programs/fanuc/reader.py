@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from machopt.programs.fanuc.harmless_words import FANUC
 from machopt.programs.reading.called_files import find_called_file
 from machopt.programs.reading.harmless_words import compile_beginning_pattern
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import STANDING_TOOL, ProgramBuilder, parse_number
+from machopt.programs.reading.program_builder import STANDING_TOOL, MoveAttributes, ProgramBuilder, parse_number
 from machopt.programs.reading.rotation_conventions import (
     build_pose_matrix,
     compute_fixed_xyz_rotation,
@@ -159,37 +160,25 @@ class _FanucReader:
             return
         percent = re.search(r"\bCNT\s*(\d+)", motion.group(4), re.IGNORECASE)
         words = {**found.configuration, "cnt": int(percent.group(1)) if percent is not None else 0}
-        if "J1" in found.values:
-            axes = [found.values.get(f"J{k}", math.nan) for k in range(1, 7)]
-            if any(math.isnan(v) for v in axes):
-                raise self.out.error(f"P[{motion.group(3)}] has no six axes", found.line, part.source)
-            self.out.joint(
-                axes,
-                line,
-                kind=kind,
-                feed=feed if kind == LINEAR else math.nan,
-                blend=blend,
-                external=found.other_groups,
-                configuration=words,
-            )
-            return
-        v = found.values
-        if kind == LINEAR and (seconds := _SECONDS.search(tail)) and self.out.last is not None:
-            way = float(np.linalg.norm(_build_pose(v)[:3, 3] - self.out.last[:3, 3]))
-            feed = way / (float(seconds.group(1)) * (1e-3 if seconds.group(2) else 1.0) or math.inf)
-        rows = compute_fixed_xyz_rotation(v["W"], v["P"], v["R"])
-        self.out.pose(
-            kind,
-            rows,
-            v["X"] * 1e-3,
-            v["Y"] * 1e-3,
-            v["Z"] * 1e-3,
-            line,
+        given = MoveAttributes(
             feed=feed if kind == LINEAR else math.nan,
             blend=blend,
             external=found.other_groups,
             configuration=words,
         )
+        if "J1" in found.values:
+            axes = [found.values.get(f"J{k}", math.nan) for k in range(1, 7)]
+            if any(math.isnan(v) for v in axes):
+                raise self.out.error(f"P[{motion.group(3)}] has no six axes", found.line, part.source)
+            self.out.joint(axes, line, given, kind=kind)
+            return
+        v = found.values
+        if kind == LINEAR and (seconds := _SECONDS.search(tail)) and self.out.last is not None:
+            way = float(np.linalg.norm(_build_pose(v)[:3, 3] - self.out.last[:3, 3]))
+            feed = way / (float(seconds.group(1)) * (1e-3 if seconds.group(2) else 1.0) or math.inf)
+            given = replace(given, feed=feed)
+        rows = compute_fixed_xyz_rotation(v["W"], v["P"], v["R"])
+        self.out.pose(kind, rows, (v["X"] * 1e-3, v["Y"] * 1e-3, v["Z"] * 1e-3), line, given)
 
     def step(self, by: FanucPosition, kind: int, feed: float, blend: float, line: int, part: FanucFile) -> None:
         """INC: add the numbers of the position to the present one, along the user frame."""
@@ -206,9 +195,8 @@ class _FanucReader:
             )
         T = self.out.last.copy()
         T[:3, 3] += [by.values[c] * 1e-3 for c in "XYZ"]
-        self.out.add_pose_move(
-            kind, T, line, feed=feed if kind == LINEAR else math.nan, blend=blend, external=by.other_groups
-        )
+        given = MoveAttributes(feed=feed if kind == LINEAR else math.nan, blend=blend, external=by.other_groups)
+        self.out.add_pose_move(kind, T, line, given)
 
     def arc_point(self, part: FanucFile, motion: re.Match[str], line: int) -> None:
         """A: straight to the first of a row; from the third on, the arc through it and the two before."""
@@ -226,9 +214,8 @@ class _FanucReader:
         feed, blend = self.read_motion_options(motion.group(4), line, part)
         a, b, c = (row[0] for row in self.row[-3:])
         via = b if len(self.row) == 3 else compute_halfway_pose(a, b, c)
-        self.out.circle(
-            via, c, line, feed=feed, blend=blend, external=found.other_groups, configuration=found.configuration
-        )
+        given = MoveAttributes(feed=feed, blend=blend, external=found.other_groups, configuration=found.configuration)
+        self.out.circle(via, c, line, given)
 
     def end_of_arcs(self, part: FanucFile) -> None:
         if len(self.row) == 2:
@@ -247,9 +234,8 @@ class _FanucReader:
             if "X" not in p.values:
                 raise self.out.error("a circular move needs Cartesian positions", line, part.source)
             poses.append(_build_pose(p.values))
-        self.out.circle(
-            poses[0], poses[1], line, feed=feed, blend=blend, external=end.other_groups, configuration=end.configuration
-        )
+        given = MoveAttributes(feed=feed, blend=blend, external=end.other_groups, configuration=end.configuration)
+        self.out.circle(poses[0], poses[1], line, given)
 
     def read_motion_options(self, text: str, line: int, part: FanucFile) -> tuple[float, float]:
         """Read feed in m/s and blend in m from the text behind a position."""

@@ -11,7 +11,7 @@ from machopt.file_formats.csv_text_escaping import unescape_formula_text
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.json_programs import parse_json_object
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import ProgramBuilder, parse_number
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, parse_number
 from machopt.programs.reading.rotation_conventions import Rows, build_pose_matrix, convert_quaternion
 
 _FRAME = re.compile(r"(tool in the flange|workpiece in the robot):(.*)mm,(.*)", re.IGNORECASE)
@@ -151,16 +151,14 @@ def _read_row(out: ProgramBuilder, row: Mapping[str, str], line: int) -> None:
         external.pop()
     blend = value("blend_mm")
     feed = value("feed_mm_min")
-    out.joint(
-        [value(c, True) for c in _Q],
-        line,
-        kind=kind,
+    axes = [value(c, True) for c in _Q]
+    given = MoveAttributes(
         feed=feed / 6e4 if kind == LINEAR else math.nan,
         blend=0.0 if math.isnan(blend) else blend * 1e-3,
         time=value("time_s"),
         external=external,
-        pose=build_pose_matrix(rows, x * 1e-3, y * 1e-3, z * 1e-3),
     )
+    out.joint(axes, line, given, kind=kind, pose=build_pose_matrix(rows, x * 1e-3, y * 1e-3, z * 1e-3))
 
 
 def _read_rotation(out: ProgramBuilder, q: Sequence[float], line: int) -> Rows:

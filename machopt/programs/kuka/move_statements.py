@@ -10,7 +10,7 @@ import numpy as np
 from machopt.programs.kuka.expression_values import KrlMemory, KrlValueError, try_evaluate
 from machopt.programs.kuka.move_targets import AXES, KrlTargets, build_pose, get_numeric_component, list_external_values
 from machopt.programs.reading.parsed_program import JOINT, LINEAR
-from machopt.programs.reading.program_builder import ProgramBuilder
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
 from machopt.programs.reading.rotation_conventions import compute_fixed_xyz_rotation
 
 _HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # the present robot position
@@ -67,37 +67,22 @@ class KrlMoves:
             feed = value if isinstance(value, float) and kind == LINEAR else feed
         target = targets[-1]
         if any(a in target for a in AXES):
-            self.out.joint(
-                self.targets.joints(target),
-                line,
-                kind=kind,
-                feed=feed,
-                blend=blend,
-                external=list_external_values(target),
-            )
+            given = MoveAttributes(feed=feed, blend=blend, external=list_external_values(target))
+            self.out.joint(self.targets.joints(target), line, given, kind=kind)
             return
         via = self.targets.full(targets[0]) if len(targets) == 2 else None
         full = self.targets.full(target)
         bits = {w: int(get_numeric_component(target, w)) for w in ("S", "T") if isinstance(target.get(w), float)}
         T = build_pose(full)
+        given = MoveAttributes(feed=feed, blend=blend, external=list_external_values(target), configuration=bits)
         if via is not None:
             angle = re.search(r"\bCA\s+([-+.\d]+)", rest, re.IGNORECASE)
-            self.out.circle(
-                build_pose(via),
-                T,
-                line,
-                feed=feed,
-                blend=blend,
-                external=list_external_values(target),
-                configuration=bits,
-                sweep_deg=float(angle.group(1)) if angle else None,
-            )
+            sweep_deg = float(angle.group(1)) if angle else None
+            self.out.circle(build_pose(via), T, line, given, sweep_deg=sweep_deg)
             return
         rows = compute_fixed_xyz_rotation(full["C"], full["B"], full["A"])
         x, y, z = (full[c] * 1e-3 for c in "XYZ")
-        self.out.pose(
-            kind, rows, x, y, z, line, feed=feed, blend=blend, external=list_external_values(target), configuration=bits
-        )
+        self.out.pose(kind, rows, (x, y, z), line, given)
 
     def _read_move_target(self, line: int) -> None:
         """A joint move to a place that is not known: nothing of the last target holds any more."""
@@ -117,7 +102,7 @@ class KrlMoves:
                 self._read_move_target(line)  # axes of a pose: only the robot knows them
                 return
             self.targets.axes |= {a: self.targets.axes[a] + get_numeric_component(delta, a) for a in AXES if a in delta}
-            self.out.joint([self.targets.axes[a] for a in AXES], line, blend=blend)
+            self.out.joint([self.targets.axes[a] for a in AXES], line, MoveAttributes(blend=blend))
             return
         if self.out.last is None:
             raise KrlValueError(f"{word} starts at the current position of the robot, which the program does not state")
@@ -126,5 +111,5 @@ class KrlMoves:
         step = np.array([get_numeric_component(delta, c) * 1e-3 if c in delta else 0.0 for c in ("X", "Y", "Z")])
         T = self.out.last.copy()
         T[:3, 3] += T[:3, :3] @ step if re.search(r"#TOOL\b", rest, re.IGNORECASE) else step
-        self.out.add_pose_move(kind, T, line, feed=feed, blend=blend)
+        self.out.add_pose_move(kind, T, line, MoveAttributes(feed=feed, blend=blend))
         self.targets.pose |= {c: float(v) * 1e3 for c, v in zip("XYZ", T[:3, 3].tolist(), strict=True)}

@@ -6,7 +6,7 @@ import math
 import re
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,20 @@ _CAM_KINDS = (
     (re.compile(r"\s*(?:STOP|OPSTOP|M0?[01]\b)", re.IGNORECASE), "stop"),
 )
 _LABEL = re.compile(r"\s*(operation|move|CAM|external)\s*:\s?(.*)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MoveAttributes:
+    """What a program states of a move beside its target."""
+
+    feed: float = math.nan  # m/s; NaN where not given
+    blend: float = 0.0  # m, blend distance at the end of the move; 0 for an exact stop
+    time: float = NO_TIME  # s, time of the target
+    external: Sequence[float] = ()  # values of the external axes as in the file; NaN for unused ones
+    configuration: Mapping[str, object] | None = None  # names and values of the arm configuration; None: not given
+
+
+NOTHING_GIVEN = MoveAttributes()
 
 
 @dataclass(kw_only=True)
@@ -137,13 +151,9 @@ class ProgramBuilder:
         self,
         axes_deg: Sequence[float],
         line: int,
+        given: MoveAttributes = NOTHING_GIVEN,
         *,
         kind: int = JOINT,
-        feed: float = math.nan,
-        blend: float = 0.0,
-        time: float = NO_TIME,
-        external: Sequence[float] = (),
-        configuration: Mapping[str, object] | None = None,
         pose: Array | None = None,
     ) -> None:
         """Add a target in axes.
@@ -151,12 +161,8 @@ class ProgramBuilder:
         Args:
             axes_deg: Six axes in degrees; NaN where only pulses are known.
             line: Line number in the file (1-based).
+            given: What the program states beside the target.
             kind: Kind of move: joint, linear or circular.
-            feed: Feed, m/s; NaN where not given.
-            blend: Blend distance at the end of the move, m; 0 for an exact stop.
-            time: Time of the target in s; a constant where not given.
-            external: Values of the external axes as in the file; NaN for unused ones.
-            configuration: Names and values of the arm configuration; None where not given.
             pose: Pose (4, 4) of the target in m, where the file gives it too.
 
         Raises:
@@ -165,62 +171,39 @@ class ProgramBuilder:
         for value in axes_deg:
             if abs(value) > MOST_DEGREES or math.isinf(value):
                 raise self.error(f"axis at {value:g} degrees; expected a position of a robot's axis", line)
-        self._add(kind, tuple(axes_deg), pose, feed, blend, time, external, configuration, line)
+        self._add(kind, tuple(axes_deg), pose, line, given)
         self.last = pose
 
     def pose(
         self,
         kind: int,
         rows: Rows,
-        x: float,
-        y: float,
-        z: float,
+        position: tuple[float, float, float],
         line: int,
-        *,
-        feed: float = math.nan,
-        blend: float = 0.0,
-        external: Sequence[float] = (),
-        configuration: Mapping[str, object] | None = None,
+        given: MoveAttributes = NOTHING_GIVEN,
     ) -> None:
         """Add a target as a rotation and a position.
 
         Args:
             kind: Kind of move: joint, linear or circular.
             rows: Rotation, nine numbers row by row.
-            x: Position along x, m.
-            y: Position along y, m.
-            z: Position along z, m.
+            position: Position along x, y and z, m.
             line: Line number in the file (1-based).
-            feed: Feed, m/s; NaN where not given.
-            blend: Blend distance at the end of the move, m; 0 for an exact stop.
-            external: Values of the external axes as in the file; NaN for unused ones.
-            configuration: Names and values of the arm configuration; None where not given.
+            given: What the program states beside the target.
         """
         a, b, c, d, e, f, g, h, i = rows
+        x, y, z = position
         T = np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
-        self.add_pose_move(kind, T, line, feed=feed, blend=blend, external=external, configuration=configuration)
+        self.add_pose_move(kind, T, line, given)
 
-    def add_pose_move(
-        self,
-        kind: int,
-        T: Array,
-        line: int,
-        *,
-        feed: float = math.nan,
-        blend: float = 0.0,
-        external: Sequence[float] = (),
-        configuration: Mapping[str, object] | None = None,
-    ) -> None:
+    def add_pose_move(self, kind: int, T: Array, line: int, given: MoveAttributes = NOTHING_GIVEN) -> None:
         """Add a target as a pose.
 
         Args:
             kind: Kind of move: joint, linear or circular.
             T: Pose (4, 4), m.
             line: Line number in the file (1-based).
-            feed: Feed, m/s; NaN where not given.
-            blend: Blend distance at the end of the move, m; 0 for an exact stop.
-            external: Values of the external axes as in the file; NaN for unused ones.
-            configuration: Names and values of the arm configuration; None where not given.
+            given: What the program states beside the target.
 
         Raises:
             InputError: the target is malformed.
@@ -228,20 +211,11 @@ class ProgramBuilder:
         x, y, z = T[:3, 3].tolist()
         if not all(math.isfinite(v) and abs(v) <= FARTHEST for v in (x, y, z)):
             raise self.error(f"target at {x:g}, {y:g}, {z:g} m; expected a place in a robot cell", line)
-        self._add(kind, None, T, feed, blend, NO_TIME, external, configuration, line)
+        self._add(kind, None, T, line, given)
         self.last = T
 
     def circle(
-        self,
-        via: Array,
-        end: Array,
-        line: int,
-        *,
-        feed: float,
-        blend: float,
-        external: Sequence[float] = (),
-        configuration: Mapping[str, object] | None = None,
-        sweep_deg: float | None = None,
+        self, via: Array, end: Array, line: int, given: MoveAttributes, *, sweep_deg: float | None = None
     ) -> None:
         """Add an arc from the present pose through ``via`` to ``end`` as chords.
 
@@ -251,10 +225,7 @@ class ProgramBuilder:
             via: Pose (4, 4) on the arc, m.
             end: Pose (4, 4) at its end, m.
             line: Line number in the file (1-based).
-            feed: Feed, m/s; NaN where not given.
-            blend: Blend distance at the end of the move, m; 0 for an exact stop.
-            external: Values of the external axes as in the file; NaN for unused ones.
-            configuration: Names and values of the arm configuration; None where not given.
+            given: What the program states beside the target.
             sweep_deg: Angle of the arc in degrees, None where ``end`` ends it.
 
         Raises:
@@ -267,45 +238,30 @@ class ProgramBuilder:
             poses = compute_circle_poses(self.last, via, end, self.arc_tolerance, sweep_deg)
         except ArcError as problem:
             raise self.error(str(problem), line) from None
-        for k, T in enumerate(poses):
-            final = k + 1 == len(poses)
-            self.add_pose_move(
-                LINEAR,
-                T,
-                line,
-                feed=feed,
-                blend=blend if final else math.nan,
-                external=external,
-                configuration=configuration,
-            )
+        between = replace(given, blend=math.nan)
+        for T in poses[:-1]:
+            self.add_pose_move(LINEAR, T, line, between)
+        for T in poses[-1:]:
+            self.add_pose_move(LINEAR, T, line, given)
 
     def _add(
-        self,
-        kind: int,
-        axes: tuple[float, ...] | None,
-        T: Array | None,
-        feed: float,
-        blend: float,
-        time: float,
-        external: Sequence[float],
-        configuration: Mapping[str, object] | None,
-        line: int,
+        self, kind: int, axes: tuple[float, ...] | None, T: Array | None, line: int, given: MoveAttributes
     ) -> None:
         if len(self) >= MOST_MOVES + line:
             raise self.error(f"more than {MOST_MOVES} moves beyond one a line", line)
         nan = math.nan
         self._numbers.extend(axes if axes is not None else (nan,) * 6)
         self._numbers.extend(T[:3].ravel().tolist() if T is not None else (nan,) * 12)
-        feed *= self.speed_override
-        self._numbers.extend((feed if feed > 0.0 and math.isfinite(feed) else nan, blend, time))
+        feed = given.feed * self.speed_override
+        self._numbers.extend((feed if feed > 0.0 and math.isfinite(feed) else nan, given.blend, given.time))
         move = MoveKind.RAPID if kind == JOINT else self._word
         if not self._bases:
             self.set_base(ProgramFrame("base", None))
         if not self._tools:
             self.set_tool(ProgramFrame("tool", None))
         self._codes.extend((kind, self._base, self._tool, move, self._operation, line))
-        self._external.append(tuple(external) or self.commented_external_values)
-        self._configuration.append(configuration or {})
+        self._external.append(tuple(given.external) or self.commented_external_values)
+        self._configuration.append(given.configuration or {})
         self._is_last_event_comment = False
 
     # ---- frames

@@ -13,7 +13,7 @@ from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.called_files import try_read_source
 from machopt.programs.reading.json_programs import parse_json_object
 from machopt.programs.reading.parsed_program import ParsedProgram
-from machopt.programs.reading.program_builder import ProgramBuilder
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
 
 JOINTS, MOST = 6, 12
 _KEY = re.compile(r"\b([a-z_]+):(?=\s)")
@@ -57,7 +57,8 @@ def read_ros(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
             raise out.error(f"points[{n - 1}]: time_from_start {time:g} s does not rise")
         previous = time
         arm, external = [math.degrees(v) for v in positions[:JOINTS]], positions[JOINTS:]
-        out.joint(arm, n, kind=out.find_streamed_kind, blend=math.nan, time=time, external=external)
+        given = MoveAttributes(blend=math.nan, time=time, external=external)
+        out.joint(arm, n, given, kind=out.find_streamed_kind)
     for kind, text in told.get(len(points) + 1, ()):
         out.comment(f"{kind}: {text}")
     return out.build()

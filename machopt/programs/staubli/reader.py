@@ -15,7 +15,7 @@ from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
 from machopt.programs.reading.called_files import find_sibling_files, try_read_source
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import ProgramBuilder, parse_number
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, parse_number
 from machopt.programs.reading.rotation_conventions import build_pose_matrix, compute_moving_xyz_rotation
 from machopt.programs.staubli.harmless_words import VAL3, VAL3_TYPES
 
@@ -251,7 +251,7 @@ class _Val3Reader:
         if what == "jointRx":
             if kind == LINEAR:
                 raise self.out.error(f"{word} goes to {name}, a joint position", line)
-            self.out.joint(self.numbers(values, "j1 j2 j3 j4 j5 j6", line, name), line, blend=blend)
+            self.out.joint(self.numbers(values, "j1 j2 j3 j4 j5 j6", line, name), line, MoveAttributes(blend=blend))
             return
         poses = []
         for label, kind_of, attributes in targets:
@@ -261,10 +261,11 @@ class _Val3Reader:
         base, T_base = self.parent(values.get("fatherId", "world[0]"), line)
         self.out.set_base(ProgramFrame(base, T_base))
         bits: dict[str, object] = {k: values[k] for k in ("shoulder", "elbow", "wrist") if k in values}
+        given = MoveAttributes(feed=feed, blend=blend, configuration=bits)
         if word == "movec":
-            self.out.circle(poses[0], poses[1], line, feed=feed, blend=blend, configuration=bits)
+            self.out.circle(poses[0], poses[1], line, given)
             return
-        self.out.add_pose_move(kind, poses[0], line, feed=feed, blend=blend, configuration=bits)
+        self.out.add_pose_move(kind, poses[0], line, given)
 
 
 def _parse_xml(source: SourceFile) -> ET.Element:

@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import ProgramBuilder
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
 from machopt.programs.reading.rotation_conventions import build_pose_matrix
 from machopt.programs.universal_robots.expression_values import (
     ScriptPose,
@@ -300,7 +300,8 @@ class _ScriptReader:
             step = {"step_s": length("t")} if name == "servoj" else {}
             if name == "servoj":
                 kind = self.out.find_streamed_kind
-            self.out.joint(axes, line.number, kind=kind, feed=feed, blend=length("r"), configuration=step)
+            given = MoveAttributes(feed=feed, blend=length("r"), configuration=step)
+            self.out.joint(axes, line.number, given, kind=kind)
             return
         if not isinstance(target, ScriptPose):
             shown = "a value known only while the robot runs" if isinstance(target, UnknownValue) else "no target"
@@ -309,13 +310,13 @@ class _ScriptReader:
             via = options.get("via")
             if not isinstance(via, ScriptPose):
                 raise ScriptValueError("movec without a pose on its way")
-            self.out.circle(_build_matrix(via), _build_matrix(target), line.number, feed=feed, blend=length("r"))
+            given = MoveAttributes(feed=feed, blend=length("r"))
+            self.out.circle(_build_matrix(via), _build_matrix(target), line.number, given)
             return
         self.out.set_base(ProgramFrame(target.base, np.eye(4) if target.base_matrix is None else target.base_matrix))
-        x, y, z = target.position
         if kind == LINEAR and length("t") > 0.0 and self.out.last is not None:
             feed = math.dist(self.out.last[:3, 3], target.position) / length("t")
-        self.out.pose(kind, target.rows, x, y, z, line.number, feed=feed, blend=length("r"))
+        self.out.pose(kind, target.rows, target.position, line.number, MoveAttributes(feed=feed, blend=length("r")))
 
 
 def _build_matrix(pose: ScriptPose) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

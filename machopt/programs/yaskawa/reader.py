@@ -10,7 +10,7 @@ from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.called_files import find_called_file
 from machopt.programs.reading.harmless_words import compile_beginning_pattern
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import ProgramBuilder, parse_number
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, parse_number
 from machopt.programs.reading.rotation_conventions import compute_fixed_xyz_rotation
 from machopt.programs.yaskawa.harmless_words import JBI
 
@@ -170,24 +170,15 @@ class _YaskawaReader:
         configuration["external"] = counted
         if found.kind == "RECTAN":
             x, y, z, w, p, r = found.values[:6]
-            self.out.pose(
-                kind,
-                compute_fixed_xyz_rotation(w, p, r),
-                x * 1e-3,
-                y * 1e-3,
-                z * 1e-3,
-                line,
-                feed=feed,
-                blend=blend,
-                external=external,
-                configuration=configuration,
-            )
+            given = MoveAttributes(feed=feed, blend=blend, external=external, configuration=configuration)
+            self.out.pose(kind, compute_fixed_xyz_rotation(w, p, r), (x * 1e-3, y * 1e-3, z * 1e-3), line, given)
             return
         axes = list(found.values[:6])
         if found.kind == "PULSE":
             configuration["pulses"] = tuple(int(v) for v in axes)
             axes = [math.nan] * 6 if self.scale is None else [v / s for v, s in zip(axes, self.scale, strict=True)]
-        self.out.joint(axes, line, kind=kind, feed=feed, blend=blend, external=external, configuration=configuration)
+        given = MoveAttributes(feed=feed, blend=blend, external=external, configuration=configuration)
+        self.out.joint(axes, line, given, kind=kind)
 
     def read_external_positions(
         self, job: YaskawaJob, names: list[str], line: int

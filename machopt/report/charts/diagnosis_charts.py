@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.effects.effect_wording import format_place
-from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
 from machopt.numerics.array_types import Array
 from machopt.report.charts.point_reduction import round_for_json
 from machopt.report.page_types.diagnosis_page_data import DiagnosisPageData, JobEffect
@@ -85,6 +86,48 @@ def build_group_chart(data: DiagnosisPageData) -> Spec | None:
     }
 
 
+@dataclass(frozen=True)
+class _ErrorSeries:
+    """Size of the residual of N readings, before or after the findings."""
+
+    name: str
+    size: Array  # (N,)
+    color: str
+    hollow: bool
+    offset: float  # of the points along the axis, where it has few values
+
+
+def _list_error_series(d: DiagnosisResult, before: Array, after: Array) -> list[_ErrorSeries]:
+    """Return the residuals before and, where a finding of the machine exists, after."""
+    if not has_machine_finding(d):
+        return [_ErrorSeries(describe_error_before(d), before, BEFORE, True, 0.0)]
+    return [
+        _ErrorSeries(describe_error_before(d), before, BEFORE, True, -0.12),
+        _ErrorSeries("with the findings", after, AFTER, False, 0.12),
+    ]
+
+
+def _build_rms_layer(
+    series: _ErrorSeries, at: Array, good: NDArray[np.intp], *, few: bool, has_two: bool
+) -> list[Spec]:
+    """Return the layer of the rms per value or bin; empty where there are too few readings for one."""
+    x, mean = compute_binned_rms(at[good], series.size[good], few=few)
+    if len(x) < (1 if few else 2):
+        return []  # a legend would name a line that is not drawn
+    return [
+        {
+            "type": "points" if few else "line",
+            "name": f"rms, {'before' if series.color == BEFORE else 'after'}" if has_two else "rms",
+            "color": series.color,
+            "width": 2.4,
+            "size": 5,
+            "mark": "diamond",
+            "x": round_for_json(x + (series.offset if few else 0.0)),
+            "y": round_for_json(mean),
+        }
+    ]
+
+
 def build_axis_chart(data: DiagnosisPageData, axis: str, spec_id: str) -> Spec | None:
     """Return the chart of the held-out residual over one axis: readings, and their rms per value or bin.
 
@@ -107,36 +150,17 @@ def build_axis_chart(data: DiagnosisPageData, axis: str, spec_id: str) -> Spec |
         return None
     few = len(different) <= MIN_READINGS
     at = np.searchsorted(different, values).astype(float) if few else values
+    series = _list_error_series(d, before, after)
     drawn = good[_select_points(len(good), MAX_POINTS)]
     layers: list[Spec] = []
-    pairs = [(describe_error_before(d), before, BEFORE, True, -0.12)]
-    if has_machine_finding(d):
-        pairs.append(("with the findings", after, AFTER, False, 0.12))
-    else:
-        pairs = [(*pairs[0][:-1], 0.0)]
-    for what, size, color, hollow, aside in pairs:
-        drawn_x = round_for_json(at[drawn] + (aside if few else 0.0))
-        marks: Spec = {"type": "points", "name": what, "color": color, "hollow": hollow, "size": 1.6}
+    for one in series:
+        drawn_x = round_for_json(at[drawn] + (one.offset if few else 0.0))
+        marks: Spec = {"type": "points", "name": one.name, "color": one.color, "hollow": one.hollow, "size": 1.6}
         layers.append(
-            {**marks, "x": drawn_x, "y": round_for_json(size[drawn]), "labels": _list_reading_labels(data, drawn)}
+            {**marks, "x": drawn_x, "y": round_for_json(one.size[drawn]), "labels": _list_reading_labels(data, drawn)}
         )
-    for _, size, color, _, aside in pairs:
-        x, mean = compute_binned_rms(at[good], size[good], few=few)
-        if len(x) < (1 if few else 2):
-            continue  # too few readings: a legend would name a line that is not drawn
-        shift = aside if few else 0.0
-        layers.append(
-            {
-                "type": "points" if few else "line",
-                "name": f"rms, {'before' if color == BEFORE else 'after'}" if len(pairs) > 1 else "rms",
-                "color": color,
-                "width": 2.4,
-                "size": 5,
-                "mark": "diamond",
-                "x": round_for_json(x + shift),
-                "y": round_for_json(mean),
-            }
-        )
+    for one in series:
+        layers += _build_rms_layer(one, at, good, few=few, has_two=len(series) > 1)
     spec: Spec = {
         "id": spec_id,
         "title": f"Size of the residual{whose} over {describe_axis(axis)}",

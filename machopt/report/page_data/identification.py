@@ -23,6 +23,19 @@ from machopt.version import __version__
 MAJORITY_SHARE = 0.5  # share of the displacements' power; real arms show 0.8 and more (dumas2011 section 5.3)
 
 
+JOINTS = 6  # of the arm
+
+
+def _select_badge(found: IdentificationResult) -> tuple[str, str]:
+    """Return tone and text of the badge."""
+    if found.errors.explained < MAJORITY_SHARE:  # whatever the intervals say: this arm is not what was measured
+        return "bad", "NOT EXPLAINED"
+    known = sum(j.identified for j in found.joints)
+    if known == JOINTS:
+        return "warn" if found.warnings else "good", "IDENTIFIED"
+    return ("warn", "IN PART") if known else ("bad", "NOT SEEN")
+
+
 def build_identification_page_data(
     cell: Cell,
     recording: Recording,
@@ -39,18 +52,12 @@ def build_identification_page_data(
         found: Result of the identification.
         facts: Label and text of each fact in the page's table.
     """
-    known = [j for j in found.joints if j.identified]
-    unseen = found.heldout
     t = found.table
     sigma = np.empty(t.measured.shape)
     for c, scatter in enumerate(found.scatter):
         sigma[:, 3 * c : 3 * c + 3] = scatter.total
-    tone, badge = ("good", "IDENTIFIED") if len(known) == 6 else ("warn", "IN PART") if known else ("bad", "NOT SEEN")
-    if tone == "good" and found.warnings:
-        tone = "warn"
-    heldout_rmse = unseen.rmse if unseen is not None else np.nan
-    if found.errors.explained < MAJORITY_SHARE:  # whatever the intervals say: this arm is not what was measured
-        tone, badge = "bad", "NOT EXPLAINED"
+    tone, badge = _select_badge(found)
+    heldout_rmse = found.heldout.rmse if found.heldout is not None else np.nan
     prior = None if cell.stiffness is None else cell.stiffness.joints
     return IdentificationPageData(
         title=f"Stiffness of {cell.name}",

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.documents.optimize_document import WorstPointSection
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.stock import StockSummary
@@ -69,23 +70,29 @@ _REASON_TEXTS = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlanEvidence:
+    """What the page shows beside the plan and its motion."""
+
+    shown: CollisionMap  # feasible rotations and branches
+    hashes: dict[str, str]  # SHA-256 of the input files by name
+    options: dict[str, object]  # planning options in force
+    timings: dict[str, float]  # s, computing time of each stage
+    verification: Verification | None = None  # None where there is none
+    programs: Sequence[page.ProgramRow] = ()  # exported programs
+    front: Sequence[FrontPlan] = ()  # plans of the trade-off front
+    before: Plan | None = None  # a plan to compare with, on the rotation map
+    unchecked: tuple[str, ...] = ()  # names of what was not checked
+    blockers: tuple[str, ...] = ()  # what has to be settled before production
+    stock: StockSummary | None = None  # what the job does to its stock; None where no engagement comes from there
+
+
 def build_report_data(
     plan: Plan,
     toolpath: Toolpath,
     points: PointResults,
     timeline: MotionTimeline | None,
-    verification: Verification | None,
-    programs: Sequence[page.ProgramRow] = (),
-    *,
-    front: Sequence[FrontPlan] = (),
-    shown: CollisionMap,
-    before: Plan | None = None,
-    unchecked: tuple[str, ...] = (),
-    blockers: tuple[str, ...] = (),
-    hashes: dict[str, str],
-    options: dict[str, object],
-    timings: dict[str, float],
-    stock: StockSummary | None = None,
+    evidence: PlanEvidence,
 ) -> page.ReportData:
     """Collect everything that the page shows; stages that were not reached stay empty.
 
@@ -94,36 +101,25 @@ def build_report_data(
         toolpath: The toolpath, points in the workpiece frame, SI.
         points: Results at the toolpath's points.
         timeline: The motion over time; None where there is no motion.
-        verification: The verification; None where there is none.
-        programs: The exported programs.
-        front: Plans of the trade-off front.
-        shown: The map of feasible rotations and branches.
-        before: A plan to compare with, on the rotation map.
-        unchecked: Names of what was not checked.
-        blockers: What has to be settled before production.
-        hashes: SHA-256 of the input files by name.
-        options: The planning options in force.
-        timings: Computing time of each stage.
-        stock: What the job does to its stock; None where no engagement comes from there.
+        evidence: Verification, programs, options and the rest of the page.
     """
     index = plan.scores.index
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _convert_cost(plan, s) for name, s in _list_assignments(plan)}
     s = compute_cut_length(toolpath, plan.path.counted[points.rows])
     shift = _build_shift(plan, toolpath)
-    summary = _build_summary(plan, points, timeline, verification, quantity, float(s[-1]), shift)
-    summary = replace(summary, unchecked=unchecked, blockers=blockers)
-    models = [p.setup.collision for p in ([part.plan for part in plan.parts] or [plan]) if p.setup.collision]
+    summary = _build_summary(plan, points, timeline, evidence.verification, quantity, float(s[-1]), shift)
+    summary = replace(summary, unchecked=evidence.unchecked, blockers=evidence.blockers)
     return page.ReportData(
         title=f"{plan.setup.cell.name}: {toolpath.source}",
         cell=plan.setup.cell.name,
         toolpath=toolpath.source,
         version=__version__,
         summary=summary,
-        hashes=tuple(hashes.items()),
-        options=tuple((k, str(v)) for k, v in options.items()),
-        map=build_rotation_map(plan, shown, s, before),
-        view=build_optimize_scene(plan, toolpath, points, timeline, shown, series["chosen"]),
+        hashes=tuple(evidence.hashes.items()),
+        options=tuple((k, str(v)) for k, v in evidence.options.items()),
+        map=build_rotation_map(plan, evidence.shown, s, evidence.before),
+        view=build_optimize_scene(plan, toolpath, points, timeline, evidence.shown, series["chosen"]),
         path=build_path_series(plan, toolpath, points, series),
         motion=build_motion_series(plan, toolpath, points, timeline),
         dips=_list_feed_dips(plan, timeline, s),
@@ -133,33 +129,48 @@ def build_report_data(
         operations=_list_operations(plan, toolpath, points, timeline, series),
         ignored=toolpath.ignored,
         notes=tuple(plan.setup.cell.notes),
-        warnings=(
-            *plan.setup.cell.warnings,
-            *toolpath.warnings,
-            *find_options_without_effect(plan.options),
-            *list_hints(plan),
-            *((f"rapid move {d}" for d in timeline.detours) if timeline else ()),
-        ),
-        breaks=tuple(
-            page.MotionBreak(*b.ends, b.text, b.help)
-            for b in list_breaks(plan, timeline.obstructions if timeline else ())
-        ),
+        warnings=_list_warnings(plan, toolpath, timeline),
+        breaks=_list_motion_breaks(plan, timeline),
         excluded_pairs=_remove_duplicate_pairs(
-            page.ExcludedPairRow(e.a, e.b, e.reason) for model in models for e in model.excluded
+            page.ExcludedPairRow(e.a, e.b, e.reason) for model in _list_collision_models(plan) for e in model.excluded
         ),
         adjacent_pairs=_remove_duplicate_pairs(
-            page.ExcludedPairRow(e.a, e.b, e.reason) for model in models for e in model.adjacent
+            page.ExcludedPairRow(e.a, e.b, e.reason) for model in _list_collision_models(plan) for e in model.adjacent
         ),
-        checks=_list_checks(verification),
-        information=tuple(
-            page.InformationRow(i.name, f"{i.value:.4g} {i.unit}", i.where)
-            for i in (verification.information if verification else ())
-        ),
-        programs=tuple(programs),
-        front=tuple(_build_trade_off_point(p) for p in front),
-        timings=tuple(timings.items()),
+        checks=_list_checks(evidence.verification),
+        information=_list_information(evidence.verification),
+        programs=tuple(evidence.programs),
+        front=tuple(_build_trade_off_point(p) for p in evidence.front),
+        timings=tuple(evidence.timings.items()),
         events=toolpath.events,
-        tolerances=build_tolerance_data(points, build_stability_map(plan, toolpath, s), stock),
+        tolerances=build_tolerance_data(points, build_stability_map(plan, toolpath, s), evidence.stock),
+    )
+
+
+def _list_warnings(plan: Plan, toolpath: Toolpath, timeline: MotionTimeline | None) -> tuple[str, ...]:
+    return (
+        *plan.setup.cell.warnings,
+        *toolpath.warnings,
+        *find_options_without_effect(plan.options),
+        *list_hints(plan),
+        *((f"rapid move {d}" for d in timeline.detours) if timeline else ()),
+    )
+
+
+def _list_motion_breaks(plan: Plan, timeline: MotionTimeline | None) -> tuple[page.MotionBreak, ...]:
+    breaks = list_breaks(plan, timeline.obstructions if timeline else ())
+    return tuple(page.MotionBreak(*b.ends, b.text, b.help) for b in breaks)
+
+
+def _list_collision_models(plan: Plan) -> list[CollisionModel]:
+    """Return the collision models of the tools of a plan."""
+    return [p.setup.collision for p in ([part.plan for part in plan.parts] or [plan]) if p.setup.collision]
+
+
+def _list_information(verification: Verification | None) -> tuple[page.InformationRow, ...]:
+    return tuple(
+        page.InformationRow(i.name, f"{i.value:.4g} {i.unit}", i.where)
+        for i in (verification.information if verification else ())
     )
 
 

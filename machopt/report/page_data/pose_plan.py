@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,12 +11,11 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.poses_table import PosesTable
 from machopt.kinematics.robot import Robot
 from machopt.measurement.design.job_like_loads import ProcessLoads
-from machopt.measurement.design.load_cases import LoadCases
 from machopt.measurement.design.maximin_discrimination import compute_required_noncentrality
 from machopt.measurement.design.measurement_plan import MeasurementPlan
-from machopt.measurement.design.pose_candidates import PosePool
 from machopt.measurement.design.request import PosesRequest, list_request_options
 from machopt.measurement.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, format_pair
+from machopt.measurement.diagnosis.discrimination.next_measurement import NextMeasurement
 from machopt.numerics.array_types import Array
 from machopt.report.page_types import pose_plan_page_data as page
 from machopt.report.page_types.display_units import FINE_LENGTH, LENGTH
@@ -27,14 +26,10 @@ from machopt.version import __version__
 def build_pose_plan_page_data(
     request: PosesRequest,
     cell: Cell,
-    robot: Robot,
-    pool: PosePool,
-    cases: LoadCases,
-    plan: MeasurementPlan | None,
+    measurement: NextMeasurement,
     table: PosesTable | None,
     hashes: dict[str, str],
     warnings: Sequence[str],
-    apart: DiscriminationPlan | None = None,
     scene: CellScene | None = None,
     job: ProcessLoads | None = None,
 ) -> page.PosePlanPageData:
@@ -43,36 +38,47 @@ def build_pose_plan_page_data(
     Args:
         request: The request of ``machopt plan-poses``.
         cell: The robot cell.
-        robot: The kinematic model of the robot.
-        pool: Candidate poses.
-        cases: Load cases.
-        plan: The measurement plan; None where none was computed.
+        measurement: Candidate poses, load cases and the plan, if one was computed.
         table: Table of the poses; None without a plan.
         hashes: SHA-256 of the input files by name.
         warnings: Warnings to show.
-        apart: Plan that distinguishes rival models; None without one.
         scene: The cell for the 3-D view; None without one.
         job: Loads of the job that the stiffness is needed for; None without one.
     """
-    common: dict[str, Any] = {
-        "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}",
-        "cell": cell.name,
-        "version": __version__,
-        "tried": pool.drawn_count,
-        "passed": len(pool),
-        "cases": len(cases),
-        "rejected_poses": tuple(pool.rejected.items()),
-        "rejected_loads": tuple(cases.rejected.items()),
-        "warnings": tuple(warnings),
-        "options": tuple(list_request_options(request)),
-        "hashes": tuple(hashes.items()),
-    }
+    pool, cases, plan, apart = measurement.pool, measurement.cases, measurement.plan, measurement.discrimination
+    head = page.PosePlanPageData(
+        title=f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}",
+        cell=cell.name,
+        version=__version__,
+        tried=pool.drawn_count,
+        passed=len(pool),
+        cases=len(cases),
+        rejected_poses=tuple(pool.rejected.items()),
+        rejected_loads=tuple(cases.rejected.items()),
+        warnings=tuple(warnings),
+        options=tuple(list_request_options(request)),
+        hashes=tuple(hashes.items()),
+    )
     if plan is None or table is None:
-        return page.PosePlanPageData(**common, reason=warnings[-1])
+        return replace(head, reason=warnings[-1])
+    head = replace(head, scene=scene, job=() if job is None else _list_joint_demands(plan))
+    return _add_plan(head, request, cell, measurement, plan, table)
+
+
+def _add_plan(
+    head: page.PosePlanPageData,
+    request: PosesRequest,
+    cell: Cell,
+    measurement: NextMeasurement,
+    plan: MeasurementPlan,
+    table: PosesTable,
+) -> page.PosePlanPageData:
+    """Return the data of the page with those of the plan and its table."""
+    pool, apart = measurement.pool, measurement.discrimination
     u, steps = plan.unknowns, plan.steps if apart is None else apart.steps
     chosen = pool.q[plan.cases.pose[[b[0] for b in plan.design.blocks]]]
-    return page.PosePlanPageData(
-        **common,
+    return replace(
+        head,
         explanation_pairs=() if apart is None else _list_explanation_pairs(apart),
         rounds=0 if apart is None else apart.noise.cycles,
         required_noncentrality=compute_required_noncentrality(),
@@ -91,17 +97,16 @@ def build_pose_plan_page_data(
         target=_convert_percent(request.target_percent),
         needed=plan.needed_poses,
         cloud=pool.T_base_tcp[:MAX_CLOUD_POINTS, :3, 3],
-        job=()
-        if job is None
-        else tuple(
-            page.JointDemand(joint=j.joint, job=j.job, tests=j.tests, shows_play=j.detects_backlash)
-            for j in plan.joints
-        ),
         steps=steps,
-        arms=_compute_arm_points(robot, chosen, cell),
-        scene=scene,
+        arms=_compute_arm_points(measurement.robot, chosen, cell),
         postures=_build_postures(chosen, table, cell.external_home),
         work=_build_load_cycles(table),
+    )
+
+
+def _list_joint_demands(plan: MeasurementPlan) -> tuple[page.JointDemand, ...]:
+    return tuple(
+        page.JointDemand(joint=j.joint, job=j.job, tests=j.tests, shows_play=j.detects_backlash) for j in plan.joints
     )
 
 

@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 
-from machopt.data_types.cell import Cell
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
@@ -22,7 +21,7 @@ from machopt.report.page_types.workspace_map_page import (
 )
 from machopt.report.scene.scene_types import CellScene
 from machopt.version import __version__
-from machopt.workspace_map.document import DEG, MM, REASON_TEXTS, MapLayerResult
+from machopt.workspace_map.document import DEG, MM, REASON_TEXTS, EvaluatedMap, MapLayerResult
 from machopt.workspace_map.measured_stiffness import MeasuredComparison
 from machopt.workspace_map.postures import ReachingArm
 from machopt.workspace_map.quantities import MapQuantity, MapSettings
@@ -52,32 +51,16 @@ _FREEDOM = MapField(
 )
 
 
-def build_map_page_data(
-    cell: Cell,
-    options: MapOptions,
-    setting: MapSettings,
-    samples: MapSamples,
-    arm: ReachingArm,
-    layers: list[MapLayerResult],
-    criterion: MapQuantity,
-    comparison: MeasuredComparison | None,
-    result: MapDocument,
-    scene: CellScene,
-) -> MapPageData:
+def build_map_page_data(evaluated: EvaluatedMap, result: MapDocument, scene: CellScene) -> MapPageData:
     """Return everything that page and picture show.
 
     Args:
-        cell: The robot cell.
-        options: Options of the map.
-        setting: Settings that follow from options and cell.
-        samples: Sample positions of the map.
-        arm: Kinematics and limits of the arm.
-        layers: Results of each layer.
-        criterion: Quantity by which postures are chosen.
-        comparison: Comparison with measured stiffness; None without measurements.
+        evaluated: The map with its inputs.
         result: Content of map.json.
         scene: The cell's bodies for the 3-D view.
     """
+    cell, options, comparison = evaluated.cell, evaluated.options, evaluated.comparison
+    samples, layers, criterion = evaluated.samples, evaluated.layers, evaluated.criterion
     fields = [
         MapField(key=f.key, name=f.name, unit=f.unit, better=f.better, note=f.note) for f in layers[0].values.fields
     ]
@@ -107,11 +90,11 @@ def build_map_page_data(
         layers=tuple(shown),
         criterion=criterion.key,
         reasons=tuple(_describe_code(code) for code in PlaceCode),
-        arm=_build_arm_lines(arm, invert_transform(options.T_base_frame)),
+        arm=_build_arm_lines(evaluated.arm, invert_transform(options.T_base_frame)),
         verdict=result.verdict,
         warnings=result.warnings,
         measured=None if comparison is None else _build_measured_view(comparison),
-        options=_list_options(result, setting),
+        options=_list_options(result, evaluated.setting),
         hashes=tuple(result.inputs.items()),
         space=MapScene(scene, options.T_base_frame, cell.external_home),
     )

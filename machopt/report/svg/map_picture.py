@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.report.charts.isolines import choose_round_levels, compute_isolines
 from machopt.report.charts.map_charts import Spec, build_curve_charts
-from machopt.report.page_types.workspace_map_page import MapAxis, MapField, MapLayer, MapPageData
+from machopt.report.page_types.workspace_map_page import MapAxis, MapField, MapPageData
 from machopt.report.svg.chart_elements import (
     Box,
     Pixels,
@@ -83,7 +83,9 @@ def _build_panels(data: MapPageData) -> Markup:
     panel = w + _LEFT + 24
     parts: list[SvgShape] = []
     for n, (layer, value, reason) in enumerate(panels):
-        parts += _build_panel(axes, layer, value, reason, field, (low, high), (_LEFT + n * panel, _TOP, w, h), data)
+        heading = field.name if data.kind == "joints" else layer.title
+        shown = _FieldSlice(axes=axes, field=field, value=value, reason=reason, title=heading)
+        parts += _build_panel(shown, (low, high), (_LEFT + n * panel, _TOP, w, h))
     width, height = panel * len(panels) + _BAR, h + _TOP + _BOTTOM
     unit = f" ({field.display_unit.name})" if field.display_unit.name else ""
     bar = (width - _BAR + 4, _TOP, 14.0, h)
@@ -117,8 +119,9 @@ def build_comparison_svg(data: MapPageData, axis: str) -> Markup:
     for n, (f, value, title) in enumerate(zip(fields, values, keys.values(), strict=True)):
         box = (_LEFT + n * (w + _LEFT + 24), _TOP, w, h)
         guess = layer.guess[f.key].reshape(data.shape) if f.key in layer.guess else None
-        shown = replace(layer, title=title)
-        parts.extend(_build_panel(data.axes, shown, value, reason, f, (low, high), box, data, guess))
+        heading = f.name if data.kind == "joints" and guess is None else title
+        shown = _FieldSlice(axes=data.axes, field=f, value=value, reason=reason, title=heading, guess=guess)
+        parts.extend(_build_panel(shown, (low, high), box))
         if data.kind == "slice" and data.measured is not None:
             at = data.measured.position[:, ["xyz".index(a.name) for a in data.axes]] * data.axes[0].display_unit.factor
             x, y = box[0] + (at[:, 0] - u0) / (u1 - u0) * w, box[1] + h - (at[:, 1] - v0) / (v1 - v0) * h
@@ -145,22 +148,24 @@ def _compute_axis_ends(axis: MapAxis) -> tuple[float, float]:
     return float(values[0] - step), float(values[-1] + step)
 
 
-def _build_panel(
-    axes: tuple[MapAxis, ...],
-    layer: MapLayer,
-    value: Array,
-    reason: CodeArray,
-    field: MapField,
-    limits: tuple[float, float],
-    box: Box,
-    data: MapPageData,
-    guess: NDArray[np.bool_] | None = None,
-) -> list[SvgShape]:
+@dataclass(frozen=True, kw_only=True)
+class _FieldSlice:
+    """One quantity over two axes, for one panel."""
+
+    axes: tuple[MapAxis, ...]
+    field: MapField
+    value: Array  # (U, V) in the display unit
+    reason: CodeArray  # (U, V) 0 where there is a posture
+    title: str
+    guess: NDArray[np.bool_] | None = None  # (U, V) beyond the measured positions; None: nothing is interpolated
+
+
+def _build_panel(shown: _FieldSlice, limits: tuple[float, float], box: Box) -> list[SvgShape]:
     x, y, w, h = box
     low, high = limits
-    out = [
-        build_image(box, _build_pixels(value, reason, field, low, high, (round(w * _PIXEL), round(h * _PIXEL)), guess))
-    ]
+    value, reason, axes = shown.value, shown.reason, shown.axes
+    size = round(w * _PIXEL), round(h * _PIXEL)
+    out = [build_image(box, _build_pixels(value, reason, shown.field, low, high, size, shown.guess))]
     nu, nv = value.shape
     for level in choose_round_levels(low, high).tolist():
         found = compute_isolines(np.where(reason == 0, value, np.nan), level)
@@ -176,8 +181,7 @@ def _build_panel(
         *build_bottom_ticks(box, *_compute_axis_ends(axes[0]), label[0]),
         *build_left_ticks(box, *_compute_axis_ends(axes[1]), label[1]),
     ]
-    title = field.name if data.kind == "joints" and guess is None else layer.title
-    return [*out, build_text(x, y - 8, title[0].upper() + title[1:])]
+    return [*out, build_text(x, y - 8, shown.title[0].upper() + shown.title[1:])]
 
 
 def _build_pixels(

@@ -31,6 +31,32 @@ class KeyFigure:
     more: str
 
 
+def _build_infeasible_verdict(data: ReportData) -> ResultVerdict:
+    """Return badge, sentence and cautions of a result without a trajectory."""
+    s = data.summary
+    kinds = sorted({p.status for p in data.infeasible})
+    why = f" ({', '.join(kinds)})" if kinds else ""
+    number = s.infeasible_points or len(data.infeasible)
+    parts = [f"for {number} of {s.points} points{why}{_describe_first_infeasible(data)}"] if number else []
+    breaks = [b for b in data.breaks if not any(b.reason in p.reason for p in data.infeasible)]
+    if breaks:  # those that no point tells
+        first = breaks[0]
+        parts.append(
+            f"at {format_count(len(breaks), 'break')} of the motion, the first from {first.before} to "
+            f"{first.after} ({first.reason})"
+        )
+    sentence = (
+        f"No feasible plan {' and '.join(parts)}; no trajectory was written. "
+        "The tables below list the cause for each, its amount, and what would help."
+    )
+    return ResultVerdict(
+        add_scope_to_verdict("NO FEASIBLE ANSWER", s.unchecked),
+        "bad",
+        _join_sentences(s.note, sentence),
+        _list_cautions(data),
+    )
+
+
 def build_verdict(data: ReportData) -> ResultVerdict:
     """Return badge, sentence and cautions of a result.
 
@@ -39,27 +65,7 @@ def build_verdict(data: ReportData) -> ResultVerdict:
     """
     s = data.summary
     if s.outcome == "infeasible":
-        kinds = sorted({p.status for p in data.infeasible})
-        why = f" ({', '.join(kinds)})" if kinds else ""
-        number = s.infeasible_points or len(data.infeasible)
-        parts = [f"for {number} of {s.points} points{why}{_describe_first_infeasible(data)}"] if number else []
-        breaks = [b for b in data.breaks if not any(b.reason in p.reason for p in data.infeasible)]
-        if breaks:  # those that no point tells
-            first = breaks[0]
-            parts.append(
-                f"at {format_count(len(breaks), 'break')} of the motion, the first from {first.before} to "
-                f"{first.after} ({first.reason})"
-            )
-        sentence = (
-            f"No feasible plan {' and '.join(parts)}; no trajectory was written. "
-            "The tables below list the cause for each, its amount, and what would help."
-        )
-        return ResultVerdict(
-            add_scope_to_verdict("NO FEASIBLE ANSWER", s.unchecked),
-            "bad",
-            _join_sentences(s.note, sentence),
-            _list_cautions(data),
-        )
+        return _build_infeasible_verdict(data)
     tolerances = data.tolerances
     headline = tolerances.headline if tolerances is not None and tolerances.operations else ""
     parts = [_describe_gain(s), _describe_mean_gain(s)]

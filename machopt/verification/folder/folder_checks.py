@@ -173,8 +173,7 @@ def _check_programs(
                 [one for number, one in every if number == segment.number],
                 options=segment.restrict_options(options),
                 tolerance=tolerance,
-                motion=motion,
-                tables=tables,
+                tables=motion if tables is None else tables,
                 source=None if name is None else f"{cell.name}; {name}",
             )
     except InputError as problem:

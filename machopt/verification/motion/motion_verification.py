@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
+from machopt.numerics.array_types import Array
 from machopt.verification.checks import (
     CheckName,
     Verification,
@@ -59,7 +61,7 @@ from machopt.verification.motion.kinematics.encoder_correction import (
     list_unchecked_corrections,
 )
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
-from machopt.verification.motion.path_geometry.sample_location import locate_samples
+from machopt.verification.motion.path_geometry.sample_location import SampleLocations, locate_samples
 from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
 from machopt.verification.tables.advised_feeds import check_advised_feeds
 from machopt.verification.tables.exported_tables import (
@@ -167,74 +169,148 @@ def verify_single_tool(
         options: The planning options in force.
         touching: Pairs of body names that may touch.
     """
-    motion, points, shift = tables.motion, tables.points, tables.shift
-    arm = UrdfKinematics(cell)
-    index, position = (
-        (np.arange(len(toolpath), dtype=float), toolpath.position)
-        if shift is None
-        else (compute_commanded_corners(toolpath, shift))
-    )
-    stands = replace(motion, q=compute_true_angles(cell.kinematics, motion.q))
-    stood = replace(points, q=compute_true_angles(cell.kinematics, points.q))
-    tool = arm.compute_tcp_in_workpiece(stands.q, motion.external)
-    tilt = None if tables.tilt is None else ToolTilt.build(cell, toolpath, tables.tilt, (index, position))
-    on = locate_samples(motion, toolpath, index, position, tool, options, tilt)
-    checks: list[VerificationRow] = [
-        *check_path(motion, toolpath, points, on, options.allow_gaps),
-        *check_move_labels(motion, toolpath, points, on, options.allow_gaps),
-        *check_reentries(motion, toolpath, options),
-        *check_feed(motion, toolpath, on, options, cell),
-        *check_dwells_and_stops(motion, toolpath, points, on, (index, position), cell),
-    ]
-    bodies = build_bodies(cell, arm)
-    table = PointsTableCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options, tilt)
-    if tilt is not None and tables.tilt is not None:
-        checks += check_tilt(
-            TiltTables(
-                cell=cell,
-                toolpath=toolpath,
-                motion=motion,
-                points=points,
-                exported=tables.tilt,
-                tilt=tilt,
-                locations=on,
-                tcp_of_points=table.tool,
-                live=table.live,
-                options=options,
-            )
-        )
-    # pairs to which the required clearance applies
-    kept, unfounded = verification_list_checked_pairs(cell, arm, bodies, options.clearance, touching)
-    wanted = kept if touching is not None else list_checked_pairs(cell, arm, bodies)
-    of_points = [
-        *table.check_all(motion, on),
-        *_check_clearance(table, stood, bodies, kept, options),
-        *check_process_columns(cell, toolpath, points, motion, arm),
-        *check_advised_feeds(toolpath, points, options),
-    ]
-    checks += [replace(c, file="points.csv") for c in of_points]
-    checks += check_requested_choices(cell, toolpath, points, np.flatnonzero(table.live), options, motion)
-    checks += [*check_correction_range(cell.kinematics, motion.q), *list_unchecked_corrections(cell.kinematics)]
-    if shift is not None:
-        checks += [
-            _build_shift_check(f)
-            for f in compare_compensation_shift(cell, toolpath, stands, stood, shift, arm, options)
-        ]
+    context = _VerifiedTool.build(cell, toolpath, tables, options)
+    kept, unfounded = verification_list_checked_pairs(cell, context.arm, context.bodies, options.clearance, touching)
+    wanted = kept if touching is not None else list_checked_pairs(cell, context.arm, context.bodies)
+    checks = [*context.check_motion(), *context.check_points(kept)]
     if options.collision and touching is not None:
         checks.append(build_count_check(CheckName.TOUCHING, unfounded, "pairs"))
-    checks += check_inventory(cell, arm, bodies, wanted)
-    checks += check_gouges(stands, toolpath, on, arm, bodies, options, shift is not None)
-    if options.collision:
-        checks.append(
-            check_contacts(find_contacts(arm, wanted, stands.q, stands.external, on.is_free), stands, arm, bodies)
+    return [*checks, *context.check_bodies(wanted)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _VerifiedTool:
+    """The motion of one tool, by the second kinematics, and its tables."""
+
+    cell: Cell
+    toolpath: Toolpath
+    tables: ExportedTables
+    options: PlanOptions
+    arm: UrdfKinematics
+    bodies: list[CoalBody]
+    motion: ExportedMotion  # with true angles
+    points: ExportedPoints  # with true angles
+    corners: tuple[Array, Array]  # index (P,) and position (P, 3) m of the commanded path in the workpiece
+    tilt: ToolTilt | None
+    locations: SampleLocations
+
+    @classmethod
+    def build(cls, cell: Cell, toolpath: Toolpath, tables: ExportedTables, options: PlanOptions) -> _VerifiedTool:
+        """Locate the samples of the motion on the toolpath."""
+        motion, points, shift = tables.motion, tables.points, tables.shift
+        arm = UrdfKinematics(cell)
+        corners = (
+            (np.arange(len(toolpath), dtype=float), toolpath.position)
+            if shift is None
+            else compute_commanded_corners(toolpath, shift)
         )
-        checks += [
-            *measure_depth_outside_cuts(stands, toolpath, on, arm, bodies),
-            *check_cut_level(stands, toolpath, on, cell, (index, position)),
+        true_motion = replace(motion, q=compute_true_angles(cell.kinematics, motion.q))
+        tool = arm.compute_tcp_in_workpiece(true_motion.q, motion.external)
+        tilt = None if tables.tilt is None else ToolTilt.build(cell, toolpath, tables.tilt, corners)
+        return cls(
+            cell=cell,
+            toolpath=toolpath,
+            tables=tables,
+            options=options,
+            arm=arm,
+            bodies=build_bodies(cell, arm),
+            motion=true_motion,
+            points=replace(points, q=compute_true_angles(cell.kinematics, points.q)),
+            corners=corners,
+            tilt=tilt,
+            locations=locate_samples(motion, toolpath, corners[0], corners[1], tool, options, tilt),
+        )
+
+    def check_motion(self) -> list[VerificationRow]:
+        """Return the checks of path, labels, feed and stops of the motion."""
+        motion, points, on = self.tables.motion, self.tables.points, self.locations
+        return [
+            *check_path(motion, self.toolpath, points, on, self.options.allow_gaps),
+            *check_move_labels(motion, self.toolpath, points, on, self.options.allow_gaps),
+            *check_reentries(motion, self.toolpath, self.options),
+            *check_feed(motion, self.toolpath, on, self.options, self.cell),
+            *check_dwells_and_stops(motion, self.toolpath, points, on, self.corners, self.cell),
         ]
-    else:
-        checks.append(build_skipped_check(CheckName.CONTACTS, COLLISION_CHECKS_OFF))
-    return checks
+
+    def check_points(self, pairs: list[tuple[CoalBody, CoalBody]]) -> list[VerificationRow]:
+        """Return the checks of the tables; the clearance of points applies to ``pairs``."""
+        cell, toolpath, options, arm = self.cell, self.toolpath, self.options, self.arm
+        motion, points = self.tables.motion, self.tables.points
+        table = PointsTableCheck(cell, toolpath, points, arm, np.nan_to_num(self.points.q), options, self.tilt)
+        checks: list[VerificationRow] = []
+        if self.tilt is not None and self.tables.tilt is not None:
+            checks += check_tilt(
+                TiltTables(
+                    cell=cell,
+                    toolpath=toolpath,
+                    motion=motion,
+                    points=points,
+                    exported=self.tables.tilt,
+                    tilt=self.tilt,
+                    locations=self.locations,
+                    tcp_of_points=table.tool,
+                    live=table.live,
+                    options=options,
+                )
+            )
+        of_points = [
+            *table.check_all(motion, self.locations),
+            *_check_clearance(table, self.points, self.bodies, pairs, options),
+            *check_process_columns(cell, toolpath, points, motion, arm),
+            *check_advised_feeds(toolpath, points, options),
+        ]
+        checks += [replace(c, file="points.csv") for c in of_points]
+        checks += check_requested_choices(cell, toolpath, points, np.flatnonzero(table.live), options, motion)
+        checks += [*check_correction_range(cell.kinematics, motion.q), *list_unchecked_corrections(cell.kinematics)]
+        if self.tables.shift is not None:
+            checks += [
+                _build_shift_check(f)
+                for f in compare_compensation_shift(
+                    cell, toolpath, self.motion, self.points, self.tables.shift, arm, options
+                )
+            ]
+        return checks
+
+    def check_bodies(self, pairs: list[tuple[CoalBody, CoalBody]]) -> list[VerificationRow]:
+        """Return the checks of gouges, contacts and depths of the motion."""
+        motion, on, arm, bodies = self.motion, self.locations, self.arm, self.bodies
+        checks: list[VerificationRow] = [*check_inventory(self.cell, arm, bodies, pairs)]
+        checks += check_gouges(motion, self.toolpath, on, arm, bodies, self.options, self.tables.shift is not None)
+        if not self.options.collision:
+            return [*checks, build_skipped_check(CheckName.CONTACTS, COLLISION_CHECKS_OFF)]
+        contacts = find_contacts(arm, pairs, motion.q, motion.external, on.is_free)
+        return [
+            *checks,
+            check_contacts(contacts, motion, arm, bodies),
+            *measure_depth_outside_cuts(motion, self.toolpath, on, arm, bodies),
+            *check_cut_level(motion, self.toolpath, on, self.cell, self.corners),
+        ]
+
+
+CLEARANCE_COLUMN = "points.csv clearance_mm"
+
+
+def _check_clearance_is_stated(
+    table: PointsTableCheck, rows: NDArray[np.intp], stated: Array, options: PlanOptions
+) -> VerificationCheck | None:
+    """Return the check of a column (n,) mm that must not be compared: collisions are off, or a value is missing."""
+    if not options.collision:
+        extra = np.where(np.isnan(stated), 0.0, np.inf)
+        at = table.describe_row(rows)
+        return build_worst_value_check(
+            CLEARANCE_COLUMN, "mm", extra, 0.0, lambda n: f"{at(n)} has one, but collisions are switched off"
+        )
+    if np.isnan(stated).any():
+        lacking = table.describe_row(rows[np.isnan(stated)])(0)
+        return VerificationCheck(
+            name=CLEARANCE_COLUMN,
+            passed=False,
+            value=np.nan,
+            limit=1e3 * CLEARANCE_TOLERANCE_M,
+            unit="mm",
+            where=f"{lacking} is ok and has none",
+        )
+    return None
 
 
 def _check_clearance(
@@ -245,32 +321,13 @@ def _check_clearance(
     options: PlanOptions,
 ) -> list[VerificationCheck]:
     """clearance_mm and nearest_pair; empty where collisions are not checked."""
-    name, rows = "points.csv clearance_mm", np.flatnonzero(table.live)
-    stated = table.points.numbers["clearance_mm"][rows]
-    if not options.collision:
-        extra = np.where(np.isnan(stated), 0.0, np.inf)
-        at = table.describe_row(rows)
-        told_off = [
-            build_worst_value_check(
-                name, "mm", extra, 0.0, lambda n: f"{at(n)} has one, but collisions are switched off"
-            )
-        ]
-        return told_off if len(rows) else []
+    rows = np.flatnonzero(table.live)
     if not len(rows):
         return []
-    if np.isnan(stated).any():
-        lacking = table.describe_row(rows[np.isnan(stated)])(0)
-        return [
-            VerificationCheck(
-                name=name,
-                passed=False,
-                value=np.nan,
-                limit=1e3 * CLEARANCE_TOLERANCE_M,
-                unit="mm",
-                where=f"{lacking} is ok and has none",
-            )
-        ]
-    named = table.points.words.get("nearest_pair")
+    stated, named = table.points.numbers["clearance_mm"][rows], table.points.words.get("nearest_pair")
+    unusable = _check_clearance_is_stated(table, rows, stated, options)
+    if unusable is not None:
+        return [unusable]
     if named is None:
         return [
             VerificationCheck(
@@ -292,7 +349,7 @@ def _check_clearance(
         short[some], beyond[some], pair[some] = found.too_small, found.too_large, found.pair
     return [
         build_worst_value_check(
-            name,
+            CLEARANCE_COLUMN,
             "mm",
             1e3 * short,
             1e3 * CLEARANCE_TOLERANCE_M,

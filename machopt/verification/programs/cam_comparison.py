@@ -170,46 +170,104 @@ def _find_streamed_cut_moves(
     return reached.astype(np.int64), gap, tilted
 
 
+@dataclass(frozen=True, kw_only=True)
+class _CutMoves:
+    """Moves of a program that make the cuts to n points of the CAM file, M moves in all."""
+
+    program: ProgramInCell
+    point: NDArray[np.int64]  # (n,) of the CAM file
+    first: NDArray[np.int64]  # (n,) first move of each cut
+    last: NDArray[np.int64]  # (n,) move that ends at the point
+    cut: NDArray[np.int64]  # (M,) which cut each move belongs to
+    move: NDArray[np.int64]  # (M,)
+    still: NDArray[np.bool_]  # (n,) nothing moves to what is reached already
+    same: NDArray[np.bool_]  # of each move of the program: it ends where it begins
+
+    @classmethod
+    def build(
+        cls, program: ProgramInCell, place: Array, cuts: ExpectedCuts, reached: NDArray[np.int64], limit: float
+    ) -> _CutMoves:
+        path = cuts.toolpath
+        behind = (
+            np.arange(len(reached)) > 0
+        )  # nothing is cut on the way to the first point of the file: the arm comes from home
+        k = np.flatnonzero(cuts.wanted & (reached >= 0) & behind)
+        j, first = reached[k], _find_first_moves(place, cuts, reached, k, limit)
+        count = j - first + 1
+        nth = np.repeat(np.arange(len(k)), count)  # of each move: which point's cut it belongs to
+        step = np.abs(np.diff(np.hstack([path.position, path.axis]), axis=0)).max(axis=1)
+        return cls(
+            program=program,
+            point=k,
+            first=first,
+            last=j,
+            cut=nth,
+            move=first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count),
+            still=np.append(False, step < 1e-9)[k],
+            same=np.append(False, np.abs(np.diff(program.T_workpiece_tcp, axis=0)).max(axis=(1, 2)) < 1e-9),
+        )
+
+    def describe(self, n: int) -> str:
+        """Return the place of a cut in the program."""
+        j = self.last[n]
+        return f"move {j + 1}, line {int(self.program.line[j])}, to point {self.point[n]}"
+
+    def find_bent(self) -> NDArray[np.bool_]:
+        """Return (n,) cuts that are not linear."""
+        bent = np.zeros(len(self.point), bool)
+        if not self.program.is_streamed:
+            bent[self.cut[self.program.kind[self.move] != LIN]] = True
+            bent &= ~self.still
+        return bent
+
+
 def _check_cut_moves(
     program: ProgramInCell, place: Array, cuts: ExpectedCuts, reached: NDArray[np.int64], limit: float
 ) -> list[VerificationCheck]:
     """The moves of each cut: linear, at the file's feed, on the file's line, none of them twice."""
-    index, corner = cuts.corners
-    path = cuts.toolpath
-    behind = (
-        np.arange(len(reached)) > 0
-    )  # nothing is cut on the way to the first point of the file: the arm comes from home
-    k = np.flatnonzero(cuts.wanted & (reached >= 0) & behind)
-    j, first = reached[k], _find_first_moves(place, cuts, reached, k, limit)
+    moves = _CutMoves.build(program, place, cuts, reached, limit)
+    bent = moves.find_bent()
+    joint = [moves.describe(n) for n in np.flatnonzero(bent).tolist()]
+    return [
+        _build_list_check(program, "cuts are linear", joint, "cuts"),
+        _check_cut_feeds(moves, cuts, bent),
+        *_check_cut_lines(moves, place, cuts, bent, limit),
+    ]
 
-    def name(n: int) -> str:
-        return f"move {j[n] + 1}, line {int(program.line[j[n]])}, to point {k[n]}"
 
-    count = j - first + 1
-    nth = np.repeat(np.arange(len(k)), count)  # of each move: which point's cut it belongs to
-    move = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)
-    step = np.abs(np.diff(np.hstack([path.position, path.axis]), axis=0)).max(axis=1)
-    still = np.append(False, step < 1e-9)[k]  # nothing moves to what is reached already
-    T = program.T_workpiece_tcp
-    same = np.append(False, np.abs(np.diff(T, axis=0)).max(axis=(1, 2)) < 1e-9)
-    bent = np.zeros(len(k), bool)
-    if not program.is_streamed:
-        bent[nth[program.kind[move] != LIN]] = True
-        bent &= ~still
-    joint = [name(n) for n in np.flatnonzero(bent).tolist()]
+def _check_cut_feeds(moves: _CutMoves, cuts: ExpectedCuts, bent: NDArray[np.bool_]) -> VerificationCheck:
+    """Return the check that the cuts have the file's feed."""
+    program, nth, move = moves.program, moves.cut, moves.move
     fast, worst_feed = [], 0.0
     if not program.is_streamed:
-        want = path.feed[k]
+        want = cuts.toolpath.feed[moves.point]
         off = np.abs(program.feed[move] - want[nth])
         off[np.isnan(off)] = np.inf
-        asked = (np.isfinite(want) & ~bent & ~still)[nth] & ~same[move]
+        asked = (np.isfinite(want) & ~bent & ~moves.still)[nth] & ~moves.same[move]
         worst_feed = float(off[asked].max(initial=0.0))
         wrong = asked & ~(off <= program.feed_step + FEED_TOLERANCE * want[nth])
         for n in np.unique(nth[wrong])[:MAX_NAMED].tolist():
             m = move[nth == n][int(np.argmax(off[nth == n]))]
-            fast.append(f"{name(n)}: {6e4 * program.feed[m]:g} instead of {6e4 * want[n]:g} mm/min")
+            fast.append(f"{moves.describe(n)}: {6e4 * program.feed[m]:g} instead of {6e4 * want[n]:g} mm/min")
+    return build_file_check(
+        program.file,
+        CheckName.CAM_FEED,
+        not fast,
+        6e4 * worst_feed,
+        6e4 * program.feed_step,
+        "mm/min",
+        "; ".join(fast[:MAX_NAMED]) or "all as in the file",
+    )
+
+
+def _check_cut_lines(
+    moves: _CutMoves, place: Array, cuts: ExpectedCuts, bent: NDArray[np.bool_], limit: float
+) -> list[VerificationCheck]:
+    """Return the checks that the cuts lie on the file's lines, and that none of their moves occurs twice."""
+    index, corner = cuts.corners
+    program, path, k, first, j = moves.program, cuts.toolpath, moves.point, moves.first, moves.last
     off_line, double, worst_line = [], [], 0.0
-    repeats = np.append(0, np.cumsum(same))
+    repeats = np.append(0, np.cumsum(moves.same))
     far = np.append(False, np.linalg.norm(np.diff(path.position, axis=0), axis=1) > 1e-6)
     for n in np.flatnonzero((k > 0) & (first < j) & ~bent).tolist():  # where moves lead on between two points
         inner = place[first[n] : j[n]]
@@ -217,21 +275,11 @@ def _check_cut_moves(
         away = _compute_polyline_distance(inner, corner[on]) if on.stop - on.start > 1 else np.zeros(len(inner))
         worst_line = max(worst_line, float(away.max()))
         if (away > limit).any():
-            off_line.append(f"{name(n)}: {1e3 * away.max():.3f} mm beside the cut")
+            off_line.append(f"{moves.describe(n)}: {1e3 * away.max():.3f} mm beside the cut")
         if not program.is_streamed and far[k[n]] and first[n] > 0:
             twice = int(repeats[j[n] + 1] - repeats[first[n]])
-            double += [name(n)] if twice > _count_repeats_before(path, int(k[n]) - 1) else []
+            double += [moves.describe(n)] if twice > _count_repeats_before(path, int(k[n]) - 1) else []
     return [
-        _build_list_check(program, "cuts are linear", joint, "cuts"),
-        build_file_check(
-            program.file,
-            CheckName.CAM_FEED,
-            not fast,
-            6e4 * worst_feed,
-            6e4 * program.feed_step,
-            "mm/min",
-            "; ".join(fast[:MAX_NAMED]) or "all as in the file",
-        ),
         build_file_check(
             program.file,
             "on the CAM lines",

@@ -37,6 +37,25 @@ BRANCH_TOLERANCE_FACTOR = (
 WHOLE_SAMPLE = 1e-6  # of a sample: nearer than this a target lies at it
 
 
+def _check_joints(
+    program: ProgramInCell, joints: Array, allowed: TargetTolerances, where: list[str]
+) -> list[VerificationCheck]:
+    """Return the checks of joint deviations (M,) rad: at joint targets, and on lines."""
+    linear = program.kind == LIN
+    checks = []
+    for rows, what, most in (
+        (np.isfinite(joints) & ~linear, CheckName.JOINTS, JOINT_TOLERANCE_DEG),
+        (np.isfinite(joints) & linear, "joints on lines", BRANCH_TOLERANCE_FACTOR * float(np.degrees(allowed.turn))),
+    ):
+        if rows.any():
+            k = np.flatnonzero(rows)
+            limit = most + np.degrees(program.joint_step)
+            checks.append(
+                build_worst_move_check(program, what, "deg", np.degrees(joints[k]), limit, [where[n] for n in k])
+            )
+    return checks
+
+
 def compare_with_motion(
     program: ProgramInCell,
     motion: ExportedMotion,
@@ -79,22 +98,7 @@ def compare_with_motion(
             where,
         ),
     ]
-    for rows, what, most in (
-        (np.isfinite(joints) & ~linear, CheckName.JOINTS, JOINT_TOLERANCE_DEG),
-        (np.isfinite(joints) & linear, "joints on lines", BRANCH_TOLERANCE_FACTOR * float(np.degrees(allowed.turn))),
-    ):
-        if rows.any():
-            k = np.flatnonzero(rows)
-            checks.append(
-                build_worst_move_check(
-                    program,
-                    what,
-                    "deg",
-                    np.degrees(joints[k]),
-                    most + np.degrees(program.joint_step),
-                    [where[n] for n in k],
-                )
-            )
+    checks += _check_joints(program, joints, allowed, where)
     if motion.external.shape[1]:
         checks.append(check_external_axes(program, motion, tcp, at, allowed, where))
     checks.append(_check_completeness(program, motion, at))

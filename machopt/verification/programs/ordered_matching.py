@@ -53,58 +53,98 @@ def match_targets_in_order(
         axis_lever: M/rad, by which an angle of the tool axis counts as a distance.
         arrived: Distance (rad) to a joint target at which the motion has arrived; the place counts if it then leaves.
         give_up: Number of unmatched targets that ends the search.
-        by_turn: (M,) a stretch counts only where it comes near the orientation of the target, too.
+        by_turn: (M,) the stretch of a pose has to come near the orientation of the target, too.
 
     Returns:
         (M,) place on the polyline, fractional, NaN where nothing ahead is near; (M,) distance to the nearest vertex
         ahead of unmatched targets, m, NaN elsewhere.
     """
-    vertices, count = len(place), len(wanted_place)
+    count = len(wanted_place)
     at, missed = np.full(count, np.nan), np.full(count, np.nan)
     here, lost = 0.0, 0
     for k in range(count):
         if lost >= give_up:
             break
         for level in range(len(near)):
-            best, foot, found, turned, first = np.inf, 0.0, False, np.inf, -1.0
-            for a in range(min(int(here), max(vertices - 2, 0)), max(vertices - 1, 1)):
-                b = min(a + 1, vertices - 1)
-                if by_joints[k]:
-                    away, share = _compute_joint_distance(joints[a], joints[b], wanted_joints[k])
-                    fine, limit = away, near[level, 1]
-                else:
-                    limit = near[level, 0]
-                    away, fine, share = _compute_pose_distance(
-                        place[a], place[b], turn[a], turn[b], wanted_place[k], wanted_turn[k], limit, axis_lever
-                    )
-                if away <= limit:
-                    if by_joints[k] and best <= arrived and fine > best + LEAVING_RAD:
-                        break
-                    found = True
-                    if fine < best - 1e-12:
-                        best, foot = fine, a + share
-                        turned = _compute_turn_distance(turn[a], turn[b], wanted_turn[k], share)
-                elif found:
-                    if not by_turn[k] or turned <= NEAR_TURN_RAD:
-                        break
-                    first = foot if first < 0.0 else first
-                    best, found = np.inf, False
-            if found or first >= 0.0:
-                if first >= 0.0 and not (found and turned <= NEAR_TURN_RAD):
-                    foot = first
-                here = max(foot, here)
-                at[k] = here
+            if by_joints[k]:
+                foot = _find_joint_stretch(joints, wanted_joints[k], here, near[level, 1], arrived)
+            else:
+                goal, goal_turn = wanted_place[k], wanted_turn[k]
+                foot = _find_pose_stretch(place, turn, goal, goal_turn, here, near[level, 0], axis_lever, by_turn[k])
+            if not np.isnan(foot):
+                at[k] = here = max(foot, here)
                 break
         if np.isnan(at[k]):
             lost += 1
-            least = np.inf
-            for n in range(int(here), vertices):
-                way = 0.0
-                for c in range(3):
-                    way += (place[n, c] - wanted_place[k, c]) ** 2
-                least = min(least, way)
-            missed[k] = np.sqrt(least)
+            missed[k] = _compute_vertex_distance(place, wanted_place[k], int(here))
     return at, missed
+
+
+@jit_compile
+def _find_joint_stretch(joints: Array, wanted: Array, here: float, limit: float, arrived: float) -> float:
+    """Return the place of a joint target on the first stretch from ``here`` on within the limit (rad); NaN for none."""
+    vertices = len(joints)
+    best, foot, found = np.inf, 0.0, False
+    for a in range(min(int(here), max(vertices - 2, 0)), max(vertices - 1, 1)):
+        away, share = _compute_joint_distance(joints[a], joints[min(a + 1, vertices - 1)], wanted)
+        if away <= limit:
+            if best <= arrived and away > best + LEAVING_RAD:
+                break
+            found = True
+            if away < best - 1e-12:
+                best, foot = away, a + share
+        elif found:
+            break
+    return foot if found else np.nan
+
+
+@jit_compile
+def _find_pose_stretch(
+    place: Array,
+    turn: Array,
+    wanted: Array,
+    wanted_turn: Array,
+    here: float,
+    limit: float,
+    axis_lever: float,
+    by_turn: bool,
+) -> float:
+    """Return the place of a pose on the first stretch from ``here`` on within the limit (m); NaN for none.
+
+    With ``by_turn`` the stretch also has to come near the orientation, unless none does: then the first one counts.
+    """
+    vertices = len(place)
+    best, foot, found, turned, first = np.inf, 0.0, False, np.inf, -1.0
+    for a in range(min(int(here), max(vertices - 2, 0)), max(vertices - 1, 1)):
+        b = min(a + 1, vertices - 1)
+        away, fine, share = _compute_pose_distance(
+            place[a], place[b], turn[a], turn[b], wanted, wanted_turn, limit, axis_lever
+        )
+        if away <= limit:
+            found = True
+            if fine < best - 1e-12:
+                best, foot = fine, a + share
+                turned = _compute_turn_distance(turn[a], turn[b], wanted_turn, share)
+        elif found:
+            if not by_turn or turned <= NEAR_TURN_RAD:
+                break
+            first = foot if first < 0.0 else first
+            best, found = np.inf, False
+    if first >= 0.0 and not (found and turned <= NEAR_TURN_RAD):
+        return first
+    return foot if found else np.nan
+
+
+@jit_compile
+def _compute_vertex_distance(place: Array, wanted: Array, first: int) -> float:
+    """Return the distance (m) of a place to the nearest vertex from ``first`` on."""
+    least = np.inf
+    for n in range(first, len(place)):
+        way = 0.0
+        for c in range(3):
+            way += (place[n, c] - wanted[c]) ** 2
+        least = min(least, way)
+    return float(np.sqrt(least))
 
 
 @jit_compile
@@ -215,20 +255,14 @@ def match_lines_in_order(
                 f, size = _compute_line_share(ends, end_axes, j, wanted[k], wanted_axes[k], lever)
                 if j == here and passed >= 0.0 and f * size < passed - limit:
                     continue  # on the line of the last point only what lies behind it
-                off, tilt = 0.0, 0.0
-                for c in range(3):
-                    off += (ends[j - 1, c] + f * (ends[j, c] - ends[j - 1, c]) - wanted[k, c]) ** 2
-                    axis = end_axes[j - 1, c] + f * (end_axes[j, c] - end_axes[j - 1, c])
-                    tilt += (axis - wanted_axes[k, c]) ** 2
-                away = np.sqrt(off)
+                away, fine = _compute_foot_distance(ends, end_axes, j, f, wanted[k], wanted_axes[k], lever)
                 nearest = min(nearest, away)
                 if away > limit:
                     if reached[k] >= 0:
                         break
                     continue
-                off = np.sqrt(off + lever * lever * tilt)
-                if off < best - noise:
-                    best, behind = off, f * size
+                if fine < best - noise:
+                    best, behind = fine, f * size
                     reached[k], share[k], gap[k] = j, f, away
         if reached[k] < 0:
             missed += 1
@@ -236,6 +270,19 @@ def match_lines_in_order(
         else:
             here, passed = reached[k], behind
     return reached, share, gap
+
+
+@jit_compile
+def _compute_foot_distance(
+    ends: Array, axes: Array, j: int, share: float, place: Array, axis: Array, lever: float
+) -> tuple[float, float]:
+    """Return the distance (m) of a pose to a share of line j, and the same with the tool axis counted."""
+    off, tilt = 0.0, 0.0
+    for c in range(3):
+        off += (ends[j - 1, c] + share * (ends[j, c] - ends[j - 1, c]) - place[c]) ** 2
+        foot_axis = axes[j - 1, c] + share * (axes[j, c] - axes[j - 1, c])
+        tilt += (foot_axis - axis[c]) ** 2
+    return np.sqrt(off), np.sqrt(off + lever * lever * tilt)
 
 
 @jit_compile

@@ -38,6 +38,21 @@ class TargetTolerances:
     external: float = 1e-3  # m or rad of an external axis between the controller's even way and the motion's
 
 
+def _compare_sample_by_sample(
+    program: ProgramInCell, motion: ExportedMotion, tcp: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return what :func:`match_targets` does, for a program that has one target a sample."""
+    R = tcp[:, :3, :3]
+    turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ program.T_workpiece_tcp[:, :3, :3]).magnitude())
+    return (
+        np.arange(len(program), dtype=float),
+        np.linalg.norm(tcp[:, :3, 3] - program.T_workpiece_tcp[:, :3, 3], axis=1),
+        np.linalg.norm(R[:, :, 2] - program.T_workpiece_tcp[:, :3, 2], axis=1),
+        turn,
+        np.abs(motion.q - program.q).max(axis=1),
+    )
+
+
 def match_targets(
     program: ProgramInCell,
     motion: ExportedMotion,
@@ -58,15 +73,7 @@ def match_targets(
     tilt, turn, joints = (np.full(n, np.nan) for _ in range(3))
     known: NDArray[np.bool_] = np.asarray(np.isfinite(program.q).all(axis=1))
     if program.is_streamed and n == len(tcp) and known.all():
-        R = tcp[:, :3, :3]
-        turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ program.T_workpiece_tcp[:, :3, :3]).magnitude())
-        return (
-            np.arange(n, dtype=float),
-            np.linalg.norm(tcp[:, :3, 3] - program.T_workpiece_tcp[:, :3, 3], axis=1),
-            np.linalg.norm(R[:, :, 2] - program.T_workpiece_tcp[:, :3, 2], axis=1),
-            turn,
-            np.abs(motion.q - program.q).max(axis=1),
-        )
+        return _compare_sample_by_sample(program, motion, tcp)
     driven, wanted = motion.q, program.q
     if motion.external.shape[1] and np.isfinite(program.external).all():
         # rails and tables tell places apart as joints do; a metre counts as a radian

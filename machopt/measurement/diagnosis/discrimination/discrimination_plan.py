@@ -16,12 +16,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.cell import Cell
-from machopt.kinematics.robot import Robot, RobotMasses
 from machopt.measurement.design.d_optimal_search import ReadingDesign, compute_information_matrix
 from machopt.measurement.design.expected_accuracy import compute_expected_accuracy
 from machopt.measurement.design.load_cases import LoadCases
-from machopt.measurement.design.load_methods import LoadMethod
 from machopt.measurement.design.maximin_discrimination import (
     ModelContest,
     compute_required_noncentrality,
@@ -48,6 +45,7 @@ from machopt.measurement.diagnosis.discrimination.open_hypotheses import (
     RivalLawSet,
 )
 from machopt.measurement.diagnosis.discrimination.predicted_signals import (
+    DiagnosedArm,
     PredictedCases,
     PredictedLaw,
     compute_case_noise,
@@ -164,13 +162,9 @@ def select_planning_compliance(found: OpenDiagnosis, stiffness: Array) -> Array:
 
 def build_discrimination_plan(
     user_options: DiscriminationOptions,
-    found: OpenDiagnosis,
-    cell: Cell,
-    robot: Robot,
-    masses: RobotMasses | None,
+    arm: DiagnosedArm,
     pool: PosePool,
     cases: LoadCases,
-    ways: Sequence[LoadMethod],
     prior: ArmElasticity,
     size: MeasurementPlanSize,
     progress: Callable[[str], None] = lambda _: None,
@@ -179,13 +173,9 @@ def build_discrimination_plan(
 
     Args:
         user_options: User input on noise and rounds.
-        found: The open diagnosis.
-        cell: Robot cell.
-        robot: Kinematic model of the arm.
-        masses: Link and tool masses; None if unknown.
+        arm: Arm with its open diagnosis.
         pool: Candidate poses.
         cases: Candidate load cases, at least one.
-        ways: Methods of load application.
         prior: Elasticity of the arm as diagnosed.
         size: Number of poses, loads and the seed.
         progress: Called with a text for each step.
@@ -193,76 +183,142 @@ def build_discrimination_plan(
     Returns:
         The plan.
     """
-    rng = np.random.default_rng(size.seed)
+    rng, found = np.random.default_rng(size.seed), arm.found
     noise = compute_planning_noise(user_options, found, 1)
-    compliance = select_planning_compliance(found, prior.stiffness.joints)
     candidate_laws = [s for d in found.rival_sets for s in (*d.candidate_laws, *d.other_laws)]
     steps = select_load_steps(candidate_laws) if found.channel == "deflection" else (1.0,)
     few = _thin_cases(cases, ROWS // (len(steps) * noise.dimensions), rng)
     progress("what each explanation predicts")
     q = pool.q[few.pose]
     if found.channel == "deflection":
-        T = cell.tool.T_flange_tcp
-        at = predict_load_tests(found, few, q, robot, T, masses, compliance, steps, noise.dimensions)
+        at = predict_load_tests(arm, few, q, steps, noise.dimensions)
     else:
-        at = predict_measured_poses(found, few, q, cell, robot, masses, compliance, noise.dimensions, rng)
+        at = predict_measured_poses(arm, few, q, noise.dimensions, rng)
     covariance, shared = compute_case_noise(few, noise, steps)
     open_, closed, notes = _build_contests(found, at, covariance + shared, noise.dimensions)
     progress("choosing poses and loads")
+    problem = _SelectionProblem(cases=few, steps=steps, base=at.base, covariance=covariance, shared=shared)
+    contests, blocks = _select_readings(problem, open_, size, rng)
+    home, velocity = arm.cell.home[:6], arm.cell.limits.velocity[:6]
+    blocks = tuple(blocks[i] for i in order_poses_by_travel(pool.q[few.pose[[b[0] for b in blocks]]], home, velocity))
+    draws = [draw_random_readings(few.pose, len(blocks), size.loads, rng) for _ in range(DRAWS)]
+    progress("how well they tell apart")
+    chance = np.array([[problem.compute_separation(both, b) for b in draws] for both in contests])
+    rounds = _compute_rounds(problem, contests, blocks, partial(compute_planning_noise, user_options, found))
+    cycles = max(user_options.noise.cycles, combine_required_rounds(rounds.wanted, rounds.excluded))
+    final = compute_planning_noise(user_options, found, cycles)
+    least = min(rounds.separations, default=0.0)
+    pairs = _rate_pairs(problem.with_noise(final), open_, contests, blocks, rounds, chance, cycles)
+    return DiscriminationPlan(
+        plan=_build_pose_plan(prior, few, ReadingDesign(blocks, least), final, rng),
+        noise=final,
+        steps=steps,
+        pairs=(*pairs, *closed),
+        least_separation=least,
+        random_separation=float(np.median(chance.min(axis=0))) if len(open_) else 0.0,
+        notes=(*found.notes, *notes),
+    )
+
+
+OpenPair = tuple[RivalPair, list[ModelContest], list[ContestSide]]
+Blocks = tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _SelectionProblem:
+    """N cases of K steps with D coordinates, from which readings are selected."""
+
+    cases: LoadCases
+    steps: tuple[float, ...]
+    base: Array  # (N, K·D, P) columns that are always refitted
+    covariance: Array  # (N, K·D, K·D) noise of each case
+    shared: Array  # (K·D, K·D) covariance shared by the readings of a pose
+
+    def with_noise(self, noise: ReadingNoise) -> _SelectionProblem:
+        """Return the same cases with another noise of a reading."""
+        covariance, shared = compute_case_noise(self.cases, noise, self.steps)
+        return replace(self, covariance=covariance, shared=shared)
+
+    def compute_separation(self, contests: Sequence[ModelContest], blocks: Blocks) -> float:
+        """Return the least noncentrality of the contests over selected readings."""
+        return compute_separation(contests, self.covariance, self.shared, self.cases.pose, blocks)
+
+
+@dataclass(frozen=True)
+class _RequiredRounds:
+    """What the selected readings need to separate each open pair."""
+
+    separations: list[float]  # noncentrality of one round
+    wanted: list[int | None]  # rounds for the noncentrality that separates; None: no number is enough
+    excluded: list[int | None]  # rounds until the wrong law is excluded; None: no number is enough
+
+
+def _select_readings(
+    problem: _SelectionProblem, open_: list[OpenPair], size: MeasurementPlanSize, rng: np.random.Generator
+) -> tuple[list[list[ModelContest]], Blocks]:
+    """Return the hardest rivals of each pair and the readings that separate them, selected in turn."""
+    covariance, shared = problem.covariance, problem.shared
     contests = [both for _, both, _ in open_]
     for turn in range(TURNS):
-        blocks = select_poses_for_exclusion(contests, at.base, covariance, shared, few.pose, size, rng, grow=turn > 0)
+        blocks = select_poses_for_exclusion(
+            contests, problem.base, covariance, shared, problem.cases.pose, size, rng, grow=turn > 0
+        )
         known = [len(both) for both in contests]
         pool_of = zip(contests, open_, strict=True)
         contests = [select_hardest_rivals(both, sides, covariance + shared, blocks) for both, (_, _, sides) in pool_of]
         if turn > 0 and known == [len(both) for both in contests]:
             break
-    home, velocity = cell.home[:6], cell.limits.velocity[:6]
-    blocks = tuple(blocks[i] for i in order_poses_by_travel(pool.q[few.pose[[b[0] for b in blocks]]], home, velocity))
-    draws = [draw_random_readings(few.pose, len(blocks), size.loads, rng) for _ in range(DRAWS)]
-    progress("how well they tell apart")
-    enough = compute_required_noncentrality()
-    each = [compute_separation(both, covariance, shared, few.pose, blocks) for both in contests]
-    chance = np.array([[compute_separation(both, covariance, shared, few.pose, b) for b in draws] for both in contests])
-    excluded = [compute_rounds_to_exclude(both, covariance + shared, blocks, at.base) for both in contests]
-    wanted = []
+    return contests, blocks
+
+
+def _compute_rounds(
+    problem: _SelectionProblem,
+    contests: list[list[ModelContest]],
+    blocks: Blocks,
+    compute_noise: Callable[[int], ReadingNoise],
+) -> _RequiredRounds:
+    """Return the rounds that each pair needs; ``compute_noise`` returns the noise of a number of rounds."""
+    covariance, enough = problem.covariance + problem.shared, compute_required_noncentrality()
+    separations = [problem.compute_separation(both, blocks) for both in contests]
+    excluded = [compute_rounds_to_exclude(both, covariance, blocks, problem.base) for both in contests]
 
     def compute_planned_separation(both: Sequence[ModelContest], n: int) -> float:
-        own, together = compute_case_noise(few, compute_planning_noise(user_options, found, n), steps)
-        return compute_separation(both, own, together, few.pose, blocks)
+        return problem.with_noise(compute_noise(n)).compute_separation(both, blocks)
 
-    for both, first in zip(contests, each, strict=True):
-        wanted.append(compute_required_rounds(partial(compute_planned_separation, both), first, enough))
-    cycles = max(user_options.noise.cycles, combine_required_rounds(wanted, excluded))
-    final = compute_planning_noise(user_options, found, cycles)
-    own, together = compute_case_noise(few, final, steps)
+    wanted = [
+        compute_required_rounds(partial(compute_planned_separation, both), first, enough)
+        for both, first in zip(contests, separations, strict=True)
+    ]
+    return _RequiredRounds(separations, wanted, excluded)
+
+
+def _rate_pairs(
+    problem: _SelectionProblem,
+    open_: list[OpenPair],
+    contests: list[list[ModelContest]],
+    blocks: Blocks,
+    rounds: _RequiredRounds,
+    chance: Array,
+    cycles: int,
+) -> list[RivalPair]:
+    """Return the open pairs with their separation; ``chance`` (pairs, draws): that of random readings."""
+    enough = compute_required_noncentrality()
     pairs = []
     for k, ((pair, _, _), both) in enumerate(zip(open_, contests, strict=True)):
-        whole, until = compute_separation(both, own, together, few.pose, blocks), excluded[k]
+        whole, until = problem.compute_separation(both, blocks), rounds.excluded[k]
         pairs.append(
             replace(
                 pair,
-                per_cycle=each[k],
+                per_cycle=rounds.separations[k],
                 planned=whole,
-                cycles=wanted[k],
+                cycles=rounds.wanted[k],
                 required_cycles=until,
                 random=float(np.median(chance[k])),
                 is_separated=whole >= enough and until is not None and until <= cycles,
-                advice="" if wanted[k] is not None else advise_on_separation(pair.first, pair.second),
+                advice="" if rounds.wanted[k] is not None else advise_on_separation(pair.first, pair.second),
             )
         )
-    plan = _build_pose_plan(prior, few, ReadingDesign(blocks, min(each, default=0.0)), final, rng)
-    least = min(each, default=0.0)
-    worst = float(np.median(chance.min(axis=0))) if len(open_) else 0.0
-    return DiscriminationPlan(
-        plan=plan,
-        noise=final,
-        steps=steps,
-        pairs=(*pairs, *closed),
-        least_separation=least,
-        random_separation=worst,
-        notes=(*found.notes, *notes),
-    )
+    return pairs
 
 
 def _build_contests(

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import Cell
 from machopt.data_types.stiffness import ArmStiffness
-from machopt.kinematics.robot import Robot, load_chain, load_masses
+from machopt.kinematics.robot import LinkShape, Robot, RobotMasses, load_chain, load_masses
 from machopt.measurement.design.external_axis_positions import update_base_frame
 from machopt.measurement.design.job_like_loads import ProcessLoads, describe_joint_loads
 from machopt.measurement.design.load_cases import LoadCases, build_load_cases
 from machopt.measurement.design.load_methods import LoadMethod
-from machopt.measurement.design.measurement_plan import MeasurementPlan, build_measurement_plan
+from machopt.measurement.design.measurement_plan import MeasurementPlan, MeasurementTask, build_measurement_plan
 from machopt.measurement.design.pose_candidates import PosePool, PoseScreen, sample_poses
 from machopt.measurement.design.reading_noise import ReadingNoise
 from machopt.measurement.design.request import (
@@ -37,8 +37,10 @@ from machopt.measurement.diagnosis.discrimination.discrimination_plan import (
     select_planning_compliance,
 )
 from machopt.measurement.diagnosis.discrimination.open_hypotheses import OpenDiagnosis
+from machopt.measurement.diagnosis.discrimination.predicted_signals import DiagnosedArm
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.kinetostatic_indices import compute_characteristic_length
+from machopt.stiffness.terms.protocol import LinearTerm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,79 +81,132 @@ def plan_next_measurement(
     Raises:
         InputError: Loads, prior or terms do not allow a plan.
     """
-    robot, shapes = load_chain(cell)
-    T = cell.tool.T_flange_tcp
     asked = DiscriminationOptions(
         convert_to_reading_noise(request), request.displacement_mm is not None, request.targets_mm / 1e3
     )
     noise = asked.noise if found is None else compute_planning_noise(asked, found, 1)
     size = convert_to_plan_size(request)
-    terms = build_linear_terms(request, robot, T)
-    check_number_of_readings(request, noise.dimensions, 6 + sum(len(t.coefficients) for t in terms))
-    stood = update_base_frame(cell, robot)
-    ways, warnings = build_load_methods(request, stood)
-    limits = cell.arm_limits
-    masses = load_masses(stood)
-    believed = build_prior_stiffness(request, cell)
-    if found is not None:  # use the result of the diagnosis
-        believed = ArmStiffness(joints=1.0 / select_planning_compliance(found, believed.joints))
-    prior = ArmElasticity(robot, T, believed, limits, masses)
+    models = _build_models(request, cell, found, noise)
     progress("building kinematics and collision model")
-    bare = remove_workpiece(cell) if request.without_workpiece else cell
-    clearance = request.clearance_mm / 1e3
-    collision = None if request.no_collision else CollisionModel(bare, robot, shapes, clearance, still=True)
-    length = compute_characteristic_length(robot, T).length
-    screen = PoseScreen(
-        robot=robot,
-        T_flange_tcp=T,
-        T_world_base=stood.T_world_base,
-        length=length,
-        criteria=convert_to_pose_criteria(request),
-        collision=collision,
-    )
+    screen = _build_screen(request, cell, models)
     progress("looking for poses that can be measured")
-    pool = sample_poses(screen, limits, cell.home, size.candidates, size.seed)
-    criteria = convert_to_load_criteria(request, noise)
-    if found is not None and found.channel == "position":
-        ways = select_weight_loads(request.weights_kg is not None, ways)
-        cases = build_static_pose_cases(pool, ways, prior, criteria, noise, masses)
-    else:
-        cases = build_load_cases(pool, ways, prior, terms, criteria, noise)
+    pool = sample_poses(screen, cell.arm_limits, cell.home, size.candidates, size.seed)
+    task = _build_task(request, models, screen, pool, noise, found)
+    warnings = models.warnings
     plan: MeasurementPlan | None = None
     apart: DiscriminationPlan | None = None
-    if len(cases) and found is not None:
-        weight = masses if masses.mass.sum() > 0 else None
-        apart = build_discrimination_plan(asked, found, cell, robot, weight, pool, cases, ways, prior, size, progress)
+    if len(task.cases) and found is not None:
+        arm = DiagnosedArm(
+            found=found,
+            cell=cell,
+            robot=models.robot,
+            masses=models.masses if models.masses.mass.sum() > 0 else None,
+            compliance=select_planning_compliance(found, models.prior.stiffness.joints),
+        )
+        apart = build_discrimination_plan(asked, arm, pool, task.cases, models.prior, size, progress)
         plan, noise = apart.plan, apart.noise
         warnings = (*warnings, *apart.notes)
-    elif len(cases):
-        plan = build_measurement_plan(
-            pool,
-            cases,
-            screen,
-            limits,
-            cell.home,
-            cell.limits.velocity[:6],
-            prior,
-            terms,
-            ways,
-            criteria,
-            noise,
-            size,
-            progress,
-            job,
-        )
+    elif len(task.cases):
+        plan = build_measurement_plan(task, size, progress, job)
         if job is not None:
-            warnings = (*warnings, *describe_joint_loads(job, plan.joints, float(cases.magnitude.max())))
+            warnings = (*warnings, *describe_joint_loads(job, plan.joints, float(task.cases.magnitude.max())))
     return NextMeasurement(
-        robot=robot,
-        collision=collision,
-        length=length,
-        load_methods=ways,
+        robot=models.robot,
+        collision=screen.collision,
+        length=screen.length,
+        load_methods=task.ways,
         pool=pool,
-        cases=cases,
+        cases=task.cases,
         plan=plan,
         discrimination=apart,
         noise=noise,
         warnings=warnings,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _MeasurementModels:
+    """Models of a cell for a measurement."""
+
+    cell: Cell
+    stood: Cell  # base_link where it stands during the measurement
+    robot: Robot
+    shapes: tuple[LinkShape, ...]
+    masses: RobotMasses
+    prior: ArmElasticity
+    terms: tuple[LinearTerm, ...]
+    ways: tuple[LoadMethod, ...]
+    warnings: tuple[str, ...]
+
+
+def _build_models(
+    request: PosesRequest, cell: Cell, found: OpenDiagnosis | None, noise: ReadingNoise
+) -> _MeasurementModels:
+    """Return kinematics, prior stiffness and load methods; the prior is the result of a diagnosis, if one is given."""
+    robot, shapes = load_chain(cell)
+    T = cell.tool.T_flange_tcp
+    terms = build_linear_terms(request, robot, T)
+    check_number_of_readings(request, noise.dimensions, 6 + sum(len(t.coefficients) for t in terms))
+    stood = update_base_frame(cell, robot)
+    ways, warnings = build_load_methods(request, stood)
+    masses = load_masses(stood)
+    believed = build_prior_stiffness(request, cell)
+    if found is not None:
+        believed = ArmStiffness(joints=1.0 / select_planning_compliance(found, believed.joints))
+    return _MeasurementModels(
+        cell=cell,
+        stood=stood,
+        robot=robot,
+        shapes=shapes,
+        masses=masses,
+        prior=ArmElasticity(robot, T, believed, cell.arm_limits, masses),
+        terms=terms,
+        ways=ways,
+        warnings=warnings,
+    )
+
+
+def _build_screen(request: PosesRequest, cell: Cell, models: _MeasurementModels) -> PoseScreen:
+    """Return the screening of poses, with the collision model of the cell."""
+    robot, T = models.robot, cell.tool.T_flange_tcp
+    bare = remove_workpiece(cell) if request.without_workpiece else cell
+    clearance = request.clearance_mm / 1e3
+    return PoseScreen(
+        robot=robot,
+        T_flange_tcp=T,
+        T_world_base=models.stood.T_world_base,
+        length=compute_characteristic_length(robot, T).length,
+        criteria=convert_to_pose_criteria(request),
+        collision=None if request.no_collision else CollisionModel(bare, robot, models.shapes, clearance, still=True),
+    )
+
+
+def _build_task(
+    request: PosesRequest,
+    models: _MeasurementModels,
+    screen: PoseScreen,
+    pool: PosePool,
+    noise: ReadingNoise,
+    found: OpenDiagnosis | None,
+) -> MeasurementTask:
+    """Return the load cases at the poses of the pool; for an open diagnosis of measured poses, weights at rest."""
+    cell, prior, ways = models.cell, models.prior, models.ways
+    criteria = convert_to_load_criteria(request, noise)
+    if found is not None and found.channel == "position":
+        ways = select_weight_loads(request.weights_kg is not None, ways)
+        cases = build_static_pose_cases(pool, ways, prior, criteria, noise, models.masses)
+    else:
+        cases = build_load_cases(pool, ways, prior, models.terms, criteria, noise)
+    return MeasurementTask(
+        pool=pool,
+        cases=cases,
+        screen=screen,
+        limits=cell.arm_limits,
+        home=cell.home,
+        velocity=cell.limits.velocity[:6],
+        prior=prior,
+        terms=models.terms,
+        ways=ways,
+        criteria=criteria,
+        noise=noise,
     )

@@ -87,68 +87,34 @@ def select_load_steps(candidate_laws: Sequence[CandidateLaw]) -> tuple[float, ..
     return UP_AND_DOWN if any(s.effect in curved for s in candidate_laws) else (1.0,)
 
 
+@dataclass(frozen=True, kw_only=True)
+class DiagnosedArm:
+    """An arm whose diagnosis is open, with the models that predict its readings."""
+
+    found: OpenDiagnosis
+    cell: Cell
+    robot: Robot
+    masses: RobotMasses | None  # of links and tool; None if unknown
+    compliance: Array  # (6,) rad/(N·m), joint compliance of the diagnosis
+
+
 def predict_load_tests(
-    found: OpenDiagnosis,
-    cases: LoadCases,
-    q: Array,
-    robot: Robot,
-    T_flange_tcp: Array,
-    masses: RobotMasses | None,
-    compliance: Array,
-    steps: tuple[float, ...],
-    dimensions: int,
+    arm: DiagnosedArm, cases: LoadCases, q: Array, steps: tuple[float, ...], dimensions: int
 ) -> PredictedCases:
     """Build the cases of load tests.
 
     Args:
-        found: The open diagnosis.
+        arm: Arm with its open diagnosis.
         cases: N combinations of pose and load.
         q: (N, 6) joint angles of each case, rad.
-        robot: Kinematic model of the arm.
-        T_flange_tcp: (4, 4) pose of the TCP in the flange frame, m.
-        masses: Link and tool masses; None if unknown.
-        compliance: (6,) joint compliance of the diagnosis, rad/(N·m).
         steps: Load steps of a cycle.
         dimensions: 3 (positions) or 6 (poses).
 
     Returns:
         The cases with base columns and hypotheses.
     """
-    N, K = len(cases), len(steps)
-    factor = np.tile(np.array(steps), N)
-    wrench = np.repeat(cases.wrench, K, axis=0) * factor[:, None]
-    case = np.repeat(np.arange(N), K)
-    branch = np.tile(np.where(np.arange(K) <= int(np.argmax(steps)), 1, -1), N).astype(np.int8)
-    time = case * CYCLE_GAP + HOLD * np.tile(np.arange(1, K + 1), N)
-    recording = Recording(
-        kind="deflection",
-        source="plan",
-        q=np.repeat(q, K, axis=0),
-        pose=case,
-        cycle=case,
-        session=np.zeros(N * K, np.int64),
-        line=np.arange(1, N * K + 1),
-        wrench=wrench,
-        displacement=np.zeros((N * K, dimensions)),
-        time=time,
-        branch=branch,
-        wrench_frame="tool" if found.wrench_frame == "tool" else "base",
-        displacement_frame="tool" if found.displacement_frame == "tool" else "base",
-    )
-    readings = StaticReadings(
-        recording=recording,
-        robot=robot,
-        T_flange_tcp=T_flange_tcp,
-        masses=masses,
-        state=robot.compute_state(recording.q, T_flange_tcp, bodies=True),
-        wrench=wrench,
-        dimensions=dimensions,
-        is_difference=True,
-        compliance=compliance,
-        session=np.zeros(N * K, np.int64),
-        visit=case,
-        cycle=case,
-    )
+    N = len(cases)
+    readings = _build_readings(arm, _build_cycles(arm.found, cases, q, steps, dimensions))
     laws = [
         *load_test_channel.build_load_test_catalogue(readings, None).hypotheses,
         *user_hypotheses.build_user_hypotheses(user_hypotheses.load_hypothesis_sources(), readings),
@@ -158,41 +124,75 @@ def predict_load_tests(
     return PredictedCases(steps, dimensions, _reshape_by_case(base, N), tuple(laws), N)
 
 
+def _build_cycles(
+    found: OpenDiagnosis, cases: LoadCases, q: Array, steps: tuple[float, ...], dimensions: int
+) -> Recording:
+    """Return a recording of one cycle per case without displacements; each starts from a relaxed arm."""
+    N, K = len(cases), len(steps)
+    factor = np.tile(np.array(steps), N)
+    case = np.repeat(np.arange(N), K)
+    branch = np.tile(np.where(np.arange(K) <= int(np.argmax(steps)), 1, -1), N).astype(np.int8)
+    return Recording(
+        kind="deflection",
+        source="plan",
+        q=np.repeat(q, K, axis=0),
+        pose=case,
+        cycle=case,
+        session=np.zeros(N * K, np.int64),
+        line=np.arange(1, N * K + 1),
+        wrench=np.repeat(cases.wrench, K, axis=0) * factor[:, None],
+        displacement=np.zeros((N * K, dimensions)),
+        time=case * CYCLE_GAP + HOLD * np.tile(np.arange(1, K + 1), N),
+        branch=branch,
+        wrench_frame="tool" if found.wrench_frame == "tool" else "base",
+        displacement_frame="tool" if found.displacement_frame == "tool" else "base",
+    )
+
+
+def _build_readings(arm: DiagnosedArm, recording: Recording) -> StaticReadings:
+    """Return the readings of load tests; every cycle is a visit of its own."""
+    assert recording.wrench is not None
+    assert recording.displacement is not None
+    T = arm.cell.tool.T_flange_tcp
+    return StaticReadings(
+        recording=recording,
+        robot=arm.robot,
+        T_flange_tcp=T,
+        masses=arm.masses,
+        state=arm.robot.compute_state(recording.q, T, bodies=True),
+        wrench=recording.wrench,
+        dimensions=recording.displacement.shape[1],
+        is_difference=True,
+        compliance=arm.compliance,
+        session=recording.session,
+        visit=recording.cycle,
+        cycle=recording.cycle,
+    )
+
+
 def predict_measured_poses(
-    found: OpenDiagnosis,
-    cases: LoadCases,
-    q: Array,
-    cell: Cell,
-    robot: Robot,
-    masses: RobotMasses | None,
-    compliance: Array,
-    dimensions: int,
-    rng: np.random.Generator,
+    arm: DiagnosedArm, cases: LoadCases, q: Array, dimensions: int, rng: np.random.Generator
 ) -> PredictedCases:
     """Build the cases of measured poses, with the load of each case or without load.
 
     Args:
-        found: The open diagnosis.
+        arm: Arm with its open diagnosis.
         cases: N combinations of pose and load.
         q: (N, 6) joint angles of each case, rad.
-        cell: Robot cell.
-        robot: Kinematic model of the arm.
-        masses: Link and tool masses; None if unknown.
-        compliance: (6,) joint compliance of the diagnosis, rad/(N·m).
         dimensions: 3 (positions) or 6 (poses).
         rng: Random generator of the channel set-up.
 
     Returns:
         The cases with base columns and hypotheses.
     """
-    T, c = cell.tool.T_flange_tcp, compliance
+    T, robot, masses = arm.cell.tool.T_flange_tcp, arm.robot, arm.masses
     theta = q
     for _ in range(EQUILIBRIUM_STEPS):
         state = robot.compute_state(theta, T)
         tau = np.einsum("nci,nc->ni", state.J, cases.wrench)
         if masses is not None:
             tau = tau + compute_gravity_torque(robot, masses, robot.compute_state(theta, T, bodies=True))[0]
-        theta = q + c * tau
+        theta = q + arm.compliance * tau
     pose = robot.compute_fk(theta, T)
     N = len(cases)
     recording = Recording(
@@ -206,9 +206,9 @@ def predict_measured_poses(
         wrench=cases.wrench,
         position=pose[:, :3, 3],
         quaternion=convert_to_quaternion(pose[:, :3, :3]) if dimensions == 6 else None,
-        registration="fit" if found.registration == "fit" else "fixed",
+        registration="fit" if arm.found.registration == "fit" else "fixed",
     )
-    problem, catalogue, _ = measured_pose_channel.build_measured_pose_problem(recording, cell, robot, masses, rng)
+    problem, catalogue, _ = measured_pose_channel.build_measured_pose_problem(recording, arm.cell, robot, masses, rng)
     return PredictedCases((1.0,), dimensions, _reshape_by_case(problem.base, N), catalogue.hypotheses, N)
 
 

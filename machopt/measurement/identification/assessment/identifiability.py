@@ -31,7 +31,7 @@ from machopt.measurement.identification.fitting.positive_semidefinite_fit import
     list_fitted_matrices,
 )
 from machopt.measurement.identification.fitting.weighted_fit import FitCoefficient, StiffnessFit
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools
 
 MAX_SINGLE_COEFFICIENTS = 3  # up to this number the coefficients of a term are judged individually
 PRIOR_SIGMA = 0.1  # relative standard deviation of the prior at the cell's compliance
@@ -118,6 +118,35 @@ def settle_coefficients(
     standing = _check_term_significance(fit, uncertainty, standing)
     known = np.array([s.identified for s in standing])
     _keep_whole_terms(fit.unknowns, known)
+    draft = _draft_coefficients(fit, uncertainty, prior, standing, known)
+    x = fit.x if known.all() else draft.solve(fit, H, h)
+    whole = tuple(m for m in list_fitted_matrices(fit) if known[m.first_coefficient].all())
+    mended = tuple(m.term for m in whole if has_negative_compliance(m.matrix(x)))
+    if mended:
+        x = replace(draft, matrices=whole).solve(fit, H, h, matrices=True)
+    joints = np.flatnonzero(known[:6])
+    covariance = np.diag(x[:6] ** 2)
+    covariance[np.ix_(joints, joints)] = uncertainty.covariance[np.ix_(joints, joints)]
+    together = _find_identifiable_combinations(fit, H, M, correlation, known)
+    return replace(
+        draft,
+        x=x,
+        combinations=together,
+        covariance=covariance,
+        matrices=whole,
+        has_projected_matrices=mended,
+    )
+
+
+def _draft_coefficients(
+    fit: StiffnessFit,
+    uncertainty: CoefficientUncertainty,
+    prior: Array | None,
+    standing: tuple[CoefficientStatus, ...],
+    known: Bools,
+) -> SettledCoefficients:
+    """Return the coefficients of the fit with the values to which unidentified ones (P,) are pulled or set."""
+    P = len(fit.unknowns)
     pull, towards, replaced = np.zeros(P), np.zeros(P), np.zeros(P, bool)
     blind = np.abs(uncertainty.unobserved_directions).max(axis=1, initial=0.0) > 1e-6
     for j in np.flatnonzero(~known):
@@ -132,7 +161,7 @@ def settle_coefficients(
             replaced[j] = True
         else:
             pull[j] = (PRIOR_SIGMA * towards[j]) ** -2
-    draft = SettledCoefficients(
+    return SettledCoefficients(
         x=fit.x,
         status=standing,
         combinations=(),
@@ -140,26 +169,6 @@ def settle_coefficients(
         target_values=towards,
         replaced=replaced,
         covariance=np.zeros((6, 6)),
-    )
-    x = fit.x if known.all() else draft.solve(fit, H, h)
-    whole = tuple(m for m in list_fitted_matrices(fit) if known[m.first_coefficient].all())
-    mended = tuple(m.term for m in whole if has_negative_compliance(m.matrix(x)))
-    if mended:
-        x = replace(draft, matrices=whole).solve(fit, H, h, matrices=True)
-    joints = np.flatnonzero(known[:6])
-    covariance = np.diag(x[:6] ** 2)
-    covariance[np.ix_(joints, joints)] = uncertainty.covariance[np.ix_(joints, joints)]
-    together = _find_identifiable_combinations(fit, H, M, correlation, known)
-    return SettledCoefficients(
-        x=x,
-        status=standing,
-        combinations=together,
-        pull=pull,
-        target_values=towards,
-        replaced=replaced,
-        covariance=covariance,
-        matrices=whole,
-        has_projected_matrices=mended,
     )
 
 

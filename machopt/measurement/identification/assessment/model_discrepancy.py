@@ -100,6 +100,32 @@ class ResidualReadings:
     stated: tuple[bool, ...]  # whether the uncertainty is stated, by channel
 
 
+def _rate_spreads(H: Array, h: Array, group: Array) -> list[LambdaLikelihood]:
+    """Return the log likelihood over the grid of prior spreads; ``group`` (p,) of each column."""
+    rated: list[LambdaLikelihood] = []
+    for elastic, gears in product(GRID, GRID):
+        spread = np.array([UNKNOWN_COMPLIANCE_SIGMA, elastic, gears, PRIOR_LOADED])[group]
+        rated.append((_compute_log_likelihood(H, h, spread), spread, elastic + gears))
+    return rated
+
+
+def _average_models(equations: NormalEquations, near: Sequence[LambdaLikelihood]) -> tuple[Array, Array]:
+    """Return mean and covariance of the coefficients over models of similar likelihood, weighted by it."""
+    H, h = equations.total()
+    share = np.exp(np.array([b[0] for b in near]) - max(b[0] for b in near))
+    share /= share.sum()
+    mean, second = np.zeros(len(h)), np.zeros_like(H)
+    for w, (_, spread, _) in zip(share, near, strict=True):
+        use, P = _select_possible_columns(H, spread)
+        S = np.asarray(np.linalg.inv(P), float)
+        x = np.zeros(len(h))
+        x[use] = S @ h[use]
+        mean += w * x
+        second[np.ix_(use, use)] += w * _robustify_information(equations, use, S, x)
+        second += w * np.outer(x, x)
+    return mean, second - np.outer(mean, mean)
+
+
 def estimate_model_discrepancy(
     suspects: DiscrepancyColumns, state: ArmState, k: Array, readings: ResidualReadings
 ) -> ModelDiscrepancy:
@@ -132,10 +158,7 @@ def estimate_model_discrepancy(
     ) / np.maximum(unit, 1e-300)
     equations, noise, scatter = _build_normal_equations(Z, readings)
     H, h = equations.total()
-    best: list[LambdaLikelihood] = []
-    for elastic, gears in product(GRID, GRID):
-        spread = np.array([UNKNOWN_COMPLIANCE_SIGMA, elastic, gears, PRIOR_LOADED])[group]
-        best.append((_compute_log_likelihood(H, h, spread), spread, elastic + gears))
+    best = _rate_spreads(H, h, group)
     plain = next(b for b in best if b[2] == 0.0)  # springs and the effect of the load itself
     misfit = bool(2.0 * (max(b[0] for b in best) - plain[0]) >= thresholds.IDENTIFIED.misfit)
     named = bool(suspects.terms)  # with fitted gear laws a remainder is always possible
@@ -144,18 +167,7 @@ def estimate_model_discrepancy(
     top = max(b[0] for b in best)
     near = [b for b in best if b[0] > top + np.log(LEAST_WEIGHT)]
     near += [one for b in near for one in _add_usual_backlash(H, h, b, whole.names, usual)]
-    share = np.exp(np.array([b[0] for b in near]) - max(b[0] for b in near))
-    share /= share.sum()
-    mean, second = np.zeros(len(h)), np.zeros_like(H)
-    for w, (_, spread, _) in zip(share, near, strict=True):
-        use, P = _select_possible_columns(H, spread)
-        S = np.asarray(np.linalg.inv(P), float)
-        x = np.zeros(len(h))
-        x[use] = S @ h[use]
-        mean += w * x
-        second[np.ix_(use, use)] += w * _robustify_information(equations, use, S, x)
-        second += w * np.outer(x, x)
-    covariance = second - np.outer(mean, mean)
+    mean, covariance = _average_models(equations, near)
     modes = select_significant_modes(covariance, _compute_displacement_metric(H, whole.names))
     keep = np.abs(covariance).sum(axis=0) > 0
     likeliest = max(best, key=lambda b: b[0])[1]

@@ -129,20 +129,7 @@ def run_monte_carlo(
         Dumas et al. 2011, section 5.2.
     """
     e = fit.experiment
-    stated = e.uncertainty if uncertainty is None else uncertainty
-    scatter = fit.weighting.scatter(fit.clusters)
-    assumed = []
-    if stated.displacement is None:
-        assumed.append("displacement")
-    if e.dimensions == 6 and stated.rotation is None:
-        assumed.append("rotation")
-    used = StandardUncertainty(
-        displacement=scatter[0].total if stated.displacement is None else stated.displacement,
-        rotation=(scatter[1].total if stated.rotation is None else stated.rotation) if e.dimensions == 6 else None,
-        force=stated.force,
-        moment=stated.moment,
-        joint=stated.joint,
-    )
+    used, assumed = _complete_uncertainty(fit, e.uncertainty if uncertainty is None else uncertainty)
     own = np.repeat([used.displacement or 0.0, used.rotation or 0.0], 3)[: e.dimensions]
     load = np.repeat([used.force or 0.0, used.moment or 0.0], 3)
     count = int(np.clip(READINGS_AT_MOST // len(e), FEWEST_DRAWS, draws))
@@ -165,7 +152,27 @@ def run_monte_carlo(
         y = fit.y + own * rng.standard_normal(fit.y.shape)
         out[r] = _solve_coefficients(fit, A, y)[:6]
     out[:, [not s.identified for s in settled.status[:6]]] = np.nan
-    return MonteCarloResult(out, used, tuple(assumed))
+    return MonteCarloResult(out, used, assumed)
+
+
+def _complete_uncertainty(
+    fit: StiffnessFit, stated: StandardUncertainty
+) -> tuple[StandardUncertainty, tuple[str, ...]]:
+    """Return the uncertainty with what is not stated estimated from the residuals, and the names of what was."""
+    e, scatter = fit.experiment, fit.weighting.scatter(fit.clusters)
+    assumed = []
+    if stated.displacement is None:
+        assumed.append("displacement")
+    if e.dimensions == 6 and stated.rotation is None:
+        assumed.append("rotation")
+    used = StandardUncertainty(
+        displacement=scatter[0].total if stated.displacement is None else stated.displacement,
+        rotation=(scatter[1].total if stated.rotation is None else stated.rotation) if e.dimensions == 6 else None,
+        force=stated.force,
+        moment=stated.moment,
+        joint=stated.joint,
+    )
+    return used, tuple(assumed)
 
 
 def _build_equations_by_reading(fit: StiffnessFit) -> tuple[Array, Array]:

@@ -48,9 +48,20 @@ def build_convention_candidates(
         The candidates, the stated one first.
     """
     e = experiment.select_readings(_select_spread_readings(len(experiment)))
-    flange = robot.compute_fk(e.state.q)[:, :3, 3]
-    R, p = e.T_base_tcp[:, :3, :3], e.T_base_tcp[:, :3, 3]
-    force, moment = e.wrench[:, :3], e.wrench[:, 3:]
+    cases = _list_frame_cases(e)
+    if e.wrench[:, 3:].any():
+        cases += _list_moment_cases(e, robot.compute_fk(e.state.q)[:, :3, 3])
+    out = [_evaluate_convention(e, *case) for case in cases]
+    turns = _interpret_joints_as_radians(e, robot, T_flange_tcp)
+    return out if turns is None else [*out, turns]
+
+
+ConventionCase = tuple[str, str, Array, Array]  # code, message, wrenches (N, 6), displacements (N, D)
+
+
+def _list_frame_cases(e: LoadTestExperiment) -> list[ConventionCase]:
+    """Return the stated convention, and those with other frames or the opposite sign of the load."""
+    R = e.T_base_tcp[:, :3, :3]
     stated_wrench, stated_displacement = e.stated_frames
 
     def other(frame: str) -> tuple[str, Callable[[Array], Array]]:
@@ -64,7 +75,7 @@ def build_convention_candidates(
     turned_w, turned_d = turn_w(e.wrench), turn_d(e.measured)
     said_w = f"wrench_frame is stated (or taken) as {stated_wrench}, but the loads fit in {frame_w} axes"
     said_d = f"displacement_frame is stated (or taken) as {stated_displacement}, but the displacements fit in {frame_d}"
-    cases = [
+    return [
         ("stated", "", e.wrench, e.measured),
         ("displacement_frame", f"{said_d} axes; displacement_frame: {frame_d} would work", e.wrench, turned_d),
         ("wrench_frame", f"{said_w}; wrench_frame: {frame_w} would work", turned_w, e.measured),
@@ -83,40 +94,42 @@ def build_convention_candidates(
             e.measured,
         ),
     ]
-    if moment.any():
-        about_base = np.concatenate([force, moment - np.cross(p, force)], axis=1)
-        about_flange = np.concatenate([force, moment + np.cross(flange - p, force)], axis=1)
-        cases += [
+
+
+def _list_moment_cases(e: LoadTestExperiment, flange: Array) -> list[ConventionCase]:
+    """Return the conventions with other points of the moments, and other units; ``flange`` (N, 3) m."""
+    p, force, moment = e.T_base_tcp[:, :3, 3], e.wrench[:, :3], e.wrench[:, 3:]
+    about_base = np.concatenate([force, moment - np.cross(p, force)], axis=1)
+    about_flange = np.concatenate([force, moment + np.cross(flange - p, force)], axis=1)
+    cases = [
+        (
+            "moment_at_base",
+            "the moments are about the origin of base_link, not about the TCP; moments about the "
+            "TCP, m − p × f, would work",
+            about_base,
+            e.measured,
+        ),
+        (
+            "moment_at_flange",
+            "the moments are about the flange, not about the TCP; wrench_point_mm: [0, 0, 0] would work",
+            about_flange,
+            e.measured,
+        ),
+    ]
+    for unit, newtons in FORCES.items():  # forces and moments in inconsistent units
+        as_newtons = np.concatenate(
+            [force * newtons, moment + (newtons - 1.0) * np.cross(e.lever_length, force)], axis=1
+        )
+        what = f"the columns fx_N … seem to hold {unit}" + (" (or mx_Nm … N·mm)" if newtons == 1e3 else "")
+        cases.append(
             (
-                "moment_at_base",
-                "the moments are about the origin of base_link, not about the TCP; moments about the "
-                "TCP, m − p × f, would work",
-                about_base,
+                "force_units",
+                f"forces and moments fit each other only where {what}; newtons and N·m would work",
+                as_newtons,
                 e.measured,
-            ),
-            (
-                "moment_at_flange",
-                "the moments are about the flange, not about the TCP; wrench_point_mm: [0, 0, 0] would work",
-                about_flange,
-                e.measured,
-            ),
-        ]
-        for unit, newtons in FORCES.items():  # forces and moments in inconsistent units
-            as_newtons = np.concatenate(
-                [force * newtons, moment + (newtons - 1.0) * np.cross(e.lever_length, force)], axis=1
             )
-            what = f"the columns fx_N … seem to hold {unit}" + (" (or mx_Nm … N·mm)" if newtons == 1e3 else "")
-            cases.append(
-                (
-                    "force_units",
-                    f"forces and moments fit each other only where {what}; newtons and N·m would work",
-                    as_newtons,
-                    e.measured,
-                )
-            )
-    out = [_evaluate_convention(e, *case) for case in cases]
-    turns = _interpret_joints_as_radians(e, robot, T_flange_tcp)
-    return out if turns is None else [*out, turns]
+        )
+    return cases
 
 
 def _interpret_joints_as_radians(

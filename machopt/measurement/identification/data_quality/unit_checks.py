@@ -51,6 +51,18 @@ SUSPECTS = (
 )
 
 
+def _build_unit_fault(e: LoadTestExperiment, generic: float, seen: float, against: str) -> RecordFault:
+    """Return the fault of wrong units, by the ratios to typical robots and to what was compared."""
+    near = [u for u in _find_near_units(seen) if u in _find_near_units(generic)]
+    if near and not any(u.thousands for u in near):
+        cause = f"{' or '.join(u.words for u in near)} would make it so; mm and N would work"
+        column, factor = near[0].column, near[0].factor
+    else:
+        cause, column, factor = _find_suspect_column(e, generic)
+    message = f"displacement per load is {_format_ratio(seen)} {against}: {cause}"
+    return RecordFault(code="units", severity="error", message=message, column=column, factor=factor)
+
+
 def check_displacement_units(
     e: LoadTestExperiment, stated: ConventionCandidate, reach: float, prior: Array | None
 ) -> list[RecordFault]:
@@ -88,16 +100,7 @@ def check_displacement_units(
             nominal,
         )
     if wrong:
-        near = [
-            u for u in _find_near_units(seen) if u in _find_near_units(s)
-        ]  # ratios to the cell's stiffness and to typical robots
-        if near and not any(u.thousands for u in near):
-            cause = f"{' or '.join(u.words for u in near)} would make it so; mm and N would work"
-            column, factor = near[0].column, near[0].factor
-        else:
-            cause, column, factor = _find_suspect_column(e, s)
-        message = f"displacement per load is {_format_ratio(seen)} {against}: {cause}"
-        out.append(RecordFault(code="units", severity="error", message=message, column=column, factor=factor))
+        out.append(_build_unit_fault(e, s, seen, against))
     elif doubtful:
         out.append(
             RecordFault(

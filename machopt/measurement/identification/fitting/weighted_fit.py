@@ -168,6 +168,20 @@ def set_term_coefficients(terms: Sequence[LinearTerm], x: Array) -> tuple[Linear
     return tuple(out)
 
 
+def _check_determined(experiment: LoadTestExperiment, unknowns: int) -> None:
+    """Raise RecordingError where there are too few equations for the unknowns, or no load."""
+    count = experiment.measured.size
+    if count <= unknowns:
+        raise RecordingError(
+            f"{len(experiment)} reading{'s' if len(experiment) > 1 else ''} of {experiment.dimensions} coordinates: "
+            f"{count} equations for {unknowns} unknowns; at least "
+            f"{unknowns // experiment.dimensions + 1} readings, better three times as many, would work",
+            file=experiment.source,
+        )
+    if not experiment.wrench.any():
+        raise RecordingError("no reading carries a load; every force and moment is zero", file=experiment.source)
+
+
 def fit_stiffness(
     experiment: LoadTestExperiment,
     terms: Sequence[LinearTerm] = (),
@@ -212,15 +226,7 @@ def fit_stiffness(
     y = experiment.measured
     for term in fixed:
         y = y - (term.compute_response(experiment.state, experiment.wrench) @ term.values)[:, : experiment.dimensions]
-    if y.size <= len(what):
-        raise RecordingError(
-            f"{len(experiment)} reading{'s' if len(experiment) > 1 else ''} of {experiment.dimensions} coordinates: "
-            f"{y.size} equations for {len(what)} unknowns; at least "
-            f"{len(what) // experiment.dimensions + 1} readings, better three times as many, would work",
-            file=experiment.source,
-        )
-    if not experiment.wrench.any():
-        raise RecordingError("no reading carries a load; every force and moment is zero", file=experiment.source)
+    _check_determined(experiment, len(what))
     robust = robust and y.size >= thresholds.IDENTIFIED.enough_to_doubt * len(what)
     groups = build_error_clusters(experiment) if groups is None else groups
     lower = np.array([u.lower for u in what]) if bounded else np.full(len(what), -np.inf)

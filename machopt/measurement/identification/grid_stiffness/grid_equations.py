@@ -98,19 +98,16 @@ class GridEquations:
         ]
         return ReadingWeights(V * np.array(size)[:, None, None, None], w.components, robust)
 
-    def prior(self, weighting: ReadingWeights, spread: Array | None) -> GridPrior:
+    def prior(self, weighting: ReadingWeights) -> GridPrior:
         """Return the start values of the prior.
 
         Args:
             weighting: Weights of the readings.
-            spread: (6,) fixed standard deviations of log compliance; None: estimated.
 
         Returns:
             The prior.
         """
         start = GridPrior.start(int(self.varying_joints.sum()), self.smooth)
-        if spread is not None:
-            start = replace(start, spread=np.asarray(spread, float)[self.varying_joints], site_spread_share=0.0)
         noise = tuple(
             VarianceComponents(c.scale, max(c.cycle, SHIFT_START * unit), max(c.visit, SHIFT_START * unit))
             for c, unit in zip(weighting.components, map(_compute_scalar_variance, weighting.covariance), strict=True)

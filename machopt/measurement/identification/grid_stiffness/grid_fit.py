@@ -96,6 +96,17 @@ class GridFit:
     rounds: int
 
 
+def _build_outside_error(constant: StiffnessFit, region: GridRegion, position: Array) -> RecordingError:
+    """Return the error of poses (G, 3) m that all lie outside the grid."""
+    low, high = region.origin * 1e3, (region.origin + region.cell * np.array(region.shape)) * 1e3
+    return RecordingError(
+        f"no reading lies inside the grid {_format_point_mm(low)} to {_format_point_mm(high)} mm in "
+        f"base_link; the TCPs measured lie within "
+        f"{_format_point_mm(position.min(axis=0) * 1e3)} to {_format_point_mm(position.max(axis=0) * 1e3)} mm",
+        file=constant.experiment.source,
+    )
+
+
 def fit_grid(
     constant: StiffnessFit,
     cell: float,
@@ -104,9 +115,7 @@ def fit_grid(
     *,
     smooth: bool = True,
     robust: bool = True,
-    on_face: float = FACE_TOLERANCE,
     hold: Array | None = None,
-    spread: Array | None = None,
     draft: bool = False,
 ) -> GridFit:
     """Identify joint stiffness that varies over a grid.
@@ -122,11 +131,8 @@ def fit_grid(
         shape: Number of cells along x, y, z; None: as many as needed.
         smooth: Whether to estimate a correlation between neighbouring cells; False: independent cells.
         robust: Whether to update the outliers with the cells' residuals; False: weights of the constant fit.
-        on_face: Tolerance within which a position counts as on a face, m.
         hold: (6,) N·m/rad of joints with a constant value, NaN for others. A varying joint with an
             insignificant compliance (below two standard errors) is fixed too.
-        spread: (6,) fixed s_j up to 1 instead of estimated ones, without variation within a cell; 1 leaves
-            cells independent, as in the paper.
         draft: Whether to run only one short round, sufficient to see whether a grid improves the
             cross-validated error.
 
@@ -140,18 +146,12 @@ def fit_grid(
         jiao2022 sections 2.2, 2.3.
     """
     position, pose_of = _compute_pose_positions(constant)
-    region = build_grid_region(position, cell, origin, shape, on_face, constant.experiment.source)
-    inside_pose = region.contains(position, on_face)
+    region = build_grid_region(position, cell, origin, shape, FACE_TOLERANCE, constant.experiment.source)
+    inside_pose = region.contains(position, FACE_TOLERANCE)
     inside = inside_pose[pose_of]
     if not inside.any():
-        low, high = region.origin * 1e3, (region.origin + region.cell * np.array(region.shape)) * 1e3
-        raise RecordingError(
-            f"no reading lies inside the grid {_format_point_mm(low)} to {_format_point_mm(high)} mm in "
-            f"base_link; the TCPs measured lie within "
-            f"{_format_point_mm(position.min(axis=0) * 1e3)} to {_format_point_mm(position.max(axis=0) * 1e3)} mm",
-            file=constant.experiment.source,
-        )
-    places = find_measured_cells(region, position[inside_pose], on_face)
+        raise _build_outside_error(constant, region, position)
+    places = find_measured_cells(region, position[inside_pose], FACE_TOLERANCE)
     if len(places.cells) > MOST_CELLS:
         raise RecordingError(
             f"the readings touch {len(places.cells)} cells of {cell * 1e3:g} mm, more than the {MOST_CELLS} that are "
@@ -160,13 +160,29 @@ def fit_grid(
         )
     vary, reference = _select_varying_joints(constant, hold)
     work = GridEquations.from_fit(constant, inside, places, vary, reference, smooth)
+    return _build_grid_fit(work, region, _solve_grid(work, robust=robust, draft=draft))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _GridSolution:
+    """Most likely prior and cells of a grid."""
+
+    evidence: GridLikelihood
+    weighting: ReadingWeights
+    prior: GridPrior
+    posterior: GridPosterior
+    rounds: int
+
+
+def _solve_grid(work: GridEquations, *, robust: bool, draft: bool) -> _GridSolution:
+    """Estimate prior, cells and outliers in turn; ``draft``: one short round."""
     weighting = work.start()
-    prior = work.prior(weighting, spread)
+    prior = work.prior(weighting)
     beta = work.first_unknowns()
     for rounds in range(1, ROUNDS + 1):
         evidence = work.evidence(weighting)
         steps = DRAFT_STEPS if draft else STEPS[min(rounds - 1, 1)]
-        prior = evidence.maximise(prior, work.linear(beta), steps, fixed=spread is not None)
+        prior = evidence.maximise(prior, work.linear(beta), steps)
         new = evidence.mode(prior, work.linear, beta)
         posterior = evidence.posterior(prior, work.linear(new))
         change = (new - beta) / np.sqrt(np.diag(posterior.covariance))
@@ -175,7 +191,7 @@ def fit_grid(
             break
         weighting = work.compute_reading_covariance(weighting, prior, posterior) if robust else weighting
     weighting = replace(weighting, components=prior.noise)
-    return _build_grid_fit(work, region, evidence, weighting, prior, posterior, rounds)
+    return _GridSolution(evidence=evidence, weighting=weighting, prior=prior, posterior=posterior, rounds=rounds)
 
 
 def _compute_pose_positions(fit: StiffnessFit) -> tuple[Array, Ints]:
@@ -211,53 +227,59 @@ def _select_varying_joints(fit: StiffnessFit, hold: Array | None) -> tuple[Bools
     return vary, np.where(vary, c, value)
 
 
-def _build_grid_fit(
-    work: GridEquations,
-    region: GridRegion,
-    evidence: GridLikelihood,
-    weighting: ReadingWeights,
-    prior: GridPrior,
-    posterior: GridPosterior,
-    rounds: int,
-) -> GridFit:
-    fit, vary, used, F, C, G = (
-        work.constant,
-        work.varying_joints,
-        work.places.cells,
-        int(work.varying_joints.sum()),
-        len(work.places.cells),
-        len(region),
-    )
+@dataclass(frozen=True, kw_only=True)
+class _CellLogarithms:
+    """Logarithms of the compliances relative to the reference, and their covariances, of G cells and F joints."""
+
+    cells: Array  # (G, 6)
+    covariance: Array  # (G, 6, 6)
+    centre: Array  # (F,) of the estimated mean, joints that vary
+    centre_covariance: Array  # (F, F) with the variance of a cell about it
+    information_gain: Array  # (G, 6)
+
+
+def _predict_cells(
+    work: GridEquations, region: GridRegion, prior: GridPrior, posterior: GridPosterior
+) -> _CellLogarithms:
+    """Return every cell of the region from the measured ones, by kriging."""
+    vary, used = work.varying_joints, work.places.cells
+    F, C, G = int(vary.sum()), len(used), len(region)
     weight, left, mean, unsure = interpolate_by_kriging(region, used, prior.range if work.smooth else 0.0)
     z, cov = posterior.beta[: C * F].reshape(C, F), posterior.covariance[: C * F, : C * F].reshape(C, F, C, F)
-    every = weight @ z  # (G, F)
     spread2 = prior.spread**2
     # covariance of a cell: propagated errors of the measured cells plus the kriging variance
     full = np.einsum("gc,cidj,gd->gij", weight, cov, weight, optimize=True)
     full += left[:, None, None] * np.diag(spread2)
     centre_cov = np.einsum("c,cidj,d->ij", mean, cov, mean, optimize=True) + unsure * np.diag(spread2)
-    log_c, log_cov = np.zeros((G, 6)), np.zeros((G, 6, 6))
-    log_c[:, vary] = every
+    log_c, log_cov, learned = np.zeros((G, 6)), np.zeros((G, 6, 6)), np.zeros((G, 6))
+    log_c[:, vary] = weight @ z
     log_cov[np.ix_(np.arange(G), vary, vary)] = full
-    c = work.reference * np.exp(log_c)
-    sigma = np.sqrt(np.diagonal(log_cov, axis1=1, axis2=2))
-    centre, around = np.ones(6), np.zeros((6, 6))
-    centre[vary] = np.exp(mean @ z)
-    centre *= work.reference
-    around[np.ix_(vary, vary)] = centre_cov + np.diag(spread2)
-    learned, spread, keep = np.zeros((G, 6)), np.zeros(6), work.kept_columns
     # prior variance of a cell about the estimated mean; undefined for a single cell
     apart = spread2 + np.diag(centre_cov)
     learned[:, vary] = np.clip(1.0 - np.diagonal(full, axis1=1, axis2=2) / apart, 0.0, 1.0)
+    return _CellLogarithms(
+        cells=log_c,
+        covariance=log_cov,
+        centre=mean @ z,
+        centre_covariance=centre_cov + np.diag(spread2),
+        information_gain=learned,
+    )
+
+
+def _build_grid_fit(work: GridEquations, region: GridRegion, solution: _GridSolution) -> GridFit:
+    fit, vary, keep = work.constant, work.varying_joints, work.kept_columns
+    prior, posterior, weighting = solution.prior, solution.posterior, solution.weighting
+    predicted = _predict_cells(work, region, prior, posterior)
+    log_cov = predicted.covariance
+    c = work.reference * np.exp(predicted.cells)
+    sigma = np.sqrt(np.diagonal(log_cov, axis1=1, axis2=2))
+    centre, around, spread = np.ones(6), np.zeros((6, 6)), np.zeros(6)
+    centre[vary] = np.exp(predicted.centre)
+    centre *= work.reference
+    around[np.ix_(vary, vary)] = predicted.centre_covariance
     spread[vary] = prior.spread
     terms = fit.x[6:].copy()
-    terms[keep] = posterior.beta[C * F :] * fit.column[6:][keep]
-    own = weighting.robust.mean(axis=1)
-    per_place = np.bincount(
-        work.places.place[work.places.site[work.groups.pose]], own, minlength=len(work.places.members)
-    )
-    readings = np.zeros(G)
-    readings[used] = per_place @ work.places.share
+    terms[keep] = posterior.beta[len(work.places.cells) * int(vary.sum()) :] * fit.column[6:][keep]
     with np.errstate(divide="ignore"):
         constant = 1.0 / fit.compliance
     return GridFit(
@@ -270,14 +292,25 @@ def _build_grid_fit(
         place_spread=prior.site_spread_share * spread,
         range=prior.range * region.cell if work.smooth else 0.0,
         constant_joints=tuple(int(j) + 1 for j in np.flatnonzero(~vary)),
-        readings=readings,
-        information_gain=learned,
+        readings=_count_readings(work, weighting, len(region)),
+        information_gain=predicted.information_gain,
         terms=terms,
-        heldout=_predict_left_out_poses(work, evidence, weighting, prior, posterior),
+        heldout=_predict_left_out_poses(work, solution.evidence, weighting, prior, posterior),
         weighting=weighting,
         inside=work.rows,
-        rounds=rounds,
+        rounds=solution.rounds,
     )
+
+
+def _count_readings(work: GridEquations, weighting: ReadingWeights, cells: int) -> Array:
+    """Return the (G,) readings of each cell by their outlier weights; places on faces count in parts."""
+    own = weighting.robust.mean(axis=1)
+    per_place = np.bincount(
+        work.places.place[work.places.site[work.groups.pose]], own, minlength=len(work.places.members)
+    )
+    readings = np.zeros(cells)
+    readings[work.places.cells] = per_place @ work.places.share
+    return readings
 
 
 def _predict_left_out_poses(

@@ -183,23 +183,19 @@ class GridLikelihood:
         out += [float(self.cells * self.joints)] * int(self.smooth)
         return np.sqrt(np.array(out) / 2.0)
 
-    def maximise(self, start: GridPrior, linear: LinearisedResponse, steps: int, *, fixed: bool = False) -> GridPrior:
+    def maximise(self, start: GridPrior, linear: LinearisedResponse, steps: int) -> GridPrior:
         """Maximise the likelihood over the prior.
 
         Args:
             start: Start values.
             linear: Linearised responses of the places.
             steps: Most optimiser steps.
-            fixed: Whether to optimise the noise only.
 
         Returns:
             The most likely prior.
         """
         bounds = self.bounds()
         x = np.clip(self.parameters(start), *np.array(bounds).T)
-        if fixed:
-            at = len(x) - self.joints - 1 - int(self.smooth)
-            bounds[at:] = [(v, v) for v in x[at:]]
 
         def misfit(y: Array) -> tuple[float, Array]:
             value, slope = self.misfit(self.prior(y / unit), linear)

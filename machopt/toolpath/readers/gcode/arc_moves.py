@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
-from machopt.path_building.arc_chords import ArcError, compute_arc_chords
+from machopt.path_building.arc_chords import ArcChords, ArcError, compute_arc_chords
 from machopt.path_building.point_collector import Vector, check_radius
+from machopt.path_building.rotary_moves import RotaryTurn
 from machopt.toolpath.readers.gcode.control_state import AXES, ControlState
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourSegment
 from machopt.toolpath.readers.gcode.geometry.polar_coordinates import find_plane_axes
@@ -18,6 +21,17 @@ from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
 _TOUCHING = 1e-6  # mm: start and end are one place
 _INCREMENT = 2.6e-3  # mm: one ten-thousandth of an inch, more than a thousandth of a millimetre
 _INTERMEDIATE = ("I1", "J1", "K1")  # CIP
+
+
+@dataclass(frozen=True)
+class ProgrammedArc:
+    """An arc whose centre is known, in programmed coordinates."""
+
+    start: Array  # (3,) mm
+    end: Array  # (3,) mm
+    centre: Array  # (3,) mm
+    normal: Array  # (3,) unit vector, axis of right-handed travel
+    unknown: Sequence[bool] = (False, False, False)  # whether each start coordinate is unknown
 
 
 class ArcMoveReader(ControlState):
@@ -59,7 +73,8 @@ class ArcMoveReader(ControlState):
                 centre = self.centres.by_offsets(start, start if opening else end, offsets, normal, b.line)
             if opening is not None:
                 end = compute_arc_end(start, end, centre, opening, normal)
-        self.along_arc(start, end, centre, normal, unknown, axis, b.line, turns=turns)
+        arc = ProgrammedArc(start, end, centre, normal, unknown)
+        self.along_arc(arc, axis, b.line, turns=turns)
 
     def opening_angle(self, words: dict[str, float], b: ProgramBlock) -> float:
         """Return the opening angle AR= of an arc; the block gives its end or its centre too.
@@ -156,27 +171,11 @@ class ArcMoveReader(ControlState):
             raise ArcError(f"TURN={turns:g}; expected a number of full circles from 0 to 999")
         return round(turns)
 
-    def along_arc(
-        self,
-        start: Array,
-        end: Array,
-        centre: Array,
-        normal: Array,
-        unknown: list[bool],
-        axis: Vector,
-        line: int,
-        *,
-        turns: int = 1,
-        in_plane: bool = True,
-    ) -> None:
+    def along_arc(self, arc: ProgrammedArc, axis: Vector, line: int, *, turns: int = 1, in_plane: bool = True) -> None:
         """Add an arc whose centre is known.
 
         Args:
-            start: Start (3,) in programmed mm.
-            end: End (3,) in programmed mm.
-            centre: Centre (3,) in programmed mm.
-            normal: Axis of right-handed travel (3,), unit vector.
-            unknown: Whether each start coordinate is unknown.
+            arc: Ends, centre and direction in programmed mm.
             axis: Tool axis in programmed coordinates, unit vector.
             line: Line number in the file (1-based).
             turns: Number of turns, the last part included.
@@ -190,9 +189,34 @@ class ArcMoveReader(ControlState):
         self.begin_path(line)
         turn = self.rotary_turn()
         least = 1 if turn is None else turn.steps()
-        found = compute_arc_chords(start, end, centre, normal, self.chord_tolerance(), turns=turns, least=least)
+        found = compute_arc_chords(
+            arc.start, arc.end, arc.centre, arc.normal, self.chord_tolerance(), turns=turns, least=least
+        )
         check_radius(found, line, self.out)
-        apart = float(np.linalg.norm((end - start) * (1.0 - np.abs(self.plane))))
+        self._warn_of_tiny_arc(arc, found, line)
+        height = float((arc.end - arc.start) @ self.plane)
+        feed = self.feed_mm_min(math.hypot(found.sweep * found.radius, height), line)
+        gap = np.where(arc.unknown, math.nan, 0.0)
+        one = ContourSegment(
+            start=arc.start + gap,
+            end=arc.end + gap,
+            first=len(self.out),
+            feed=feed,
+            centre=arc.centre,
+            left=bool(arc.normal @ self.plane > 0.0),
+        )
+        if axis != self.axis or turn is not None or not in_plane or turns > 1:
+            self.end_contour("what follows is no arc in the working plane")
+        one = self.turn_corner(one, axis, line)
+        if one.start is not None and not np.array_equal(one.start, arc.start + gap, equal_nan=True):
+            start = np.where(arc.unknown, arc.start, one.start)
+            found = compute_arc_chords(start, arc.end, arc.centre, arc.normal, self.chord_tolerance())
+        self._add_chords(found.points + gap if any(arc.unknown) else found.points, turn, axis, feed, line)
+        self.segment = one if in_plane else None
+
+    def _warn_of_tiny_arc(self, arc: ProgrammedArc, found: ArcChords, line: int) -> None:
+        """Warn where the ends of an arc lie so close that it may be meant as a full circle, or as none."""
+        apart = float(np.linalg.norm((arc.end - arc.start) * (1.0 - np.abs(self.plane))))
         if _TOUCHING < apart <= _INCREMENT:
             shape = "a tiny arc" if found.sweep < math.pi else "all but a full circle"
             self.out.warn_once(
@@ -200,23 +224,9 @@ class ArcMoveReader(ControlState):
                 f"({found.sweep * found.radius:.4g} mm long); was a full circle meant, or none?",
                 line,
             )
-        length = found.sweep * found.radius
-        feed = self.feed_mm_min(math.hypot(length, float((end - start) @ self.plane)), line)
-        gap = np.where(unknown, math.nan, 0.0)
-        one = ContourSegment(
-            start=start + gap,
-            end=end + gap,
-            first=len(self.out),
-            feed=feed,
-            centre=centre,
-            left=bool(normal @ self.plane > 0.0),
-        )
-        if axis != self.axis or turn is not None or not in_plane or turns > 1:
-            self.end_contour("what follows is no arc in the working plane")
-        one = self.turn_corner(one, axis, line)
-        if one.start is not None and not np.array_equal(one.start, start + gap, equal_nan=True):
-            found = compute_arc_chords(np.where(unknown, start, one.start), end, centre, normal, self.chord_tolerance())
-        points = found.points + gap if any(unknown) else found.points
+
+    def _add_chords(self, points: Array, turn: RotaryTurn | None, axis: Vector, feed: float, line: int) -> None:
+        """Add the points (n, 3) of an arc in programmed mm and move to the last one."""
         if turn is not None:
             axes = turn.axes(np.arange(1, len(points) + 1) / len(points))
             self.out.add_arc(self.setup.points(points), axes, MoveKind.CUT, feed, line)
@@ -225,7 +235,6 @@ class ArcMoveReader(ControlState):
             self.out.add_arc(self.setup.points(points), axis, MoveKind.CUT, feed, line, axis_before=before)
         x, y, z = points[-1].tolist()
         self.p, self.axis = [x, y, z], axis
-        self.segment = one if in_plane else None
         for k in range(3):
             self.lost[k] = self.lost[k] if math.isnan(self.p[k]) else ""
 
@@ -254,7 +263,7 @@ class ArcMoveReader(ControlState):
             raise ArcError("CIP from or through a place that is not known")
         centre, normal = compute_circumcircle(start, middle, end)
         flat = abs(abs(float(normal @ self.plane)) - 1.0) < 1e-9
-        self.along_arc(start, end, centre, normal, [False] * 3, axis, b.line, in_plane=flat)
+        self.along_arc(ProgrammedArc(start, end, centre, normal), axis, b.line, in_plane=flat)
 
     def tangential(self, to: list[float], axis: Vector, line: int) -> None:
         """Carry out CT: an arc in the working plane that continues the previous element tangentially.
@@ -287,7 +296,8 @@ class ArcMoveReader(ControlState):
             self.cut(to, axis, line)
             return
         centre = start + n * float(d @ d) / (2.0 * aside)
-        self.along_arc(start, end, centre, self.plane * math.copysign(1.0, aside), unknown, axis, line)
+        normal = self.plane * math.copysign(1.0, aside)
+        self.along_arc(ProgrammedArc(start, end, centre, normal, unknown), axis, line)
 
     def about_the_pole(self, to: list[float], axis: Vector, b: ProgramBlock) -> None:
         """Carry out G2 or G3 with AP=: an arc about the pole.
@@ -302,7 +312,8 @@ class ArcMoveReader(ControlState):
         centre = start.copy()
         centre[first], centre[second] = self.polar.pole[first], self.polar.pole[second]
         normal = self.plane * (1.0 if self.motion == 3 else -1.0)
-        self.along_arc(start, end, centre, normal, unknown, axis, b.line, turns=1 + self.full_circles(b))
+        arc = ProgrammedArc(start, end, centre, normal, unknown)
+        self.along_arc(arc, axis, b.line, turns=1 + self.full_circles(b))
 
 
 def compute_arc_end(start: Array, end: Array, centre: Array, opening: float, normal: Array) -> Array:

@@ -118,6 +118,27 @@ class DrillingMoveReader(ArcMoveReader):
         self.report_conventions(c, given, b)
         return c.build_cycle_at_hole(back_to_initial=self.back_to_initial)
 
+    def _check_cycle(self, cycle: DrillingCycle, line: int) -> DrillingCycle:
+        """Return the cycle with the feed in force; raise InputError where axis, scale or feed do not allow it."""
+        why = self.setup.describe_unknown_place()
+        if why:
+            raise self.source.build_error(why, line)
+        if not self.along_z():
+            raise self.source.build_error(f"{cycle.name} with a tool that is not parallel to Z is not supported", line)
+        if math.isnan(cycle.feed):
+            if self.feed_mode == "inverse":
+                raise self.source.build_error(
+                    f"{cycle.name} under G93: a cycle's feed is no time for a block; G94 before it", line
+                )
+            cycle = replace(cycle, feed=self.feed_mm_min(0.0, line))
+        if abs(self.setup.height_factor - 1.0) > 1e-9:
+            raise self.source.build_error(
+                f"{cycle.name} under a scaling or mirroring of Z: which of its heights it changes depends on the "
+                "control; post the hole as G0 and G1",
+                line,
+            )
+        return cycle
+
     def holes(self, cycle: DrillingCycle, words: dict[str, float], target: list[float] | None, b: ProgramBlock) -> None:
         """Drill the hole of this block and its repeats.
 
@@ -131,25 +152,7 @@ class DrillingMoveReader(ArcMoveReader):
             InputError: the position of the hole is not known, or the tool axis or a scale does not allow the
                 cycle.
         """
-        why = self.setup.describe_unknown_place()
-        if why:
-            raise self.source.build_error(why, b.line)
-        if not self.along_z():
-            raise self.source.build_error(
-                f"{cycle.name} with a tool that is not parallel to Z is not supported", b.line
-            )
-        if math.isnan(cycle.feed):
-            if self.feed_mode == "inverse":
-                raise self.source.build_error(
-                    f"{cycle.name} under G93: a cycle's feed is no time for a block; G94 before it", b.line
-                )
-            cycle = replace(cycle, feed=self.feed_mm_min(0.0, b.line))
-        if abs(self.setup.height_factor - 1.0) > 1e-9:
-            raise self.source.build_error(
-                f"{cycle.name} under a scaling or mirroring of Z: which of its heights it changes depends on the "
-                "control; post the hole as G0 and G1",
-                b.line,
-            )
+        cycle = self._check_cycle(cycle, b.line)
         self.end_contour("a drilling cycle follows")
         repeats = 1
         for letter in ("L", "K"):

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 
 import numpy as np
 
 from machopt.data_types.toolpath import MoveKind
+from machopt.path_building.rotary_axes import RotaryMachine
 from machopt.path_building.rotary_moves import SMALL_TURN_DEG
 from machopt.toolpath.readers.gcode.block_motion import BlockMotionReader
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourSegment
@@ -61,6 +63,18 @@ def is_plain_line_mode(r: BlockMotionReader) -> bool:
     )
 
 
+def _turn_axes(
+    machine: RotaryMachine, angles: Mapping[str, float], texts: tuple[str | None, str | None, str | None], *, cuts: bool
+) -> dict[str, float] | None:
+    """Return the angles in deg with the words A, B and C of a line; None where the general reader has to read it."""
+    given = {n: float(v) for n, v in zip("ABC", texts, strict=True) if v is not None}
+    if not given.keys() <= set(machine.letters):
+        return None
+    if cuts and sum(abs(v - angles.get(n, 0.0)) for n, v in given.items()) > SMALL_TURN_DEG:
+        return None  # divided along the path of the rotary axes
+    return {**angles, **given}
+
+
 def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, linear: bool = False) -> int:
     """Carry out plain lines from index ``at`` on; returns the index of the first one that is not.
 
@@ -77,12 +91,10 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
     with_tcp, machine, vector = r.setup.tcp is not None, r.setup.machine, r.setup.vector
     takes_vectors = r.setup.tcp == "vector" or (with_tcp and pattern is not PLAIN)
     i, j, k = r.axis
-    nan = math.nan
     numbers: list[float] = []
     places: list[tuple[int, int]] = []
     extend, append = numbers.extend, places.append
-    end = len(lines)
-    while at < end:
+    while at < len(lines):
         found = match(lines[at])
         if found is None:
             break
@@ -100,12 +112,10 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
         if a is not None or b is not None or c is not None:
             if not with_tcp or machine is None or vector is not None:
                 break
-            given = {n: float(v) for n, v in (("A", a), ("B", b), ("C", c)) if v is not None}
-            if not given.keys() <= set(machine.letters):
+            turned = _turn_axes(machine, angles, (a, b, c), cuts=bool(new))
+            if turned is None:
                 break
-            if new and sum(abs(v - angles.get(n, 0.0)) for n, v in given.items()) > SMALL_TURN_DEG:
-                break  # divided along the path of the rotary axes
-            angles = {**angles, **given}
+            angles = turned
             i, j, k = machine.tool_axis(angles)
         if u is not None or v is not None or w is not None:
             x1, y1, z1 = float(u or 0.0), float(v or 0.0), float(w or 0.0)
@@ -113,33 +123,27 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
             if not takes_vectors or not _SHORTEST < length < _LONGEST:
                 break
             vector = i, j, k = x1 / length, y1 / length, z1 / length
-        if xs is not None:
-            x = float(xs) * scale
-        if ys is not None:
-            y = float(ys) * scale
-        if zs is not None:
-            z = float(zs) * scale
+        x = x if xs is None else float(xs) * scale
+        y = y if ys is None else float(ys) * scale
+        z = z if zs is None else float(zs) * scale
         motion, feed = new, rate
         at += 1
-        if new:
-            extend((x, y, z, i, j, k, feed * per_feed))
-            append((MoveKind.CUT.value, at))
-        else:
-            extend((x, y, z, i, j, k, nan))
-            append((MoveKind.RAPID.value, at))
+        extend((x, y, z, i, j, k, feed * per_feed if new else math.nan))
+        append((MoveKind.CUT.value if new else MoveKind.RAPID.value, at))
         if len(places) >= _AT_ONCE:
             r.out.add_many(numbers, places)
             numbers.clear()
             places.clear()
     r.out.add_many(numbers, places)
-    before = numbers[-14:-11] if len(places) > 1 else list(r.p) if places else []
     if places:
-        r.segment = None
-    if before and motion == 1 and not with_tcp:  # a corner may follow
-        r.segment = ContourSegment(
-            start=np.array(before), end=np.array([x, y, z]), first=len(r.out) - 1, feed=feed * per_feed
-        )
+        before = numbers[-14:-11] if len(places) > 1 else list(r.p)
+        has_corner = motion == 1 and not with_tcp  # a corner may follow
+        r.segment = _build_last_segment(r, before, [x, y, z], feed * per_feed) if has_corner else None
     r.p, r.axis, r.motion, r.feed, r.fed_at = [x, y, z], (i, j, k), motion, feed, fed_at
     if angles is not r.setup.angles or vector is not r.setup.vector:
         r.setup = r.setup.with_changes(angles=angles, vector=vector)
     return at
+
+
+def _build_last_segment(r: BlockMotionReader, start: list[float], end: list[float], feed: float) -> ContourSegment:
+    return ContourSegment(start=np.array(start), end=np.array(end), first=len(r.out) - 1, feed=feed)

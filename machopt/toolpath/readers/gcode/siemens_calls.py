@@ -50,21 +50,46 @@ class SiemensCallReader(FrameWordReader):
         Raises:
             InputError: the call is not supported.
         """
-        line = b.line
-        if name in _FRAMES:
-            self.siemens_frame(name, words, b)
-            return
-        if name == "CYCLE800":
-            self.swivel(args, line)
-            return
-        if name in ("CIP", "CT"):
-            self.motion, self.canned = (THROUGH if name == "CIP" else TANGENTIAL), None
-            return
-        if name in ("HOLES1", "HOLES2"):
-            self.pattern(name, args, line)
+        if self._move_frame(name, args, words, b):
             return
         if name in REFUSED_CALLS:
-            raise self.source.build_error(f"{name}: {REFUSED_CALLS[name]}", line)
+            raise self.source.build_error(f"{name}: {REFUSED_CALLS[name]}", b.line)
+        if name == "MSG" and (found := OPERATION.match(args.strip('"'))):
+            self.out.begin_operation(found.group(1))
+            return
+        if self._change_modes(name, args, b.line):
+            return
+        self._refuse_unsupported(name, b.line)
+        known = name in harmless_words.SINUMERIK_CALLS or name in _KNOWN
+        if name in _AXIS_WAYS:
+            self.turns_in_plane = _AXIS_WAYS[name]
+        if name == "FGROUP":
+            known = {a.strip() for a in args.split(",") if a.strip()} in (set(), _DEFAULT_FGROUP)
+        accepted = normalise_word(name) in self.options.accept_unknown
+        if not known and not accepted and name != "FGROUP" and self.siemens and not b.words_but_number():
+            raise self.source.build_error(
+                f"{name} is no word that is known here: a subprogram of that name moves the axes, and it is not in "
+                f"this file. Append it or expand it; where it moves nothing: --accept-unknown {name}",
+                b.line,
+            )
+        self.out.ignore(name, b.line, understood=known)
+
+    def _move_frame(self, name: str, args: str, words: dict[str, float], b: ProgramBlock) -> bool:
+        """Carry out a call that sets a frame, an arc or holes; return whether it was one."""
+        if name in _FRAMES:
+            self.siemens_frame(name, words, b)
+        elif name == "CYCLE800":
+            self.swivel(args, b.line)
+        elif name in ("CIP", "CT"):
+            self.motion, self.canned = (THROUGH if name == "CIP" else TANGENTIAL), None
+        elif name in ("HOLES1", "HOLES2"):
+            self.pattern(name, args, b.line)
+        else:
+            return False
+        return True
+
+    def _change_modes(self, name: str, args: str, line: int) -> bool:
+        """Carry out a call that changes the transformation or the modal call; return whether it is a cycle."""
         if name == "TRAORI":
             self.use_tcp("angles", line)
         elif name in ("TRAFOOF", "TRAOOF"):
@@ -73,9 +98,6 @@ class SiemensCallReader(FrameWordReader):
             self.modal_call = None
         elif name in ("TOROT", "TOFRAME"):
             self.torot(name, line)
-        elif name == "MSG" and (found := OPERATION.match(args.strip('"'))):
-            self.out.begin_operation(found.group(1))
-            return
         elif SIEMENS.fullmatch(name):
             self.modal_call = parse_siemens_cycle(name, args, self.scale)
             self.once = line
@@ -85,7 +107,11 @@ class SiemensCallReader(FrameWordReader):
                     "along it",
                     line,
                 )
-            return
+            return True
+        return False
+
+    def _refuse_unsupported(self, name: str, line: int) -> None:
+        """Raise InputError for a subprogram, an unsupported cycle, or words without a space between them."""
         if re.fullmatch(r"L\d+", name):
             raise self.source.build_error(
                 f"{name} calls a subprogram that is not in this file; expand it into one program, or append it", line
@@ -97,19 +123,6 @@ class SiemensCallReader(FrameWordReader):
             raise self.source.build_error(f"{name} is not supported: export its motion as G0 and G1", line)
         if _RUN_TOGETHER.fullmatch(name):
             raise self.source.build_error(f"found {name!r}; expected words such as X10.5 or G1", line)
-        known = name in harmless_words.SINUMERIK_CALLS or name in _KNOWN
-        if name in _AXIS_WAYS:
-            self.turns_in_plane = _AXIS_WAYS[name]
-        if name == "FGROUP":
-            known = {a.strip() for a in args.split(",") if a.strip()} in (set(), _DEFAULT_FGROUP)
-        accepted = normalise_word(name) in self.options.accept_unknown
-        if not known and not accepted and name != "FGROUP" and self.siemens and not b.words_but_number():
-            raise self.source.build_error(
-                f"{name} is no word that is known here: a subprogram of that name moves the axes, and it is not in "
-                f"this file. Append it or expand it; where it moves nothing: --accept-unknown {name}",
-                line,
-            )
-        self.out.ignore(name, line, understood=known)
 
     def torot(self, name: str, line: int) -> None:
         """Carry out TOROT; it is read only where the plane is already aligned with the tool.

@@ -15,6 +15,7 @@ from machopt.path_building.arc_chords import ArcError
 from machopt.path_building.drilling_cycles import DrillingCycleError
 from machopt.path_building.point_collector import Vector
 from machopt.toolpath.readers import harmless_words
+from machopt.toolpath.readers.gcode.arc_moves import ProgrammedArc
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourCorner, ContourSegment, CornerKind
 from machopt.toolpath.readers.gcode.geometry.hole_patterns import MOST_HOLES, generate_hole_circle, generate_hole_grid
 from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
@@ -374,7 +375,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         centre = np.array([path.centre.real, path.centre.imag, self.p[2]])
         normal = self.plane * (1.0 if path.left else -1.0)
         modal, self.feed = self.feed, feed / self.feed_scale
-        self.along_arc(np.array(self.p), end, centre, normal, [False] * 3, axis, line)
+        self.along_arc(ProgrammedArc(np.array(self.p), end, centre, normal), axis, line)
         self.feed = modal
 
     def lead_out(self, path: LeadIn, outside: complex | None, height: float | None, line: int) -> None:

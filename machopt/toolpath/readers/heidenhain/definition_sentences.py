@@ -145,6 +145,31 @@ class DefinitionReader(SentenceReader):
         if not found:
             raise self.source.build_error(f"{text[:24]!r}: expected CYCL DEF and a number", line)
         number, part, rest = int(found.group(1)), found.group(2), found.group(3)
+        if self._transform_system(number, part, rest, line):
+            return False
+        if number == 247:
+            self.out.ignore(f"CYCL DEF {number}", line, understood=number in harmless_words.HEIDENHAIN_CYCLES)
+            return True
+        if number in MACHINE_CYCLES or number in BUILDER_CYCLES:
+            self.machine_cycle(number, line)
+            return True
+        if number in (220, 221):
+            self.pattern_text = (number, line)
+            return True
+        if number in (9, 13, 32):
+            dwell = re.search(NUMBER, rest) if (number, part) == (9, "1") else None
+            if dwell:
+                self.out.event("dwell", text, parse_value(dwell.group(1)))
+            self.out.ignore(f"CYCL DEF {number}", line, understood=True)
+        elif number in (1, 2, 17):
+            self.old_cycle_line(number, part, rest, line)
+        else:
+            self.begin_q_cycle(number, line)
+            return True
+        return False
+
+    def _transform_system(self, number: int, part: str | None, rest: str, line: int) -> bool:
+        """Carry out a cycle that moves, turns, tilts, scales or mirrors the system; return whether it is one."""
         if number == 7:
             if "#" in rest:
                 raise self.source.build_error(
@@ -178,26 +203,9 @@ class DefinitionReader(SentenceReader):
         elif number == 8:
             if part != "0":
                 self.mirror_axes(rest, "CYCL DEF 8", line)
-        elif number == 247:
-            self.out.ignore(f"CYCL DEF {number}", line, understood=number in harmless_words.HEIDENHAIN_CYCLES)
-            return True
-        elif number in MACHINE_CYCLES or number in BUILDER_CYCLES:
-            self.machine_cycle(number, line)
-            return True
-        elif number in (220, 221):
-            self.pattern_text = (number, line)
-            return True
-        elif number in (9, 13, 32):
-            dwell = re.search(NUMBER, rest) if (number, part) == (9, "1") else None
-            if dwell:
-                self.out.event("dwell", text, parse_value(dwell.group(1)))
-            self.out.ignore(f"CYCL DEF {number}", line, understood=True)
-        elif number in (1, 2, 17):
-            self.old_cycle_line(number, part, rest, line)
         else:
-            self.begin_q_cycle(number, line)
-            return True
-        return False
+            return False
+        return True
 
     def machine_cycle(self, number: int, line: int) -> None:
         """Handle a cycle of the machine: tuning cycles are left out, cycles of the machine builder are reported.

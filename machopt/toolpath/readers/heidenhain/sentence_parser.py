@@ -58,6 +58,22 @@ class SentenceReader(HeidenhainControlReader):
                 raise self.source.build_error(f"found {strange!r}; expected coordinates, F, R or M{hint}", line)
         return words, flags
 
+    def _split_contour_end(self, text: str, line: int) -> tuple[str, Lead, dict[str, float], str]:
+        """Return APPR or DEP, the kind of lead, its length LEN and angle CCA where given, and the rest of the text."""
+        found = re.match(r"(APPR|DEP)\s+(LT|LN|CT|LCT)(?![A-Z])(.*)", text)
+        kind = None if found is None else _LEADS[found.group(2)]
+        if found is None or kind is None:
+            raise self.source.build_error(
+                f"{text[:24]!r}: read are APPR and DEP with LT, LN, CT and LCT; post it with those, or as L and C", line
+            )
+        rest = found.group(3)
+        own: dict[str, float] = {}
+        for name in ("LEN", "CCA"):
+            if number := re.search(rf"\b{name}\s*" + NUMBER, rest):
+                own[name] = parse_value(number.group(1))
+                rest = rest.replace(number.group(0), " ", 1)
+        return found.group(1), kind, own, rest
+
     def contour_end(self, text: str, line: int) -> None:
         """Carry out APPR or DEP with LT, LN, CT or LCT, in Cartesian coordinates.
 
@@ -68,18 +84,7 @@ class SentenceReader(HeidenhainControlReader):
         Raises:
             InputError: this kind of approach or departure is not supported.
         """
-        found = re.match(r"(APPR|DEP)\s+(LT|LN|CT|LCT)(?![A-Z])(.*)", text)
-        kind = None if found is None else _LEADS[found.group(2)]
-        if found is None or kind is None:
-            raise self.source.build_error(
-                f"{text[:24]!r}: read are APPR and DEP with LT, LN, CT and LCT; post it with those, or as L and C", line
-            )
-        where, rest = found.group(1), found.group(3)
-        own: dict[str, float] = {}
-        for name in ("LEN", "CCA"):
-            if number := re.search(rf"\b{name}\s*" + NUMBER, rest):
-                own[name] = parse_value(number.group(1))
-                rest = rest.replace(number.group(0), " ", 1)
+        where, kind, own, rest = self._split_contour_end(text, line)
         side, feed_before = self.side, math.nan if self.motion == 0 else self.feed_mm_min(1.0, line)
         words, flags = self.split(rest, line)
         if "F" in words:

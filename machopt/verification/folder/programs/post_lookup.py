@@ -170,3 +170,15 @@ def select_controller(cell: Cell, post: str | Path) -> RobotController:
     named = cell.controller.post
     own = None if named is None else load_post(named).keys.dialect
     return cell.controller if own == load_post(post).keys.dialect else replace(cell.controller, lines={})
+
+
+def select_listed_controller(cell: Cell, post: str | Path | None) -> tuple[RobotController, bool]:
+    """Return the cell's controller as the post of a listed program took it, and whether the post is a user's own.
+
+    Args:
+        cell: The robot cell.
+        post: Name of the post or its template file; None where the template is not known.
+    """
+    if post is None:
+        return cell.controller, True
+    return select_controller(cell, post), isinstance(post, Path)

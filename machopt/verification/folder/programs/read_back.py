@@ -41,7 +41,7 @@ from machopt.verification.folder.programs.frames_and_axes import (
     convert_to_controller_axes,
     find_wrong_frames,
 )
-from machopt.verification.folder.programs.post_lookup import select_controller
+from machopt.verification.folder.programs.post_lookup import select_listed_controller
 from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
 from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
 from machopt.verification.folder.programs.target_corrections import (
@@ -92,8 +92,7 @@ def check_programs(
     options: PlanOptions,
     tolerance: ProgramTolerance,
     source: str | None = None,
-    motion: ExportedMotion | None = None,
-    tables: ExportedTables | None = None,
+    tables: ExportedTables | ExportedMotion | None = None,
 ) -> tuple[ProgramComparison, ...]:
     """Compare every robot program of an output folder with motion and CAM file.
 
@@ -105,8 +104,8 @@ def check_programs(
         options: as for the plan.
         tolerance: between the controller's lines and the motion.
         source: what the programs' heads say they are from; cell and toolpath by default.
-        motion: trajectory.csv where it has been read already.
-        tables: what of the folder's tables belongs to the toolpath, where that is a part of the job.
+        tables: what of the folder's tables belongs to the toolpath, where that is a part of the job; or trajectory.csv
+            alone, where it has been read already.
 
     Returns:
         One entry a program.
@@ -117,10 +116,24 @@ def check_programs(
     out = Path(out)
     if not posted:
         return ()
+    if not isinstance(tables, ExportedTables):
+        tables = _read_tables(cell, out, tables)
     ground = _ComparisonContext.build(
-        cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", motion, tables
+        cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", tables
     )
     return tuple(ground.compare_program(one) for one in posted)
+
+
+def _read_tables(cell: Cell, out: Path, motion: ExportedMotion | None) -> ExportedTables:
+    """Return the tables of a folder; raise InputError where one cannot be read."""
+    motion = motion or read_motion(out / "trajectory.csv", cell)
+    points = read_points(out / "points.csv", cell)
+    return ExportedTables(
+        motion,
+        points,
+        read_compensation(out / "compensation.csv") if points.shift is not None else None,
+        read_tilt(out / "tilt.csv") if points.lead is not None else None,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,16 +164,9 @@ class _ComparisonContext:
         options: PlanOptions,
         tolerance: ProgramTolerance,
         source: str,
-        motion: ExportedMotion | None,
-        tables: ExportedTables | None,
+        tables: ExportedTables,
     ) -> _ComparisonContext:
-        if tables is None:
-            motion = motion or read_motion(out / "trajectory.csv", cell)
-            points = read_points(out / "points.csv", cell)
-            shift = read_compensation(out / "compensation.csv") if points.shift is not None else None
-            stated = read_tilt(out / "tilt.csv") if points.lead is not None else None
-        else:
-            motion, points, shift, stated = tables.motion, tables.points, tables.shift, tables.tilt
+        motion, points, shift, stated = tables.motion, tables.points, tables.shift, tables.tilt
         arm = UrdfKinematics(cell, drawn=True)  # as the controller reckons
         tcp = arm.compute_tcp_in_workpiece(motion.q, motion.external)
         offset, tilt = compute_corrections(cell, motion, tcp)
@@ -204,7 +210,7 @@ class _ComparisonContext:
             return ProgramComparison(
                 posted, 0, (build_failed_program_check(name, "files there", f"{missing[0]} is missing"),)
             )
-        controller, other = _select_controller(self.cell, posted)
+        controller, other = select_listed_controller(self.cell, posted.post)
         pulses = None if controller.pulses_per_deg is None else controller.pulses_per_deg.tolist()
         try:
             if other and not is_program_file(self.out / name):
@@ -462,10 +468,3 @@ def _build_unreadable_check(file: str) -> VerificationCheck:
         "",
         "NOT CHECKED: no reader for the language of this program exists",
     )
-
-
-def _select_controller(cell: Cell, posted: ListedProgram) -> tuple[RobotController, bool]:
-    """The cell's controller as the post took it, and whether the post is a user's own."""
-    if posted.post is None:
-        return cell.controller, True
-    return select_controller(cell, posted.post), isinstance(posted.post, Path)

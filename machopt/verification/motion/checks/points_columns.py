@@ -24,7 +24,7 @@ deg, six joints) makes of the column.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,18 @@ def rotate_vectors(T: Array, v: Array) -> Array:
         v: (N, 3) vectors in the frames' axes.
     """
     return np.asarray(np.einsum("nij,nj->ni", T[:, :3, :3], v))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PointStiffness:
+    """Stiffness and deflection at n points; NaN where they are not computed."""
+
+    axial: Array  # (n,) N/m, along the tool axis
+    normal: Array  # (n,) N/m, across it; of two directions that the travel permits, the one nearer to the table
+    held: Array  # (n,) N/m, with the other directions held
+    deflection: Array  # (n,) m
+    axial_std: Array  # (n,) N/m, 1 sigma
+    deflection_std: Array  # (n,) m, 1 sigma
 
 
 class PointsTableCheck:
@@ -387,7 +399,34 @@ class PointsTableCheck:
             law = arm_compliance.ComplianceModel(self.cell, self.arm, self.cell.stiffness)
         except UnknownTermError as error:
             return [build_skipped_check(name, f"no second law is written for {error}")]
-        rows, o, pull = np.flatnonzero(self.live), self.options.force, compute_sideways_directions(self.toolpath)
+        rows = np.flatnonzero(self.live)
+        soft = self._compute_stiffness(law, rows)
+        given = self.options.force.given
+        columns: list[tuple[str, Array, str, float, float]] = [
+            ("k_axial_N_mm", soft.axial / 1e3, "N/mm", STIFFNESS_TOLERANCE_N_MM, RELATIVE_TOLERANCE),
+            ("k_normal_N_mm", soft.normal / 1e3, "N/mm", STIFFNESS_TOLERANCE_N_MM, RELATIVE_TOLERANCE),
+        ]
+        if "k_jiao_x_N_mm" in self.points.numbers:
+            columns.append(("k_jiao_x_N_mm", soft.held / 1e3, "N/mm", STIFFNESS_TOLERANCE_N_MM, RELATIVE_TOLERANCE))
+        relative = RELATIVE_TOLERANCE if given else 0.0
+        columns.append(("deflection_mm", 1e3 * soft.deflection, "mm", DEFLECTION_TOLERANCE_MM, relative))
+        if law.has_uncertainty:
+            axial_std = soft.axial_std / 1e3
+            columns.append(("k_axial_std_N_mm", axial_std, "N/mm", STIFFNESS_TOLERANCE_N_MM, RELATIVE_TOLERANCE))
+            if given:
+                bend_std = 1e3 * soft.deflection_std
+                columns.append(("deflection_std_mm", bend_std, "mm", DEFLECTION_TOLERANCE_MM, RELATIVE_TOLERANCE))
+        out = [
+            self.check_column(column, values, rows, unit, absolute, share)
+            for column, values, unit, absolute, share in columns
+        ]
+        if law.stiffness.grid is not None:
+            out.append(self._check_grid(law))
+        return out
+
+    def _compute_stiffness(self, law: arm_compliance.ComplianceModel, rows: NDArray[np.intp]) -> _PointStiffness:
+        """Return stiffness and deflection at rows (n,) of the table by the second law."""
+        o, pull = self.options.force, compute_sideways_directions(self.toolpath)
         axial, normal, other, held, bend, axial_std, bend_std = (np.full(len(rows), np.nan) for _ in range(7))
         for some, stance in self.compute_configurations(rows):
             k = self.k[rows[some]]
@@ -410,39 +449,14 @@ class PointsTableCheck:
                 if o.given:
                     bend_std[some] = law.compute_deflection_std(soft, force)
         told = self.points.numbers.get("k_normal_N_mm", np.full(len(self.k), np.nan))[rows] * 1e3
-        normal = np.where(np.abs(told - other) < np.abs(told - normal), other, normal)
-        out = [
-            self.check_column("k_axial_N_mm", axial / 1e3, rows, "N/mm", STIFFNESS_TOLERANCE_N_MM, RELATIVE_TOLERANCE),
-            self.check_column(
-                "k_normal_N_mm", normal / 1e3, rows, "N/mm", STIFFNESS_TOLERANCE_N_MM, RELATIVE_TOLERANCE
-            ),
-        ]
-        if "k_jiao_x_N_mm" in self.points.numbers:
-            out.append(
-                self.check_column(
-                    "k_jiao_x_N_mm", held / 1e3, rows, "N/mm", STIFFNESS_TOLERANCE_N_MM, RELATIVE_TOLERANCE
-                )
-            )
-        out.append(
-            self.check_column(
-                "deflection_mm", 1e3 * bend, rows, "mm", DEFLECTION_TOLERANCE_MM, RELATIVE_TOLERANCE if o.given else 0.0
-            )
+        return _PointStiffness(
+            axial=axial,
+            normal=np.where(np.abs(told - other) < np.abs(told - normal), other, normal),
+            held=held,
+            deflection=bend,
+            axial_std=axial_std,
+            deflection_std=bend_std,
         )
-        if law.has_uncertainty:
-            out.append(
-                self.check_column(
-                    "k_axial_std_N_mm", axial_std / 1e3, rows, "N/mm", STIFFNESS_TOLERANCE_N_MM, RELATIVE_TOLERANCE
-                )
-            )
-            if o.given:
-                out.append(
-                    self.check_column(
-                        "deflection_std_mm", 1e3 * bend_std, rows, "mm", DEFLECTION_TOLERANCE_MM, RELATIVE_TOLERANCE
-                    )
-                )
-        if law.stiffness.grid is not None:
-            out.append(self._check_grid(law))
-        return out
 
     def _check_grid(self, law: arm_compliance.ComplianceModel) -> VerificationCheck:
         """Which rows rest on a cell of the grid: all rows, whether or not they have a configuration."""

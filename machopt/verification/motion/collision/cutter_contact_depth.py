@@ -140,6 +140,9 @@ def measure_depth_outside_cuts(
     return [VerificationInformation(name=name, value=1e3 * depth, unit="mm", where=f"{motion.describe_row(at)}: {why}")]
 
 
+LEVEL_CHECK = "level of the cuts"
+
+
 def check_cut_level(
     motion: ExportedMotion,
     toolpath: Toolpath,
@@ -163,7 +166,6 @@ def check_cut_level(
         commanded: Index (P,) and position (P, 3) m of the commanded path in the workpiece frame; None without
             compensation.
     """
-    name = "level of the cuts"
     if cell.workpiece.geometry:
         return []
     rows, known = np.flatnonzero(locations.is_free), np.isfinite(motion.point)
@@ -171,7 +173,7 @@ def check_cut_level(
     if not len(rows) or not len(cuts):
         return [
             VerificationCheck(
-                name=name,
+                name=LEVEL_CHECK,
                 passed=True,
                 value=0.0,
                 limit=1e3 * LEVEL_TOLERANCE_M,
@@ -185,11 +187,25 @@ def check_cut_level(
     resting = [(n, move) for n, move in _find_rest_rows(known) if every[n] > LEVEL_TOLERANCE_M]
     for _, move in resting:
         every[move] = 0.0
-    under = every[rows]
+    return _list_level_checks(motion, rows, every[rows], beside, [row for row, _ in resting])
+
+
+def _list_level_checks(
+    motion: ExportedMotion, rows: NDArray[np.intp], under: Array, beside: Array, resting: list[int]
+) -> list[VerificationCheck]:
+    """Return the checks of the depths (n,) m under and beside the cuts at rows (n,) of the motion.
+
+    Args:
+        motion: The exported motion.
+        rows: Samples of free moves.
+        under: Depth under the cuts above, without the moves from and to ``resting``.
+        beside: Depth under the nearest cuts.
+        resting: Samples at rest that are under a cut.
+    """
     k, m = int(np.argmax(under)), int(np.argmax(beside))
     out = [
         VerificationCheck(
-            name=name,
+            name=LEVEL_CHECK,
             passed=bool(under[k] <= LEVEL_TOLERANCE_M),
             value=1e3 * float(under[k]),
             limit=1e3 * LEVEL_TOLERANCE_M,
@@ -206,7 +222,7 @@ def check_cut_level(
                 "mm",
             )
         )
-    for row, _ in resting[:1]:
+    for row in resting[:1]:
         why = f"the tip rests under a cut at {motion.describe_row(row)}, so that no move from or to there stays over it"
         out.append(build_skipped_check("level of moves from and to rest", why, "mm"))
     return out
