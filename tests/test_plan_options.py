@@ -83,6 +83,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         rapid_scale=0.31,
         limit_scale=0.47,
         allow_gaps=True,
+        max_reentries=2,
         compensate=True,
         compensation_max=0.003,
         seed=9,

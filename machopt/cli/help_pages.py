@@ -61,7 +61,6 @@ PAGES: dict[str, HelpPage] = {
                     "--index",
                     "--compensate",
                     "--allow-gaps",
-                    "--max-reentries",
                 ),
             ),
             ("robot program", ("--post", "--program-tolerance-mm")),
