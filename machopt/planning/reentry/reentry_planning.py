@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.reentry_result import ReentryResult
 from machopt.data_types.toolpath import Toolpath
-from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.path_planner import PathVariant, plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.reentry.closed_contours import find_reentry_points
 from machopt.planning.stations.planning_path import SAME_INDEX
@@ -61,7 +61,9 @@ def _replan(plan: Plan, toolpath: Toolpath) -> Plan:
         toolpath,
         plan.options,
         setup=plan.setup,
-        external=np.insert(external, after, external[after - 1], axis=0) if external.shape[1] else None,
+        variant=PathVariant(
+            external=np.insert(external, after, external[after - 1], axis=0) if external.shape[1] else None
+        ),
         scale=plan.scores.scale,
     )
 
