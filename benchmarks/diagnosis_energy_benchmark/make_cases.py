@@ -25,6 +25,8 @@ from effect_strength import Effect, NoiseFreeRecord, Scene, list_accepted_names,
 
 ENOUGH = 0.7  # of the loudness wanted: the next place is not tried
 TRIED = 3  # places
+LARGE_CAP = 2.0  # times the ordinary largest size of an effect: worn and broken arms
+SOLID = ("joint_creep",)  # nothing solid creeps by more than it yields at once
 DRAWN = 20  # robots, until one has a place for every effect
 
 
@@ -33,11 +35,19 @@ class NoPlaceError(ValueError):
 
 
 def pick(
-    scene: Scene, name: str, loud: float, quiet: NoiseFreeRecord, taken: set[str], rng: np.random.Generator
+    scene: Scene,
+    wanted: tuple[str, float],
+    quiet: NoiseFreeRecord,
+    taken: set[str],
+    rng: np.random.Generator,
+    *,
+    is_large: bool = False,
 ) -> Effect:
     """An effect at the first place where it can be loud enough, else at the best of those tried."""
     best: tuple[float, Effect] | None = None
+    name, loud = wanted
     for one in [e for e in channel_dispatch.draw(scene, name, rng, loud) if e.location not in taken][:TRIED]:
+        one.is_before_refit, one.cap = is_large, one.cap * (LARGE_CAP if is_large and name not in SOLID else 1.0)
         after = scale_effect(scene, one, quiet)
         if best is None or after > best[0]:
             best = (after, one)
@@ -78,8 +88,9 @@ def draw_case(
         quiet = scene.clean([])
         effects: list[Effect] = []
         try:
-            for name, loud in case.effects:
-                effects.append(pick(scene, name, loud, quiet, {e.location for e in effects}, rng))
+            for wanted in case.effects:
+                taken = {e.location for e in effects}
+                effects.append(pick(scene, wanted, quiet, taken, rng, is_large=case.group.startswith("large")))
             break
         except NoPlaceError:  # a gear that weight keeps on one side has no play: another robot, another motion
             if not left:
