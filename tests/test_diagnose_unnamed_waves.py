@@ -59,7 +59,8 @@ def angles(*parts: Finding | None) -> Array:
     [
         ([1.0, 2.0, 12.0], [40.0, 20.0, 15.0], [12.0]),  # 150 degrees: less than a period of the first two
         ([2.0, 4.0, 9.0], [10.0, 30.0, 20.0], [4.0, 9.0]),  # 0.83, 1.67 and 3.75 periods
-        ([10.0, 20.0, 30.0], [15.0, 250.0, 5.0], [10.0, 30.0]),  # no gear has 250 arcsec
+        ([10.0, 20.0, 30.0], [15.0, 700.0, 5.0], [10.0, 30.0]),  # no gear has 700 arcsec
+        ([1.0, 4.0, 12.0], [250.0, 250.0, 250.0], [12.0]),  # a worn gear of which five periods are seen
     ],
 )
 def test_only_waves_of_a_period_and_plausible_size_are_named(
