@@ -226,6 +226,19 @@ def large_cases() -> list[Case]:
     return out
 
 
+def mass_cases() -> list[Case]:
+    """Links whose masses are 5 % off the URDF's, alone and with a payload or a gravity compensator."""
+    out = [
+        Case("mass_null", "poses", lab, number=k) for lab in ("fixed", "fit", "fit_6d", "fixed_once") for k in range(5)
+    ]
+    out += [Case("mass_null", "motion", "torque", number=k) for k in range(5)]
+    for name in ("payload", "gravity_compensator"):
+        for k in range(3):
+            out += [Case("mass_single", "poses", lab, ((name, 3.0 + 3.0 * k),)) for lab in ("fixed", "fit")]
+        out += [Case("mass_single", "motion", "torque", ((name, 1.5),), number=k) for k in range(2)]
+    return out
+
+
 def cases() -> list[Case]:
     """One set."""
     return load_cases() + pose_cases() + motion_cases()
@@ -270,6 +283,7 @@ FAST = (
 def chosen(only: list[str], fast: bool, share: float = 1.0) -> list[Case]:
     """Cases whose key or folder matches a pattern; ``share`` takes an even part of every group, fixed by name."""
     listed = cases() + (large_cases() if any(p.startswith("large") for p in only) else [])
+    listed += mass_cases() if any(p.startswith("mass") for p in only) else []
     if fast:
         listed = [c for c in listed if any(fnmatch.fnmatch(c.key, p) for p in FAST)]
     if only:

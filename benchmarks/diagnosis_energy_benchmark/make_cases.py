@@ -27,6 +27,7 @@ ENOUGH = 0.7  # of the loudness wanted: the next place is not tried
 TRIED = 3  # places
 LARGE_CAP = 2.0  # times the ordinary largest size of an effect: worn and broken arms
 SOLID = ("joint_creep",)  # nothing solid creeps by more than it yields at once
+MASS_SPREAD = 0.05  # 1 sigma of a link's mass about the URDF's, in the groups ``mass_null`` and ``mass_single``
 DRAWN = 20  # robots, until one has a place for every effect
 
 
@@ -84,7 +85,8 @@ def draw_case(
     rng = np.random.default_rng(case.seed(which, draw))
     for left in reversed(range(DRAWN)):
         nominal = robot_models.draw(str(rng.choice(list(robot_models.CATALOGUE))), rng)
-        scene = channel_dispatch.scene(case.channel, case.lab, nominal, robot_models.as_built(nominal, rng), rng)
+        built = robot_models.as_built(nominal, rng, MASS_SPREAD if case.group.startswith("mass") else 0.0)
+        scene = channel_dispatch.scene(case.channel, case.lab, nominal, built, rng)
         quiet = scene.clean([])
         effects: list[Effect] = []
         try:
