@@ -247,6 +247,31 @@ def draw_index_axes() -> str:
     return d.render()
 
 
+def draw_stock_contact() -> str:
+    """Draw the arc of contact of a down cut and of a cutter in a corner, seen along the tool axis."""
+    d = Drawing(720, 330, "Contact of the cutter with the stock, seen along the tool axis")
+    for x, wall, name in ((190, 0, "straight pass: φ from 120° to 180°"), (550, 1, "corner: φ from 80° to 180°")):
+        y, R = 150, 62
+        d.add_box(x - 150, y + R / 2, 300, 95, [], fill="#eadfb8", edge="#b79b45")
+        if wall:
+            d.add_box(x + 61, y - 100, 89, 100 + R / 2, [], fill="#eadfb8", edge="#b79b45")
+        cleared = [(x - 150, y + R), (x, y + R)]
+        d.add_box(x - 150, y + R / 2 - 2, 150, R / 2 + 2, [], fill="#ffffff", edge="#ffffff")
+        d.add_line(cleared, colour="#b79b45")
+        d.add_circle(x, y, R, fill="#ffffff")
+        first = math.radians(80 if wall else 120)
+        arc = [first + (math.pi - first) * n / 40 for n in range(41)]
+        d.add_line([(x + R * math.sin(t), y - R * math.cos(t)) for t in arc], colour=BAD, width=5)
+        d.add_line([(x, y), (x + 100, y)], arrow=True)
+        d.add_text(x + 84, y - 8, "travel", size=12)
+        d.add_line([(x, y), (x, y - 95)], dash="4 3")
+        d.add_text(x, y - 101, "φ = 0", size=12)
+        d.add_line([(x + 28 * math.sin(t), y - 28 * math.cos(t)) for t in [0.04 * n for n in range(40)]], arrow=True)
+        d.add_text(x, 297, name, bold=True)
+    d.add_text(360, 322, "Yellow: stock. Red: where a tooth cuts. Spindle clockwise seen from the shank (M3).", size=13)
+    return d.render()
+
+
 DIAGRAMS = {
     "redundancy_angle": draw_redundancy_angle,
     "configuration_grid": draw_configuration_grid,
@@ -255,6 +280,7 @@ DIAGRAMS = {
     "verification": draw_verification,
     "diagnosis_flow": draw_diagnosis_flow,
     "index_axes": draw_index_axes,
+    "stock_contact": draw_stock_contact,
 }
 
 

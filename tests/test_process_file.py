@@ -56,7 +56,7 @@ def test_missing_spreads_are_known(tmp_path: Path) -> None:
         ("a: {kind: milling, material: al, ap_mm: 6, cut: down}", "operations.a"),  # no ae
         ("a: {kind: milling, material: al, ae_mm: 1, ap_mm: 6, cut: down, clamp_N: 3}", "operations.a"),
         ("a: {kind: milling, material: steel, ae_mm: 1, ap_mm: 6, cut: down}", "operations.a.material"),
-        ("a: {kind: milling, material: al, engagement: stock}", "operations.a"),
+        ("a: {kind: milling, material: al, engagement: stock}", "operations.a.engagement"),
         ("a: {kind: sawing}", "operations.a.kind"),
         ("a: {kind: force}", "operations.a"),
         ("a: {kind: force, force_N: {normal: 3}, wear: [2, 1]}", "operations.a"),

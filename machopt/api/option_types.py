@@ -18,7 +18,7 @@ PathLike = str | os.PathLike[str]
 class PlanOptionValues(TypedDict, total=False):
     """Planning options of ``machopt.optimize`` and ``machopt.place``."""
 
-    method: Literal["global", "jiao2022", "default"] | None  # choice over the whole path, the method of jiao2022, or the CAM file's own rotation
+    method: Literal["global", "joint", "jiao2022", "default"] | None  # global: choice over the whole path; joint: after it, rotation and feed together for the shortest time in tolerance; jiao2022: the method of that paper; default: the CAM file's own rotation
     index: Literal["auto", "deflection", "stiffness", "jiao2022"] | None  # what is made small; auto: deflection where force_N is given, else compliance
     objective: Literal["index", "tolerance"] | None  # index: the weighted index; tolerance: fewest points out of the tolerances of process.yaml first
     force_N: Mapping[str, object] | None  # process force on the tool

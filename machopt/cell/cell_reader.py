@@ -36,6 +36,7 @@ from machopt.cell.mesh import (
     read_surface,
 )
 from machopt.cell.mesh.body_size_check import Role
+from machopt.cell.mesh.stock_mesh import read_stock_mesh
 from machopt.cell.parsed_value_conversion import (
     build_file_error,
     check_unique_names,
@@ -50,7 +51,7 @@ from machopt.cell.parsed_value_conversion import (
     get_solid_shape,
 )
 from machopt.cell.plausibility_checks import check_pose, check_stiffness, check_tool, compute_longest_side
-from machopt.cell.process_file import load_process
+from machopt.cell.process_file import StockKeys, load_process
 from machopt.cell.stiffness.external_joint_stiffness import match_springs_to_joints
 from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.cell.urdf import RobotDescription, UrdfModel, find_mesh, find_package, read_description
@@ -59,6 +60,7 @@ from machopt.data_types.cell import Cell, CollisionShape, IgnoredPair, Tool, Wor
 from machopt.data_types.kinematic_corrections import KinematicCorrections
 from machopt.data_types.process import CuttingProcess
 from machopt.data_types.stiffness import ArmStiffness
+from machopt.data_types.stock import StockBody
 from machopt.errors import CellError
 from machopt.file_formats.file_reading import check_file
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument, read_yaml, validate_document
@@ -273,10 +275,17 @@ class _CellReader:
         if self.other_process is not None:
             check_file(self.other_process, expected="a process.yaml", most=ANY_SIZE)
             self.folder.read.append(self.other_process.resolve())
-            return load_process(self.other_process)
+            return load_process(self.other_process, self.stock)
         if self.keys.process is None:
             return None
-        return load_process(self.folder.resolve_file(("process",), self.keys.process))
+        return load_process(self.folder.resolve_file(("process",), self.keys.process), self.stock)
+
+    def stock(self, document: YamlDocument, keys: StockKeys) -> StockBody:
+        """The part before machining, whose mesh lies in the cell folder."""
+        fail = partial(document.build_error, ("stock", "mesh"))
+        path = self.folder.resolve_inside(self.folder.path / keys.mesh, keys.mesh, fail)
+        self.folder.read.append(self.folder.check_existing_file(path, keys.mesh, fail))
+        return read_stock_mesh(path, 1.0 if keys.scale is None else keys.scale, keys.cell_mm / 1e3, fail)
 
     def may_touch(
         self, urdf: UrdfModel, tools: dict[str, Tool], workpiece: Workpiece, obstacles: tuple[CollisionShape, ...]

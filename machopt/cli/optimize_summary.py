@@ -107,6 +107,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         )
         lines += _format_removed_deflection(shift)
     lines += _format_tilt(result)
+    lines += _format_joint_method(result)
     if result.cycle_time_s is not None and result.feed_held_share is not None:
         dips, ramps = len(result.feed_dips), len(result.feed_stops)
         rest = f", {dips} dips" if dips else ", the rest is braking at stops that the path requires" if ramps else ""
@@ -319,6 +320,23 @@ def _convert_to_check(c: CheckEntry) -> VerificationCheck:
 def _convert_null_to_nan(value: float | None) -> float:
     """Return a number of a result file; null is NaN."""
     return math.nan if value is None else value
+
+
+def _format_joint_method(result: OptimizeDocument) -> list[str]:
+    out = []
+    for entry in result.joint or ():
+        if entry.accepted and entry.fixed_path_s is not None and entry.joint_s is not None:
+            saved = 100.0 * (1.0 - entry.joint_s / entry.fixed_path_s)
+            taken = sum(window.accepted for window in entry.windows)
+            out.append(
+                f"  rotation and feed together: {entry.joint_s:.1f} s instead of {entry.fixed_path_s:.1f} s with the "
+                f"path of the plan at its advised feeds ({saved:.0f} % less), {taken} of {len(entry.windows)} windows"
+            )
+        else:
+            out.append(f"  the path of the plan is driven at its advised feeds: {entry.reason}")
+        refused = [window for window in entry.windows if not window.accepted]
+        out += [f"    not accepted, {window.window}: {window.reason}" for window in refused[:3]]
+    return out
 
 
 def _format_tilt(result: OptimizeDocument) -> list[str]:

@@ -28,6 +28,7 @@ class ProgressDisplay:
         "check": "collisions",
         "compare": "comparing methods",
         "compensate": "shifting the path against the deflection",
+        "joint": "rotation and feed together",
         "points": "stiffness and clearance per point",
         "retime": "feed, acceleration and jerk",
         "export": "trajectory, tables and program",

@@ -54,8 +54,9 @@ def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning:
     add_shared_option(job, "--force")
     job.add_argument(
         "--method",
-        choices=("global", "jiao2022", "default"),
-        help="global: shortest path over all configurations (default); jiao2022: greedy choice of that paper; default: "
+        choices=("global", "joint", "jiao2022", "default"),
+        help="global: shortest path over all configurations (default); joint: after it, rotation and feed together for "
+        "the shortest time within the tolerances of process.yaml; jiao2022: greedy choice of that paper; default: "
         "the rotation of the CAM file",
     )
     job.add_argument(

@@ -11,7 +11,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 
-PlanMethod = Literal["global", "jiao2022", "default"]
+PlanMethod = Literal["global", "joint", "jiao2022", "default"]
 PlanObjectiveKind = Literal["index", "tolerance"]
 StiffnessIndex = Literal["auto", "deflection", "stiffness", "jiao2022"]
 
@@ -168,6 +168,11 @@ class PlanOptions:
     external: tuple[ExternalJointOptions, ...] = ()
     tilt: TiltRange | None = None  # of a ball cutter; None: the tool axis is that of the CAM file
     tilt_operations: tuple[tuple[str, TiltRange], ...] = ()  # the same of operations by label, before ``tilt``
+
+    @property
+    def is_searched(self) -> bool:
+        """Whether the sequence is searched over all configurations."""
+        return self.method in ("global", "joint")
 
     @property
     def tilts(self) -> bool:

@@ -43,6 +43,9 @@ class PointsTable:
     compensation: Array | None = None  # (N, 3) m in workpiece, added to the commanded path
     lead: Array | None = None  # (N,) rad, tilt of the tool against ``axis``; None: the tool axis is the CAM file's
     side: Array | None = None  # (N,) rad
+    feed_advised: Array | None = (
+        None  # (N,) m/s, feed of the program where it is that of the tolerance; None: no advice
+    )
     process: ProcessColumns | None = None  # None: the cell has no process
 
     def __len__(self) -> int:

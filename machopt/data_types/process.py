@@ -13,6 +13,7 @@ from typing import Literal
 
 from machopt.data_types.cutting_coefficients import DrillingCoefficients, MillingCoefficients
 from machopt.data_types.plan_options import ProcessForce
+from machopt.data_types.stock import StockBody
 
 OperationKind = Literal["drilling", "countersinking", "reaming", "milling", "force"]
 HOLE_KINDS = ("drilling", "countersinking", "reaming")
@@ -71,6 +72,7 @@ class ProcessOperation:
     ap: float | None = None  # m, axial depth of cut
     cut: CutSide | None = None
     is_alternating: bool = False  # passes that reverse change between up and down
+    takes_stock: bool = False  # ae, ap and side of each point come from the stock
     surface: MachinedSurface = "side"
     force: ProcessForce | None = None  # given force
     rake: float = 0.0  # deg, of the drill's lips
@@ -122,7 +124,8 @@ class CuttingProcess:
     materials: Mapping[str, CuttingMaterial] = field(default_factory=dict)
     quantile: float = 0.95  # probability that "pass" needs
     damping: ModeDamping | None = None
-    has_stock: bool = False  # a stock mesh is named; no operation uses it
+    stock: StockBody | None = None  # the part before machining, where an operation takes its engagement from it
+    has_unused_stock: bool = False  # a stock is named, and no operation takes its engagement from it
     file: Path | None = field(default=None, compare=False)
 
 

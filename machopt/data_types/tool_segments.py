@@ -106,6 +106,7 @@ def cut_toolpath(toolpath: Toolpath, first: int, stop: int) -> Toolpath:
         hole_depth=None if toolpath.hole_depth is None else toolpath.hole_depth[rows].copy(),
         process_operation=None if toolpath.process_operation is None else toolpath.process_operation[rows].copy(),
         force=None if toolpath.force is None else toolpath.force[rows].copy(),
+        engagement=None if toolpath.engagement is None else toolpath.engagement.take_range(first, stop),
         events=tuple(replace(event, index=event.index - first) for event in events),
     )
 

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.stock import StockEngagement
 from machopt.numerics.array_types import Array
 
 
@@ -93,6 +94,7 @@ class Toolpath:
     hole_depth: Array | None = None  # (N,) m, surface to the bottom of a hole where the file states it, else NaN
     process_operation: NDArray[np.int32] | None = None  # (N,) operation of process.yaml, −1 for none; None: no process
     force: Array | None = None  # (N, 3) N along travel, normal, axis on the way to the point; NaN: planning option
+    engagement: StockEngagement | None = None  # contact with the stock, where operations take it from there
 
     def __post_init__(self) -> None:
         for name in ("position", "axis", "move", "feed", "operation", "reference", "tolerance", "line"):

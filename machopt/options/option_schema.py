@@ -126,7 +126,9 @@ class OptionKeys(StrictSchema):
 
     machopt_plan: Literal[1] | None = Field(default=None, description="the format of a --plan file")
     method: PlanMethod | None = Field(
-        default=None, description="choice over the whole path, the method of jiao2022, or the CAM file's own rotation"
+        default=None,
+        description="global: choice over the whole path; joint: after it, rotation and feed together for the shortest "
+        "time in tolerance; jiao2022: the method of that paper; default: the CAM file's own rotation",
     )
     index: StiffnessIndex | None = Field(
         default=None, description="what is made small; auto: deflection where force_N is given, else compliance"

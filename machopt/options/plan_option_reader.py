@@ -202,7 +202,7 @@ def find_options_without_effect(options: PlanOptions) -> tuple[str, ...]:
         idle(("clearance_mm", "collision_step_deg"), "collision is false")
     if not options.compensate:
         idle(("compensation_max_mm",), "compensate is false")
-    if options.method != "global":
+    if not options.is_searched:
         why = f"method {options.method} chooses without"
         idle(("weights", "preferred_rotation_deg"), why)
     if options.method == "default":

@@ -7,6 +7,7 @@ ROLES = {
     "trajectory.csv": "trajectory",
     "compensation.csv": "compensation",
     "tilt.csv": "tilt",
+    "engagement.csv": "engagement",
     "front.csv": "front",
     "result.json": "result",
     "identification.json": "result",

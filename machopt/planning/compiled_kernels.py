@@ -96,7 +96,13 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
 )
 
 
-MORE = (  # needed by some plans only: other arms, as-built geometry, external joints, gouges, stability of milling
+MORE = (  # needed by some plans only: other arms, as-built geometry, external joints, gouges, stability, stock
+    ("process.stock.mesh_columns", "_fill_columns", f"{_F3},{_F1},{_F1},f4[:,::1],f4[:,::1],f4[:,::1]"),
+    (
+        "process.stock.path_removal",
+        "_remove_path",
+        f"UniTuple(f4[:,::1],4),UniTuple(f8,2),UniTuple(f8,2),{_F2},b1[::1],UniTuple(f8,3),f8,{_F2}",
+    ),
     ("kinematics.inverse.three_parallel_axes", "_solve_all", f"UniTuple(UniTuple(f8,3),13),UniTuple(f8,9),{_F3},{_F3}"),
     ("kinematics.inverse.newton_iteration", "solve_from_rough_starts", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_F2},i8"),
     ("kinematics.inverse.newton_iteration", "remove_duplicate_solutions", f"{_F2},{_I1},{_F1},i8,i8,f8"),

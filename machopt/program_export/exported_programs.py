@@ -34,6 +34,7 @@ OWN_FILES = (
     "trajectory.csv",
     "compensation.csv",
     "tilt.csv",
+    "engagement.csv",
     "result.json",
     "manifest.json",
     "report.html",

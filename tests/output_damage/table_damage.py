@@ -324,9 +324,11 @@ DAMAGES: list[Damage] = [
         "rotation empty in a cut",
         "one row",
         cutting(put("gamma_deg", "", EVERY), slice(40, 41)),
-        "rotation of the samples told",
+        "rotation of the samples stated",
     ),
-    motion("rotation in a rapid move", "one row", put("gamma_deg", "0.0", slice(5, 6)), "rotation of the samples told"),
+    motion(
+        "rotation in a rapid move", "one row", put("gamma_deg", "0.0", slice(5, 6)), "rotation of the samples stated"
+    ),
     motion("feed of one row", "0.01 mm/min", add("feed_mm_min", 0.01, slice(500, 501)), "feed column"),
     motion("feed in m/min", "unit", times("feed_mm_min", 1e-3), "feed column"),
     motion("feed empty", "one row", put("feed_mm_min", "", slice(500, 501)), f"{T} {READ}"),

@@ -61,8 +61,7 @@ def read_surface(path: Path, fail: ErrorFactory) -> MeshSurface:
             finite, fewer than four triangles, flat or without volume, or seen differently by the verifier.
     """
     data = read_whole_mesh(path, fail)
-    plain = mesh_construction.parse_binary_stl(data) if path.suffix.lower() == ".stl" else None
-    surface = _read_with_trimesh(path, data, fail) if plain is None else plain
+    surface = read_triangles(path, data, fail)
     used = surface.vertices[mesh_construction.find_used_vertices(surface.faces, len(surface.vertices))]
     if not len(used):
         raise fail(f"mesh {path.name} holds no triangles")
@@ -85,6 +84,21 @@ def read_surface(path: Path, fail: ErrorFactory) -> MeshSurface:
     if not open_edges and abs(volume) <= _HOLLOW * float(np.prod(box)):
         raise fail(f"mesh {path.name} has no volume: its triangles face each other; a body would work")
     return MeshSurface(path.name, float(box.max()), open_edges, volume < 0.0)
+
+
+def read_triangles(path: Path, data: bytes, fail: ErrorFactory) -> TriangleMesh:
+    """Return the triangles of a mesh file in its own unit.
+
+    Args:
+        path: the file.
+        data: its content.
+        fail: makes the error that names where the mesh is used.
+
+    Raises:
+        InputError: not readable.
+    """
+    plain = mesh_construction.parse_binary_stl(data) if path.suffix.lower() == ".stl" else None
+    return _read_with_trimesh(path, data, fail) if plain is None else plain
 
 
 def _read_with_trimesh(path: Path, data: bytes, fail: ErrorFactory) -> TriangleMesh:

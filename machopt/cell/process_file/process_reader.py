@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf, radians
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from machopt.cell.process_file.process_schema import (
     MillingKeys,
     OperationKeys,
     ProcessKeys,
+    StockKeys,
     ToleranceKeys,
 )
 from machopt.data_types.cutting_coefficients import (
@@ -28,16 +30,20 @@ from machopt.data_types.process import (
     StackLayer,
     ToleranceLimits,
 )
+from machopt.data_types.stock import StockBody
 from machopt.errors import CuttingInputError, suggest_nearest_word
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument, read_yaml, validate_document
 from machopt.process.milling.milling_cut import check_milling_coefficients
 
+StockReader = Callable[[YamlDocument, StockKeys], StockBody]
 
-def load_process(path: Path | str) -> CuttingProcess:
+
+def load_process(path: Path | str, read_stock: StockReader | None = None) -> CuttingProcess:
     """Read process.yaml.
 
     Args:
         path: Path of the file.
+        read_stock: Reads the mesh of the stock, whose place the cell decides, where an operation needs it; None: never.
 
     Returns:
         The cutting process, SI units.
@@ -51,7 +57,17 @@ def load_process(path: Path | str) -> CuttingProcess:
     operations = []
     for label, one in keys.operations.items():
         _check_materials(document, ("operations", label), one, materials)
+        if one.engagement == "stock" and keys.stock is None:
+            raise document.build_error(
+                ("operations", label, "engagement"),
+                "stock needs the part before machining; stock: {mesh: FILE, cell_mm: 0.25} would work (or ae_mm, ap_mm "
+                "and cut of the operation)",
+            )
         operations.append(_build_operation(label, one))
+    takes_stock = any(one.takes_stock for one in operations)
+    stock = None
+    if keys.stock is not None and read_stock is not None and takes_stock:
+        stock = read_stock(document, keys.stock)
     damping = None
     if keys.modes is not None:
         damping = ModeDamping(ratios=tuple(v / 100.0 for v in keys.modes.ratios), source=keys.modes.source)
@@ -60,7 +76,8 @@ def load_process(path: Path | str) -> CuttingProcess:
         materials=materials,
         quantile=keys.quantile,
         damping=damping,
-        has_stock=keys.stock is not None,
+        stock=stock,
+        has_unused_stock=keys.stock is not None and not takes_stock,
         file=Path(path),
     )
 
@@ -160,6 +177,7 @@ def _build_operation(label: str, keys: OperationKeys) -> ProcessOperation:
         ae=_convert_mm(keys.ae_mm),
         ap=_convert_mm(keys.ap_mm),
         cut=keys.cut,
+        takes_stock=keys.engagement == "stock",
         is_alternating=keys.alternate,
         surface=keys.surface,
         force=None if force is None else ProcessForce(**force.model_dump(exclude_none=True)),

@@ -167,12 +167,21 @@ class OperationKeys(StrictSchema):
 
     def _check_milling(self) -> None:
         if self.engagement == "stock":
-            raise ValueError(
-                "engagement: stock is not available in this version; ae_mm, ap_mm and cut of the operation would work"
-            )
+            self._check_stock_milling()
+            return
         for key in ("ae_mm", "ap_mm", "cut"):
             if getattr(self, key) is None and not (key == "ae_mm" and self.cut == "slot"):
                 raise ValueError(f"{key} is missing; kind milling needs ae_mm, ap_mm and cut")
+
+    def _check_stock_milling(self) -> None:
+        """Refuse depths beside engagement from the stock, and a toleranced wall without a side."""
+        for key in ("ae_mm", "ap_mm", "alternate"):
+            if key in self.model_fields_set:
+                raise ValueError(f"{key} has no meaning with engagement: stock, which finds it at each point")
+        if self.cut == "slot":
+            raise ValueError("cut: slot has no meaning with engagement: stock; up or down names the finished wall")
+        if self.tolerance is not None and self.surface == "side" and self.cut is None:
+            raise ValueError("cut is missing: up or down says on which side of the tool the toleranced wall lies")
 
 
 class StockKeys(StrictSchema):

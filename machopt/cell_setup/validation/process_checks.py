@@ -10,7 +10,7 @@ from machopt.errors import CuttingInputError
 from machopt.process.binding.cutting_tools import build_drilling_layers, build_drilling_tool, build_milling_cutter
 from machopt.process.drilling.stroke_phases import build_drilling_stroke
 from machopt.process.milling.mean_force import compute_mean_load
-from machopt.process.milling.milling_cut import MillingCut
+from machopt.process.milling.milling_cut import MillingCut, check_cutter
 
 
 def list_process_problems(cell: Cell) -> Iterator[tuple[str, str]]:
@@ -45,9 +45,12 @@ def _find_problem(process: CuttingProcess, one: ProcessOperation, cutter: Cutter
         if one.kind == "milling":
             coefficients = process.materials[one.material].milling
             assert coefficients is not None
+            tool = build_milling_cutter(cutter)
+            if one.takes_stock:
+                check_cutter(tool, coefficients)
+                return ""
             assert one.cut is not None
             assert one.ap is not None
-            tool = build_milling_cutter(cutter)
             compute_mean_load(coefficients, tool, MillingCut(one.cut, one.spindle), one.ae or tool.diameter, one.ap)
         elif one.kind != "force":
             build_drilling_stroke(build_drilling_tool(cutter, one), build_drilling_layers(process, one))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from machopt.commands.optimize.request import OptimizeInputs
+from machopt.commands.optimize.stock_summary import summarise_stock
 from machopt.planning.job.job_planner import plan_job
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
@@ -26,7 +27,7 @@ class OptimizeComputation:
 
 
 def compute_optimize_plan(
-    given: OptimizeInputs, timings: StageTimings, before: Sequence[Plan] = ()
+    given: OptimizeInputs, timings: StageTimings, before: Sequence[Plan] = (), refused: str = ""
 ) -> OptimizeComputation:
     """Return the plan, and its motion where there is one; tool after tool where the job changes it.
 
@@ -34,8 +35,9 @@ def compute_optimize_plan(
         given: The loaded inputs.
         timings: Collects the computing time of each stage.
         before: Earlier plans of the same segments with other steering rules, whose unchanged steps are reused.
+        refused: Why the joint result of method joint is not to be driven; empty: it is tried.
     """
-    job = plan_job(given.stints, given.toolpath, given.options, timings, before)
+    job = plan_job(given.stints, given.toolpath, given.options, timings, before, refused)
     with timings.stage("map"):
         shown = compute_collision_map(job.plan, given.map_all)
     shown = replace(shown, candidates=shown.candidates.without_joints())
@@ -59,5 +61,6 @@ def compute_optimize_plan(
         verification=None,
         programs=list_omitted_programs(given.posts, given.tolerance, "there is no motion"),
         manifest=given.manifest,
+        stock=summarise_stock(given.cell, given.stints),
     )
     return OptimizeComputation(given, made, timings)

@@ -28,6 +28,7 @@ from machopt.planning.plan_output.document_sections import (
     list_infeasible_entries,
 )
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks, list_hints
+from machopt.planning.plan_output.joint_section import build_joint_section
 from machopt.planning.plan_output.move_results import describe_low_feed
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import build_process_section
@@ -70,8 +71,9 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         worst_point=build_worst_point_entry(the_plan, points),
         compensation=build_compensation_section(the_plan, toolpath) if trajectory is not None else None,
         tilt=build_tilt_section(the_plan, points),
+        joint=build_joint_section(the_plan),
         position_error=build_position_error_section(the_plan),
-        process=build_process_section(cell.process, points),
+        process=build_process_section(cell.process, points, made.stock),
         infeasible_points=tuple(list_infeasible_entries(the_plan, points)),
         breaks=tuple(build_break_entry(b) for b in list_breaks(the_plan, stopped)),
         cycle_time_s=float(trajectory.time[-1]) if trajectory else None,

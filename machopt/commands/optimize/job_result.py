@@ -9,6 +9,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.manifest import FolderManifest, ManifestProgram, TouchingPair, add_scope_to_verdict
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.stock import StockSummary
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.job.pareto_front import FrontPlan
@@ -46,6 +47,7 @@ class OptimizeJobResult:
     programs: tuple[ExportedProgram, ...]
     front: tuple[FrontPlan, ...] = ()  # the trade-off front, if requested
     manifest: FolderManifest  # without files; names inputs, reading options and what is not checked
+    stock: StockSummary | None = None  # what the job does to its stock; None where no engagement comes from there
 
     @property
     def exit_code(self) -> int:

@@ -9,11 +9,13 @@ from machopt.commands.input_hashes import map_hashes_by_name
 from machopt.commands.optimize.document import build_optimize_document
 from machopt.commands.optimize.job_result import OptimizeJobResult
 from machopt.data_types.documents.optimize_document import OptimizeDocument
+from machopt.data_types.stock import StockEngagement
 from machopt.options.plan_option_reader import format_user_options
 from machopt.output import MANIFEST, write_manifest, write_result
 from machopt.output.file_roles import ROLES
 from machopt.output.tables.plan_tables import (
     write_compensation_csv,
+    write_engagement_csv,
     write_points_csv,
     write_tilt_csv,
     write_trajectory_csv,
@@ -52,6 +54,7 @@ def write_report_files(made: OptimizeJobResult, folder: Path, timings: StageTimi
             hashes=map_hashes_by_name(made.manifest.inputs),
             options=format_user_options(made.options),
             timings=timings.seconds,
+            stock=made.stock,
         )
         write_report(folder / "report.html", data)
     for name in ("result.json", MANIFEST):
@@ -63,7 +66,13 @@ def write_report_files(made: OptimizeJobResult, folder: Path, timings: StageTimi
     return result
 
 
-def write_plan_tables(folder: Path, plan: Plan, points: PointResults, timeline: MotionTimeline | None) -> None:
+def write_plan_tables(
+    folder: Path,
+    plan: Plan,
+    points: PointResults,
+    timeline: MotionTimeline | None,
+    engagement: StockEngagement | None = None,
+) -> None:
     """Write points.csv, and trajectory.csv, compensation.csv and tilt.csv where there is a motion.
 
     Args:
@@ -71,8 +80,11 @@ def write_plan_tables(folder: Path, plan: Plan, points: PointResults, timeline: 
         plan: The plan.
         points: Results at the toolpath's points.
         timeline: The motion over time; None where there is no motion.
+        engagement: Contact with the stock, for engagement.csv; None where no operation takes it from there.
     """
     write_points_csv(folder / "points.csv", points.table)
+    if engagement is not None:
+        write_engagement_csv(folder / "engagement.csv", engagement)
     if timeline is None or timeline.trajectory is None:
         return
     cell, labels = plan.setup.cell, points.table.operations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from machopt.commands.toolpath_reading_options import get_reading_options
 from machopt.data_types.cell import Cell
 from machopt.data_types.manifest import FolderManifest
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.stock import join_stock_engagements
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.file_formats.parquet_tables import refuse_without_pyarrow
@@ -101,10 +102,11 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
     toolpath = attach_process(cell.process, toolpath)
     cell = select_job_tools(apply_absolute_accuracy(cell, options), toolpath)
     segments = attach_forces(split_into_tool_segments(cell, toolpath))
+    toolpath = replace(toolpath, engagement=join_stock_engagements([s.toolpath.engagement for s in segments]))
     options = mark_forces(options, segments)
     if request.front:
         check_front_options(options)
-    check_plannable(toolpath, options)
+    check_plannable(toolpath, options, cell.process)
     check_tilt(segments, options)
     if not options.allow_gaps:
         check_length_unit(cell, toolpath, request.toolpath, stated="unit" in request.reading)

@@ -43,7 +43,13 @@ def _write_and_verify(the_plan: OptimizeComputation, folder: Path) -> VerifiedFi
     timeline = made.timeline
     release_free_memory()
     with timings.stage("export"):
-        write_plan_tables(folder, made.plan, made.points, timeline)
+        write_plan_tables(
+            folder,
+            made.plan,
+            made.points,
+            timeline,
+            given.toolpath.engagement,
+        )
     if timeline is not None and timeline.trajectory is not None:
         with timings.stage("programs"):
             jobs = [(s.stint, s.plan, s.timeline) for s in made.stints]

@@ -214,6 +214,27 @@ class TiltSection(DocumentModel):
     bound: TiltBoundEntry | None
 
 
+class JointWindowEntry(DocumentModel):
+    """One window of the joint optimisation of posture and feed."""
+
+    window: Text
+    nodes: Count
+    accepted: bool
+    reason: Text  # why its result is not driven; empty where it is
+    run_before_s: Known  # duration of its run at the advised feeds; null where it cannot be driven
+    run_after_s: Known
+
+
+class JointMethodEntry(DocumentModel):
+    """Method joint for one tool: cycle times at the advised feeds of either posture, under the feeds of the file."""
+
+    accepted: bool  # false: the path of the plan is driven, at its own advised feeds
+    reason: Text  # why it is not accepted; empty where it is
+    fixed_path_s: Known
+    joint_s: Known
+    windows: tuple[JointWindowEntry, ...]
+
+
 class InfeasiblePointEntry(DocumentModel):
     """A point without a configuration."""
 
@@ -381,6 +402,29 @@ class OutcomeCountsSection(DocumentModel):
     after: dict[Text, Count]
 
 
+class StockComparisonSection(DocumentModel):
+    """Stock after the job against the workpiece of the cell, the finished part."""
+
+    gouge_depth_mm: Number  # along the tool axis, away from walls
+    gouge_at_mm: tuple[Number, Number, Number] | None  # in the workpiece frame
+    gouge_volume_mm3: Number
+    left_depth_mm: Number  # largest height of material left, away from walls
+    left_at_mm: tuple[Number, Number, Number] | None
+    left_volume_mm3: Number
+
+
+class StockSection(DocumentModel):
+    """What the job does to its stock."""
+
+    cell_mm: Number
+    volume_mm3: Number  # before the job
+    removed_mm3: Number
+    removed_by_other_moves_mm3: Number  # of it, by moves that are no cuts
+    cut_moves: Count  # with engagement from the stock
+    air_cuts: Count  # of them, that remove nothing
+    finished: StockComparisonSection | None  # null without one closed mesh as workpiece
+
+
 class ProcessSection(DocumentModel):
     """Tolerances of the job; errors at the feed that the motion reaches."""
 
@@ -391,6 +435,7 @@ class ProcessSection(DocumentModel):
     variance_shares: dict[Text, Number]  # stiffness, force, position: mean share of the variance of the error
     sources: dict[Text, Text]
     validity: tuple[Text, ...]
+    stock: StockSection | None = None  # null where no engagement comes from the stock
 
 
 class OptimizeDocument(DocumentModel):
@@ -417,6 +462,7 @@ class OptimizeDocument(DocumentModel):
     worst_point: WorstPointSection | None
     compensation: CompensationSection | None
     tilt: TiltSection | None = None  # null where the tool axis is that of the CAM file; older results have no such key
+    joint: tuple[JointMethodEntry, ...] | None = None  # one a tool; null with another method
     position_error: PositionErrorSection | None  # null where no measured pose stands behind the stiffness
     process: ProcessSection | None  # null where no process is stated
     infeasible_points: tuple[InfeasiblePointEntry, ...]

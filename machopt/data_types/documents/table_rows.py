@@ -93,6 +93,9 @@ class PointsTableRow(DocumentModel):
         default=None, description="tilt of a ball cutter from i, j, k towards the travel; empty where there is none"
     )
     side_deg: Known = Field(default=None, description="the same towards i, j, k × travel")
+    feed_advised_mm_min: Known = Field(
+        default=None, description="feed of the programs with method joint: that of the file, or the advice where lower"
+    )
     ae_mm: Known = Field(default=None, description="radial depth of cut")
     ap_mm: Known = Field(default=None, description="axial depth of cut")
     phi_in_deg: Known = Field(default=None, description="start of the engagement of a tooth")

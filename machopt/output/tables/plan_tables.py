@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.process_columns import ERROR_NAMES, ProcessColumns
+from machopt.data_types.stock import StockEngagement
 from machopt.data_types.toolpath import MoveKind
 from machopt.data_types.trajectory import Trajectory
 from machopt.file_formats.csv_text_escaping import escape_formula_text
@@ -193,6 +194,8 @@ def _build_points_columns(table: PointsTable) -> list[_TableColumn]:
         shift = table.compensation * MM_PER_M
         columns += [_build_optional_column(f"comp_d{c}_mm", shift[:, i], 6) for i, c in enumerate("xyz")]
     columns += _build_tilt_columns(table.lead, table.side, 9)
+    if table.feed_advised is not None:
+        columns.append(_build_optional_column("feed_advised_mm_min", table.feed_advised * MM_MIN_PER_M_S, 3))
     if table.process is not None:
         columns += _build_process_columns(table.process)
     return columns
@@ -261,6 +264,24 @@ def write_tilt_csv(path: Path, index: Array, lead: Array, side: Array) -> None:
         side: (P,) rad.
     """
     _write_csv(path, [_build_optional_column("point", index, 9), *_build_tilt_columns(lead, side, 9)])
+
+
+def write_engagement_csv(path: Path, engagement: StockEngagement) -> None:
+    """Write ``engagement.csv``: arcs of contact with the stock, each of a slice of the cutter.
+
+    Args:
+        path: the file.
+        engagement: contact at the points of the whole job.
+    """
+    degrees = 180.0 / np.pi
+    columns = [_build_optional_column("point", engagement.point.astype(float), 0)]
+    columns += [
+        _build_optional_column("low_mm", engagement.low * MM_PER_M, 6),
+        _build_optional_column("high_mm", engagement.high * MM_PER_M, 6),
+        _build_optional_column("phi_in_deg", engagement.start * degrees, 6),
+        _build_optional_column("phi_out_deg", engagement.end * degrees, 6),
+    ]
+    _write_csv(path, columns)
 
 
 def _build_joint_columns(q: Array, external: Array, prismatic: Sequence[bool], decimals: int = 9) -> list[_TableColumn]:

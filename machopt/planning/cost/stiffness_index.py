@@ -16,7 +16,7 @@ c₀ is the median cost over the feasible candidates; :mod:`machopt.planning.cos
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -77,6 +77,10 @@ class CandidateScores:
     place_price: Array | None = None  # (S, R, B) price of a vertex that no share multiplies; None: there is none
     feed_price: Array | None = None  # (S, R, B) price of the time lost by accelerations; None: it does not count
     rapid: RapidPricing | None = None  # prices of rapid moves and changes; None: they have none
+
+    def without_search_prices(self) -> CandidateScores:
+        """Return the scores without the prices of clearance and lost feed, for search, smoothing and bounds."""
+        return replace(self, crowded=None, feed_price=None)
 
     @property
     def raw(self) -> Array:

@@ -293,6 +293,9 @@ class TolerancePricing:
             factor[self.surfaces.operation[target] == k] = self.draws.compute_load_factor(
                 self.process, one
             ) / compute_mean_wear(one)
+        contact = self.loads.contact_sigma[rows, None]
+        if contact.any():
+            factor = factor * np.exp(contact * self.draws.scatter)
         error = factor * (row @ self.draws.stiffness.T)
         if self.is_compensated:
             error = error - row[:, :1]

@@ -123,7 +123,7 @@ def find_best_external_axis_plan(
     axes = resolve_axis_options(cell, options)
     check_known_axes_and_places(cell, options.steer)
     request = _Asked(cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale)
-    if options.method != "global" or options.rotation_step >= STEP or _stand_still(request):
+    if not options.is_searched or options.rotation_step >= STEP or _stand_still(request):
         return _refined(request)
     coarse = _refined(replace(request, options=replace(options, rotation_step=STEP)))
     found = plan_on_other_grid(

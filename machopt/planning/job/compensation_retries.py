@@ -52,7 +52,7 @@ def compensate_with_retries(
 
     best = found = shifted(planned)
     options, avoided = whole, set[int]()
-    for n in range(TRIES if asked.method == "global" else 0):
+    for n in range(TRIES if asked.is_searched else 0):
         zones = _zones(found, stint.first, min(max(whole.rotation_step, NARROWEST) * 2**n, WIDEST))
         if not zones:
             break

@@ -25,6 +25,7 @@ from machopt.planning.job.constraint_conflicts import is_complete as is_whole
 from machopt.planning.job.joined_motion import DrivenToolSegment, join_point_tables, join_timelines
 from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_shares, join_plans
 from machopt.planning.job.locked_axes import add_locked_axes_note, has_trajectory, iterate_locked_subsets
+from machopt.planning.job.posture_feed_job import drive_posture_and_feed
 from machopt.planning.job.rapid_rerouting import reroute_blocked_rapids
 from machopt.planning.job.request_checks import plan_motion
 from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools
@@ -58,6 +59,7 @@ def plan_job(
     options: PlanOptions,
     timings: StageTimings,
     before: Sequence[Plan] = (),
+    refused: str = "",
 ) -> JobPlan:
     """Plan a job, and compute its motion where no point is missing.
 
@@ -67,12 +69,13 @@ def plan_job(
         options: for the whole job.
         timings: durations of the stages, of all tools together.
         before: plans of the same stints with other user requests, whose unchanged parts are reused; or none.
+        refused: why the joint result of method joint is not to be driven; empty: it is tried.
 
     Raises:
         InputError: an option requests something that is not supported.
     """
     with use_temporary_cache() if stints[0].cell.external_joints else contextlib.nullcontext():
-        job = _job(stints, toolpath, options, timings, before)
+        job = _job(stints, toolpath, options, timings, before, refused)
     if job.timeline is None or job.timeline.trajectory is None:
         return job
     return replace(job, points=replace(job.points, table=add_slowdown_notes(job.points.table, job.timeline.dips)))
@@ -84,10 +87,11 @@ def _job(
     options: PlanOptions,
     timings: StageTimings,
     before: Sequence[Plan],
+    refused: str,
 ) -> JobPlan:
     lent = before if len(before) == len(stints) else (None,) * len(stints)
     if len(stints) == 1:
-        done = _whole_job(stints[0], options, timings, lent[0])
+        done = _whole_job(stints[0], options, timings, lent[0], refused)
         return JobPlan(done.stretch.plan, done.points, done.timeline, (done,))
     plans = [_planned(stints[0], options, timings, len(stints), lent[0])]
     scale = plans[0].scores.scale  # common scale: the worst index is that of the whole job
@@ -98,19 +102,19 @@ def _job(
     def again(stint: ToolSegment) -> Callable[[PlanOptions], Plan]:
         return lambda other: _planned(stint, other, timings, len(stints), scale=scale)
 
-    parts = [_done(s, one, options, timings, again(s)) for s, one in zip(stints, plans, strict=True)]
+    parts = [_done(s, one, options, timings, again(s), refused) for s, one in zip(stints, plans, strict=True)]
     whole = join_plans([p.stretch for p in parts], bound, options)
     return JobPlan(whole, join_point_tables(parts, toolpath), join_timelines(parts), tuple(parts))
 
 
 def _whole_job(
-    stint: ToolSegment, options: PlanOptions, timings: StageTimings, before: Plan | None
+    stint: ToolSegment, options: PlanOptions, timings: StageTimings, before: Plan | None, refused: str
 ) -> DrivenToolSegment:
     """A job of one tool; with fewer external joints free where it has no complete motion with all of them."""
 
     def done(locked_options: PlanOptions, lent: Plan | None = None) -> DrivenToolSegment:
         first = _planned(stint, locked_options, timings, 1, lent)
-        return _done(stint, first, locked_options, timings, lambda o: _planned(stint, o, timings, 1))
+        return _done(stint, first, locked_options, timings, lambda o: _planned(stint, o, timings, 1), refused)
 
     subsets = (
         list(iterate_locked_subsets(stint.cell, stint.restrict_options(options))) if stint.cell.external_joints else []
@@ -147,15 +151,27 @@ def _planned(
 
 
 def _done(
-    stint: ToolSegment, the_plan: Plan, whole: PlanOptions, timings: StageTimings, again: Callable[[PlanOptions], Plan]
+    stint: ToolSegment,
+    the_plan: Plan,
+    whole: PlanOptions,
+    timings: StageTimings,
+    again: Callable[[PlanOptions], Plan],
+    refused: str,
 ) -> DrivenToolSegment:
     """Return one tool's plan with its points, and its motion where there is one.
 
     Args:
         again: plans the same with other options for the whole job.
+        refused: why the joint result of method joint is not to be driven.
     """
     toolpath, options = stint.toolpath, stint.restrict_options(whole)
-    the_plan, as_told, timeline = drive_tool_segment(stint, the_plan, whole, timings, again)
+    drive = partial(drive_tool_segment, stint, whole=whole, timings=timings)
+    if options.method == "joint":
+        the_plan, as_told, timeline = drive_posture_and_feed(
+            stint, the_plan, timings, lambda plan, other: drive(plan, again=other), again, refused
+        )
+    else:
+        the_plan, as_told, timeline = drive(the_plan, again=again)
     if timeline is not None and timeline.trajectory is not None:
         the_plan = mark_gaps(as_told, list(timeline.driven), timeline.given_up)
     elif timeline is not None:

@@ -111,13 +111,11 @@ def _join_scores(plans: Sequence[Plan], numbers: NDArray[np.intp]) -> CandidateS
             every.append(spread_branches(own, to, len(numbers), missing, axis=2))
         return np.concatenate(every)
 
-    crowded = [p.scores.crowded for p in plans]
     place = [p.scores.place_price for p in plans]
     return CandidateScores(
         joined([p.scores.cost for p in plans], np.nan),
         plans[0].scores.index,
         plans[0].scores.scale,
-        crowded=None if any(c is None for c in crowded) else joined(crowded, np.nan),
         place_price=None if all(c is None for c in place) else joined(place, 0.0),
     )
 

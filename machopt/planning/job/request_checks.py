@@ -10,6 +10,7 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.process import CuttingProcess
 from machopt.data_types.steering_rules import refuse_narrow_zones, resolve_steering
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import MoveKind, Toolpath
@@ -85,7 +86,7 @@ def check_fixed_rotation_method(options: PlanOptions) -> None:
     Raises:
         InputError: the method chooses every rotation by itself.
     """
-    if (options.fixed or options.steer) and options.method != "global":
+    if (options.fixed or options.steer) and not options.is_searched:
         raise CellError(
             f"method {options.method} chooses every rotation by itself and would not keep fixed ones; method global "
             "would",
@@ -116,18 +117,49 @@ def check_fixed_rotation_points(toolpath: Toolpath, options: PlanOptions) -> Non
     refuse_narrow_zones(options)
 
 
-def check_plannable(toolpath: Toolpath, options: PlanOptions) -> None:
+def check_joint_method(process: CuttingProcess | None, options: PlanOptions) -> None:
+    """Refuse method joint without a tolerance to keep, and with a path that is shifted against the deflection.
+
+    Args:
+        process: process of the cell; None: it states none.
+        options: plan options.
+
+    Raises:
+        InputError: what the method needs.
+    """
+    if options.method != "joint":
+        return
+    if process is None or not any(one.tolerance.is_given for one in process.operations):
+        found = "the cell states no process" if process is None else "no operation of the process states a tolerance"
+        raise CellError(
+            f"method joint finds the shortest time within the tolerances of the process, and {found}; a process.yaml "
+            "with a tolerance (process: in cell.yaml, or --process), or method global, would work",
+            file="options",
+            where="method",
+        )
+    if options.compensate:
+        raise CellError(
+            "method joint drives the path of the file, not one shifted against the deflection; compensate: false, or "
+            "method global, would work",
+            file="options",
+            where="compensate",
+        )
+
+
+def check_plannable(toolpath: Toolpath, options: PlanOptions, process: CuttingProcess | None = None) -> None:
     """Refuse constraints that no plan can satisfy, and a motion of excessive length.
 
     Args:
         toolpath: toolpath of the job.
         options: plan options.
+        process: process of the cell; None: it states none.
 
     Raises:
         InputError: with the constraint or the point.
     """
     check_fixed_rotation_points(toolpath, options)
     check_motion_length(toolpath, options)
+    check_joint_method(process, options)
     if options.compensate and not options.force.given:
         raise CellError(
             "there is no force to compensate for; the process force as force_N, e.g. force_N={normal: 200}, or a "
@@ -155,7 +187,7 @@ def check_tilt(segments: Sequence[ToolSegment], options: PlanOptions) -> None:
                 file="options",
                 where="operations",
             )
-    if options.tilts and options.method != "global":
+    if options.tilts and not options.is_searched:
         raise CellError(
             f"method {options.method} keeps the tool axis of the CAM file; method global chooses a tilt",
             file="options",

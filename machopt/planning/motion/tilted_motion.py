@@ -82,8 +82,8 @@ def measure_sample_tilts(
     """
     cam = path.programmed
     x, shank = rotation[:, :, 0], -rotation[:, :, 2]
-    told = np.isfinite(index) & (move != MoveKind.RAPID)
-    s = np.where(told, index, 0.0)
+    driven = np.isfinite(index) & (move != MoveKind.RAPID)
+    s = np.where(driven, index, 0.0)
     low = np.clip(np.searchsorted(path.index, s + 1e-9, side="right") - 1, 0, len(path.index) - 1)
     after = np.minimum(low + 1, len(path.index) - 1)
     ends_cut = (move == MoveKind.CUT) & (path.move[after] != MoveKind.CUT) & (path.move[low] == MoveKind.CUT)
@@ -99,10 +99,10 @@ def measure_sample_tilts(
     zero = np.where(by_travel[low][:, None], travel, _project(natural[low], axis))
     gamma = compute_signed_angle(_project(zero, shank), x, -shank)
     return SampleTilts(
-        lead=np.where(told, lead, np.nan),
-        side=np.where(told, side, np.nan),
+        lead=np.where(driven, lead, np.nan),
+        side=np.where(driven, side, np.nan),
         gamma=gamma,
-        away=np.where(told[:, None], radius * (axis - shank), 0.0),
+        away=np.where(driven[:, None], radius * (axis - shank), 0.0),
     )
 
 

@@ -14,8 +14,8 @@ for collisions straight in true angles. The difference is the change of the corr
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -292,6 +292,7 @@ class _Builder:
             ranges = [self.options.tilt_range_of(operation.label) for operation in self.toolpath.operations]
             lead, side = limit_cut_tilts((tilts.lead, tilts.side), move, operation, ranges)
         speed = np.r_[0.0, np.linalg.norm(step, axis=1) / self.options.sample]
+        self.legs = _share_samples(self.legs, q, external)
         return Trajectory(
             time=np.arange(len(q), dtype=float) * self.options.sample,
             q=q,
@@ -310,3 +311,19 @@ class _Builder:
         setup = self.plan.setup
         fixed = np.eye(3) if setup.arm.machine.external_count else setup.arm.machine.T_base_workpiece_zero[:3, :3]
         return measure_sample_tilts(self.path, index, move, fixed.T @ rotation, setup.ball_radius), fixed
+
+
+def _share_samples(legs: Sequence[MotionSegment], q: Array, external: Array) -> list[MotionSegment]:
+    """Return the legs with their joints as views of the joined samples, so that they are held in memory once.
+
+    Args:
+        legs: legs of the motion, each beginning with the last sample of the one before.
+        q: (S, 6) rad by encoder, joined samples.
+        external: (S, E) m or rad.
+    """
+    shared, start = [], 0
+    for leg in legs:
+        rows = slice(start, start + len(leg.q))
+        shared.append(replace(leg, q=q[rows], external=external[rows]))
+        start = rows.stop - 1
+    return shared

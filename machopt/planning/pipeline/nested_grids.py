@@ -44,26 +44,25 @@ def list_nested_strides(rotations: int) -> list[int]:
 
 
 def thin_grid(candidates: CandidateGrid, scores: CandidateScores, k: int) -> tuple[CandidateGrid, CandidateScores]:
-    """Return each k-th rotation, on the same scale.
+    """Return each k-th rotation, on the same scale; joints and costs are views, because copies would be a third of the
+    memory of a long job.
 
     Args:
         candidates: candidate grid.
         scores: cost of the candidates.
         k: stride.
     """
-    feasible = np.ascontiguousarray(candidates.feasible[:, ::k])
     coarse = replace(
         candidates,
         phi=candidates.phi[::k],
-        q=np.ascontiguousarray(candidates.q[:, ::k]),
+        q=candidates.q[:, ::k],
         reason=candidates.reason[:, ::k],
-        feasible=feasible,
+        feasible=np.ascontiguousarray(candidates.feasible[:, ::k]),  # the search removes vertices
     )
-    crowded = None if scores.crowded is None else np.ascontiguousarray(scores.crowded[:, ::k])
-    place = None if scores.place_price is None else np.ascontiguousarray(scores.place_price[:, ::k])
-    late = None if scores.feed_price is None else np.ascontiguousarray(scores.feed_price[:, ::k])
-    cost = np.ascontiguousarray(scores.cost[:, ::k])
-    return coarse, replace(scores, cost=cost, crowded=crowded, place_price=place, feed_price=late)
+    crowded, place, late = (
+        None if table is None else table[:, ::k] for table in (scores.crowded, scores.place_price, scores.feed_price)
+    )
+    return coarse, replace(scores, cost=scores.cost[:, ::k], crowded=crowded, place_price=place, feed_price=late)
 
 
 @dataclass

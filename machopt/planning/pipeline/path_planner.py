@@ -127,7 +127,7 @@ def plan_path(
             scores = replace(scores, place_price=pricing.price_grid(candidates))
 
     scored = _scorer(path, setup, d, scores, options, pricing)
-    search = _search(path, setup, candidates, scores, options, clock) if options.method == "global" else None
+    search = _search(path, setup, candidates, scores, options, clock) if options.is_searched else None
     if search is not None:
         search.below = below
     with stage("baselines"):  # and, in parallel, the first choice, which needs no contact checks

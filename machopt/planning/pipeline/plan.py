@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.posture_feed_result import PostureFeedResult
 from machopt.numerics.array_types import Array
 from machopt.planning.collision_handling.path_check import PathCollisions
 from machopt.planning.cost.objective import PlanObjective
@@ -110,6 +111,7 @@ class Plan:
     elsewhere: tuple[int, ...] = ()  # toolpath points with another rotation than chosen, because of the shift
     over_external: ExternalAxisBound | None = None  # None: no external joint was free, or not requested
     tilt_bound: TiltBound | None = None  # None: the tool axis is that of the CAM file everywhere
+    posture_feed: PostureFeedResult | None = None  # with method joint
     bound: float | None = None  # lower bound of J of such a job over the grids of its parts; None: not known
 
     def at(self, point: int) -> tuple[Plan, int]:
@@ -144,9 +146,10 @@ class Plan:
         return np.searchsorted([one.row for one in self.parts], points, side="right") - 1
 
     def without_grid_joints(self) -> Plan:
-        """Return the plan without the joints of its candidate grids, which only the search needs."""
+        """Return the plan without the joints and prices of its candidate grids, which only the search needs."""
         parts = tuple(replace(part, plan=part.plan.without_grid_joints()) for part in self.parts)
-        return replace(self, candidates=self.candidates.without_joints(), parts=parts)
+        candidates, scores = self.candidates.without_joints(), self.scores.without_search_prices()
+        return replace(self, candidates=candidates, scores=scores, parts=parts)
 
     @property
     def missing(self) -> NDArray[np.intp]:

@@ -94,7 +94,7 @@ def describe_remedy(plan: Plan, point: int) -> str:
         return f"{instead}, or no compensation would help{_left_out(plan)}"
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
     rotations = plan.candidates.reason_of_rotation()[s]
-    if plan.options.method != "global" and (rotations == InfeasibilityReason.OK).any():
+    if not plan.options.is_searched and (rotations == InfeasibilityReason.OK).any():
         word = "would" if plan.setup.collision is None else "may"  # collisions were not checked
         return f"--method global, which chooses among them, {word} help{_left_out(plan)}"
     if (plan.candidates.reasons_at(s) == InfeasibilityReason.UNREACHABLE).all():
@@ -169,7 +169,7 @@ def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> st
         k = int(plan.check.pair[point])
         if k >= 0:
             return _too_near(plan.setup.collision.pairs[k])
-    if feasible and plan.options.method != "global":
+    if feasible and not plan.options.is_searched:
         known = (
             InfeasibilityReason.LIMIT,
             InfeasibilityReason.SINGULAR_WRIST,

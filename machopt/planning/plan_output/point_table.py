@@ -120,6 +120,7 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         compensation=None if plan.compensation is None else plan.compensation.offset[rows],
         lead=_of_reached(plan, plan.path.lead, rows),
         side=_of_reached(plan, plan.path.side, rows),
+        feed_advised=None if plan.posture_feed is None else plan.posture_feed.feed,
     )
     return PointResults(table, rows, tuple(pairs))
 

@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import math
 
-from machopt.data_types.documents.optimize_document import OutcomeCountsSection, ProcessSection, ToleranceEntry
+from machopt.data_types.documents.optimize_document import (
+    OutcomeCountsSection,
+    ProcessSection,
+    StockComparisonSection,
+    StockSection,
+    ToleranceEntry,
+)
 from machopt.data_types.process import CuttingProcess
 from machopt.data_types.process_columns import ProcessSummary, ToleranceSummary, merge_process_summaries
+from machopt.data_types.stock import StockComparison, StockSummary
 from machopt.planning.plan_output.point_table import PointResults
 
 
-def build_process_section(process: CuttingProcess | None, points: PointResults) -> ProcessSection | None:
+def build_process_section(
+    process: CuttingProcess | None, points: PointResults, stock: StockSummary | None = None
+) -> ProcessSection | None:
     """Return the section; None where the cell has no process.
 
     Args:
         process: Content of process.yaml.
         points: Results of the points.
+        stock: What the job does to its stock; None where no engagement comes from there.
     """
     summary = merge_process_summaries(points.process)
     if process is None or summary is None:
@@ -32,7 +42,35 @@ def build_process_section(process: CuttingProcess | None, points: PointResults) 
         variance_shares=dict(summary.variance_shares),
         sources=dict(summary.sources),
         validity=summary.validity,
+        stock=None if stock is None else _build_stock_section(stock),
     )
+
+
+def _build_stock_section(stock: StockSummary) -> StockSection:
+    return StockSection(
+        cell_mm=1e3 * stock.cell_size,
+        volume_mm3=1e9 * stock.volume,
+        removed_mm3=1e9 * stock.removed,
+        removed_by_other_moves_mm3=1e9 * stock.removed_by_other_moves,
+        cut_moves=stock.cut_moves,
+        air_cuts=stock.air_cuts,
+        finished=None if stock.finished is None else _build_comparison_section(stock.finished),
+    )
+
+
+def _build_comparison_section(found: StockComparison) -> StockComparisonSection:
+    return StockComparisonSection(
+        gouge_depth_mm=1e3 * found.gouge_depth,
+        gouge_at_mm=_convert_place(found.gouge_place),
+        gouge_volume_mm3=1e9 * found.gouge_volume,
+        left_depth_mm=1e3 * found.left_depth,
+        left_at_mm=_convert_place(found.left_place),
+        left_volume_mm3=1e9 * found.left_volume,
+    )
+
+
+def _convert_place(place: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+    return None if place is None else (1e3 * place[0], 1e3 * place[1], 1e3 * place[2])
 
 
 def format_headline(summary: ProcessSummary) -> str:

@@ -299,7 +299,7 @@ class _Part:
         before, closed = (np.searchsorted(s, stations).astype(np.int64) for s in (edges.station, edges.closed[:, 0]))
         answer: tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]] = find_cheapest_sequence(
             g.node[rows],
-            g.candidates.q[rows],
+            np.ascontiguousarray(g.candidates.q[rows]),
             np.zeros((1, 6)) if loose else g.candidates.turns,
             mask,
             self.window,

@@ -6,6 +6,7 @@ tool. The limit is that of the coupled modes, and of the tool's own modes where 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,7 @@ from machopt.process.milling.milling_cut import CutSide, MillingCut
 from machopt.process.stability.depth_limit import compute_depth_limit, compute_tooth_period
 from machopt.process.stability.directional_matrix import compute_directional_matrix
 from machopt.process.stability.structural_modes import compute_arm_modes
+from machopt.process.stock.contact_load import compute_contact_matrix
 
 WIDEST = 4.0  # times the planned depth: a larger limit counts as none
 BLOCK = 8192
@@ -50,6 +52,7 @@ class StabilityModel:
     row: NDArray[np.intp]  # (P,) toolpath point whose move each planning point belongs to
     travel: Array  # (P, 3) sideways direction of travel, in base_link
     is_milled: NDArray[np.bool_]  # (P,) a flat end mill cuts there
+    matrices: Mapping[int, Array]  # (N, 3, 2) Pa by operation, where the contact comes from the stock
 
     @classmethod
     def build(
@@ -96,6 +99,7 @@ class StabilityModel:
             row=row,
             travel=arm.directions(path.external, compute_sideways_directions(path)),
             is_milled=is_milled,
+            matrices=_build_contact_matrices(process, toolpath, loads, cell),
         )
 
     def with_path(self, path: PlanningPath, directions: LoadDirections) -> StabilityModel:
@@ -119,8 +123,9 @@ class StabilityModel:
         out = np.full(len(q), np.inf)
         rows = self.row[points]
         key = np.stack([self.operation[rows], self.loads.side[rows]], axis=1)
-        for k, code in np.unique(key[self.is_milled[points]], axis=0).tolist():
-            mine = np.flatnonzero(self.is_milled[points] & (key[:, 0] == k) & (key[:, 1] == code))
+        cuts = self.is_milled[points] & np.isfinite(self.loads.ap[rows])
+        for k, code in np.unique(key[cuts], axis=0).tolist():
+            mine = np.flatnonzero(cuts & (key[:, 0] == k) & (key[:, 1] == code))
             for first in range(0, len(mine), BLOCK):
                 some = mine[first : first + BLOCK]
                 out[some] = self._compute_block(k, code, points[some], q[some])
@@ -134,19 +139,40 @@ class StabilityModel:
         cutter = build_milling_cutter(self.cell.tool.cutter)
         cut = MillingCut(_SIDES[code], one.spindle)
         rows = self.row[points]
-        zero = np.zeros(())
-        arc = ContactArc(self.loads.entry_angle[rows[0]], self.loads.exit_angle[rows[0]], zero, zero)
-        H = compute_directional_matrix(coefficients, cutter, cut, arc)
+        if one.takes_stock:
+            H = self.matrices[k][rows]
+        else:
+            zero = np.zeros(())
+            arc = ContactArc(self.loads.entry_angle[rows[0]], self.loads.exit_angle[rows[0]], zero, zero)
+            H = compute_directional_matrix(coefficients, cutter, cut, arc)
         axis, travel = self.directions.axial[points], self.travel[points]
         axes = np.stack([travel, np.cross(axis, travel), axis], axis=1)
         J = axes @ self.robot.compute_fk_jacobian(q, self.cell.tool.T_flange_tcp)[1][:, :3]
         ratios = self.process.damping.ratios
         damping = ratios[0] if len(ratios) == 1 else ratios[:6]
         modes = compute_arm_modes(self.dynamics.compute_mass_matrix(q), 1.0 / self.directions.k[points], J, damping)
-        depth = float(self.loads.ap[rows[0]])
+        depth = self.loads.ap[rows]
         period = compute_tooth_period(60.0 * self.loads.spindle_speed[rows], cutter.teeth)
-        found = compute_depth_limit(modes, H, period, largest=WIDEST * depth)
+        found = compute_depth_limit(modes, H, period, largest=WIDEST * float(depth.max()))
         return np.where(np.isnan(found.depth), np.inf, found.depth / depth)
+
+
+def _build_contact_matrices(
+    process: CuttingProcess, toolpath: Toolpath, loads: PointLoads, cell: Cell
+) -> dict[int, Array]:
+    """Return the directional matrix of each point by operation, where the contact comes from the stock."""
+    out: dict[int, Array] = {}
+    for k, one in enumerate(process.operations):
+        mine = toolpath.process_operation == k
+        if not (one.takes_stock and np.any(mine)):
+            continue
+        coefficients = process.materials[one.material].milling
+        assert coefficients is not None
+        assert toolpath.engagement is not None
+        found = toolpath.engagement.select_points(np.asarray(mine))
+        cutter = build_milling_cutter(cell.tool.cutter)
+        out[k] = compute_contact_matrix(coefficients, cutter, MillingCut("slot", one.spindle), found, loads.ap)
+    return out
 
 
 def _find_milled_points(

@@ -31,6 +31,8 @@ from machopt.process.stability.depth_limit import DelayLaw, compute_depth_limit,
 from machopt.process.stability.directional_matrix import compute_directional_matrix
 from machopt.process.stability.resonance import find_resonances
 from machopt.process.stability.structural_modes import StructuralModes, build_tool_modes, compute_arm_modes
+from machopt.process.stock.contact_load import compute_contact_matrix
+from machopt.process.stock.contact_waveform import compute_contact_peaks, compute_contact_wall_forces
 
 FEEDS = 9  # feeds per tooth at which a force within the revolution is computed; linear between them
 WIDEST_DEPTH = 10.0  # times the planned depth: a larger limit is written as none
@@ -138,6 +140,9 @@ class _DynamicsTable:
         coefficients = self.process.materials[one.material].milling
         assert coefficients is not None
         cutter = build_milling_cutter(self.plan.setup.cell.tool.cutter)
+        if one.takes_stock:
+            self._add_stock_milling(one, rows, poses, modes)
+            return
         for code, side in _SIDES.items():
             mine = np.flatnonzero(self.loads.side[rows] == code)
             if not len(mine):
@@ -151,6 +156,32 @@ class _DynamicsTable:
             flat = replace(arc, start=arc.start[0], end=arc.end[0])
             H = compute_directional_matrix(coefficients, cutter, cut, flat)
             self._add_stability(one, at, mine, poses, modes, H)
+
+    def _add_stock_milling(
+        self, one: ProcessOperation, rows: NDArray[np.intp], poses: TargetPoses, modes: StructuralModes | None
+    ) -> None:
+        """Write the columns of points whose contact comes from the stock."""
+        coefficients = self.process.materials[one.material].milling
+        assert coefficients is not None
+        assert self.toolpath.engagement is not None
+        geometry = self.plan.setup.cell.tool.cutter
+        cutter = build_milling_cutter(geometry)
+        wanted = np.zeros(len(self.toolpath), bool)
+        wanted[rows] = True
+        found, ap = self.toolpath.engagement.select_points(wanted), self.loads.ap
+        bite, wear = self.loads.bite, compute_mean_wear(one)
+        self.peak[rows] = wear * compute_contact_peaks(coefficients, cutter, one.spindle, found, bite)[rows]
+        if geometry is not None and geometry.side_stiffness is not None and one.surface == "side":
+            walls = compute_contact_wall_forces(coefficients, cutter, one.spindle, found, self.loads.side, bite)
+            self.wall[rows] = wear * walls[rows]
+        mine = np.flatnonzero(np.isfinite(ap[rows]))
+        if not len(mine):
+            return
+        if modes is None or cutter.corner_radius > 0:
+            self._mark_unknown(rows[mine], modes)
+            return
+        H = compute_contact_matrix(coefficients, cutter, MillingCut("slot", one.spindle), found, ap)
+        self._add_stability(one, rows[mine], mine, poses, modes, H[rows[mine]])
 
     def _mark_unknown(self, rows: NDArray[np.intp], modes: StructuralModes | None) -> None:
         for row in rows.tolist():

@@ -36,7 +36,8 @@ from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
 from machopt.process.drilling.feed_inversion import find_largest_feed
 from machopt.process.drilling.stroke_phases import build_drilling_stroke
 from machopt.process.milling.mean_force import compute_mean_load
-from machopt.process.milling.milling_cut import CutSide, MillingCut
+from machopt.process.milling.milling_cut import CutSide, MillingCut, MillingCutter
+from machopt.process.stock.contact_load import compute_contact_load
 
 DRAWS = 256
 STEPS = 24  # of the search from above; the programmed feed is one of them
@@ -162,9 +163,7 @@ def _find_milling_feeds(
     assert coefficients is not None
     rows = model.targets.row[block]
     cutter = build_milling_cutter(plan.setup.cell.tool.cutter)
-    ae, ap = float(loads.ae[rows[0]]), float(loads.ap[rows[0]])
-    load = compute_mean_load(coefficients, cutter, cut, ae, ap)
-    edge, slope = (compute_mean_wear(one) * part[0] for part in (load.edge, load.slope))
+    edge, slope = (compute_mean_wear(one) * part for part in _compute_load_parts(model, loads, one, cut, cutter, rows))
     own = take_surface_targets(model, block)
     per_load = [_project_load(plan, own, spread, part) for part in (edge, slope)]
     least, largest = coefficients.h_range_m
@@ -193,6 +192,25 @@ def _find_milling_feeds(
     return np.where(ok, found * loads.spindle_speed[rows] * cutter.teeth, 0.0)
 
 
+def _compute_load_parts(
+    model: SurfaceErrorModel,
+    loads: PointLoads,
+    one: ProcessOperation,
+    cut: MillingCut,
+    cutter: MillingCutter,
+    rows: NDArray[np.intp],
+) -> tuple[Array, Array]:
+    """Return the load for a feed per tooth of zero, and its change by it: (n, 4), or (1, 4) where all are equal."""
+    coefficients = model.process.materials[one.material].milling
+    assert coefficients is not None
+    if one.takes_stock:
+        assert loads.engagement is not None
+        edge, slope = compute_contact_load(coefficients, cutter, cut, loads.engagement)
+        return edge[rows], slope[rows]
+    load = compute_mean_load(coefficients, cutter, cut, float(loads.ae[rows[0]]), float(loads.ap[rows[0]]))
+    return load.edge, load.slope
+
+
 def _bracket_feeds(
     low: Array, high: Array, passes: Callable[[Array], NDArray[np.bool_]]
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -214,8 +232,11 @@ def _bracket_feeds(
 
 
 def _project_load(plan: Plan, model: SurfaceErrorModel, spread: StiffnessSpread, part: Array) -> Array:
-    """Return (n, 1 + R) the error along the normal by a part of the load: travel, normal, axial, torque."""
+    """Return (n, 1 + R) the error along the normal by a part of the load, (n, 4) or (1, 4).
+
+    Its columns are travel, normal, axial, torque.
+    """
     poses = model.poses
-    force = part[0] * poses.travel + part[1] * poses.normal + part[2] * poses.axis
-    twist = compute_twist_columns(plan, spread, poses, np.hstack([force, part[3] * poses.axis]))
+    force = part[:, :1] * poses.travel + part[:, 1:2] * poses.normal + part[:, 2:3] * poses.axis
+    twist = compute_twist_columns(plan, spread, poses, np.hstack([force, part[:, 3:] * poses.axis]))
     return np.asarray(np.einsum("mi,mir->mr", model.normal, twist[:, :3]))

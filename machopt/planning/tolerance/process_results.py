@@ -104,13 +104,19 @@ def _summarise(
         variance_shares=_compute_variance_shares(found),
         sources=_list_sources(process, plan, toolpath),
         validity=(
-            *(("stock is not used: the depths of cut are those of the operations",) if process.has_stock else ()),
+            *_note_unused_stock(process),
             *loads.notes,
             *list_skid_notes(process, plan, loads),
             *dynamics.notes,
             *_list_limits_of_validity(process, plan, toolpath, found),
         ),
     )
+
+
+def _note_unused_stock(process: CuttingProcess) -> list[str]:
+    if not process.has_unused_stock:
+        return []
+    return ["stock is not used: the depths of cut are those of the operations"]
 
 
 def _count_before(plan: Plan, toolpath: Toolpath, loads: PointLoads, wall_force: Array) -> dict[str, dict[str, int]]:

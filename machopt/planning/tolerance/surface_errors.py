@@ -41,6 +41,7 @@ class SurfaceErrorModel:
     scatter: PositionScatter
     local: Array  # (S,) m, 1 sigma from the compliance of the pose alone
     process: CuttingProcess
+    contact_sigma: Array  # (S,) 1 sigma of the logarithm of the load from the stock's cells
 
 
 def build_surface_model(
@@ -88,6 +89,7 @@ def build_surface_model(
         scatter=compute_position_scatter(plan, poses, reference, wrench),
         local=local * np.linalg.norm(force, axis=1),
         process=process,
+        contact_sigma=loads.contact_sigma[rows],
     )
 
 
@@ -129,15 +131,16 @@ def compute_load_factors(model: SurfaceErrorModel, rows: slice, draws: Uncertain
         rows: The points.
         draws: The draws.
     """
-    operation = model.targets.operation[rows]
+    operation, contact = model.targets.operation[rows], model.contact_sigma[rows, None]
+    own = np.exp(contact * draws.scatter) if contact.any() else np.ones((1, 1))
     if len(operation) and (operation == operation[0]).all():
         one = model.process.operations[operation[0]]
-        return (draws.compute_load_factor(model.process, one) / compute_mean_wear(one))[None]
+        return (draws.compute_load_factor(model.process, one) / compute_mean_wear(one))[None] * own
     out = np.ones((len(operation), len(draws)))
     for k in np.unique(operation):
         one = model.process.operations[k]
         out[operation == k] = draws.compute_load_factor(model.process, one) / compute_mean_wear(one)
-    return out
+    return out * own
 
 
 def compute_surface_probability(errors: Array, limit: Array, std: Array) -> Array:
@@ -162,7 +165,10 @@ def take_surface_targets(model: SurfaceErrorModel, rows: NDArray[np.intp]) -> Su
         rows: (n,) which of its points.
     """
     parts = {name: _take(getattr(model, name), rows) for name in ("targets", "poses", "scatter")}
-    arrays = {name: getattr(model, name)[rows] for name in ("normal", "twist", "columns", "tool", "offset", "local")}
+    arrays = {
+        name: getattr(model, name)[rows]
+        for name in ("normal", "twist", "columns", "tool", "offset", "local", "contact_sigma")
+    }
     return replace(model, **parts, **arrays)
 
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.process import CuttingProcess
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
-from machopt.errors import ConfigurationKeyError
+from machopt.errors import ConfigurationKeyError, CuttingInputError
 from machopt.numerics.array_types import Array
 from machopt.process.binding.point_loads import PointLoads, compute_point_loads
+from machopt.process.stock.job_removal import JobRemoval, find_wanted_points, remove_job
 
 
 def attach_forces(segments: tuple[ToolSegment, ...]) -> tuple[ToolSegment, ...]:
@@ -28,8 +31,46 @@ def attach_forces(segments: tuple[ToolSegment, ...]) -> tuple[ToolSegment, ...]:
         segment
         if segment.cell.process is None
         else replace(segment, toolpath=attach_programmed_force(segment.cell, segment.toolpath))
-        for segment in segments
+        for segment in attach_engagement(segments)
     )
+
+
+def attach_engagement(segments: tuple[ToolSegment, ...]) -> tuple[ToolSegment, ...]:
+    """Return the segments of a job with the contact of their cutters with the stock.
+
+    Args:
+        segments: Segments whose toolpaths have their process operations, where the cell has a process.
+
+    Raises:
+        ConfigurationKeyError: the contact cannot be computed from the stock.
+    """
+    process = segments[0].cell.process
+    if process is None or process.stock is None:
+        return segments
+    if not any(find_wanted_points(process, segment.toolpath).any() for segment in segments):
+        return segments
+    removal = remove_stock(process, segments)
+    return tuple(
+        replace(segment, toolpath=replace(segment.toolpath, engagement=found))
+        for segment, found in zip(segments, removal.engagements, strict=True)
+    )
+
+
+def remove_stock(process: CuttingProcess, segments: Sequence[ToolSegment]) -> JobRemoval:
+    """Return what a job removes from its stock, with errors that name the file.
+
+    Args:
+        process: Content of process.yaml, with a stock.
+        segments: Segments of the job with their process operations.
+
+    Raises:
+        ConfigurationKeyError: the contact cannot be computed from the stock.
+    """
+    try:
+        return remove_job(process, segments)
+    except CuttingInputError as error:
+        where = f"stock.{error.key}" if error.key in ("mesh", "cell_mm") else f"operations.{error.key}"
+        raise ConfigurationKeyError(error.reason, file=process.file, where=where, key=error.key) from None
 
 
 def attach_programmed_force(cell: Cell, toolpath: Toolpath) -> Toolpath:

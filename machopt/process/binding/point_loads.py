@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.cell import CutterGeometry
 from machopt.data_types.process import CuttingProcess, ProcessOperation
+from machopt.data_types.stock import StockEngagement
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import ConfigurationKeyError, CuttingInputError
 from machopt.numerics.array_types import Array
@@ -27,6 +28,7 @@ from machopt.process.drilling.stroke_phases import build_drilling_stroke, comput
 from machopt.process.milling.engagement_angles import compute_contact_arc
 from machopt.process.milling.mean_force import compute_mean_load
 from machopt.process.milling.milling_cut import CutSide, MillingCut
+from machopt.process.stock.contact_load import compute_contact_load, summarise_contact
 
 OPPOSITE: dict[CutSide, CutSide] = {"up": "down", "down": "up", "slot": "slot"}
 _SIGNS: dict[CutSide, int] = {"up": 1, "down": -1, "slot": 0}
@@ -49,7 +51,9 @@ class PointLoads:
     spindle_speed: Array  # (N,) rev/s
     bite: Array  # (N,) m, feed per tooth of milling, feed per revolution of drilling
     side: NDArray[np.int8]  # (N,) 1 up, −1 down, 0 slot or no milling
+    contact_sigma: Array  # (N,) 1 sigma of the logarithm of the force from the stock's cells; 0 where ae is given
     holes: tuple[DrilledHole, ...]
+    engagement: StockEngagement | None = None  # contact that comes from the stock
     notes: tuple[str, ...] = ()  # limits of validity
 
 
@@ -93,7 +97,7 @@ class _LoadBuilder:
         self.moment = np.where(given, 0.0, np.nan)
         self.clamp = np.zeros(n)
         self.ae, self.ap, self.entry, self.exit, self.bite = (np.full(n, np.nan) for _ in range(5))
-        self.side = np.zeros(n, np.int8)
+        self.side, self.contact_sigma = np.zeros(n, np.int8), np.zeros(n)
         self.notes: list[str] = []
 
     def build(self) -> PointLoads:
@@ -118,7 +122,9 @@ class _LoadBuilder:
             spindle_speed=self.speed,
             bite=self.bite,
             side=self.side,
+            contact_sigma=self.contact_sigma,
             holes=holes,
+            engagement=self.toolpath.engagement,
             notes=tuple(dict.fromkeys(self.notes)),
         )
 
@@ -133,6 +139,8 @@ class _LoadBuilder:
             self._add_holes(one, mine)
         elif one.kind == "force":
             self._add_given_force(one, rows)
+        elif one.takes_stock:
+            self._add_stock_milling(one, rows)
         else:
             self._add_milling(one, rows)
 
@@ -183,6 +191,27 @@ class _LoadBuilder:
             self.ae[mine], self.ap[mine], self.bite[mine] = ae, one.ap, bite
             self.entry[mine], self.exit[mine], self.side[mine] = arc.start[0], arc.end[0], _SIGNS[side]
         self._note_chip_range(one, rows, coefficients.h_range_m)
+
+    def _add_stock_milling(self, one: ProcessOperation, rows: NDArray[np.intp]) -> None:
+        coefficients = self.process.materials[one.material].milling
+        found = self.toolpath.engagement
+        assert coefficients is not None
+        assert found is not None
+        cutter = build_milling_cutter(self.cutter)
+        self._check_speed(one, int(rows[np.argmin(np.nan_to_num(self.speed[rows]))]))
+        self._check_speed(one, int(rows[np.argmin(np.nan_to_num(self.feed[rows]))]))
+        self.bite[rows] = self.feed[rows] / (self.speed[rows] * cutter.teeth)
+        edge, slope = compute_contact_load(coefficients, cutter, MillingCut("slot", one.spindle), found)
+        load = compute_mean_wear(one) * (edge[rows] + slope[rows] * self.bite[rows, None])
+        self.force[rows], self.moment[rows] = load[:, :3], load[:, 3]
+        contact = summarise_contact(cutter, found)
+        self.ae[rows], self.ap[rows] = contact.ae[rows], contact.ap[rows]
+        self.entry[rows], self.exit[rows] = contact.entry[rows], contact.exit[rows]
+        self.side[rows], self.contact_sigma[rows] = contact.side[rows], contact.sigma[rows]
+        cuts = rows[np.isfinite(contact.ae[rows])]
+        if len(cuts):
+            self._note_chip_range(one, cuts, coefficients.h_range_m)
+        self.notes += found.notes
 
     def _note_chip_range(self, one: ProcessOperation, rows: NDArray[np.intp], h_range: tuple[float, float]) -> None:
         least, largest = h_range

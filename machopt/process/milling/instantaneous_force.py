@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +52,7 @@ class CuttingWaveform:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Slice:
+class CutterSlice:
     """Part of the cutter between two heights, of one radius and κ."""
 
     low: float  # m
@@ -96,11 +97,32 @@ def compute_waveform(
     check_cutter(cutter, coefficients)
     check_cut_dimensions(cutter, cut, np.array([depths[0]]), np.array([depths[1]]))
     check_feed_per_tooth(np.array([fz]))
+    return compute_slices_waveform(coefficients, cutter, cut, _divide_cutter(cutter, cut, *depths), fz, angles)
+
+
+def compute_slices_waveform(
+    coefficients: MillingCoefficients,
+    cutter: MillingCutter,
+    cut: MillingCut,
+    parts: Sequence[CutterSlice],
+    fz: float,
+    angles: Array | None = None,
+) -> CuttingWaveform:
+    """Return the load along the rotation of a cutter whose slices have known arcs of contact.
+
+    Args:
+        coefficients: milling coefficients.
+        cutter: end mill.
+        cut: direction of the cut; its spindle direction counts.
+        parts: slices; one with several arcs occurs several times.
+        fz: m, feed per tooth.
+        angles: (n,) rad, rotations; None: one revolution in ``ROTATION_STEPS`` steps.
+    """
     phi = np.linspace(0.0, _TURN, ROTATION_STEPS, endpoint=False)
     if angles is not None:
         phi = np.asarray(angles, float)
     total = np.zeros((len(phi), 4))
-    for part in _divide_cutter(cutter, cut, *depths):
+    for part in parts:
         if part.end > part.start and part.high > part.low:
             total += _compute_slice(coefficients, cutter, cut, part, fz, phi)
     return CuttingWaveform(phi, total)
@@ -141,11 +163,22 @@ def compute_surface_generation_load(
     Raises:
         CuttingInputError: an impossible cutter, cut or feed.
     """
+    at = find_generation_angles(cutter, cut, heights)
+    return compute_waveform(coefficients, cutter, cut, depths, fz, at).load
+
+
+def find_generation_angles(cutter: MillingCutter, cut: MillingCut, heights: Array) -> Array:
+    """Return (n,) rad, the rotations at which the wall is made at each height.
+
+    Args:
+        cutter: end mill.
+        cut: direction of the cut.
+        heights: (n,) m above the tip.
+    """
     lag = _compute_lag(cutter, cut) * np.asarray(heights, float)
     teeth = np.arange(cutter.teeth) * (_TURN / cutter.teeth)
     longest = np.argmax(np.cos(cutter.runout_angle - teeth + lag[:, None]), axis=1) if cutter.runout else 0
-    at = (math.pi if cut.side == "down" else 0.0) - teeth[longest] + lag
-    return compute_waveform(coefficients, cutter, cut, depths, fz, np.asarray(at)).load
+    return np.asarray((math.pi if cut.side == "down" else 0.0) - teeth[longest] + lag)
 
 
 def _compute_lag(cutter: MillingCutter, cut: MillingCut) -> float:
@@ -153,7 +186,7 @@ def _compute_lag(cutter: MillingCutter, cut: MillingCut) -> float:
     return math.tan(cutter.helix) / cutter.radius * cut.mirror
 
 
-def _divide_cutter(cutter: MillingCutter, cut: MillingCut, ae: float, ap: float) -> list[_Slice]:
+def _divide_cutter(cutter: MillingCutter, cut: MillingCut, ae: float, ap: float) -> list[CutterSlice]:
     parts, rc = [], cutter.corner_radius
     top = min(ap, rc)
     if rc > 0.0:
@@ -168,12 +201,12 @@ def _divide_cutter(cutter: MillingCutter, cut: MillingCut, ae: float, ap: float)
     for low, high, radius, kappa in parts:
         arc = compute_contact_arc(cutter, cut, np.array(min(ae, cutter.diameter)), radius)
         start, end = float(arc.start), float(arc.end)
-        found.append(_Slice(low=low, high=high, radius=radius, kappa=kappa, start=start, end=end))
+        found.append(CutterSlice(low=low, high=high, radius=radius, kappa=kappa, start=start, end=end))
     return found
 
 
 def _compute_slice(
-    K: MillingCoefficients, cutter: MillingCutter, cut: MillingCut, part: _Slice, fz: float, phi: Array
+    K: MillingCoefficients, cutter: MillingCutter, cut: MillingCut, part: CutterSlice, fz: float, phi: Array
 ) -> Array:
     chips = _find_chip_intervals(cutter, part, fz, phi)
     k = _compute_lag(cutter, cut)
@@ -200,7 +233,7 @@ def _compute_slice(
     )
 
 
-def _find_chip_intervals(cutter: MillingCutter, part: _Slice, fz: float, phi: Array) -> _ChipIntervals:
+def _find_chip_intervals(cutter: MillingCutter, part: CutterSlice, fz: float, phi: Array) -> _ChipIntervals:
     n = len(phi)
     if cutter.runout == 0.0:
         one = np.ones((n, 1))

@@ -80,7 +80,7 @@ class MeanCuttingLoad:
 
 
 @dataclass(frozen=True)
-class _Moments:
+class ArcMoments:
     """Integrals over φ of sin, cos, sin cos, sin², 1, or their derivatives by ae."""
 
     s: Array
@@ -156,8 +156,8 @@ def _sum_cylinder(
     coefficients: MillingCoefficients, cutter: MillingCutter, cut: MillingCut, arc: ContactArc, height: Array
 ) -> tuple[Array, Array, Array, Array]:
     right = np.full_like(height, math.pi / 2)
-    rows = (_integrate_arc(arc), _differentiate_arc(arc))
-    found = [_compute_slice_load(coefficients, cutter, cut, m, right, cutter.radius) for m in rows]
+    rows = (integrate_arc(arc), _differentiate_arc(arc))
+    found = [compute_slice_load(coefficients, cutter, cut, m, right, cutter.radius) for m in rows]
     return tuple(height[:, None] * found[n][k] for n in (0, 1) for k in (0, 1))  # type: ignore[return-value]
 
 
@@ -179,16 +179,21 @@ def _sum_corner(
         weight = np.abs(far - kink)[:, None] * 2.0 * _T * _DT  # dκ
         radius = flat + rc * np.sin(kappa)
         arc = compute_contact_arc(cutter, cut, np.broadcast_to(ae[:, None], kappa.shape), radius)
-        for n, moments in enumerate((_integrate_arc(arc), _differentiate_arc(arc))):
-            edge, slope = _compute_slice_load(coefficients, cutter, cut, moments, kappa, radius)
+        for n, moments in enumerate((integrate_arc(arc), _differentiate_arc(arc))):
+            edge, slope = compute_slice_load(coefficients, cutter, cut, moments, kappa, radius)
             total[2 * n] += np.einsum("pk,pkc->pc", weight * rc, edge)  # db = rc dκ
             total[2 * n + 1] += np.einsum("pk,pkc->pc", weight * rc * np.sin(kappa), slope)  # dz = rc sin κ dκ
     return tuple(total)  # type: ignore[return-value]
 
 
-def _integrate_arc(arc: ContactArc) -> _Moments:
+def integrate_arc(arc: ContactArc) -> ArcMoments:
+    """Return the integrals over arcs of contact.
+
+    Args:
+        arc: (...,) arcs.
+    """
     a, b = arc.start, arc.end
-    return _Moments(
+    return ArcMoments(
         np.cos(a) - np.cos(b),
         np.sin(b) - np.sin(a),
         0.5 * (np.sin(b) ** 2 - np.sin(a) ** 2),
@@ -197,9 +202,9 @@ def _integrate_arc(arc: ContactArc) -> _Moments:
     )
 
 
-def _differentiate_arc(arc: ContactArc) -> _Moments:
+def _differentiate_arc(arc: ContactArc) -> ArcMoments:
     a, b, da, db = arc.start, arc.end, arc.start_by_ae, arc.end_by_ae
-    return _Moments(
+    return ArcMoments(
         np.sin(b) * db - np.sin(a) * da,
         np.cos(b) * db - np.cos(a) * da,
         np.sin(b) * np.cos(b) * db - np.sin(a) * np.cos(a) * da,
@@ -208,15 +213,24 @@ def _differentiate_arc(arc: ContactArc) -> _Moments:
     )
 
 
-def _compute_slice_load(
+def compute_slice_load(
     coefficients: MillingCoefficients,
     cutter: MillingCutter,
     cut: MillingCut,
-    moments: _Moments,
+    moments: ArcMoments,
     kappa: Array,
     radius: Array | float,
 ) -> tuple[Array, Array]:
-    """Return the edge load per m of edge, and the load per m of height and m of feed per tooth, (..., 4)."""
+    """Return the edge load per m of edge, and the load per m of height and m of feed per tooth, (..., 4).
+
+    Args:
+        coefficients: milling coefficients.
+        cutter: end mill.
+        cut: direction of the cut; its spindle direction counts.
+        moments: (...,) integrals over the arcs of contact.
+        kappa: (...,) rad, angle between the tool's axis and the normal of the cutting surface.
+        radius: (...,) m, radius of the slice.
+    """
     K, hand = coefficients, get_axial_hand(cutter, cut)
     sine, cosine = np.sin(kappa), np.cos(kappa)
     per_tooth = cutter.teeth / (2.0 * math.pi)

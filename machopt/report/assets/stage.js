@@ -18,7 +18,7 @@ function levelled(spec) {
   };
 }
 
-const BODY_COLORS = { link: "#e2803a", tool: "#7d8793", cutter: "#c8ced6", workpiece: "#6f9bd1", obstacle: "#9aa3ad" };
+const BODY_COLORS = { link: "#e2803a", tool: "#7d8793", cutter: "#c8ced6", workpiece: "#6f9bd1", stock: "#d9b95b", obstacle: "#9aa3ad" };
 
 function stage3d(canvas, scene) {
   const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true, alpha: true });
@@ -83,7 +83,7 @@ function stage3d(canvas, scene) {
       },
     };
   }
-  for (const s of shapes) if (s.joint < 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, s.kind === "workpiece" ? 0.75 : 1)); meshes.push([mesh, s.kind]); root.add(moved(mesh, FK.STILL)); }
+  for (const s of shapes) if (s.joint < 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, s.kind === "stock" ? 0.25 : s.kind === "workpiece" ? 0.75 : 1)); meshes.push([mesh, s.kind]); root.add(moved(mesh, FK.STILL)); }
   const kinds = () => [...new Set(meshes.map(([, kind]) => kind))];
   function showKind(kind, on) { for (const [mesh, own] of meshes) if (own === kind) mesh.material.visible = on; draw(); } // whether a mesh is there at all is the tool's matter
 
@@ -142,7 +142,7 @@ function stage3d(canvas, scene) {
     const M = FK.motions(scene, q);
     moved(onPart, FK.part(scene, M));
     if (bare) skeleton(M).forEach(grow); // else there is no box, and nothing to measure arrows by
-    for (const s of shapes) if (s.joint >= 0 || s.kind === "workpiece") {
+    for (const s of shapes) if (s.joint >= 0 || s.kind === "workpiece" || s.kind === "stock") {
       const { min, max } = s.geometry.boundingBox;
       for (let i = 0; i < 8; i++) { const p = [i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z]; grow(s.joint < 0 ? p : FK.place(M[s.joint], p)); }
     }

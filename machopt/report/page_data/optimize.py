@@ -11,6 +11,7 @@ import numpy as np
 
 from machopt.data_types.documents.optimize_document import WorstPointSection
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.stock import StockSummary
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.options.plan_option_reader import find_options_without_effect
@@ -84,6 +85,7 @@ def build_report_data(
     hashes: dict[str, str],
     options: dict[str, object],
     timings: dict[str, float],
+    stock: StockSummary | None = None,
 ) -> page.ReportData:
     """Collect everything that the page shows; stages that were not reached stay empty.
 
@@ -102,6 +104,7 @@ def build_report_data(
         hashes: SHA-256 of the input files by name.
         options: The planning options in force.
         timings: Computing time of each stage.
+        stock: What the job does to its stock; None where no engagement comes from there.
     """
     index = plan.scores.index
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
@@ -156,7 +159,7 @@ def build_report_data(
         front=tuple(_build_trade_off_point(p) for p in front),
         timings=tuple(timings.items()),
         events=toolpath.events,
-        tolerances=build_tolerance_data(points, build_stability_map(plan, toolpath, s)),
+        tolerances=build_tolerance_data(points, build_stability_map(plan, toolpath, s), stock),
     )
 
 

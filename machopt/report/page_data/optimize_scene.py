@@ -21,7 +21,14 @@ from machopt.planning.plan_output.collision_map import CollisionMap, find_cut_st
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
 from machopt.report.page_data.optimize_series import compute_cut_length, interpolate_path_length
-from machopt.report.scene.scene_types import CellScene, MotionScene, OptimizeScene, StationPostures, ToolpathScene
+from machopt.report.scene.scene_types import (
+    CellScene,
+    MotionScene,
+    OptimizeScene,
+    SceneBody,
+    StationPostures,
+    ToolpathScene,
+)
 
 MAX_PATH_POINTS = 20_000  # points of the toolpath that are drawn; of a longer one every so many
 
@@ -56,7 +63,7 @@ def build_optimize_scene(
 def _build_cell_scene(plan: Plan) -> CellScene:
     """The cell; with the bodies of every tool that is on where the job changes them."""
     if not plan.parts:
-        return _build_scene_with_tool(plan.setup)
+        return _add_stock(_build_scene_with_tool(plan.setup), plan)
     names = list_tools(plan)
     each = {str(p.plan.setup.cell.tool_name): _build_scene_with_tool(p.plan.setup) for p in plan.parts}
     first = each[names[0]]
@@ -64,7 +71,23 @@ def _build_cell_scene(plan: Plan) -> CellScene:
     for n, name in enumerate(names):
         bodies += [replace(b, tools=(n,)) for b in each[name].bodies if b.kind in ("tool", "cutter")]
     tools = tuple((name, each[name].T_root_tool) for name in names)
-    return replace(first, bodies=tuple(bodies), tools=tools)
+    return _add_stock(replace(first, bodies=tuple(bodies), tools=tools), plan)
+
+
+def _add_stock(scene: CellScene, plan: Plan) -> CellScene:
+    """Return the scene with the stock at the place of the workpiece."""
+    process = (plan.parts[0].plan if plan.parts else plan).setup.cell.process
+    if process is None or process.stock is None:
+        return scene
+    T = scene.T_root_part
+    body = SceneBody(
+        name="stock",
+        kind="stock",
+        joint=scene.part_joint,
+        vertices=process.stock.vertices @ T[:3, :3].T + T[:3, 3],
+        faces=process.stock.faces.astype(np.int32),
+    )
+    return replace(scene, bodies=(*scene.bodies, body))
 
 
 def list_tools(plan: Plan) -> list[str]:

@@ -13,6 +13,7 @@ from machopt.data_types.process_columns import (
     ToleranceSummary,
     merge_process_summaries,
 )
+from machopt.data_types.stock import StockSummary
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import format_headline
 from machopt.report.page_types import optimize_report as page
@@ -21,12 +22,15 @@ MAX_ROWS = 200
 _LIMIT_NAMES = {"position_mm": "position", "axis_deg": "axis", "depth_mm": "depth", "surface_mm": "surface"}
 
 
-def build_tolerance_data(points: PointResults, stability: page.StabilityMap | None) -> page.ToleranceData | None:
+def build_tolerance_data(
+    points: PointResults, stability: page.StabilityMap | None, stock: StockSummary | None = None
+) -> page.ToleranceData | None:
     """Return the data of the tolerances; None where the cell has no process.
 
     Args:
         points: Results at the toolpath's points.
         stability: The stability map; None where there is none.
+        stock: What the job does to its stock; None where no engagement comes from there.
     """
     summary, columns = merge_process_summaries(points.process), points.table.process
     if summary is None or columns is None:
@@ -47,7 +51,35 @@ def build_tolerance_data(points: PointResults, stability: page.StabilityMap | No
         validity=summary.validity,
         series=_build_series(columns),
         stability=stability,
+        stock=() if stock is None else tuple(_list_stock_rows(stock)),
     )
+
+
+def _list_stock_rows(stock: StockSummary) -> list[tuple[str, str]]:
+    rows = [
+        ("Cell size of the stock", f"{1e3 * stock.cell_size:g} mm"),
+        ("Volume before the job", f"{1e9 * stock.volume:.0f} mm³"),
+        ("Removed by all moves", f"{1e9 * stock.removed:.0f} mm³"),
+        ("Removed by moves that are no cuts", f"{1e9 * stock.removed_by_other_moves:.0f} mm³"),
+        ("Cuts that remove nothing", f"{stock.air_cuts} of {stock.cut_moves}"),
+    ]
+    if stock.finished is None:
+        return [*rows, ("Finished part", "not compared: the workpiece is not one closed mesh")]
+    found = stock.finished
+    return [
+        *rows,
+        ("Deepest gouge of the finished part", _format_depth(found.gouge_depth, found.gouge_place)),
+        ("Volume of gouges", f"{1e9 * found.gouge_volume:.0f} mm³"),
+        ("Largest height of material left", _format_depth(found.left_depth, found.left_place)),
+        ("Volume of material left", f"{1e9 * found.left_volume:.0f} mm³"),
+    ]
+
+
+def _format_depth(depth: float, place: tuple[float, float, float] | None) -> str:
+    if place is None:
+        return "none"
+    x, y, z = (1e3 * value for value in place)
+    return f"{1e3 * depth:.3f} mm at x {x:.1f}, y {y:.1f}, z {z:.1f} mm"
 
 
 def _describe_operation(row: ToleranceSummary) -> tuple[str, str, str, str, str]:

@@ -351,6 +351,7 @@ class ToleranceData:
     validity: tuple[str, ...]
     series: ToleranceSeries | None = None
     stability: StabilityMap | None = None
+    stock: tuple[tuple[str, str], ...] = ()  # what the job does to its stock
 
 
 @dataclass(frozen=True, kw_only=True)

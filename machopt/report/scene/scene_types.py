@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array, Ints
 from machopt.report.scene.mesh_decimation import Faces
 
-BodyKind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
+BodyKind = Literal["link", "tool", "cutter", "workpiece", "stock", "obstacle"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,6 +28,7 @@ _RESULT_FILES = (
     "trajectory.csv",
     "compensation.csv",
     "tilt.csv",
+    "engagement.csv",
     "front.csv",
     "result.json",
     "report.html",

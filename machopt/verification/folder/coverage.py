@@ -39,6 +39,7 @@ NOT_RECOMPUTED = (
     "compensation.removed",
     "compensation.operations",
     "tilt.bound",
+    "process.stock",
     "programs.feed_model",
     "programs.order",
     "worst_point.deflection_along_mm",

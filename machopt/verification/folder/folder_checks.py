@@ -31,6 +31,7 @@ from machopt.verification.folder.programs.stray_programs import find_stray_progr
 from machopt.verification.folder.result_json.result_checks import check_result_document
 from machopt.verification.motion.motion_verification import ExportedTables, read_tables
 from machopt.verification.motion.process.attached_forces import attach_recomputed_forces
+from machopt.verification.motion.process.stock_contact import check_stock_contact
 from machopt.verification.motion.tool_changes import split_tables, verify_tool_segments
 from machopt.verification.tables.exported_tables import ExportedMotion, read_motion
 from machopt.verification.tables.table_cache import cache_tables
@@ -112,7 +113,9 @@ def check_contents(
     except InputError:
         motion = None  # those who need it try again and say what is wrong
     try:
-        segments, options = attach_recomputed_forces(split_into_tool_segments(cell, toolpath), toolpath, options)
+        segments, options = attach_recomputed_forces(
+            split_into_tool_segments(cell, toolpath), toolpath, options, folder
+        )
         listed = None if manifest is None else manifest.touching_pairs
         touching = None if listed is None else tuple((p.a, p.b) for p in listed)
 
@@ -129,7 +132,7 @@ def check_contents(
             programs = of_programs(found)
     except InputError as problem:
         return Verification((build_failed_check(CheckName.TABLES, str(problem), because=problem),), 0, MISSING_VALUE)
-    of_all = Verification.from_rows(programs, 0, MISSING_VALUE)
+    of_all = Verification.from_rows([*check_stock_contact(segments), *programs], 0, MISSING_VALUE)
     return replace(
         found,
         checks=(*found.checks, *of_all.checks),

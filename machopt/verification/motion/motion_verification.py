@@ -60,6 +60,7 @@ from machopt.verification.motion.kinematics.encoder_correction import (
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.sample_location import locate_samples
 from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
+from machopt.verification.tables.advised_feeds import check_advised_feeds
 from machopt.verification.tables.exported_tables import (
     ExportedMotion,
     ExportedPoints,
@@ -207,6 +208,7 @@ def verify_single_tool(
         *table.check_all(motion, on),
         *_check_clearance(table, stood, bodies, kept, options),
         *check_process_columns(cell, toolpath, points, motion, arm),
+        *check_advised_feeds(toolpath, points, options),
     ]
     checks += [replace(c, file="points.csv") for c in of_points]
     checks += check_requested_choices(cell, toolpath, points, np.flatnonzero(table.live), options, motion)

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
+from machopt.data_types.stock import StockEngagement
 from machopt.data_types.toolpath import MoveKind
 from machopt.errors import OutputFolderError
 from machopt.numerics.array_types import Array
 from machopt.verification.tables.csv_columns import ColumnTable, read_table
 
 JOINT_COLUMNS = tuple(f"q{i}_deg" for i in range(1, 7))
+ARC_COLUMNS = ("low_mm", "high_mm", "phi_in_deg", "phi_out_deg")
 TILT_COLUMNS = ("lead_deg", "side_deg")
 SHIFT_COLUMNS = ("comp_dx_mm", "comp_dy_mm", "comp_dz_mm")
 MOTION_COLUMNS = ("time_s", "point", "operation", "move", *JOINT_COLUMNS, "gamma_deg", "feed_mm_min")
@@ -47,6 +49,7 @@ POINT_COLUMNS = (
 )
 OPTIONAL_COLUMNS = (
     "feed_mm_min",
+    "feed_advised_mm_min",
     "k_jiao_x_N_mm",
     "nearest_pair",
     "stiffness_from",
@@ -242,6 +245,34 @@ def read_tilt(file: Path) -> ExportedTilt:
     index = _read_rising_index(table)
     lead, side = (np.deg2rad(table.read_numbers(name)) for name in TILT_COLUMNS)
     return ExportedTilt(index, lead, side)
+
+
+def read_engagement(file: Path, points: int) -> StockEngagement:
+    """Read engagement.csv; which points it is known at, and what they remove, are left empty.
+
+    Args:
+        file: Path of the file.
+        points: Number of toolpath points.
+
+    Raises:
+        InputError: the file, a column or a number is missing, the points fall, or one does not exist.
+    """
+    table = read_table(file)
+    _check_names(table, ("point", *ARC_COLUMNS), ())
+    index = _read_rising_index(table)
+    if len(index) and not (index[0] >= 0 and index[-1] < points and (index == np.round(index)).all()):
+        raise OutputFolderError(f"a point is no number from 0 to {points - 1}", file=table.file, where="point")
+    low, high, start, end = (table.read_numbers(name) for name in ARC_COLUMNS)
+    return StockEngagement(
+        point=index.astype(np.int64),
+        low=low / 1e3,
+        high=high / 1e3,
+        start=np.deg2rad(start),
+        end=np.deg2rad(end),
+        is_computed=np.zeros(points, bool),
+        volume=np.zeros(points),
+        edge_sigma=0.0,
+    )
 
 
 def _read_rising_index(table: ColumnTable) -> Array:

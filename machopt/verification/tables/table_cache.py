@@ -16,7 +16,7 @@ from threading import Lock
 from typing import TypeVar
 
 T = TypeVar("T")
-MAX_CACHED_BYTES = 64 * 2**20  # bytes: of a longer table reading again costs less than the memory to hold it
+MAX_CACHED_BYTES = 256 * 2**20  # bytes: of a longer table reading again costs less than the memory to hold it
 
 
 @dataclass(frozen=True)

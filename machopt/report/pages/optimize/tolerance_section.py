@@ -39,6 +39,8 @@ def build_tolerance_section(data: ReportData, charts: set[str]) -> Body:
     if found.stability is not None:
         body += render_part("heading", "Stability over the rotation: stable depth of cut over the planned depth")
         body += render_part("scrolled", draw_stability_map(found.stability))
+    if found.stock:
+        body += render_part("heading", "Stock and finished part") + build_pair_table("Quantity", "Value", found.stock)
     body += _build_basis(found)
     lead = (
         "Predicted errors under the cutting force at the feed that the motion reaches, against the tolerances of "

@@ -61,6 +61,7 @@ from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
 from machopt.verification.programs.cam_comparison import ExpectedCuts, compare_with_cam
 from machopt.verification.programs.motion_comparison import compare_with_motion
 from machopt.verification.programs.target_matching import TargetTolerances
+from machopt.verification.tables.advised_feeds import ADVISED, apply_exported_feeds
 from machopt.verification.tables.exported_tables import (
     ExportedMotion,
     read_compensation,
@@ -175,7 +176,7 @@ class _ComparisonContext:
         )
         return cls(
             cell=cell,
-            toolpath=toolpath,
+            toolpath=apply_exported_feeds(toolpath, points.numbers.get(ADVISED), points.point),
             out=out,
             options=options,
             tolerance=tolerance,

@@ -67,7 +67,7 @@ class ResultComparison:
     def segments(self) -> tuple[tuple[ToolSegment, ...], PlanOptions]:
         """Segments of the job with the recomputed force of each point, and options that know of it."""
         found = split_into_tool_segments(self.cell, self.toolpath)
-        return attach_recomputed_forces(found, self.toolpath, self.options)
+        return attach_recomputed_forces(found, self.toolpath, self.options, self.folder)
 
     @cached_property
     def worst_along_cuts(self) -> tuple[float, ...]:

@@ -51,6 +51,7 @@ from machopt.verification.folder.result_json.comparison_inputs import (
     format_json_value,
     require_number,
 )
+from machopt.verification.folder.result_json.joint_section import check_joint_section
 from machopt.verification.folder.result_json.objective_and_gains import (
     PRINTED_TOLERANCE,
     check_compensation,
@@ -65,6 +66,7 @@ from machopt.verification.folder.result_json.program_entries import check_progra
 from machopt.verification.folder.result_json.schema_errors import list_schema_errors
 from machopt.verification.folder.result_json.tilt_section import check_tilt_section
 from machopt.verification.folder.result_json.worst_point import check_worst_point
+from machopt.verification.tables.advised_feeds import ADVISED, apply_exported_feeds
 
 CHOSEN_MEAN_TOLERANCE = 0.05  # of the mean index: what rescoring a choice as it is driven may move it by
 HELD_FEED_SHARE = 0.95  # of the programmed feed: what counts as held
@@ -217,6 +219,7 @@ def _check_options(t: ResultComparison) -> Iterable[str]:
     yield from check_equal("index", t.result.index, index)
     own = {
         "global": ("smooth", "grid", "smooth and grid", "jiao2022", "cam default"),
+        "joint": ("joint", "smooth", "grid", "smooth and grid", "jiao2022", "cam default"),
         "jiao2022": ("jiao2022",),
         "default": ("cam default",),
     }[t.options.method]
@@ -319,7 +322,9 @@ def _check_feed(t: ResultComparison) -> Iterable[str]:
     fed = (move != MoveKind.RAPID.word) & np.isfinite(number["point"])  # dips begin in approaches too
     fed &= ~_is_dwelling(t, number["point"])
     cut, at = (move == MoveKind.CUT.word)[fed], number["point"][fed]
-    programmed = np.where(np.isfinite(t.toolpath.feed), t.toolpath.feed, t.options.approach_feed)
+    advised = t.points.read_numbers(ADVISED, empty=True) if ADVISED in t.points else None
+    feed = apply_exported_feeds(t.toolpath, advised, t.points.read_numbers("point").astype(np.intp)).feed
+    programmed = np.where(np.isfinite(feed), feed, t.options.approach_feed)
     ends = np.clip(np.ceil(at - POINT_INDEX_TOLERANCE).astype(int), 0, len(t.toolpath) - 1)
     # the step to a sample just behind a point was driven before it for the most part: either point's feed may be meant
     either = np.stack([programmed[ends], programmed[np.r_[ends[:1], ends[:-1]]]])
@@ -458,6 +463,7 @@ _PARTS: dict[str, Callable[[ResultComparison], Iterable[str]]] = {
     "front": check_trade_off_front,
     "compensation": check_compensation,
     "tilt": check_tilt_section,
+    "joint": check_joint_section,
     "position error": check_position_error,
     "process": check_process_section,
     CheckName.VERIFICATION: _check_verification,

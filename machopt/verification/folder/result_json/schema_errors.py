@@ -33,6 +33,7 @@ _PART_BY_KEY = {
     "front": "front",
     "compensation": "compensation",
     "tilt": "tilt",
+    "joint": "joint",
     "verification": "verification",
     "programs": "programs",
     "notes": "warnings",

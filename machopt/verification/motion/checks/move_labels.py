@@ -148,7 +148,7 @@ def _check_rotation(motion: ExportedMotion, toolpath: Toolpath, locations: Sampl
     wrong = [f"{motion.describe_row(n)} has none" for n in np.flatnonzero(due & ~stated)]
     wrong += [f"{motion.describe_row(n)} has one in a rapid move" for n in np.flatnonzero(blank & stated)]
     rows = np.flatnonzero(stated & locations.on_feed_move)
-    out = [build_count_check("rotation of the samples told", wrong)]
+    out = [build_count_check("rotation of the samples stated", wrong)]
     if not len(rows):
         return out
     known = reference_direction.compute_directions_at_points(toolpath)

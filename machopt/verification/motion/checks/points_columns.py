@@ -49,6 +49,7 @@ from machopt.verification.motion.path_geometry.sample_location import SampleLoca
 from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
 from machopt.verification.motion.stiffness import arm_compliance
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
+from machopt.verification.tables.advised_feeds import ADVISED, apply_exported_feeds
 from machopt.verification.tables.exported_tables import MOVE_WORDS, ExportedMotion, ExportedPoints
 
 PLACE_MM, AXIS, FEED_MM_MIN = 1e-6, 1e-9, 1e-3  # six, nine and three decimals, without the joints
@@ -285,7 +286,8 @@ class PointsTableCheck:
         b = 1 + np.flatnonzero((motion.move[1:] != MoveKind.RAPID) & np.isfinite(s[1:]) & np.isfinite(s[:-1]))
         first = np.clip(np.floor(s[b - 1] + POINT_INDEX_TOLERANCE) + 1, 0, n - 1).astype(int)
         last = np.maximum(np.clip(np.ceil(s[b] - POINT_INDEX_TOLERANCE), 0, n - 1).astype(int), first)
-        programmed = np.where(np.isfinite(self.toolpath.feed), self.toolpath.feed, self.options.approach_feed)
+        fed = apply_exported_feeds(self.toolpath, self.points.numbers.get(ADVISED), self.points.point).feed
+        programmed = np.where(np.isfinite(fed), fed, self.options.approach_feed)
         held = HELD_FEED_SHARE + (0.0 if motion.lead is None else TILT_FEED_SPREAD)
         low = motion.feed[b] < held * np.fmax(programmed[first], programmed[last])
         edges = np.bincount(first[low], minlength=n + 1) - np.bincount(last[low] + 1, minlength=n + 1)

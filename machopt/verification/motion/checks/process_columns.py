@@ -32,10 +32,16 @@ from machopt.verification.checks import (
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
+from machopt.verification.motion.process.contact_load import find_slice_shapes
 from machopt.verification.motion.process.draws import find_unsupported_draws
 from machopt.verification.motion.process.point_loads import RecomputedLoads, recompute_loads
 from machopt.verification.motion.process.predicted_errors import PredictedErrors, predict_errors
-from machopt.verification.motion.process.stability import ModeModel, compute_depth_limit
+from machopt.verification.motion.process.stability import (
+    ModeModel,
+    compute_depth_limit,
+    find_contact_arcs,
+    find_given_arc,
+)
 from machopt.verification.motion.stiffness import arm_compliance
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
@@ -50,7 +56,9 @@ MODE_HZ, MODE_SHARE, LIMIT_SHARE = (
     5e-3,
 )  # three decimals; of the frequency; by which a limit may be above that of the second law
 _SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
+CONTACT_COLUMNS, CONTACT_LIMIT = ("ae_mm", "ap_mm", "phi_in_deg", "phi_out_deg"), 2e-3  # printed decimals
 FORCE_COLUMNS = ("f_travel_N", "f_normal_N", "f_axial_N", "m_axial_Nm")
+PRINTED_PROBABILITY = 5e-6  # half of the last printed decimal: on it either outcome may follow
 
 
 def check_process_columns(
@@ -72,7 +80,7 @@ def check_process_columns(
     if missing:
         return [build_count_check("points.csv process columns", missing, "columns")]
     loads = recompute_loads(cell, toolpath, find_largest_feed(toolpath, motion), toolpath.process_operation)
-    checks = _check_forces(points, loads)
+    checks = [*_check_forces(points, loads), *_check_contact_columns(cell, toolpath, points)]
     name = "points.csv predicted errors"
     if cell.stiffness is None:
         return [*checks, build_skipped_check(name, "the cell names no stiffness")]
@@ -114,6 +122,26 @@ def _check_forces(points: ExportedPoints, loads: RecomputedLoads) -> list[Verifi
         _compare(points, name, wanted[:, n], limits[n] + FORCE_SHARE * size_of[n])
         for n, name in enumerate(FORCE_COLUMNS)
     ]
+
+
+def _check_contact_columns(cell: Cell, toolpath: Toolpath, points: ExportedPoints) -> list[VerificationCheck]:
+    """Check the columns that summarise the arcs of engagement.csv."""
+    arcs, cutter = toolpath.engagement, cell.tool.cutter
+    if arcs is None or cutter is None:
+        return []
+    radius = find_slice_shapes(cutter, arcs)[0]
+    wanted = {name: np.full(len(toolpath), np.nan) for name in CONTACT_COLUMNS}
+    for p in np.unique(arcs.point).tolist():
+        mine = slice(*np.searchsorted(arcs.point, (p, p + 1)))
+        start, end = arcs.start[mine], arcs.end[mine]
+        left, right = np.max(radius[mine] * np.cos(start)), np.min(radius[mine] * np.cos(end))
+        height = np.max(arcs.high[mine]) - np.min(arcs.low[mine])
+        values = (1e3 * (left - right), 1e3 * height, np.degrees(start.min()), np.degrees(end.max()))
+        for name, value in zip(CONTACT_COLUMNS, values, strict=True):
+            wanted[name][p] = value
+    rows = np.flatnonzero(arcs.is_computed)
+    some = replace(points, point=points.point[rows], numbers={n: points.numbers[n][rows] for n in CONTACT_COLUMNS})
+    return [_compare(some, n, wanted[n][rows], np.full(len(rows), CONTACT_LIMIT)) for n in CONTACT_COLUMNS]
 
 
 def _check_errors(points: ExportedPoints, found: PredictedErrors) -> list[VerificationCheck]:
@@ -182,15 +210,25 @@ def _check_stability(
         off[n] = abs(f1[row] - modes.lowest_hz) / (MODE_HZ + MODE_SHARE * modes.lowest_hz)
         one = cell.process.operations[loads.operation[row]]
         if one.kind == "milling" and np.isfinite(limit[row]):
-            side = _SIDES[int(loads.side[row])]
-            ae = 1e-3 * float(points.numbers["ae_mm"][row])
-            own = compute_depth_limit(cell, one, side, ae, modes, float(loads.speed[row]))
+            arcs = _list_arcs(cell, toolpath, loads, points, row)
+            own = compute_depth_limit(cell, one, arcs, modes, float(loads.speed[row]))
             above[n] = max(1e-3 * float(limit[row]) / own - 1.0, 0.0) if own > 0 else np.inf
     return [
         *checks,
         build_worst_value_check("points.csv f1_Hz", "of its limit", off, 1.0, lambda n: f"point {at[n]}"),
         build_worst_value_check("points.csv a_lim_mm", "1 above", above, LIMIT_SHARE, lambda n: f"point {at[n]}"),
     ]
+
+
+def _list_arcs(
+    cell: Cell, toolpath: Toolpath, loads: RecomputedLoads, points: ExportedPoints, row: int
+) -> list[tuple[float, float, float]]:
+    """Return share of the height, start and end of each arc of contact of a milled point."""
+    if toolpath.engagement is not None and toolpath.engagement.is_computed[row]:
+        own = toolpath.engagement.take_range(row, row + 1)
+        return find_contact_arcs(own, float(np.max(own.high, initial=0.0) - np.min(own.low, initial=np.inf)))
+    ae = 1e-3 * float(points.numbers["ae_mm"][row])
+    return [find_given_arc(cell, _SIDES[int(loads.side[row])], ae)]
 
 
 def _check_tolerances(cell: Cell, toolpath: Toolpath, points: ExportedPoints) -> VerificationCheck:
@@ -237,7 +275,8 @@ def _states_spread(process: CuttingProcess, one: ProcessOperation) -> bool:
 def _fits(word: str, probability: float, quantile: float) -> bool:
     if np.isnan(probability):
         return word in ("", "unknown")
-    return word == ("pass" if probability >= quantile else "fail" if probability < 0.5 else "marginal")
+    ends = (probability - PRINTED_PROBABILITY, probability + PRINTED_PROBABILITY)
+    return word in {"pass" if p >= quantile else "fail" if p < 0.5 else "marginal" for p in ends}
 
 
 def _compare(points: ExportedPoints, name: str, wanted: Array, limit: Array) -> VerificationCheck:

@@ -62,7 +62,7 @@ def check_requested_choices(
             )
         )
     out += check_external_joint_positions(cell, toolpath, points, rows, options, motion)
-    if options.method == "global":
+    if options.is_searched:
         laid = resolve_steering(options, toolpath)
         out += _check_rotations(toolpath, points, rows, laid) + _check_steering(points, rows, laid)
     return out

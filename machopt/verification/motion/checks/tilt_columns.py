@@ -90,7 +90,7 @@ def _check_samples(of: TiltTables) -> list[VerificationCheck]:
     """Axis and tip of every sample by the tilt that its own row states."""
     motion, on = of.motion, of.locations
     if motion.lead is None or motion.side is None:
-        return [build_count_check("tilt of the samples told", ["trajectory.csv has no lead_deg and side_deg"])]
+        return [build_count_check("tilt of the samples stated", ["trajectory.csv has no lead_deg and side_deg"])]
     stated = np.isfinite(motion.lead) & np.isfinite(motion.side) & np.isfinite(motion.point)
     cut = motion.move == MoveKind.CUT
     blank = [motion.describe_row(n) for n in np.flatnonzero(cut & ~stated)]
@@ -101,9 +101,9 @@ def _check_samples(of: TiltTables) -> list[VerificationCheck]:
     spare = _compute_turn_tolerance(of, s, np.hypot(np.tan(motion.lead[rows]), np.tan(motion.side[rows])))
     for leaving in (True, False):
         there = interpolate_directions(of.toolpath, of.tilt.known, s, leaving=leaving)
-        told = compute_tilted_axis(there.axis, there.travel, motion.lead[rows], motion.side[rows])
-        angle = np.arctan2(np.linalg.norm(np.cross(told, shank), axis=1), np.einsum("ij,ij->i", told, shank))
-        tip = on.tool[rows, :3, 3] - of.tilt.radius * (there.axis - told)
+        tilted = compute_tilted_axis(there.axis, there.travel, motion.lead[rows], motion.side[rows])
+        angle = np.arctan2(np.linalg.norm(np.cross(tilted, shank), axis=1), np.einsum("ij,ij->i", tilted, shank))
+        tip = on.tool[rows, :3, 3] - of.tilt.radius * (there.axis - tilted)
         moved = np.linalg.norm(tip - on.tcp[rows, :3, 3], axis=1)
         angle = np.maximum(angle - spare, 0.0)
         moved = np.maximum(moved - of.tilt.radius * spare, 0.0)
@@ -117,7 +117,7 @@ def _check_samples(of: TiltTables) -> list[VerificationCheck]:
 
     axis_limit = float(np.degrees(on.axis_limit))
     return [
-        build_count_check("tilt of the samples told", blank),
+        build_count_check("tilt of the samples stated", blank),
         build_worst_value_check(
             "tilt of the samples", "deg", np.append(np.degrees(off), 0.0), axis_limit, _named(where, len(rows))
         ),
@@ -161,7 +161,7 @@ def _check_points(of: TiltTables) -> list[VerificationCheck]:
     """points.csv: the tilt that the joints have, and that of tilt.csv."""
     points = of.points
     if points.lead is None or points.side is None:
-        return [build_count_check("points.csv tilt told", ["there is no lead_deg and side_deg"])]
+        return [build_count_check("points.csv tilt stated", ["there is no lead_deg and side_deg"])]
     rows = np.flatnonzero(of.live)
     lead, side = points.lead[rows], points.side[rows]
     k = points.point[rows]
@@ -169,9 +169,9 @@ def _check_points(of: TiltTables) -> list[VerificationCheck]:
     axis = compute_tilted_axis(known.axis[k], known.travel[k], np.nan_to_num(lead), np.nan_to_num(side))
     shank = -of.tcp_of_points[rows, :3, 2]
     off = np.arctan2(np.linalg.norm(np.cross(axis, shank), axis=1), np.einsum("ij,ij->i", axis, shank))
-    told = np.isfinite(lead) & np.isfinite(side)
-    off = np.where(told, off, 0.0)
-    wrong = [f"point {k[n]} has none" for n in np.flatnonzero(~told)]
+    is_stated = np.isfinite(lead) & np.isfinite(side)
+    off = np.where(is_stated, off, 0.0)
+    wrong = [f"point {k[n]} has none" for n in np.flatnonzero(~is_stated)]
     more = np.flatnonzero(~of.live & (np.isfinite(points.lead) | np.isfinite(points.side)))
     wrong += [f"point {points.point[n]} has no joints and a tilt" for n in more]
     return [
@@ -182,7 +182,7 @@ def _check_points(of: TiltTables) -> list[VerificationCheck]:
             POINT_TOLERANCE_DEG,
             _named(lambda n: f"point {k[n]}", len(rows)),
         ),
-        build_count_check("points.csv tilt told", wrong),
+        build_count_check("points.csv tilt stated", wrong),
     ]
 
 

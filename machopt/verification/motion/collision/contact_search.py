@@ -53,13 +53,7 @@ def find_contacts(
         free: (S,) the move to the sample is no feed move of the CAM file, so the cutter must not touch the workpiece.
     """
     joints = np.hstack([q, external]) if external.shape[1] else q
-    parts = np.maximum(np.ceil(_compute_steps(joints) / MAX_JOINT_STEP_RAD), 1).astype(int)
-    before = np.repeat(np.arange(len(parts)), parts)
-    nth = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)  # 0 … parts − 1 in each step
-    place = np.append(0.0, before + (nth + 1.0) / parts[before])
-    rows = np.empty((len(place), joints.shape[1]))
-    for n in range(joints.shape[1]):
-        rows[:, n] = np.interp(place, np.arange(len(q)), joints[:, n])
+    place, rows = _divide_steps(joints)
     fast = free[np.ceil(place - 1e-9).astype(int)]
     stops = _select_stop_rows(rows, fast)
     bodies = [b for pair in wanted for b in pair]
@@ -76,6 +70,18 @@ def find_contacts(
         for (a, b), found in zip(wanted, hits, strict=True)
         if found
     ]
+
+
+def _divide_steps(joints: Array) -> tuple[Array, Array]:
+    """(M,) place among the samples and (M, n) joint positions, with rows between samples where a step is too long."""
+    parts = np.maximum(np.ceil(_compute_steps(joints) / MAX_JOINT_STEP_RAD), 1).astype(int)
+    if (parts == 1).all():
+        return np.arange(len(joints), dtype=float), joints
+    before = np.repeat(np.arange(len(parts)), parts)
+    nth = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)  # 0 … parts − 1 in each step
+    place = np.append(0.0, before + (nth + 1.0) / parts[before])
+    samples = np.arange(len(joints))
+    return place, np.column_stack([np.interp(place, samples, column) for column in joints.T])
 
 
 def _compute_steps(rows: Array) -> Array:

@@ -11,6 +11,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
+from machopt.verification.motion.process.contact_load import compute_contact_load, find_contact_sides
 from machopt.verification.motion.process.drill_load import compute_drill_load, compute_through_depth
 from machopt.verification.motion.process.hole_strokes import HoleVisit, list_holes
 from machopt.verification.motion.process.mill_load import compute_mill_load
@@ -29,6 +30,7 @@ class RecomputedLoads:
     side: np.ndarray  # (N,) 1 up, −1 down, 0 else
     bite: Array  # (N,) m, feed per tooth of milling; NaN elsewhere
     speed: Array  # (N,) rev/s, NaN where none is stated
+    contact_sigma: Array  # (N,) 1 sigma of the logarithm of a milling force from the cells of the stock
     holes: tuple[HoleVisit, ...]
 
 
@@ -65,7 +67,7 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
     n = len(toolpath)
     force = np.where((operation < 0)[:, None], np.nan, np.zeros((n, 3)))
     moment = np.where(operation < 0, np.nan, np.zeros(n))
-    clamp, side, bite = np.zeros(n), np.zeros(n, int), np.full(n, np.nan)
+    clamp, side, bite, sigma = np.zeros(n), np.zeros(n, int), np.full(n, np.nan), np.zeros(n)
     speed = _find_speeds(process, toolpath, operation)
     holes = list_holes(process, toolpath, operation)
     for hole in holes:
@@ -89,6 +91,10 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
         if one.force is not None and not one.is_hole:
             force[points] = _mean_wear(one) * np.array([one.force.travel, one.force.normal, one.force.axial])
             clamp[points] = one.clamp
+        elif one.takes_stock:
+            side[points], sigma[points] = _add_stock_milling(cell, one, toolpath, points, feed / speed, force, moment)
+            assert cell.tool.cutter is not None
+            bite[points] = (feed / speed)[points] / (cell.tool.cutter.teeth or 1)
         elif one.kind == "milling":
             side[points] = _add_milling(cell, one, toolpath, points, feed / speed, force, moment)
             assert cell.tool.cutter is not None
@@ -104,6 +110,7 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
         side=side,
         bite=bite,
         speed=speed,
+        contact_sigma=sigma,
         holes=tuple(holes),
     )
 
@@ -140,6 +147,30 @@ def _add_milling(
         force[rows], moment[rows] = load[:, :3], load[:, 3]
         signs[mine] = {"up": 1, "down": -1, "slot": 0}[cut]
     return signs
+
+
+def _add_stock_milling(
+    cell: Cell,
+    one: ProcessOperation,
+    toolpath: Toolpath,
+    points: np.ndarray,
+    per_turn: Array,
+    force: Array,
+    moment: Array,
+) -> tuple[np.ndarray, Array]:
+    """Write the loads of points with stated arcs of contact; returns the sides, and the spread by the stock's cells."""
+    cutter, process, arcs = cell.tool.cutter, cell.process, toolpath.engagement
+    assert cutter is not None
+    assert cutter.teeth is not None
+    assert process is not None
+    assert arcs is not None
+    coefficients = process.materials[one.material].milling
+    assert coefficients is not None
+    edge, slope = compute_contact_load(coefficients, cutter, one.spindle, arcs)
+    load = _mean_wear(one) * (edge[points] + slope[points] * (per_turn[points] / cutter.teeth)[:, None])
+    force[points], moment[points] = load[:, :3], load[:, 3]
+    side, sigma = find_contact_sides(cutter, arcs)
+    return side[points], sigma[points]
 
 
 def _find_turned(one: ProcessOperation, toolpath: Toolpath, points: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
+from machopt.verification.motion.process.contact_load import compute_contact_wall_force
 from machopt.verification.motion.process.draws import (
     DRAWS,
     SEED,
@@ -168,9 +169,12 @@ class _Predictor:
             rows = np.flatnonzero(mine)
             factor = draw_load_factors(self.process, one, rng)[0] / (0.5 * (one.wear[0] + one.wear[1]))
             part, noise = self._draw_part(one, rng), rng.standard_normal(DRAWS)
+            contact = rng.standard_normal(DRAWS)
             poses = self._locate_poses(rows.astype(float))
             for row, pose in zip(rows.tolist(), poses, strict=True):
-                self._add_surface(one, row, pose, (factor, part, noise), out)
+                self._add_surface(
+                    one, row, pose, (factor * np.exp(self.loads.contact_sigma[row] * contact), part, noise), out
+                )
 
     def _add_surface(
         self,
@@ -209,6 +213,8 @@ class _Predictor:
         cutter = self.cell.tool.cutter
         if cutter is None or cutter.side_stiffness is None or one.kind != "milling" or one.surface != "side":
             return 0.0
+        if one.takes_stock:
+            return self._bend_at_contact(one, row)
         side = _SIDES[int(self.loads.side[row])]
         key = (one.label, side)
         if key not in self.walls:
@@ -218,6 +224,27 @@ class _Predictor:
             depths = (cutter.diameter if one.ae is None else one.ae, one.ap)
             self.walls[key] = compute_wall_force(coefficients, cutter, side, one.spindle, depths)
         edge, slope = self.walls[key]
+        return self._bend_by(edge, slope, one, row)
+
+    def _bend_at_contact(self, one: ProcessOperation, row: int) -> float:
+        """Return the deflection of the tool at a point with stated arcs of contact, m."""
+        arcs, cutter = self.toolpath.engagement, self.cell.tool.cutter
+        coefficients = self.process.materials[one.material].milling
+        assert arcs is not None
+        assert cutter is not None
+        assert coefficients is not None
+        own = arcs.take_range(row, row + 1)
+        parts = list(zip(own.low.tolist(), own.high.tolist(), own.start.tolist(), own.end.tolist(), strict=True))
+        if not parts:
+            return 0.0
+        side = int(self.loads.side[row])
+        edge, slope = compute_contact_wall_force(coefficients, cutter, side, one.spindle, parts)
+        return self._bend_by(edge, slope, one, row)
+
+    def _bend_by(self, edge: Array, slope: Array, one: ProcessOperation, row: int) -> float:
+        cutter = self.cell.tool.cutter
+        assert cutter is not None
+        assert cutter.side_stiffness is not None
         force = edge + slope * float(self.loads.bite[row])
         wear = 0.5 * (one.wear[0] + one.wear[1])
         return wear * float(force[np.argmax(np.abs(force))]) / cutter.side_stiffness

@@ -13,6 +13,7 @@ hold, and the limit is not compared.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ import scipy.linalg
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.process import CutSide, ProcessOperation
+from machopt.data_types.stock import StockEngagement
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
@@ -81,15 +83,14 @@ class ModeModel:
 
 
 def compute_depth_limit(
-    cell: Cell, one: ProcessOperation, side: CutSide, ae: float, modes: PointModes, speed: float
+    cell: Cell, one: ProcessOperation, arcs: Sequence[tuple[float, float, float]], modes: PointModes, speed: float
 ) -> float:
     """Return the largest stable depth by the delay to second order, m; inf where that law does not hold or has none.
 
     Args:
         cell: The cell with tool and process.
         one: The operation.
-        side: Side of the cut.
-        ae: m, radial depth of cut.
+        arcs: Share of the height, start and end rad of each arc of contact.
         modes: Modes at the point.
         speed: rev/s.
     """
@@ -101,7 +102,7 @@ def compute_depth_limit(
     zeta = np.array([process.damping.get_ratio(n) for n in range(6)], float)
     if np.isnan(zeta).any():
         return math.nan
-    H = _average_directional_matrix(cell, one, side, ae)
+    H = np.sum([share * _average_directional_matrix(cell, one, start, end) for share, start, end in arcs], axis=0)
     T = 1.0 / (speed * cutter.teeth)
     G = modes.shape @ H @ modes.shape.T
 
@@ -125,7 +126,31 @@ def compute_depth_limit(
     return low if abs(find_eigenvalue(high).imag) * T < 1.0 else math.inf
 
 
-def _average_directional_matrix(cell: Cell, one: ProcessOperation, side: CutSide, ae: float) -> Array:
+def find_given_arc(cell: Cell, side: CutSide, ae: float) -> tuple[float, float, float]:
+    """Return the arc of a given radial depth of cut over the whole height: 1, start and end rad.
+
+    Args:
+        cell: The cell with the tool.
+        side: Side of the cut.
+        ae: m, radial depth of cut.
+    """
+    assert cell.tool.cutter is not None
+    theta = math.pi if side == "slot" else math.acos(min(max(1.0 - 2.0 * ae / cell.tool.cutter.diameter, -1.0), 1.0))
+    return (1.0, math.pi - theta, math.pi) if side == "down" else (1.0, 0.0, theta)
+
+
+def find_contact_arcs(arcs: StockEngagement, ap: float) -> list[tuple[float, float, float]]:
+    """Return share of the height, start and end rad of each arc of a point.
+
+    Args:
+        arcs: Contact of that point alone.
+        ap: m, height of the contact.
+    """
+    share = (arcs.high - arcs.low) / ap
+    return list(zip(share.tolist(), arcs.start.tolist(), arcs.end.tolist(), strict=True))
+
+
+def _average_directional_matrix(cell: Cell, one: ProcessOperation, start: float, end: float) -> Array:
     """Return (3, 3) Pa: mean force per depth and displacement of the cutter, travel, normal, axial."""
     cutter, process = cell.tool.cutter, cell.process
     assert cutter is not None
@@ -133,8 +158,7 @@ def _average_directional_matrix(cell: Cell, one: ProcessOperation, side: CutSide
     assert process is not None
     c = process.materials[one.material].milling
     assert c is not None
-    theta = math.pi if side == "slot" else math.acos(min(max(1.0 - 2.0 * ae / cutter.diameter, -1.0), 1.0))
-    phi = (np.arange(ANGLES) + 0.5) / ANGLES * theta + (math.pi - theta if side == "down" else 0.0)
+    phi = start + (np.arange(ANGLES) + 0.5) / ANGLES * (end - start)
     mirror = 1.0 if one.spindle == "cw" else -1.0
     hand = math.copysign(1.0, cutter.helix) * mirror if cutter.helix else 0.0
     s, k = np.sin(phi), np.cos(phi)
@@ -142,5 +166,5 @@ def _average_directional_matrix(cell: Cell, one: ProcessOperation, side: CutSide
         [-c.Ktc_Pa * k - c.Krc_Pa * s, mirror * (c.Ktc_Pa * s - c.Krc_Pa * k), np.full_like(phi, -hand * c.Kac_Pa)]
     )  # per chip thickness and depth
     chip = np.stack([s, mirror * k, np.zeros_like(phi)])
-    weight = theta / ANGLES * cutter.teeth / (2.0 * math.pi)
+    weight = (end - start) / ANGLES * cutter.teeth / (2.0 * math.pi)
     return np.asarray(weight * force @ chip.T)

@@ -1,0 +1,135 @@
+"""Motion of one tool with method joint: fixed path or joint result, each at its own advised feeds.
+
+The joint result is driven where its whole motion, rapid moves included, is shorter, and where no fewer points are in
+tolerance at the feeds that the motion reaches. Otherwise the path of the plan is driven, at its own advised feeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.posture_feed_result import PostureFeedResult, WindowOutcome
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import Toolpath
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.posture_and_feed.advised_feeds import (
+    AdvisedFeeds,
+    advise_feeds,
+    apply_advised_feeds,
+    compute_driven_outcomes,
+    restore_file_feeds,
+)
+
+Drive = Callable[[Plan, Callable[[PlanOptions], Plan]], tuple[Plan, Plan, MotionTimeline | None]]
+TRIES = 3  # of driving with feeds that are lowered where a driven point is not in tolerance
+
+
+@dataclass(frozen=True)
+class DrivenCandidate:
+    """A plan as driven at its advised feeds."""
+
+    plan: Plan
+    driven: Plan
+    timeline: MotionTimeline | None
+    advised: AdvisedFeeds
+
+    @property
+    def seconds(self) -> float:
+        """Cycle time; NaN without a motion."""
+        if self.timeline is None or self.timeline.trajectory is None:
+            return np.nan
+        return float(self.timeline.trajectory.time[-1])
+
+
+def drive_posture_and_feed(
+    stint: ToolSegment,
+    the_plan: Plan,
+    timings: StageTimings,
+    drive: Drive,
+    again: Callable[[PlanOptions], Plan],
+    refused: str = "",
+) -> tuple[Plan, Plan, MotionTimeline | None]:
+    """Return the plan, the plan as driven, and the motion of the better of fixed path and joint result.
+
+    Args:
+        stint: Toolpath of one tool.
+        the_plan: Its plan.
+        timings: Receives the duration of the stages.
+        drive: Computes the motion of a plan; its second argument plans anew with other options.
+        again: Plans the same with other options for the whole job.
+        refused: Why the joint result is not to be driven; empty: it is tried.
+    """
+    toolpath = stint.toolpath
+    fixed = _drive_at_advised_feeds(the_plan, toolpath, drive, again)
+    if not np.isfinite(fixed.seconds):
+        return _conclude(fixed, toolpath, np.nan, "the plan has no motion", ())
+    if not fixed.advised.is_known or refused:
+        reason = refused or f"no point has a feed advice: {fixed.advised.unknown_because}"
+        return _conclude(fixed, toolpath, np.nan, reason, ())
+    from machopt.planning.posture_and_feed.posture_feed_pipeline import optimize_windows  # imports CasADi
+
+    with timings.stage("joint"):
+        better, windows = optimize_windows(restore_file_feeds(fixed.plan, toolpath), toolpath)
+    if not any(window.is_accepted for window in windows):
+        reason = "no window is accepted" if windows else "no run of the toolpath is cut along a path with a tolerance"
+        return _conclude(fixed, toolpath, np.nan, reason, windows)
+    joint = _drive_at_advised_feeds(better, toolpath, drive, lambda _: better)
+    reason = _find_reason_against(fixed, joint, better, toolpath)
+    return _conclude(fixed if reason else joint, toolpath, joint.seconds, reason, windows, fixed.seconds)
+
+
+def _find_reason_against(fixed: DrivenCandidate, joint: DrivenCandidate, wanted: Plan, toolpath: Toolpath) -> str:
+    """Return why the joint result is not driven; empty where it is."""
+    if not np.isfinite(joint.seconds):
+        stopped = joint.timeline.obstructions if joint.timeline is not None else ()
+        return f"its motion is not possible: {stopped[0].text}" if stopped else "its motion is not possible"
+    if joint.plan.chosen.assignment is not wanted.chosen.assignment:
+        return "its rapid moves or margins need another plan"
+    if joint.seconds >= fixed.seconds - wanted.options.sample:
+        return f"its cycle time is {joint.seconds:.2f} s, that of the fixed path {fixed.seconds:.2f} s"
+    before, after = (compute_driven_outcomes(c.driven, toolpath, c.timeline) for c in (fixed, joint))
+    if after["pass"] < before["pass"]:
+        return f"{after['pass']} points would be in tolerance, {before['pass']} are with the fixed path"
+    return ""
+
+
+def _drive_at_advised_feeds(
+    plan: Plan, toolpath: Toolpath, drive: Drive, again: Callable[[PlanOptions], Plan]
+) -> DrivenCandidate:
+    """Return a plan driven at the advice for its postures, which another plan in its place has, too."""
+    advised = advise_feeds(plan, toolpath)
+    found = plan
+    for _ in range(TRIES):
+        start = apply_advised_feeds(restore_file_feeds(found, toolpath), advised)
+        result = DrivenCandidate(*drive(start, again), advised)
+        if result.plan.chosen.assignment is start.chosen.assignment:
+            break
+        found, advised = result.plan, advise_feeds(result.plan, toolpath)
+    return result
+
+
+def _conclude(
+    candidate: DrivenCandidate,
+    toolpath: Toolpath,
+    joint_seconds: float,
+    reason: str,
+    windows: tuple[WindowOutcome, ...],
+    fixed_seconds: float | None = None,
+) -> tuple[Plan, Plan, MotionTimeline | None]:
+    limit = candidate.advised.limit_feeds()
+    result = PostureFeedResult(
+        feed=np.where(np.isnan(toolpath.feed), np.nan, np.fmin(toolpath.feed, limit)),
+        is_accepted=not reason,
+        reason=reason,
+        fixed_seconds=candidate.seconds if fixed_seconds is None else fixed_seconds,
+        joint_seconds=joint_seconds,
+        windows=windows,
+    )
+    plan, driven = (replace(one, posture_feed=result) for one in (candidate.plan, candidate.driven))
+    return plan, driven, candidate.timeline

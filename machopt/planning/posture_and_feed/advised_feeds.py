@@ -1,0 +1,115 @@
+"""Feed advice of a plan as the feed of its path, so that the motion is timed with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.stations.planning_path import PlanningPath
+from machopt.planning.tilt.tilt_planning import return_to_cam_axes
+from machopt.planning.tolerance.cutting_dynamics import compute_cutting_dynamics
+from machopt.planning.tolerance.point_errors import compute_point_errors
+from machopt.planning.tolerance.process_results import find_driven_feed
+from machopt.process.binding.job_binding import compute_loads
+
+ROUNDING = 1e-3  # share of the feed kept for the rounding of the motion between its samples
+
+
+@dataclass(frozen=True)
+class AdvisedFeeds:
+    """Largest feeds that keep the tolerance at the quantile, at N toolpath points."""
+
+    feed: Array  # (N,) m/s; 0: no feed suffices; NaN: no tolerance, or the probability is not known
+    unstable: int  # points at which chatter is predicted
+    unknown_because: str = ""  # why no point has an advice
+
+    @property
+    def failing(self) -> int:
+        """Number of points for which no feed suffices."""
+        return int(np.sum(self.feed == 0.0))
+
+    @property
+    def is_known(self) -> bool:
+        """Whether any point has an advice."""
+        return bool(np.isfinite(self.feed).any())
+
+    def limit_feeds(self) -> Array:
+        """Return (N,) m/s, the feed limit of the move to each point; inf where there is no advice.
+
+        Where no feed suffices, the limit is the least advice of all other points.
+        """
+        known = np.isfinite(self.feed) & (self.feed > 0.0)
+        least = float(self.feed[known].min()) if known.any() else np.inf
+        return np.where(known, (1.0 - ROUNDING) * self.feed, np.where(self.feed == 0.0, least, np.inf))
+
+
+def advise_feeds(plan: Plan, toolpath: Toolpath) -> AdvisedFeeds:
+    """Return the feed advice for a plan's postures.
+
+    Args:
+        plan: Plan of one tool.
+        toolpath: Its toolpath, with the operations of the process.
+    """
+    none = np.full(len(toolpath), np.nan)
+    loads = compute_loads(plan.setup.cell, toolpath, toolpath.feed)
+    if loads is None:
+        return AdvisedFeeds(none, 0, "the cell states no process")
+    cam_plan = return_to_cam_axes(plan)
+    dynamics = compute_cutting_dynamics(cam_plan, toolpath, loads)
+    found = compute_point_errors(cam_plan, toolpath, loads, wall_force=dynamics.wall_force, is_full=True)
+    unstable = sum(1 for word in dynamics.chatter if word and word not in ("stable", "unknown"))
+    why = next(iter(found.unknown_because.values()), "no operation states a tolerance")
+    return AdvisedFeeds(found.feed_max, unstable, why)
+
+
+def apply_advised_feeds(plan: Plan, advised: AdvisedFeeds) -> Plan:
+    """Return the plan whose path has the advised feeds where they are lower than those of the file.
+
+    Args:
+        plan: Plan of one tool.
+        advised: Feeds of its toolpath points.
+    """
+    limit = advised.limit_feeds()[find_ending_points(plan.path)]
+    feed = np.where(np.isnan(plan.path.feed), np.nan, np.minimum(plan.path.feed, limit))
+    return replace(plan, path=replace(plan.path, feed=feed))
+
+
+def restore_file_feeds(plan: Plan, toolpath: Toolpath) -> Plan:
+    """Return the plan whose path has the feeds of the file.
+
+    Args:
+        plan: Plan of one tool.
+        toolpath: Its toolpath.
+    """
+    return replace(plan, path=replace(plan.path, feed=toolpath.feed[find_ending_points(plan.path)]))
+
+
+def compute_driven_outcomes(plan: Plan, toolpath: Toolpath, timeline: MotionTimeline | None) -> dict[str, int]:
+    """Return how many points have each outcome at the feeds that the motion reaches.
+
+    Args:
+        plan: Plan of one tool, as driven.
+        toolpath: Its toolpath.
+        timeline: Its motion.
+    """
+    loads = compute_loads(plan.setup.cell, toolpath, find_driven_feed(toolpath, timeline))
+    if loads is None:
+        return {"pass": 0}
+    cam_plan = return_to_cam_axes(plan)
+    dynamics = compute_cutting_dynamics(cam_plan, toolpath, loads)
+    return compute_point_errors(cam_plan, toolpath, loads, wall_force=dynamics.wall_force).count_outcomes()
+
+
+def find_ending_points(path: PlanningPath) -> NDArray[np.intp]:
+    """Return (P,) the toolpath point at which the move to each planning point ends.
+
+    Args:
+        path: Planning points.
+    """
+    return np.ceil(path.index - 1e-9).astype(np.intp)

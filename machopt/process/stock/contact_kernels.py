@@ -1,0 +1,311 @@
+"""Contact of a cutter with a height map: arcs of engagement at slices of its height.
+
+The boundary of the stock is followed one cell outside of the cutter, where no earlier move of the pass has thinned the
+material: the chip near the sides of the cutter is thinner than a cell, and the move before has removed cells inside of
+the outline there. Each boundary point is carried back to the cutter along the boundary's tangent.
+"""
+
+from __future__ import annotations
+
+from math import acos, atan2, cos, floor, pi, sin, sqrt
+
+import numpy as np
+
+from machopt.numerics.array_types import Array
+from machopt.numerics.compiled_functions import jit_compile
+from machopt.process.stock.kernel_types import Grid, Pair, Tip
+
+THIN = 5e-6  # m; material that stands less than this above the tip is none
+MOST_LEVELS = 8  # heights of the stock around a point that get slices of their own
+CORNER_SLICES = 12  # of the rounded corner
+SOFT = 0.25  # cells of height over which a smooth surface passes from material to air
+THIN_CHIP = 0.1  # cells: a contact less deep than this is none
+SPACING = 2.0  # cells between two samples along the circle; a narrower contact may be missed
+_HALVINGS = 6
+_SEARCH = 16  # half cells along the circle in which the boundary is followed outwards
+_SAME_LEVEL = 5e-3  # of the largest height
+
+
+@jit_compile
+def measure_material(grid: Grid, origin: Pair, cell: Pair, u: float, v: float, w: float) -> float:
+    """Material at a place, by the four cells around it: 1 inside, −1 outside, 0 on the boundary."""
+    high, low, share, bottom = grid
+    nv, nu = high.shape
+    x, y = (u - origin[0]) / cell[0] - 0.5, (v - origin[1]) / cell[1] - 0.5
+    i, j = int(np.floor(x)), int(np.floor(y))
+    fx, fy = x - i, y - j
+    soft = SOFT * max(cell[0], cell[1])
+    total = 0.0
+    for b in range(2):
+        for a in range(2):
+            weight = (fx if a else 1.0 - fx) * (fy if b else 1.0 - fy)
+            jj, ii = j + b, i + a
+            value = -1.0
+            if 0 <= jj < nv and 0 <= ii < nu and high[jj, ii] > bottom[jj, ii]:
+                c = share[jj, ii]
+                value = (1.0 - c) * min(max((high[jj, ii] - w) / soft, -1.0), 1.0)
+                value += c * min(max((low[jj, ii] - w) / soft, -1.0), 1.0)
+                value = min(value, max((w - bottom[jj, ii]) / soft, -1.0))
+            total += weight * value
+    return total
+
+
+@jit_compile
+def _add_level(levels: Array, count: int, height: float, same: float) -> int:
+    """Insert a height into the list; returns the new count, −1 where there are too many."""
+    for n in range(count):
+        if abs(levels[n] - height) <= same:
+            return count
+    if count == MOST_LEVELS:
+        return -1
+    levels[count] = height
+    return count + 1
+
+
+@jit_compile
+def _find_levels(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    reach: float,
+    most: float,
+    circle: Array,
+    levels: Array,
+) -> tuple[int, float]:
+    """Write the heights of stock (top and bottom) above the tip ahead of the cutter; returns count and largest."""
+    high, bottom = grid[0], grid[3]
+    nv, nu = high.shape
+    top, count = 0.0, 0
+    for n in range(len(circle)):
+        s, c = reach * circle[n, 0], reach * circle[n, 1]
+        i = int((p[0] + s * cu - c * cv - origin[0]) / cell[0])
+        j = int((p[1] + s * cv + c * cu - origin[1]) / cell[1])
+        if 0 <= i < nu and 0 <= j < nv and high[j, i] > bottom[j, i] and high[j, i] - p[2] > THIN:
+            height = min(high[j, i] - p[2], most)
+            top = max(top, height)
+            same = max(_SAME_LEVEL * top, THIN)
+            if count >= 0:
+                count = _add_level(levels, count, height, same)
+            if count >= 0 and bottom[j, i] - p[2] > THIN:
+                count = _add_level(levels, count, bottom[j, i] - p[2], same)
+    if count < 0:
+        count = MOST_LEVELS
+        for n in range(MOST_LEVELS):
+            levels[n] = top * (n + 1) / MOST_LEVELS
+    return count, top
+
+
+@jit_compile
+def _is_inside(
+    grid: Grid, origin: Pair, cell: Pair, p: Array, cu: float, cv: float, reach: float, phi: float, w: float
+) -> bool:
+    """Whether the place at an angle on a circle about the cutter's axis lies in the material."""
+    s, c = reach * sin(phi), reach * cos(phi)
+    return measure_material(grid, origin, cell, p[0] + s * cu - c * cv, p[1] + s * cv + c * cu, w) > 0.0
+
+
+@jit_compile
+def _carry_back(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    phi: float,
+    into: float,
+    reach: float,
+    radius: float,
+    w: float,
+) -> float:
+    """Angle at which the stock's boundary meets the cutter, from the angle at which it meets the circle ``reach``.
+
+    The boundary is followed one more cell outwards; both places give its tangent. Where it is not found there, the
+    angle stays.
+
+    Args:
+        grid: high, low, share, bottom.
+        origin: u and v of the corner of cell (0, 0).
+        cell: size of a cell.
+        p: (3,) u, v, w of the tip.
+        cu: direction of travel along u.
+        cv: along v.
+        phi: angle on the circle ``reach``.
+        into: 1 where the material lies at larger angles, −1 at smaller.
+        reach: radius of the circle.
+        radius: radius of the cutter's slice.
+        w: height of the slice.
+    """
+    size = max(cell[0], cell[1])
+    outer = reach + size
+    step = 0.5 * size / outer
+    sign = -into if _is_inside(grid, origin, cell, p, cu, cv, outer, phi, w) else into
+    for n in range(1, _SEARCH + 1):
+        there = phi + sign * n * step
+        if _is_inside(grid, origin, cell, p, cu, cv, outer, there, w) == (sign == into):
+            near = there - sign * step
+            inside, outside = (there, near) if sign == into else (near, there)
+            far = _find_crossing(grid, origin, cell, p, cu, cv, outer, w, inside, outside)
+            return _extrapolate_boundary(phi, reach, far, outer, radius)
+    return phi
+
+
+@jit_compile
+def _extrapolate_boundary(phi: float, reach: float, far: float, outer: float, radius: float) -> float:
+    """Angle on the circle ``radius`` of the straight line through two places in polar coordinates."""
+    x, y = reach * cos(phi), reach * sin(phi)
+    dx, dy = outer * cos(far) - x, outer * sin(far) - y
+    length = sqrt(dx * dx + dy * dy)
+    nx, ny = -dy / length, dx / length  # normal of the line, away from the centre
+    distance = nx * x + ny * y
+    if distance < 0.0:
+        nx, ny, distance = -nx, -ny, -distance
+    middle = atan2(ny, nx)
+    half = acos(min(distance / radius, 1.0))
+    a, b = _turn_near(middle - half, phi), _turn_near(middle + half, phi)
+    return a if abs(a - phi) < abs(b - phi) else b
+
+
+@jit_compile
+def _turn_near(angle: float, phi: float) -> float:
+    """The angle, whole turns away, that lies within half a turn of another."""
+    return angle - 2.0 * pi * floor((angle - phi) / (2.0 * pi) + 0.5)
+
+
+@jit_compile
+def _find_crossing(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    reach: float,
+    w: float,
+    inside: float,
+    outside: float,
+) -> float:
+    """Angle of the boundary between an angle in the material and one outside, by halving."""
+    for _ in range(_HALVINGS):
+        phi = 0.5 * (inside + outside)
+        s, c = reach * sin(phi), reach * cos(phi)
+        if measure_material(grid, origin, cell, p[0] + s * cu - c * cv, p[1] + s * cv + c * cu, w) > 0.0:
+            inside = phi
+        else:
+            outside = phi
+    return 0.5 * (inside + outside)
+
+
+@jit_compile
+def _add_arcs(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    radius: float,
+    w: float,
+    circle: Array,
+    arcs: Array,
+) -> int:
+    """Write start and end of each arc of a slice; returns their number."""
+    size = max(cell[0], cell[1])
+    reach = radius + size
+    last = len(circle) - 1
+    stride = max(int(last * SPACING * size / (pi * reach)), 1)
+    count, start, phi_before, is_before = 0, 0.0, 0.0, False
+    n = 0
+    while n <= last + stride:
+        is_inside, phi = False, pi
+        if n < last + stride and (n <= last or n - stride < last):
+            m = min(n, last)
+            phi = pi * m / last
+            s, c = reach * circle[m, 0], reach * circle[m, 1]
+            is_inside = measure_material(grid, origin, cell, p[0] + s * cu - c * cv, p[1] + s * cv + c * cu, w) > 0.0
+        if is_inside and not is_before:
+            start = 0.0
+            if n > 0:
+                start = _find_crossing(grid, origin, cell, p, cu, cv, reach, w, phi, phi_before)
+                start = _carry_back(grid, origin, cell, p, cu, cv, start, 1.0, reach, radius, w)
+        elif is_before and not is_inside:
+            end = pi
+            if phi_before < pi:
+                end = _find_crossing(grid, origin, cell, p, cu, cv, reach, w, phi_before, phi)
+                end = _carry_back(grid, origin, cell, p, cu, cv, end, -1.0, reach, radius, w)
+            a, b = max(start, 0.0), min(end, pi)
+            is_side = a <= 0.0 or b >= pi
+            depth = radius * (1.0 - cos(min(b - a if is_side else 0.5 * (b - a), pi))) if b > a else 0.0
+            if depth > THIN_CHIP * size and count < len(arcs):
+                arcs[count, 0], arcs[count, 1] = a, b
+                count += 1
+        is_before, phi_before = is_inside, phi
+        n += stride
+    return count
+
+
+@jit_compile
+def find_contact(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    cutter: Tip,
+    most: float,
+    circle: Array,
+    levels: Array,
+    arcs: Array,
+    rows: Array,
+) -> int:
+    """Write the arcs of contact of a cutter at p that moves along (cu, cv); returns their number.
+
+    Args:
+        grid: high, low, share, bottom.
+        origin: u and v of the corner of cell (0, 0).
+        cell: size of a cell.
+        p: (3,) u, v, w of the tip.
+        cu: direction of travel along u.
+        cv: along v.
+        cutter: radius, corner radius, slope of the cone.
+        most: m, usable height of the cutter.
+        circle: (n, 2) sine and cosine of even angles from 0 to π.
+        levels: (MOST_LEVELS,) work space.
+        arcs: (n, 2) work space.
+        rows: (m, 4) low, high, start, end of each arc.
+    """
+    radius, corner = cutter[0], cutter[1]
+    size = max(cell[0], cell[1])
+    count, top = _find_levels(grid, origin, cell, p, cu, cv, radius + size, most, circle, levels)
+    if count == 0:
+        return 0
+    heights = np.sort(levels[:count])
+    found, below = 0, 0.0
+    if corner > 0.0:
+        reach = min(top, corner)
+        last = acos(max(1.0 - reach / corner, 0.0))
+        for n in range(CORNER_SLICES):
+            a, b = last * n / CORNER_SLICES, last * (n + 1) / CORNER_SLICES
+            low, high = corner * (1.0 - cos(a)), corner * (1.0 - cos(b))
+            r = radius - corner + corner * sin(0.5 * (a + b))
+            number = _add_arcs(grid, origin, cell, p, cu, cv, r, p[2] + 0.5 * (low + high), circle, arcs)
+            for k in range(min(number, len(rows) - found)):
+                rows[found, 0], rows[found, 1] = low, high
+                rows[found, 2], rows[found, 3] = arcs[k, 0], arcs[k, 1]
+                found += 1
+        below = corner
+    for n in range(count):
+        if heights[n] <= below + THIN:
+            continue
+        low, high = below, heights[n]
+        number = _add_arcs(grid, origin, cell, p, cu, cv, radius, p[2] + 0.5 * (low + high), circle, arcs)
+        for k in range(min(number, len(rows) - found)):
+            rows[found, 0], rows[found, 1] = low, high
+            rows[found, 2], rows[found, 3] = arcs[k, 0], arcs[k, 1]
+            found += 1
+        below = high
+    return found

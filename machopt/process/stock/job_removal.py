@@ -1,0 +1,170 @@
+"""The moves of a whole job removed from its stock in program order, tool after tool."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import sqrt, tan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.cell import CutterGeometry
+from machopt.data_types.process import CuttingProcess
+from machopt.data_types.stock import StockBody, StockEngagement
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import Toolpath
+from machopt.errors import CuttingInputError
+from machopt.numerics.array_types import Array
+from machopt.process.stock.height_map import HeightMap, build_height_map
+from machopt.process.stock.path_removal import NOTHING, remove_path
+
+SAME_AXIS = np.cos(np.radians(0.05))
+THROUGH = 1e-12  # m³ (0.001 mm³); rapid moves that remove less touch the stock by rounding
+_UNIFORM = 1.0 / sqrt(12.0)  # 1 sigma of a place that is known to one cell
+
+
+@dataclass(frozen=True)
+class JobRemoval:
+    """Stock after a job, and the contact of each tool's part of it."""
+
+    engagements: tuple[StockEngagement, ...]  # one for each segment
+    remaining: HeightMap
+
+
+def remove_job(process: CuttingProcess, segments: Sequence[ToolSegment]) -> JobRemoval:
+    """Remove all moves of a job from its stock and return the contact of the operations that want it.
+
+    Args:
+        process: Content of process.yaml, with a stock.
+        segments: Segments of the job, in order, with their process operations.
+
+    Raises:
+        CuttingInputError: the tool axis changes, a tool has no cutter, no cut move meets the stock, or the number of
+            cells is out of range.
+    """
+    body = process.stock
+    assert body is not None
+    axis = _find_axis(process, segments)
+    stock = build_height_map(body, axis)
+    found = []
+    for segment in segments:
+        found.append(_remove_segment(process, segment, stock, body.cell_size))
+    _check_contact(body, segments, found)
+    return JobRemoval(tuple(found), stock)
+
+
+def find_wanted_points(process: CuttingProcess, toolpath: Toolpath) -> NDArray[np.bool_]:
+    """Return (N,) whether the contact of a point comes from the stock.
+
+    Args:
+        process: Content of process.yaml.
+        toolpath: A toolpath with its process operations.
+    """
+    assert toolpath.process_operation is not None
+    wants = np.array([*(one.takes_stock for one in process.operations), False])
+    return np.asarray(toolpath.cutting & wants[toolpath.process_operation])
+
+
+def _find_axis(process: CuttingProcess, segments: Sequence[ToolSegment]) -> Array:
+    """Return (3,) the tool axis that all cut moves share."""
+    axes = np.concatenate([s.toolpath.axis[s.toolpath.cutting] for s in segments])
+    if not len(axes):
+        raise CuttingInputError("the toolpath has no cut move; engagement from the stock needs one", key="engagement")
+    wrong = np.flatnonzero(axes @ axes[0] < SAME_AXIS)
+    if len(wrong):
+        angle = float(np.degrees(np.arccos(np.clip((axes @ axes[0]).min(), -1.0, 1.0))))
+        raise CuttingInputError(
+            f"the tool axis turns by {angle:.3g}° between cut moves; engagement: stock accepts one axis for all cut "
+            "moves of a job: ae_mm, ap_mm and cut of the operation would work",
+            key="engagement",
+        )
+    return np.asarray(axes[0])
+
+
+def _remove_segment(
+    process: CuttingProcess, segment: ToolSegment, stock: HeightMap, cell_size: float
+) -> StockEngagement:
+    path = segment.toolpath
+    cutter = segment.cell.tool.cutter
+    if cutter is None:
+        raise CuttingInputError(
+            f"the tool{' ' + segment.tool if segment.tool else ''} has no cutter, so that what it removes from the "
+            "stock is unknown: tool.cutter in cell.yaml would work",
+            key="engagement",
+        )
+    wanted = find_wanted_points(process, path)
+    volume, point, rows = remove_path(
+        stock, stock.convert_points(path.position), wanted, _build_tip(cutter), cutter.length
+    )
+    start, end = rows[:, 2].copy(), rows[:, 3].copy()
+    assert path.process_operation is not None
+    ccw = np.array([*(one.spindle == "ccw" for one in process.operations), False])[path.process_operation[point]]
+    start, end = np.where(ccw, np.pi - end, start), np.where(ccw, np.pi - start, end)
+    found = StockEngagement(
+        point=point,
+        low=rows[:, 0].copy(),
+        high=rows[:, 1].copy(),
+        start=start,
+        end=end,
+        is_computed=wanted,
+        volume=volume,
+        edge_sigma=_UNIFORM * cell_size,
+    )
+    return replace(found, notes=tuple(_list_notes(path, found, stock)))
+
+
+def _build_tip(cutter: CutterGeometry) -> tuple[float, float, float]:
+    """Return radius, corner radius and slope of the cone of a drill's point."""
+    cone = 0.0 if cutter.point_angle is None else 1.0 / tan(0.5 * cutter.point_angle)
+    return 0.5 * cutter.diameter, min(cutter.corner, 0.5 * cutter.diameter), cone
+
+
+def _list_notes(path: Toolpath, found: StockEngagement, stock: HeightMap) -> list[str]:
+    """Return what the contact does not cover, and the moves that a user should look at."""
+    out: list[str] = []
+    cuts, removes = found.is_computed, found.volume > THROUGH
+    if not cuts.any():
+        return out
+    touches = np.bincount(found.point, minlength=len(path)) > 0
+    air = cuts & (found.volume <= NOTHING)
+    out.append(
+        f"engagement from the stock at {1e3 * stock.size:.3g} mm cells: 1 sigma of a boundary is "
+        f"{1e3 * found.edge_sigma:.2g} mm; the spread of a force grows by that over ae_mm"
+    )
+    if air.any():
+        out.append(f"{int(air.sum())} of {int(cuts.sum())} cut moves remove nothing: they have no force")
+    plunges = cuts & removes & ~touches
+    if plunges.any():
+        out.append(
+            f"{int(plunges.sum())} cut moves remove material with the tip only (first at point "
+            f"{int(np.argmax(plunges))}): the force of a plunge is not modelled and counts as zero"
+        )
+    rapid = ~path.cutting & removes
+    if rapid.any():
+        worst = int(np.argmax(np.where(rapid, found.volume, 0.0)))
+        out.append(
+            f"{int(rapid.sum())} moves that are no cuts go through material, most of all the move to point {worst} "
+            f"({1e9 * found.volume[worst]:.3g} mm³); it counts as removed"
+        )
+    if stock.gap_volume > 0:
+        out.append(f"the stock has gaps along the tool axis of {1e9 * stock.gap_volume:.3g} mm³ that count as filled")
+    return out
+
+
+def _check_contact(body: StockBody, segments: Sequence[ToolSegment], found: Sequence[StockEngagement]) -> None:
+    """Refuse a stock that no cut with engagement from the stock touches: it lies elsewhere, or has another unit."""
+    if any(len(part.point) for part in found):
+        return
+    points = np.concatenate([s.toolpath.position[e.is_computed] for s, e in zip(segments, found, strict=True)])
+    raise CuttingInputError(
+        f"no cut move meets the stock {'' if body.file is None else body.file.name}: the stock lies at "
+        f"{_format_box(body.vertices)}, the cut points at {_format_box(points)} mm in the CAM frame; a stock in CAM "
+        "coordinates, or a scale for another unit, would work",
+        key="mesh",
+    )
+
+
+def _format_box(points: Array) -> str:
+    low, high = 1e3 * points.min(axis=0), 1e3 * points.max(axis=0)
+    return ", ".join(f"{n} {a:.4g} … {b:.4g}" for n, a, b in zip("xyz", low, high, strict=True))

@@ -1,0 +1,245 @@
+"""Contact of the cutter with the stock at some points, recomputed from exact shapes instead of cells.
+
+A line through a point of the cutter's outline along the tool axis leaves the stock mesh at exact heights. What earlier
+moves left on it is the least surface height of the cutter over poses along those moves, ``STEP`` apart. The outline is
+sampled at ``BINS`` angles. The same is done with the outline moved in and out by ``SHIFT`` cells, without the last part
+of the path: a stated force must lie between what these three give.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.cell import CutterGeometry
+from machopt.data_types.process import ProcessOperation
+from machopt.data_types.stock import StockBody, StockEngagement
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.numerics.array_types import Array
+from machopt.verification.checks import VerificationCheck, build_worst_value_check
+from machopt.verification.motion.process.contact_load import compute_contact_load
+
+POINTS = 40
+BINS, CORNER_SLICES = 180, 24
+STEP = 0.25e-3  # m
+SHIFT = 0.75  # cells
+LAG = 8.0  # shifts of path before a point that are not counted where the outline is moved
+SHARE, FORCE_N = 0.03, 1.0  # of the force, and N: angles in steps of 1°
+TYPICAL_BITE = 1e-4  # m, where a point has no feed
+TOUCHED = 5e-6  # m of height
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Poses:
+    """Earlier poses of all tools, along the tool axis."""
+
+    place: Array  # (P, 2) m across the axis
+    height: Array  # (P,) m along it
+    radius: Array  # (P,)
+    corner: Array  # (P,)
+    cone: Array  # (P,) slope of a drill's point
+    length: Array  # (P,) m, path from the start of the job
+    begins: np.ndarray  # (N,) first pose of the move that ends at each point of the job
+
+
+def check_stock_contact(segments: Sequence[ToolSegment]) -> list[VerificationCheck]:
+    """Return the check of the stated contact against exact shapes; none where no contact comes from the stock.
+
+    Args:
+        segments: Segments of the job; their toolpaths have the arcs of engagement.csv.
+    """
+    process = segments[0].cell.process
+    if process is None or process.stock is None or all(s.toolpath.engagement is None for s in segments):
+        return []
+    rows = [(n, int(k)) for n, s in enumerate(segments) for k in _list_wanted(s)]
+    chosen = [rows[k] for k in np.unique(np.linspace(0, len(rows) - 1, POINTS).round().astype(int))] if rows else []
+    if not chosen:
+        return []
+    frame = _build_frame(segments[chosen[0][0]].toolpath.axis[chosen[0][1]])
+    poses = _list_poses(segments, frame)
+    lines = process.stock.vertices @ frame.T
+    triangles = lines[process.stock.faces]
+    off, names = np.zeros(len(chosen)), []
+    for n, (which, k) in enumerate(chosen):
+        segment = segments[which]
+        assert segment.toolpath.process_operation is not None
+        one = process.operations[segment.toolpath.process_operation[k]]
+        off[n] = _compare_point(segment, k, one, (poses, triangles, frame), process.stock)
+        names.append(f"point {segment.first + k}")
+    return [build_worst_value_check("engagement.csv against exact shapes", "of its limit", off, 1.0, names)]
+
+
+def _list_wanted(segment: ToolSegment) -> np.ndarray:
+    found = segment.toolpath.engagement
+    return np.flatnonzero(found.is_computed) if found is not None else np.zeros(0, int)
+
+
+def _build_frame(axis: Array) -> Array:
+    x = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis])
+
+
+def _list_poses(segments: Sequence[ToolSegment], frame: Array) -> _Poses:
+    columns: list[Array] = []
+    begins: list[int] = []
+    count, before = 0, 0.0
+    for segment in segments:
+        cutter = segment.cell.tool.cutter
+        assert cutter is not None
+        cone = 0.0 if cutter.point_angle is None else 1.0 / math.tan(0.5 * cutter.point_angle)
+        p = segment.toolpath.position @ frame.T
+        for k in range(len(p)):
+            begins.append(count)
+            a = p[k - 1] if k else p[k]
+            size = float(np.linalg.norm(p[k] - a))
+            n = max(math.ceil(size / STEP), 1)
+            share = np.arange(1, n + 1) / n
+            tip = np.tile([0.5 * cutter.diameter, cutter.corner, cone], (n, 1))
+            columns.append(np.column_stack([a + share[:, None] * (p[k] - a), tip, before + share * size]))
+            count, before = count + n, before + size
+    table = np.concatenate(columns)
+    names = ("height", "radius", "corner", "cone", "length")
+    return _Poses(place=table[:, :2], begins=np.array(begins), **{n: table[:, 2 + k] for k, n in enumerate(names)})
+
+
+def _compare_point(
+    segment: ToolSegment,
+    k: int,
+    one: ProcessOperation,
+    scene: tuple[_Poses, Array, Array],
+    stock: StockBody,
+) -> float:
+    """Return how far the stated force lies outside of what the exact shapes allow, over its limit."""
+    path, cutter, process = segment.toolpath, segment.cell.tool.cutter, segment.cell.process
+    assert cutter is not None
+    assert process is not None
+    assert path.engagement is not None
+    coefficients = process.materials[one.material].milling
+    assert coefficients is not None
+    stated = path.engagement.take_range(k, k + 1)
+    shift = SHIFT * stock.cell_size
+    forces = []
+    for moved, lag in ((0.0, 0.0), (shift, LAG * shift), (-shift, LAG * shift)):
+        forces.append(_find_contact(segment, k, one, scene, moved, lag, stated))
+    loads = []
+    for arcs in (stated, *forces):
+        edge, slope = compute_contact_load(coefficients, cutter, one.spindle, arcs)
+        loads.append((edge + TYPICAL_BITE * slope)[0, :3])
+    own = np.stack(loads[1:])
+    limit = FORCE_N + SHARE * float(np.linalg.norm(own[0]))
+    return float(np.abs(loads[0] - np.clip(loads[0], own.min(axis=0), own.max(axis=0))).max() / limit)
+
+
+def _find_contact(
+    segment: ToolSegment,
+    k: int,
+    one: ProcessOperation,
+    scene: tuple[_Poses, Array, Array],
+    moved: float,
+    lag: float,
+    stated: StockEngagement,
+) -> StockEngagement:
+    """Return the arcs of one point, of an outline that is moved outwards."""
+    poses, triangles, frame = scene
+    cutter = segment.cell.tool.cutter
+    assert cutter is not None
+    tip = segment.toolpath.position[k] @ frame.T
+    step = tip - segment.toolpath.position[max(k - 1, 0)] @ frame.T
+    rows: list[tuple[float, float, float, float]] = []
+    if np.hypot(*step[:2]) > 1e-9:
+        travel = step[:2] / np.hypot(*step[:2])
+        before = poses.begins[segment.first + k]
+        reach = poses.length[before - 1] - lag if before else -math.inf
+        counted = slice(0, int(np.searchsorted(poses.length[:before], reach, side="right")))
+        for low, high, radius, is_corner in _divide_cutter(cutter):
+            rows += _find_arcs(tip, travel, radius + moved, (low, high), poses, counted, triangles, is_corner)
+    table = np.array(rows).reshape(-1, 4)
+    start, end = table[:, 2], table[:, 3]
+    if one.spindle == "ccw":
+        start, end = math.pi - end, math.pi - start
+    return StockEngagement(
+        point=np.zeros(len(table), np.int64),
+        low=table[:, 0].copy(),
+        high=table[:, 1].copy(),
+        start=start.copy(),
+        end=end.copy(),
+        is_computed=stated.is_computed,
+        volume=np.zeros(1),
+        edge_sigma=stated.edge_sigma,
+    )
+
+
+def _divide_cutter(cutter: CutterGeometry) -> list[tuple[float, float, float, bool]]:
+    """Return low, high and radius of slices, thin ones in the corner and one above it, and whether it is a corner."""
+    R, rc, out = 0.5 * cutter.diameter, cutter.corner, []
+    for n in range(CORNER_SLICES if rc > 0 else 0):
+        a, b = (0.5 * math.pi * m / CORNER_SLICES for m in (n, n + 1))
+        out.append((rc * (1 - math.cos(a)), rc * (1 - math.cos(b)), R - rc + rc * math.sin(0.5 * (a + b)), True))
+    return [*out, (rc, cutter.length, R, False)]
+
+
+def _find_arcs(
+    tip: Array,
+    travel: Array,
+    radius: float,
+    heights: tuple[float, float],
+    poses: _Poses,
+    counted: slice,
+    triangles: Array,
+    is_corner: bool,
+) -> list[tuple[float, float, float, float]]:
+    """Return low, high, start and end of the contact of one slice, one row for each sampled angle.
+
+    A slice of the corner counts as a whole where its middle is in contact.
+    """
+    left = np.array([-travel[1], travel[0]])
+    turn = math.pi / BINS
+    phi = (np.arange(BINS) + 0.5) * turn
+    outline = tip[:2] + radius * (np.cos(phi)[:, None] * left + np.sin(phi)[:, None] * travel)
+    bottom, top = _find_stock_heights(outline, triangles)
+    place, w = poses.place[counted], poses.height[counted]
+    R, rc, cone = poses.radius[counted], poses.corner[counted], poses.cone[counted]
+    near = np.flatnonzero(np.hypot(*(place - tip[:2]).T) < radius + R)
+    for m in range(BINS):
+        d = np.hypot(*(place[near] - outline[m]).T)
+        inside = d < R[near] - 1e-9
+        if inside.any():
+            some = near[inside]
+            beyond = np.clip(d[inside] - R[some] + rc[some], 0.0, rc[some])
+            left_over = w[some] + rc[some] - np.sqrt(rc[some] ** 2 - beyond**2) + cone[some] * d[inside]
+            top[m] = min(top[m], float(left_over.min()))
+    out = []
+    middle = 0.5 * (heights[0] + heights[1])
+    for m in range(BINS):
+        low, high = max(bottom[m] - tip[2], heights[0]), min(top[m] - tip[2], heights[1])
+        if is_corner and low <= middle <= high:
+            out.append((*heights, m * turn, (m + 1) * turn))
+        elif not is_corner and high - low > TOUCHED:
+            out.append((low, high, m * turn, (m + 1) * turn))
+    return out
+
+
+def _find_stock_heights(places: Array, triangles: Array) -> tuple[Array, Array]:
+    """Return lowest and highest height at which a line along the axis meets the mesh, (n,) each; none: 0 and −inf."""
+    bottom, top = np.zeros(len(places)), np.full(len(places), -np.inf)
+    flat = triangles[:, :, :2]
+    low, high = flat.min(axis=1), flat.max(axis=1)
+    inside = (low <= places.max(axis=0)).all(axis=1) & (high >= places.min(axis=0)).all(axis=1)
+    for t in triangles[inside]:
+        a, b, c = t
+        e, f = b[:2] - a[:2], c[:2] - a[:2]
+        area = e[0] * f[1] - e[1] * f[0]
+        if abs(area) < 1e-18:
+            continue
+        g = places - a[:2]
+        s = (g[:, 0] * f[1] - g[:, 1] * f[0]) / area
+        u = (e[0] * g[:, 1] - e[1] * g[:, 0]) / area
+        hit = (s >= -1e-12) & (u >= -1e-12) & (s + u <= 1 + 1e-12)
+        z = a[2] + s * (b[2] - a[2]) + u * (c[2] - a[2])
+        bottom = np.where(hit & (np.isneginf(top) | (z < bottom)), z, bottom)
+        top = np.where(hit, np.maximum(top, z), top)
+    return bottom, top

@@ -1,0 +1,180 @@
+"""Engagement from the stock in whole jobs: forces, outcomes, verification, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stock_jobs import (
+    DEPTH,
+    HALF,
+    PROCESS,
+    RADIUS,
+    build_block,
+    build_pocket_path,
+    build_pocketed_block,
+    write_stock_cell,
+    write_toolpath,
+)
+
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.tool_selection import split_into_tool_segments
+from machopt.cli import main
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.errors import InputError
+from machopt.process.binding.cutting_tools import build_milling_cutter
+from machopt.process.binding.job_binding import attach_forces, compute_loads
+from machopt.process.binding.operation_matching import attach_process
+from machopt.process.milling.mean_force import compute_mean_load
+from machopt.process.milling.milling_cut import MillingCut
+from machopt.toolpath.toolpath_reader import read_toolpath
+
+
+def write_job(folder: Path, points: np.ndarray, process: str = PROCESS) -> tuple[Path, Path]:
+    write_stock_cell(folder / "cell", process)
+    write_toolpath(folder / "pocket.csv", points)
+    return folder / "cell", folder / "pocket.csv"
+
+
+def attach(cell_folder: Path, file: Path) -> tuple[ToolSegment, ...]:
+    cell = load_cell(cell_folder)
+    toolpath = attach_process(cell.process, read_toolpath(file))
+    return attach_forces(split_into_tool_segments(cell, toolpath))
+
+
+def build_pass(ae: float, ap: float) -> np.ndarray:
+    """Return a pass along the front of the block, the material on its left."""
+    x = np.arange(-0.09, 0.09, 0.002)
+    return np.column_stack([x, np.full_like(x, -0.04 - RADIUS + ae), np.full_like(x, -ap)])
+
+
+@pytest.mark.parametrize("spindle", ["cw", "ccw"])
+def test_the_force_of_a_straight_pass_is_that_of_given_depths(tmp_path: Path, spindle: str) -> None:
+    process = PROCESS.replace("spindle_rpm: 12000", f"spindle_rpm: 12000, spindle: {spindle}")
+    segment = attach(*write_job(tmp_path, build_pass(3e-3, 5e-3), process))[0]
+    loads = compute_loads(segment.cell, segment.toolpath, segment.toolpath.feed)
+    assert loads is not None
+    assert segment.cell.process is not None
+    coefficients = segment.cell.process.materials["al7075"].milling
+    assert coefficients is not None
+    cutter = build_milling_cutter(segment.cell.tool.cutter)
+    cut = MillingCut("up" if spindle == "cw" else "down", spindle)  # type: ignore[arg-type]
+    wanted = compute_mean_load(coefficients, cutter, cut, 3e-3, 5e-3).compute_load(1500 / 12000 / 2 / 1e3)[0]
+    inside = np.abs(segment.toolpath.position[:, 0]) < 0.04
+    size = np.linalg.norm(wanted[:3])
+    assert np.abs(loads.force[inside] - wanted[:3]).max() < 0.01 * size
+    assert loads.moment[inside] == pytest.approx(wanted[3], rel=0.01)
+    assert (loads.side[inside] == (1 if spindle == "cw" else -1)).all()
+    air = np.abs(segment.toolpath.position[:, 0]) > 0.06 + RADIUS + 1e-3
+    assert not loads.force[air].any()
+    assert np.isnan(loads.ae[air]).all()
+    assert any("remove nothing" in note for note in loads.notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("cell_mm: 0.5", "cell_mm: 0.0005", ["stock.cell_mm", "at most"]),
+        ("cell_mm: 0.5", "cell_mm: 0.5, scale: 0.001", ["stock.cell_mm", "cells across the stock", "scale"]),
+        ("stock.stl", "open.stl", ["stock.mesh", "not closed"]),
+        ("stock.stl", "far.stl", ["stock.mesh", "no cut move meets the stock", "CAM frame"]),
+        ("stock.stl", "none.stl", ["none.stl"]),
+        ("engagement: stock", "engagement: stock, ae_mm: 3", ["ae_mm", "engagement: stock"]),
+        ("stock: {mesh: meshes/stock.stl, cell_mm: 0.5}\n", "", ["engagement", "stock: {mesh: FILE"]),
+        ("surface: floor", "surface: side", ["cut is missing"]),
+    ],
+)
+def test_a_stock_that_cannot_be_used_is_refused_with_its_key(
+    tmp_path: Path, old: str, new: str, words: list[str]
+) -> None:
+    cell, file = write_job(tmp_path, build_pass(3e-3, 5e-3), PROCESS.replace(old, new))
+    mesh = build_block()
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    mesh.export(cell / "meshes" / "open.stl")
+    mesh = build_block()
+    mesh.apply_translation([0, 0, 0.5])
+    mesh.export(cell / "meshes" / "far.stl")
+    with pytest.raises(InputError) as caught:
+        attach(cell, file)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_tool_axis_that_turns_is_refused(tmp_path: Path) -> None:
+    cell, file = write_job(tmp_path, build_pass(3e-3, 5e-3))
+    text = file.read_text().splitlines()
+    text[-1] = text[-1].replace(",0,0,1,cut", ",0,0.1,0.995,cut")
+    file.write_text("\n".join(text) + "\n")
+    with pytest.raises(InputError, match="tool axis turns by"):
+        attach(cell, file)
+
+
+@pytest.fixture(scope="module")
+def pocket(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    """A roughed pocket, planned: cell, toolpath and output."""
+    folder = tmp_path_factory.mktemp("pocket")
+    cell, file = write_job(folder, build_pocket_path())
+    assert main(["optimize", str(cell), str(file), "-o", str(folder / "out")]) == 0
+    return cell, file, folder / "out"
+
+
+def test_a_roughed_pocket_is_planned_and_verified(pocket: tuple[Path, Path, Path]) -> None:
+    cell, file, out = pocket
+    assert main(["verify", str(cell), str(file), str(out)]) == 0
+    stock = json.loads((out / "result.json").read_text())["process"]["stock"]
+    exact = (4 * HALF[0] * HALF[1] - (4 - np.pi) * RADIUS**2) * DEPTH * 1e9
+    assert stock["removed_mm3"] == pytest.approx(exact, rel=1e-3)
+    assert stock["finished"]["gouge_depth_mm"] == 0
+    assert stock["finished"]["left_depth_mm"] == 0
+    assert stock["finished"]["gouge_volume_mm3"] < 1e-3 * exact
+    with (out / "points.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    cut = [row for row in rows if row["move"] == "cut"]
+    assert max(float(row["ae_mm"] or 0) for row in cut) == pytest.approx(2e3 * RADIUS, abs=0.1)  # the first ring
+    level = [a for a, b in zip(cut[1:], cut[:-1], strict=True) if a["z_mm"] == b["z_mm"] == "-6.000000"]
+    assert {row["ap_mm"] for row in level} - {""} == {"6.0000"}
+    assert max(float(row["ap_mm"] or 0) for row in cut) == 6.0  # the finished wall of the layer above is no contact
+    widths = np.array([float(row["ae_mm"] or "nan") for row in cut])
+    assert np.nanstd(widths) > 3  # mm: corners, rings and entries differ
+    assert "Stock and finished part" in (out / "report.html").read_text()
+
+
+def test_the_report_shows_stock_and_finished_part(pocket: tuple[Path, Path, Path]) -> None:
+    page = (pocket[2] / "report.html").read_text()
+    assert '"kind":"stock"' in page.replace(" ", "")
+    assert '"kind":"workpiece"' in page.replace(" ", "")
+
+
+@pytest.mark.parametrize(("column", "change"), [("phi_in_deg", -20.0), ("high_mm", 1.0)])
+def test_wrong_arcs_fail_the_verification(
+    pocket: tuple[Path, Path, Path], tmp_path: Path, column: str, change: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import shutil
+
+    cell, file, out = pocket
+    shutil.copytree(out, tmp_path / "out")
+    with (tmp_path / "out" / "engagement.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    for row in rows:
+        row[column] = str(max(float(row[column]) + change, 0.0))
+    with (tmp_path / "out" / "engagement.csv").open("w") as table:
+        writer = csv.DictWriter(table, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    capsys.readouterr()
+    assert main(["verify", str(cell), str(file), str(tmp_path / "out")]) == 4
+    failed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("FAIL")]
+    assert any("engagement.csv against exact shapes" in line for line in failed)
+    assert any("f_normal_N" in line for line in failed)
+
+
+def test_a_deeper_finished_part_shows_material_left(tmp_path: Path) -> None:
+    cell, file = write_job(tmp_path, build_pocket_path())
+    build_pocketed_block(DEPTH + 0.5e-3).export(cell / "meshes" / "finished.stl")
+    assert main(["optimize", str(cell), str(file), "-o", str(tmp_path / "out")]) in (0, 4)
+    found = json.loads((tmp_path / "out" / "result.json").read_text())["process"]["stock"]["finished"]
+    assert found["left_depth_mm"] == pytest.approx(0.5, abs=1e-3)
+    assert found["gouge_depth_mm"] == 0
