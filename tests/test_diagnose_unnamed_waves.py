@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,12 @@ def test_only_waves_of_a_period_and_plausible_size_are_named(
     found = [e.value for key, e in parts.named.parameters.items() if key.endswith("order")]
     assert sorted(found) == named
     np.testing.assert_allclose(angles(parts.named, parts.unnamed), angles(whole), atol=1e-15)
+
+
+def test_waves_that_state_a_gravity_compensator_keep_its_name() -> None:
+    slow = replace(finding([1.0, 2.0, 3.0], [900.0, -120.0, 40.0], [80.0, 300.0, -6.0]), effect="gravity_compensator")
+    assert split_waves(slow).named is slow
+    assert split_waves(slow).unnamed is None
 
 
 def test_nothing_is_named_where_all_waves_are_slow() -> None:

@@ -267,4 +267,5 @@ class HypothesisCatalogue:
     axes: Mapping[str, Array] = field(default_factory=dict)  # name → (N,) values for locating a mismatch in the data
     extended_hypotheses: tuple[EffectHypothesis, ...] = ()  # tried only if the others leave more than noise
     uncatalogued_hypotheses: tuple[EffectHypothesis, ...] = ()  # tried in addition; they never become findings
+    _: KW_ONLY
     uncertain_inputs: UncertainInputs | None = None  # fitted beside what a search selects

@@ -45,10 +45,16 @@ def split_waves(finding: Finding) -> SplitWaves:
         finding: Any finding.
 
     Returns:
-        Both parts; a finding that is no transmission error with an angle range is named as a whole.
+        Both parts; a finding that is no transmission error with an angle range is named as a whole. The waves of a
+        gravity compensator only state its rotation in kinematics.yaml.
     """
     c = finding.correction
-    if not isinstance(c, KinematicCorrection) or c.effect != WAVES.file_word or RANGE_KEY not in c.parameters:
+    if (
+        finding.effect != WAVES.file_word
+        or not isinstance(c, KinematicCorrection)
+        or c.effect != WAVES.file_word
+        or RANGE_KEY not in c.parameters
+    ):
         return SplitWaves(finding, None)
     orders, cos, sin = (np.atleast_1d(np.asarray(c.parameters[key], float)) for key in (ORDERS, COS, SIN))
     low, high = c.parameters[RANGE_KEY]
