@@ -272,6 +272,30 @@ def draw_stock_contact() -> str:
     return d.render()
 
 
+def draw_joint_method() -> str:
+    """Draw the stages of method joint with the loop over the iterates of a window."""
+    d = Drawing(1080, 175, "Windows of method joint")
+    stages = (
+        ("plan", "of method global"),
+        ("feed advice", "largest in tolerance"),
+        ("window", "rotation and speed"),
+        ("exact joints", "margins, contacts"),
+        ("retiming", "feed, acceleration, jerk"),
+        ("accept", "shorter, in tolerance"),
+    )
+    width, step, y = 160, 178, 20
+    for n, lines in enumerate(stages):
+        x = 15 + step * n
+        d.add_box(x, y, width, 56, list(lines))
+        if n:
+            d.add_line([(x - step + width, y + 28), (x, y + 28)], arrow=True)
+    last, window = 15 + step * 5 + width / 2, 15 + step * 2 + width / 2
+    d.add_line([(last, y + 56), (last, 115), (window, 115), (window, y + 56)], arrow=True)
+    d.add_text((last + window) / 2, 134, "next iterate; refused: a smaller step", size=13)
+    d.add_text((last + window) / 2, 154, "at last refused: the fixed path stays, with the reason", size=13)
+    return d.render()
+
+
 DIAGRAMS = {
     "redundancy_angle": draw_redundancy_angle,
     "configuration_grid": draw_configuration_grid,
@@ -281,6 +305,7 @@ DIAGRAMS = {
     "diagnosis_flow": draw_diagnosis_flow,
     "index_axes": draw_index_axes,
     "stock_contact": draw_stock_contact,
+    "joint_method": draw_joint_method,
 }
 
 

@@ -156,6 +156,7 @@ def test_tables_are_as_their_published_rows_say(tmp_path: Path, prismatic: tuple
         lead=np.zeros(n),
         side=np.full(n, np.nan),
         process=process_columns(n),
+        feed_advised=np.full(n, 0.02),
     )
     write_points_csv(tmp_path / "points.csv", table)
     motion = replace(smooth_motion(n, E), lead=np.zeros(n), side=np.full(n, np.nan))

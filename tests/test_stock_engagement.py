@@ -174,7 +174,7 @@ def test_wrong_arcs_fail_the_verification(
 def test_a_deeper_finished_part_shows_material_left(tmp_path: Path) -> None:
     cell, file = write_job(tmp_path, build_pocket_path())
     build_pocketed_block(DEPTH + 0.5e-3).export(cell / "meshes" / "finished.stl")
-    assert main(["optimize", str(cell), str(file), "-o", str(tmp_path / "out")]) in (0, 4)
+    assert main(["optimize", str(cell), str(file), "-o", str(tmp_path / "out")]) == 0
     found = json.loads((tmp_path / "out" / "result.json").read_text())["process"]["stock"]["finished"]
     assert found["left_depth_mm"] == pytest.approx(0.5, abs=1e-3)
     assert found["gouge_depth_mm"] == 0

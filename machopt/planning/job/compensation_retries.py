@@ -44,7 +44,7 @@ def compensate_with_retries(
     Returns:
         The shifted plan; the first one where no other loses fewer points.
     """
-    asked, arm = planned.options, planned.setup.arm
+    requested, arm = planned.options, planned.setup.arm
 
     def shifted(plan: Plan) -> Plan:
         with timings.stage("compensate"):
@@ -52,7 +52,7 @@ def compensate_with_retries(
 
     best = found = shifted(planned)
     options, avoided = whole, set[int]()
-    for n in range(TRIES if asked.is_searched else 0):
+    for n in range(TRIES if requested.is_searched else 0):
         zones = _zones(found, stint.first, min(max(whole.rotation_step, NARROWEST) * 2**n, WIDEST))
         if not zones:
             break
@@ -61,7 +61,7 @@ def compensate_with_retries(
         alternative = replan(options)
         if _missing(alternative) > _missing(planned):  # these rotations are needed
             break
-        found = shifted(restore_requested_margins(alternative, asked, arm))
+        found = shifted(restore_requested_margins(alternative, requested, arm))
         if _missing(found) < _missing(best):
             best = replace(found, elsewhere=tuple(sorted(avoided)))
     return best

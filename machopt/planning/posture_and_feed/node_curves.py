@@ -11,7 +11,7 @@ def interpolate_naturally(at: Array, values: Array, wanted: Array) -> Array:
     """Return the natural cubic spline through values; a constant or a line through one or two of them.
 
     scipy's own splines would import scipy.spatial while a thread does (:mod:`machopt.planning.compiled_kernels`), which
-    fails at times.
+    was seen to hang once.
 
     Args:
         at: (K,) rising.

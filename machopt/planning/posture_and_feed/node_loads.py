@@ -7,12 +7,13 @@ advised feed v, so that the program's largest feed at the iterate is the advice.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.process import CuttingProcess
+from machopt.data_types.process import CuttingMaterial, CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
@@ -23,18 +24,15 @@ from machopt.planning.posture_and_feed.symbolic_machine import SymbolicMachine
 from machopt.planning.posture_and_feed.window_data import NodeLoads
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.job_binding import compute_loads
-from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
-from machopt.process.milling.mean_force import compute_mean_load
-from machopt.process.milling.milling_cut import CutSide, MillingCut
+from machopt.process.binding.point_loads import PointLoads
 from machopt.stiffness.arm_stiffness import compute_joint_stiffness
 
 LEAST_ERROR = 1e-6  # m, smallest limit of the nominal error
 AT_LIMIT = 1e-3  # share: an advice nearer than this to the largest permitted feed is that feed
 ROOM = 1.2  # times the nominal error at the largest permitted feed, where no node shows what the tolerance allows
-_SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MilledTargets:
     """Milled points with a tolerance and a known surface, and their loads."""
 
@@ -43,10 +41,16 @@ class MilledTargets:
     process: CuttingProcess
     teeth: int
     usable: NDArray[np.intp]  # which of the targets
+    edge_force: Array  # (N, 3) N along travel, normal and axis at a feed of zero
+    slope_force: Array  # (N, 3) N per m/s of feed
+    edge_moment: Array  # (N,) N·m about the axis at a feed of zero
+    slope_moment: Array  # (N,) N·m per m/s
 
     @classmethod
     def build(cls, plan: Plan, toolpath: Toolpath) -> MilledTargets | None:
         """Return the milled points with a tolerance; None where there is none.
+
+        Milling loads are affine in the feed, so that those at two feeds give both parts, whatever the contact is.
 
         Args:
             plan: Plan of one tool.
@@ -61,8 +65,19 @@ class MilledTargets:
         usable = np.flatnonzero(targets.is_known & milled[targets.operation]) if len(targets.row) else np.zeros(0, int)
         if not len(usable):
             return None
-        teeth = build_milling_cutter(cell.tool.cutter).teeth
-        return cls(targets, loads, cell.process, teeth, usable.astype(np.intp))
+        half = compute_loads(cell, toolpath, 0.5 * toolpath.feed)
+        assert half is not None
+        return cls(
+            targets=targets,
+            loads=loads,
+            process=cell.process,
+            teeth=build_milling_cutter(cell.tool.cutter).teeth,
+            usable=usable.astype(np.intp),
+            edge_force=2.0 * half.force - loads.force,
+            slope_force=(loads.force - half.force) / (0.5 * toolpath.feed)[:, None],
+            edge_moment=2.0 * half.moment - loads.moment,
+            slope_moment=(loads.moment - half.moment) / (0.5 * toolpath.feed),
+        )
 
     @property
     def is_known(self) -> bool:
@@ -118,6 +133,12 @@ def build_node_loads(
     return NodeLoads(compliance=compliance, edge=edge, slope=slope, normal=normal, highest=highest, limit=limit)
 
 
+def _get_largest_chip(materials: Mapping[str, CuttingMaterial], one: ProcessOperation) -> float:
+    """Return the largest chip thickness in m for which the coefficients of an operation hold; inf for no milling."""
+    milling = materials[one.material].milling if one.kind == "milling" and one.material is not None else None
+    return np.inf if milling is None else milling.h_range_m[1]
+
+
 def _match_limits(error: Array, advice: Array, permitted: Array, tolerance: Array) -> Array:
     """Return (M,) m, the nominal error that each node may have.
 
@@ -167,26 +188,16 @@ def _build_wrenches(
     across = compute_sideways_directions(plan.path)[points]
     beside = np.cross(axis, across)
     rows, operation = milled.targets.row[target], milled.targets.operation[target]
-    edge, slope, highest = np.zeros((len(points), 6)), np.zeros((len(points), 6)), np.full(len(points), np.inf)
-    loads = milled.loads
-    cutter = build_milling_cutter(plan.setup.cell.tool.cutter)
-    keys = np.stack([operation, loads.side[rows], loads.ae[rows], loads.ap[rows]], axis=1)
-    for key in np.unique(keys, axis=0):
-        mine = np.flatnonzero((keys == key).all(axis=1))
-        one = milled.process.operations[int(key[0])]
-        coefficients = milled.process.materials[one.material].milling
-        assert coefficients is not None
-        cut = MillingCut(_SIDES[int(key[1])], one.spindle)
-        load = compute_mean_load(coefficients, cutter, cut, float(key[2]), float(key[3]))
-        teeth_per_second = milled.teeth * loads.spindle_speed[rows[mine]]
-        for out, part, per in (
-            (edge, load.edge[0], np.ones(len(mine))),
-            (slope, load.slope[0], 1.0 / teeth_per_second),
-        ):
-            force = part[0] * across[mine] + part[1] * beside[mine] + part[2] * axis[mine]
-            wrench = np.hstack([force, part[3] * axis[mine]])
-            out[mine] = compute_mean_wear(one) * per[:, None] * wrench
-        highest[mine] = coefficients.h_range_m[1] * teeth_per_second
+    edge, slope = np.zeros((len(points), 6)), np.zeros((len(points), 6))
+    frame = np.stack([across, beside, axis], axis=1)
+    for out, force, moment in (
+        (edge, milled.edge_force[rows], milled.edge_moment[rows]),
+        (slope, milled.slope_force[rows], milled.slope_moment[rows]),
+    ):
+        out[:, :3], out[:, 3:] = np.einsum("nk,nki->ni", force, frame), moment[:, None] * axis
+    materials = milled.process.materials
+    chip = np.array([_get_largest_chip(materials, one) for one in milled.process.operations])
+    highest = chip[operation] * milled.teeth * milled.loads.spindle_speed[rows]
     cam_axes = np.broadcast_to(np.eye(3), (len(points), 3, 3))
     normal = milled.targets.choose_normal(target, cam_axes, axis, beside)
     return edge, slope, np.asarray(normal), highest

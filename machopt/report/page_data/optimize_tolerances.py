@@ -69,9 +69,9 @@ def _list_stock_rows(stock: StockSummary) -> list[tuple[str, str]]:
     return [
         *rows,
         ("Deepest gouge of the finished part", _format_depth(found.gouge_depth, found.gouge_place)),
-        ("Volume of gouges", f"{1e9 * found.gouge_volume:.0f} mm³"),
+        ("Volume of gouges, cells at walls included", f"{1e9 * found.gouge_volume:.0f} mm³"),
         ("Largest height of material left", _format_depth(found.left_depth, found.left_place)),
-        ("Volume of material left", f"{1e9 * found.left_volume:.0f} mm³"),
+        ("Volume of material left, cells at walls included", f"{1e9 * found.left_volume:.0f} mm³"),
     ]
 
 
