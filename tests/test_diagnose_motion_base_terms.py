@@ -24,6 +24,10 @@ class Labelled:
     replicate: NDArray[np.int64]
     visit: NDArray[np.int64]
 
+    @property
+    def replicate_visit(self) -> NDArray[np.int64]:
+        return self.visit
+
     def __len__(self) -> int:
         return len(self.visit)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +60,8 @@ def angles(*parts: Finding | None) -> Array:
     [
         ([1.0, 2.0, 12.0], [40.0, 20.0, 15.0], [12.0]),  # 150 degrees: less than a period of the first two
         ([2.0, 4.0, 9.0], [10.0, 30.0, 20.0], [4.0, 9.0]),  # 0.83, 1.67 and 3.75 periods
-        ([10.0, 20.0, 30.0], [15.0, 250.0, 5.0], [10.0, 30.0]),  # no gear has 250 arcsec
+        ([10.0, 20.0, 30.0], [15.0, 700.0, 5.0], [10.0, 30.0]),  # no gear has 700 arcsec
+        ([1.0, 4.0, 12.0], [250.0, 250.0, 250.0], [12.0]),  # a worn gear of which five periods are seen
     ],
 )
 def test_only_waves_of_a_period_and_plausible_size_are_named(
@@ -77,6 +79,12 @@ def test_only_waves_of_a_period_and_plausible_size_are_named(
     found = [e.value for key, e in parts.named.parameters.items() if key.endswith("order")]
     assert sorted(found) == named
     np.testing.assert_allclose(angles(parts.named, parts.unnamed), angles(whole), atol=1e-15)
+
+
+def test_waves_that_state_a_gravity_compensator_keep_its_name() -> None:
+    slow = replace(finding([1.0, 2.0, 3.0], [900.0, -120.0, 40.0], [80.0, 300.0, -6.0]), effect="gravity_compensator")
+    assert split_waves(slow).named is slow
+    assert split_waves(slow).unnamed is None
 
 
 def test_nothing_is_named_where_all_waves_are_slow() -> None:

@@ -119,6 +119,23 @@ def test_a_correction_that_cannot_be_named_is_written_and_not_listed(change) -> 
     assert isinstance(judged.unnamed[0].correction, KinematicCorrection)
 
 
+@pytest.mark.parametrize(
+    ("after", "noise", "named"), [(0.025, 0.024, True), (0.04, 0.024, False), (0.025, np.nan, False)]
+)
+def test_a_torque_by_the_angle_is_named_only_where_it_leaves_noise(after: float, noise: float, named: bool) -> None:
+    """Any smooth error of joint 2 looks like a gravity compensator, of which kinematics.yaml states the rotation."""
+    slow = KinematicCorrection(
+        "transmission_error",
+        "joint:2",
+        {"per_turn": [1.0], "cos_arcsec": [90.0], "sin_arcsec": [20.0], "range_deg": [-60.0, 40.0]},
+    )
+    spring = replace(zero_offset(), effect="gravity_compensator", location="joint:2", correction=slow)
+    d = replace(explained(), findings=(hysteresis(), spring), heldout_before=0.06, heldout_after=after)
+    judged = apply_verdict_rules(replace(d, measured_noise=noise))
+    assert ("gravity_compensator" in {f.effect for f in judged.findings}) is named
+    assert bool(judged.unnamed) is not named
+
+
 def test_noise_of_the_residual_explains_nothing() -> None:
     d = replace(explained(), measured_noise=float("nan"), heldout_before=0.06, heldout_after=0.025)
     judged = apply_verdict_rules(d)

@@ -189,6 +189,56 @@ def motion_cases() -> list[Case]:
     return out
 
 
+LARGE = (60.0, 120.0, 250.0)  # r.m.s. that an effect adds before the refit, in sigmas of a reading
+LARGE_SETS = {
+    "load": (
+        ("joint_backlash", "tool_compliance"),
+        ("joint_hysteresis", "link_compliance"),
+        ("base_compliance", "joint_nonlinear_stiffness"),
+        ("joint_coupling", "joint_backlash"),
+        ("joint_pose_dependent_stiffness", "force_sensor_frame"),
+        ("joint_creep", "tool_compliance"),
+        ("joint_hysteresis", "joint_backlash", "tool_compliance"),
+        ("base_compliance", "joint_nonlinear_stiffness", "displacement_frame"),
+    ),
+    "poses": (
+        ("joint_zero_offset", "transmission_error"),
+        ("geometry", "joint_backlash"),
+        ("payload", "joint_zero_offset"),
+        ("joint_zero_offset", "link_compliance", "transmission_error"),
+    ),
+}
+
+
+def large_cases() -> list[Case]:
+    """Effects of 60 to 250 sigmas, alone and in twos and threes (of 60 to 120)."""
+    out = []
+    for k, name in enumerate(LOAD_EFFECTS):
+        out += [
+            Case("large", "load", _lab((name,), 3 * k + m), ((name, LARGE[(k + m) % 3]),), number=m) for m in (0, 1)
+        ]
+    for k, (name, fit) in enumerate(POSE_EFFECTS.items()):
+        out.append(Case("large", "poses", fit[k % len(fit)], ((name.strip(), LARGE[k % 3]),)))
+    for channel, sets in LARGE_SETS.items():
+        for k, names in enumerate(sets):
+            lab = _lab(names, 5 * k + 2) if channel == "load" else ("fixed", "fit")[k % 2]
+            out.append(Case("large_sets", channel, lab, tuple((n, LARGE[(k + m) % 2]) for m, n in enumerate(names))))
+    return out
+
+
+def mass_cases() -> list[Case]:
+    """Links whose masses are 5 % off the URDF's, alone and with a payload or a gravity compensator."""
+    out = [
+        Case("mass_null", "poses", lab, number=k) for lab in ("fixed", "fit", "fit_6d", "fixed_once") for k in range(5)
+    ]
+    out += [Case("mass_null", "motion", "torque", number=k) for k in range(5)]
+    for name in ("payload", "gravity_compensator"):
+        for k in range(3):
+            out += [Case("mass_single", "poses", lab, ((name, 3.0 + 3.0 * k),)) for lab in ("fixed", "fit")]
+        out += [Case("mass_single", "motion", "torque", ((name, 1.5),), number=k) for k in range(2)]
+    return out
+
+
 def cases() -> list[Case]:
     """One set."""
     return load_cases() + pose_cases() + motion_cases()
@@ -232,7 +282,8 @@ FAST = (
 
 def chosen(only: list[str], fast: bool, share: float = 1.0) -> list[Case]:
     """Cases whose key or folder matches a pattern; ``share`` takes an even part of every group, fixed by name."""
-    listed = cases()
+    listed = cases() + (large_cases() if any(p.startswith("large") for p in only) else [])
+    listed += mass_cases() if any(p.startswith("mass") for p in only) else []
     if fast:
         listed = [c for c in listed if any(fnmatch.fnmatch(c.key, p) for p in FAST)]
     if only:

@@ -69,6 +69,7 @@ class Effect:
     accepted: tuple[Named, ...] = ()  # identities of mechanics
     detail: dict[str, Any] = field(default_factory=dict)
     loudness: float = 0.0  # r.m.s. wanted of what is left after the refit, in sigmas
+    is_before_refit: bool = False  # ``loudness`` is what the effect adds before the base is refitted
 
     def size(self) -> float:
         return self.amplitude * self.factor
@@ -96,10 +97,11 @@ def loudness(scene: Scene, effect: Effect, quiet: NoiseFreeRecord) -> tuple[floa
 
 
 def scale_effect(scene: Scene, effect: Effect, quiet: NoiseFreeRecord) -> float:
-    """Sets the amplitude so that the refit leaves ``effect.loudness`` sigmas, or the cap; returns what it leaves."""
+    """Set the amplitude so that ``effect.loudness`` sigmas are reached, or the cap; return what is reached."""
     after = 0.0
     for _ in range(5):
-        _, after, _ = loudness(scene, effect, quiet)
+        before, after, _ = loudness(scene, effect, quiet)
+        after = before if effect.is_before_refit else after
         if after <= 0 or abs(np.log(after / effect.loudness)) < 0.05:
             break
         wanted = effect.amplitude * float(np.clip(effect.loudness / after, 0.02, 50.0))

@@ -25,6 +25,9 @@ from effect_strength import Effect, NoiseFreeRecord, Scene, list_accepted_names,
 
 ENOUGH = 0.7  # of the loudness wanted: the next place is not tried
 TRIED = 3  # places
+LARGE_CAP = 2.0  # times the ordinary largest size of an effect: worn and broken arms
+SOLID = ("joint_creep",)  # nothing solid creeps by more than it yields at once
+MASS_SPREAD = 0.05  # 1 sigma of a link's mass about the URDF's, in the groups ``mass_null`` and ``mass_single``
 DRAWN = 20  # robots, until one has a place for every effect
 
 
@@ -33,11 +36,19 @@ class NoPlaceError(ValueError):
 
 
 def pick(
-    scene: Scene, name: str, loud: float, quiet: NoiseFreeRecord, taken: set[str], rng: np.random.Generator
+    scene: Scene,
+    wanted: tuple[str, float],
+    quiet: NoiseFreeRecord,
+    taken: set[str],
+    rng: np.random.Generator,
+    *,
+    is_large: bool = False,
 ) -> Effect:
     """An effect at the first place where it can be loud enough, else at the best of those tried."""
     best: tuple[float, Effect] | None = None
+    name, loud = wanted
     for one in [e for e in channel_dispatch.draw(scene, name, rng, loud) if e.location not in taken][:TRIED]:
+        one.is_before_refit, one.cap = is_large, one.cap * (LARGE_CAP if is_large and name not in SOLID else 1.0)
         after = scale_effect(scene, one, quiet)
         if best is None or after > best[0]:
             best = (after, one)
@@ -74,12 +85,14 @@ def draw_case(
     rng = np.random.default_rng(case.seed(which, draw))
     for left in reversed(range(DRAWN)):
         nominal = robot_models.draw(str(rng.choice(list(robot_models.CATALOGUE))), rng)
-        scene = channel_dispatch.scene(case.channel, case.lab, nominal, robot_models.as_built(nominal, rng), rng)
+        built = robot_models.as_built(nominal, rng, MASS_SPREAD if case.group.startswith("mass") else 0.0)
+        scene = channel_dispatch.scene(case.channel, case.lab, nominal, built, rng)
         quiet = scene.clean([])
         effects: list[Effect] = []
         try:
-            for name, loud in case.effects:
-                effects.append(pick(scene, name, loud, quiet, {e.location for e in effects}, rng))
+            for wanted in case.effects:
+                taken = {e.location for e in effects}
+                effects.append(pick(scene, wanted, quiet, taken, rng, is_large=case.group.startswith("large")))
             break
         except NoPlaceError:  # a gear that weight keeps on one side has no play: another robot, another motion
             if not left:

@@ -234,7 +234,9 @@ def draw(name: str, scene: PoseSet, rng: np.random.Generator, loud: float) -> li
     elif name == "geometry":
         for j in order[:5]:
             way = rng.normal(size=6) * np.r_[[5e-4] * 3, [6e-4] * 3]
-            out.append(Effect(name, f"joint:{j + 1}", 1.0, 4.0, detail={"joint": j, "way": way}))
+            # a twist of six numbers turns about the joint's own axis too, which is its zero offset
+            same = (("joint_zero_offset", f"joint:{j + 1}"),)
+            out.append(Effect(name, f"joint:{j + 1}", 1.0, 4.0, accepted=same, detail={"joint": j, "way": way}))
     elif name == "payload":
         out.append(Effect(name, "tool", 0.2 * scene.built.tool_mass, 60.0, "kg", 1.0, "mass"))
     elif name == "gravity_compensator":

@@ -172,9 +172,13 @@ def draw(name: str, rng: np.random.Generator) -> Robot:
     )
 
 
-def as_built(robot: Robot, rng: np.random.Generator) -> Robot:
-    """The same arm as it stands: springs off by a third. Nothing else: whatever else is off is a concealed effect."""
-    return replace(robot, stiffness=robot.stiffness * np.exp(rng.normal(0, 0.22, 6)))
+def as_built(robot: Robot, rng: np.random.Generator, mass_spread: float = 0.0) -> Robot:
+    """The same arm as it stands: springs off by a third. Nothing else: whatever else is off is a concealed effect.
+
+    ``mass_spread`` is 1 sigma of the links' masses about those that the cell states.
+    """
+    built = replace(robot, stiffness=robot.stiffness * np.exp(rng.normal(0, 0.22, 6)))
+    return replace(built, masses=robot.masses * rng.normal(1.0, mass_spread, 6)) if mass_spread else built
 
 
 def _xyz(values: Array, scale: float = 1.0) -> str:

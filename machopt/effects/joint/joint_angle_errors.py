@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from machopt.effects import prior_scales
 from machopt.effects.joint.harmonic_functions import ARCSEC, compute_harmonics
 from machopt.effects.protocol import (
     DEGREE,
@@ -116,7 +117,7 @@ class TransmissionError(JointAngleLawDefaults):
     harmonics: int = 1  # number of harmonics that a search tries together
 
     note = "without load, periodic over the joint's angle"
-    prior = 3e-4  # rad: about one arcmin for robot gears, more for strain wave gears
+    prior = prior_scales.WAVE_AMPLITUDE.scale
     has_angle_range = True
     coefficients = tuple(
         LawParameter(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.locations import format_joint_pair_location
+from machopt.effects import prior_scales
 from machopt.effects.protocol import (
     COMPLIANCE,
     Effect,
@@ -122,7 +123,7 @@ class KinematicCoupling(JointAngleLawDefaults):
     equation = "Δ_j = κ q_i (hollow wrist: the shaft of joint j runs through joint i)"
     note = "the second joint without load, in proportion to the first"
     static_only = True  # identified from static poses only
-    prior = 3e-4  # uncompensated wrists have 1e-4 to 1e-3; larger values indicate a tilted axis
+    prior = prior_scales.COUPLING_RATIO.scale
     coefficients = (
         LawParameter(key="ratio", unit="rad/rad", required=True, magnitude_limit=0.1, unit_in_words="rad/rad"),
     )

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import Recording
+from machopt.effects import prior_scales
 from machopt.effects.recording.sensor_errors import GAIN
 from machopt.kinematics.robot import Robot
 from machopt.measurement.diagnosis import thresholds
@@ -54,7 +55,7 @@ def correct_session_force_gains(
             continue
         middle = float(np.median(each))
         spread = compute_robust_sigma(each - middle)
-        if abs(middle - 1.0) < thresholds.RECORD.gain_far * max(thresholds.RESTING.force_gain, spread):
+        if abs(middle - 1.0) < thresholds.RECORD.gain_far * max(prior_scales.FORCE_GAIN.scale, spread):
             continue
         wrench[recording.session == one] /= middle
         out.append(_build_gain_finding(*estimate_force_gain(each, middle, spread), one, int(sessions[0])))

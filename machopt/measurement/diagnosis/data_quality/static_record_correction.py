@@ -172,9 +172,10 @@ def _find_displacement_unit_fault(
 ) -> Problem | None:
     """Find another unit that makes the whole arm as stiff as the cell states, or closer to robots of its size.
 
-    A common factor on all displacements or all loads leaves no other trace if only forces are recorded. Three
+    A common factor on all displacements or all loads leaves no other trace if only forces are recorded. Four
     conditions apply. Most joints must deviate by the factor. An estimated stiffness cannot separate pounds from a
-    compliant arm. Displacements whose replicates scatter as stated are in the stated unit.
+    compliant arm. Displacements whose replicates scatter as stated are in the stated unit. Refitted springs must
+    explain the displacement: a compliant link makes springs softer too, and leaves a mismatch that no unit makes.
     """
     if prior is None:
         return None
@@ -192,6 +193,7 @@ def _find_displacement_unit_fault(
         not seen > 0
         or 1 / far < seen < far
         or np.abs(y - seen * predicted).sum() > thresholds.RECORD.half * np.abs(y).sum()
+        or _compute_unexplained_share(tests) > thresholds.RECORD.whole_off
     ):
         return None
     usual, _ = ratio(_select_reference_stiffness(None, reach))
@@ -212,6 +214,13 @@ def _find_displacement_unit_fault(
                 factor=factor,
             )
     return None
+
+
+def _compute_unexplained_share(tests: LoadTestExperiment) -> float:
+    """Return the share of the displacement that refitted joint springs leave."""
+    y, A = tests.measured[:, :3], tests.response()[:, :3]
+    left = y - A @ fit_least_absolute_deviations(A, y, np.linalg.norm(tests.wrench, axis=1))
+    return float(np.abs(left).sum() / max(float(np.abs(y).sum()), np.finfo(float).tiny))
 
 
 def _compute_softness_factors(tests: LoadTestExperiment, prior: Array) -> Array:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
+from machopt.effects import prior_scales
 from machopt.effects.recording.record_faults import COLUMNS
 from machopt.kinematics.robot import Robot
 from machopt.measurement.diagnosis import thresholds
@@ -90,7 +91,7 @@ def _find_wrong_size(tests: LoadTestExperiment) -> _LoadSize | None:
 
 
 def _is_size_off(s: _LoadSize) -> bool:
-    least = thresholds.RECORD.gain_far * max(thresholds.RESTING.force_gain, s.spread / np.sqrt(len(s.ratio_by_pose)))
+    least = thresholds.RECORD.gain_far * max(prior_scales.FORCE_GAIN.scale, s.spread / np.sqrt(len(s.ratio_by_pose)))
     alike = np.mean(np.sign(np.log(s.ratio_by_pose)) == np.sign(np.log(s.factor))) >= thresholds.RECORD.label_alike
     return abs(s.factor - 1.0) > least and bool(alike)
 

@@ -251,6 +251,14 @@ class UntestableEffect:
 
 
 @dataclass(frozen=True)
+class UncertainInputs:
+    """Inputs of the model that are stated with an uncertainty."""
+
+    columns: Array  # (N, D, P) m, rad per unit of each input's error
+    unknowns: tuple[BaseUnknown, ...]  # each with a prior
+
+
+@dataclass(frozen=True)
 class HypothesisCatalogue:
     """All hypotheses that are tried on a problem."""
 
@@ -259,3 +267,5 @@ class HypothesisCatalogue:
     axes: Mapping[str, Array] = field(default_factory=dict)  # name → (N,) values for locating a mismatch in the data
     extended_hypotheses: tuple[EffectHypothesis, ...] = ()  # tried only if the others leave more than noise
     uncatalogued_hypotheses: tuple[EffectHypothesis, ...] = ()  # tried in addition; they never become findings
+    _: KW_ONLY
+    uncertain_inputs: UncertainInputs | None = None  # fitted beside what a search selects

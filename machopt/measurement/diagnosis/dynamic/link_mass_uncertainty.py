@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtrc
 
+from machopt.effects import prior_scales
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Ints
 from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
@@ -51,7 +52,7 @@ def estimate_link_mass_sigma(
             "masses of several links differ from the URDF's: a scale of each is refitted, so that a "
             "payload shows only where no link could have it"
         )
-        return thresholds.MOTION.link_off, [words]
+        return prior_scales.WRONG_LINK_MASS.scale, [words]
     best_alternative = min(payload_loss, rival_loss, key=lambda x: float(x.sum()))
     worse = link_loss.sum() / best_alternative.sum() - 1.0
     if worse > thresholds.MOTION.links_gain or (
@@ -64,7 +65,7 @@ def estimate_link_mass_sigma(
         )
     ):
         return 0.0, []  # with many readings any free mass would absorb the payload
-    return thresholds.MOTION.link_scale, []
+    return prior_scales.LINK_MASS.scale, []
 
 
 def _is_gain_significant(gain: Array) -> bool:
@@ -88,9 +89,9 @@ def _are_masses_implausible(y: Array, base: Array, links: Array, better: bool) -
     b = y.reshape(-1)
     left, _ = fit_least_squares(b, A)
     held = np.zeros(A.shape[1])
-    held[base.shape[2] :] = np.std(left) / thresholds.MOTION.link_scale
+    held[base.shape[2] :] = np.std(left) / prior_scales.LINK_MASS.scale
     _, x = fit_least_squares(np.concatenate([b, np.zeros(len(held))]), np.concatenate([A, np.diag(held)]))
-    needed = x[base.shape[2] :] / thresholds.MOTION.link_scale
+    needed = x[base.shape[2] :] / prior_scales.LINK_MASS.scale
     chance = thresholds.MOTION.links_chance ** (2 if better else 1)
     return bool(chdtrc(len(needed), float(needed @ needed)) < chance)
 

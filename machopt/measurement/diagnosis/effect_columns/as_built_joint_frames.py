@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.data_types.kinematic_corrections import KinematicCorrection
+from machopt.effects import prior_scales
 from machopt.effects.protocol import JOINTS, Quantity
 from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
@@ -127,7 +128,7 @@ def _build_frame_hypothesis(place: str, columns: Array, V: Array, penalty: float
         family="kinematic",
         note=as_built_joint_frames.EFFECT.note,
         penalty=penalty,
-        prior_sigma=thresholds.RESTING.doubt_of_maker,
+        prior_sigma=prior_scales.FRAME_DOUBT.scale,
         is_exact=True,
     )
 
@@ -140,7 +141,7 @@ def _compute_frame_offset(V: Array, x: Array) -> as_built_joint_frames.FrameOffs
 def _build_quantities(V: Array) -> Quantities:
     def quantities(x: Array, shape: Shape) -> dict[str, Quantity]:
         p = _compute_frame_offset(V, x)
-        out = {"size": Quantity(float(np.linalg.norm(V @ x) * 1e3 * thresholds.RESTING.held_by_maker), "mm")}
+        out = {"size": Quantity(float(np.linalg.norm(V @ x) * 1e3 * prior_scales.FRAME_SHIFT.scale), "mm")}
         out |= {f"shift {a}": Quantity(float(v), "mm") for a, v in zip("xyz", 1e3 * p.shift, strict=True)}
         return out | {f"turn {a}": Quantity(float(v), "mrad") for a, v in zip("xyz", 1e3 * p.turn, strict=True)}
 
@@ -149,4 +150,4 @@ def _build_quantities(V: Array) -> Quantities:
 
 def list_manufacturing_tolerances() -> Array:
     """Return the manufacturing tolerances (6,) of a frame as standard deviations, m and rad."""
-    return np.repeat([thresholds.RESTING.held_by_maker, thresholds.RESTING.turned_by_maker], 3)
+    return np.repeat([prior_scales.FRAME_SHIFT.scale, prior_scales.FRAME_ROTATION.scale], 3)

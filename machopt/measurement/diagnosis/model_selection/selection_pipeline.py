@@ -32,7 +32,12 @@ from machopt.measurement.diagnosis.model_selection.attribution import (
     compensator_or_harmonics,
     limiting_case_laws,
 )
-from machopt.measurement.diagnosis.model_selection.evaluation import detection_limits, fold_fits, repeatable_mismatch
+from machopt.measurement.diagnosis.model_selection.evaluation import (
+    detection_limits,
+    fold_fits,
+    repeatable_mismatch,
+    uncertain_inputs,
+)
 from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import (
     estimate_parameters,
     find_rival_explanations,
@@ -91,13 +96,16 @@ def diagnose_problem(
         The result.
     """
     seed = int(rng.integers(2**31))
+
     # not stored: the columns of all laws use most of the memory, and the validation does not need them
+    def search() -> SearchState:
+        found = search_iteratively(problem, catalogue, options.max_effects, seed, rebuild, options.progress)
+        return uncertain_inputs.include_uncertain_inputs(found)
+
     return _build_diagnosis(
         attribution_guard.withhold_unsupported_names(
             limiting_case_laws.rename_limiting_cases(
-                compensator_or_harmonics.rename_harmonics_as_compensator(
-                    search_iteratively(problem, catalogue, options.max_effects, seed, rebuild, options.progress)
-                )
+                compensator_or_harmonics.rename_harmonics_as_compensator(search())
             ),
             np.random.default_rng([seed, 4]),
         ),

@@ -17,7 +17,7 @@ from machopt.data_types.locations import format_joint_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.data_types.stiffness import LEAST_STIFFNESS, ArmStiffness, StiffnessTerm
-from machopt.effects import registry
+from machopt.effects import prior_scales, registry
 from machopt.kinematics.robot import Robot, RobotMasses
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types import load_resolution
@@ -126,7 +126,7 @@ def build_load_test_problem(
             name=f"force gain, session {_describe_session(recording, s)}",
             unit="1",
             location="sensor:force",
-            prior=thresholds.RESTING.force_gain,
+            prior=prior_scales.FORCE_GAIN.scale,
             session=s,
         )
         for s in range(1, len(gains) + 1)
@@ -134,7 +134,9 @@ def build_load_test_problem(
     if curved is not None:  # known except for the compliances that it depends on
         base = np.concatenate([base, curved[:, :, None]], axis=2)
         unknowns.append(
-            BaseUnknown(name=GEOMETRIC, unit="1", location="arm", prior=thresholds.RESTING.known_to, is_stated=False)
+            BaseUnknown(
+                name=GEOMETRIC, unit="1", location="arm", prior=prior_scales.GEOMETRIC_STIFFNESS.scale, is_stated=False
+            )
         )
     if unknown_link_masses.list_links_without_mass(masses) and down is not None:
         weights, moments = unknown_link_masses.build_link_moment_columns(

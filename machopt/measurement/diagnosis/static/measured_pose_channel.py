@@ -39,7 +39,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
 from machopt.measurement.diagnosis.data_types.pose_visits import label_unbroken_runs
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
 from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames, existing_terms
-from machopt.measurement.diagnosis.static import inclinometer_equations
+from machopt.measurement.diagnosis.static import inclinometer_equations, link_mass_columns
 from machopt.measurement.diagnosis.static.measured_pose_hypotheses import build_measured_pose_catalogue
 from machopt.measurement.diagnosis.static.nominal_pose_model import CorrectedArm, NominalPoseModel
 from machopt.numerics.array_types import Array
@@ -165,7 +165,11 @@ def build_measured_pose_problem(
         else inclinometer_equations.mark_measured_coordinates(model.D, readings.inclinometer),
     )
     readings = replace(readings, visit=visit, cycle=visit)
-    return problem, build_measured_pose_catalogue(readings, problem), (*model.build_notes(frame), *apart)
+    catalogue = replace(
+        build_measured_pose_catalogue(readings, problem),
+        uncertain_inputs=link_mass_columns.build_link_mass_inputs(readings),
+    )
+    return problem, catalogue, (*model.build_notes(frame), *apart)
 
 
 def _build_corrected_arm(cell: Cell, found: tuple[KinematicCorrection, ...]) -> CorrectedArm | None:

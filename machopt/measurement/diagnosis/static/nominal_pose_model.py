@@ -18,6 +18,7 @@ from machopt.data_types.locations import format_joint_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.effects import prior_scales
 from machopt.effects.protocol import JOINTS
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
@@ -228,10 +229,10 @@ class NominalPoseModel:
                 and np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > thresholds.RESTING.least_bend
             ):
                 parts.append(bend[:, : self.D, j : j + 1])
-                known = thresholds.RESTING.rubber * self.nominal[j] if self.cell.stiffness is not None else None
+                known = prior_scales.COMPLIANCE.scale * self.nominal[j] if self.cell.stiffness is not None else None
                 where, key = format_joint_location(j + 1), build_joint_spring_key(j + 1)
                 built = (
-                    (thresholds.RESTING.stiffest * self.nominal[j], thresholds.RESTING.rubber * self.nominal[j])
+                    (thresholds.RESTING.stiffest * self.nominal[j], prior_scales.COMPLIANCE.scale * self.nominal[j])
                     if self.weight_alone
                     else None
                 )
@@ -420,7 +421,7 @@ class NominalPoseModel:
     def _list_reflector_unknowns(self) -> list[BaseUnknown]:
         if not self.recording.targets:
             return [BaseUnknown(name=f"target {a}", unit="m", location="tool") for a in "xyz"]
-        sigma = self.recording.uncertainty.target or thresholds.RESTING.nest_placed
+        sigma = self.recording.uncertainty.target or prior_scales.TARGET_POSITION.scale
         return [
             BaseUnknown(name=f"target {t.name} {a}", unit="m", location="tool", prior=sigma)
             for t in self.recording.targets
@@ -433,8 +434,8 @@ class NominalPoseModel:
         spring = np.array([u.spring_joint is not None for u in unknowns], bool)
         size = np.array([1.0 if u.spring_joint is None else self.nominal[u.spring_joint - 1] for u in unknowns])
         nest = np.array([u.spring_joint is None and u.prior is not None for u in unknowns], bool)
-        lean = np.where(spring, 1.0 / thresholds.RESTING.spring_prior, 0.0)
-        placed = [unknowns[k].prior or thresholds.RESTING.nest_placed for k in np.flatnonzero(nest).tolist()]
+        lean = np.where(spring, 1.0 / prior_scales.FIRST_FIT_COMPLIANCE.scale, 0.0)
+        placed = [unknowns[k].prior or prior_scales.TARGET_POSITION.scale for k in np.flatnonzero(nest).tolist()]
         lean[nest] = 1.0 / (loose * np.array(placed))
         to = np.where(nest, -lean * totals, 0.0)  # steps towards nominal positions
         lower = np.array([u.lower for u in unknowns])

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.data_types.locations import format_link_location
+from machopt.effects import prior_scales
 from machopt.kinematics.robot import RobotMasses
-from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.measurement.estimation.reading_covariance import compute_joint_sensitivity
@@ -90,7 +90,7 @@ def build_link_moment_columns(
     z = np.moveaxis(r.state.J[:, 3:], 2, 0)  # (6, N, 3) axes
     moved = compute_joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions]
     deflection = r.load_torque * r.compliance  # rad under the load
-    prior = thresholds.RESTING.first_moment * estimate_reach(r.robot, r.T_flange_tcp) ** 4
+    prior = prior_scales.LINK_FIRST_MOMENT.scale * estimate_reach(r.robot, r.T_flange_tcp) ** 4
     out, unknowns = [], []
     for link in links:
         for k, name in enumerate("xyz"):

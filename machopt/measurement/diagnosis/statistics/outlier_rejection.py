@@ -107,7 +107,7 @@ def find_repeated_deviations(problem: DiagnosisProblem, residual: Array, off: Fl
     if not len(rows):
         return out
     kind = np.unique(problem.replicate[rows], return_inverse=True)[1].reshape(-1)
-    visits, visit = np.unique(problem.visit[rows], return_inverse=True)
+    visits, visit = np.unique(problem.replicate_visit[rows], return_inverse=True)
     own = np.unique(kind * len(visits) + visit.reshape(-1), return_inverse=True)[1].reshape(-1)
     twins = np.bincount(kind)[kind] - np.bincount(own)[own]
     at = np.flatnonzero(off[rows] & (twins > 0))

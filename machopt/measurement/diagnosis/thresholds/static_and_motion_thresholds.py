@@ -15,24 +15,11 @@ class StaticThresholds:
     """Thresholds of load tests and measured poses."""
 
     same_load: float = _set(0.08, "of the largest load of a pose: readings so near are of the same load", JUDGEMENT)
-    known_to: float = _set(0.2, "share of K_C that the compliances found leave open", JUDGEMENT)
-    force_gain: float = _set(0.02, "1 sigma of the force between sessions", JUDGEMENT)
-    first_moment: float = _set(
-        10.0, "kg·m per m⁴ of reach, 1 sigma of what a long link bears where no file tells its weight", JUDGEMENT
-    )
     heavy: float = _set(
         2.0, "robust standard deviations, from where on a reading counts less in the first fit of poses", JUDGEMENT
     )
-    rubber: float = _set(
-        5.0, "times the cell's compliance, 1 sigma: frames and waves must not turn a spring to rubber", JUDGEMENT
-    )
     near_cell: float = _set(
         2.0, "factor around the cell's compliance within which springs stay that weights are seen through", JUDGEMENT
-    )
-    spring_prior: float = _set(
-        1.0,
-        "relative 1 sigma of the cell's stiffness, which the first fit leans on where weight says nothing",
-        JUDGEMENT,
     )
     usual_joint: float = _set(1e-06, "rad/(N·m), where the cell has no stiffness", JUDGEMENT)
     lever: float = _set(
@@ -70,13 +57,6 @@ class StaticThresholds:
     poses_per_order: float = _set(3.0, "distinct angles that each order of a wave asks for", JUDGEMENT)
     least_turn: float = _set(
         float(np.radians(15.0)), "rad, range of a joint below which a torque by its angle does not show", JUDGEMENT
-    )
-    held_by_maker: float = _set(0.0005, "m, 1 sigma of an axis beside its drawing", JUDGEMENT)
-    turned_by_maker: float = _set(float(np.radians(0.05)), "rad, the same of its direction", JUDGEMENT)
-    doubt_of_maker: float = _set(
-        1.0,
-        "times what a maker holds, 1 sigma of a frame: what poses hardly tell apart stays near the drawing",
-        JUDGEMENT,
     )
     aside: float = _set(
         8.0,
@@ -124,9 +104,6 @@ class StaticThresholds:
     shown_geometry: float = _set(0.03, "of a direction's own size that the base must leave", JUDGEMENT)
     weak_geometry: float = _set(
         0.02, "of the strongest direction that is shown: weaker ones would need millimetres to be seen", JUDGEMENT
-    )
-    nest_placed: float = _set(
-        0.002, "m, 1 sigma of a reflector's nominal place in the first fit, where the recording states none", JUDGEMENT
     )
     stand_turned: float = _set(
         0.1, "rad of a tracker's own frame against base_link: beyond, it is brought there first", JUDGEMENT
@@ -180,7 +157,6 @@ class MotionThresholds:
     describes: float = _set(
         0.1, "of the range of a joint's torque that rigid bodies may leave where gears are loaded by them", JUDGEMENT
     )
-    link_scale: float = _set(0.05, "1 sigma of what a URDF states of a link", JUDGEMENT)
     part_of_load: float = _set(
         8.0,
         "gain that a motion asks for before it holds mass or place of a load for as stated",
@@ -189,7 +165,6 @@ class MotionThresholds:
     links_chance: float = _set(
         1e-2, "of masses so far off: below it a payload that predicts no worse is the better reason", JUDGEMENT
     )
-    link_off: float = _set(0.15, "the same where the data say plainly that links are off", JUDGEMENT)
     links_gain: float = _set(
         0.02, "share of the held-out error that scales of link masses must take beyond what a payload takes", JUDGEMENT
     )

@@ -1,7 +1,8 @@
 """Waves of a joint that may be named as a transmission error, and waves that are a correction without a name.
 
 A sum of low orders on a part of a turn is any smooth curve. It lowers the error, but its cause is not known. A wave is
-named only if the readings cover its period, and if its amplitude is one that gears have.
+named only if the readings cover its period, and if its amplitude is one that gears have. A wave of a worn gear is
+larger. It is named where the readings cover two periods of an order that neither frames nor gravity compensators have.
 """
 
 from __future__ import annotations
@@ -44,16 +45,24 @@ def split_waves(finding: Finding) -> SplitWaves:
         finding: Any finding.
 
     Returns:
-        Both parts; a finding that is no transmission error with an angle range is named as a whole.
+        Both parts; a finding that is no transmission error with an angle range is named as a whole. The waves of a
+        gravity compensator only state its rotation in kinematics.yaml.
     """
     c = finding.correction
-    if not isinstance(c, KinematicCorrection) or c.effect != WAVES.file_word or RANGE_KEY not in c.parameters:
+    if (
+        finding.effect != WAVES.file_word
+        or not isinstance(c, KinematicCorrection)
+        or c.effect != WAVES.file_word
+        or RANGE_KEY not in c.parameters
+    ):
         return SplitWaves(finding, None)
     orders, cos, sin = (np.atleast_1d(np.asarray(c.parameters[key], float)) for key in (ORDERS, COS, SIN))
     low, high = c.parameters[RANGE_KEY]
     periods = orders * (high - low) / 360.0
-    largest = thresholds.PROOF.largest_wave * TransmissionError.prior / ARCSEC
-    is_named = (periods >= thresholds.PROOF.named_periods) & (np.hypot(cos, sin) <= largest)
+    is_sure = (periods >= thresholds.PROOF.sure_periods) & (orders >= thresholds.RESTING.above_balancer)
+    largest = np.where(is_sure, thresholds.PROOF.largest_sure_wave, thresholds.PROOF.largest_wave)
+    is_plausible = np.hypot(cos, sin) <= largest * TransmissionError.prior / ARCSEC
+    is_named = (periods >= thresholds.PROOF.named_periods) & is_plausible
     if is_named.all():
         return SplitWaves(finding, None)
     unnamed = convert_to_unnamed(finding, ~is_named)

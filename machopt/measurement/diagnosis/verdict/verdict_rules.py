@@ -154,8 +154,16 @@ def _separate_unnamed_corrections(d: DiagnosisResult) -> DiagnosisResult:
 
 
 def _is_unnamed_correction(d: DiagnosisResult, f: Finding) -> bool:
+    """Return whether a kinematic correction has no certain size, hardly any gain, or a cause that poses do not show.
+
+    A torque by the angle of a joint turns it by a smooth curve, as low orders do. It is named only where it leaves
+    nothing else, so that no other smooth error is in it.
+    """
     if not isinstance(f.correction, KinematicCorrection):
         return False
+    is_torque = f.effect != f.correction.effect
+    if is_torque and not d.heldout_after <= thresholds.PROOF.as_noise * d.measured_noise:
+        return True
     whole, own = d.heldout_before - d.heldout_after, f.before - f.after
     least = thresholds.PROOF.named_gain
     return not _has_certain_size(f) or (own < least * whole and own < least * f.after)

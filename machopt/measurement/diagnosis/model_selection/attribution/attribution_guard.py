@@ -18,7 +18,7 @@ from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import UNCATALOGUED, EffectHypothesis
-from machopt.measurement.diagnosis.model_selection.attribution import time_stability
+from machopt.measurement.diagnosis.model_selection.attribution import place_certainty, time_stability
 from machopt.measurement.diagnosis.model_selection.evaluation import repeatable_mismatch
 from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import is_size_significant
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
@@ -32,6 +32,7 @@ from machopt.measurement.diagnosis.model_selection.screening.session_transfer im
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
     SelectedEffect,
     add_selected_effects,
+    has_plausible_sizes,
     is_supported_without_session_check,
 )
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
@@ -41,6 +42,7 @@ from machopt.numerics.array_types import Array
 
 SMALL_GAIN_REASON = "explains little more than what is left beside it"
 IMPLAUSIBLE_REASON = "would need numbers that nothing built has"
+BETTER_LAW_REASON = "fits worse than another law of this place, which would need a size that nothing built has"
 ZERO_SIZE_REASON = "may as well be of no size at all"
 UNCATALOGUED_REASON = "is no better than a form without a name"
 MIN_COEFFICIENTS = 4  # least number of coefficients of an uncatalogued form in measured poses
@@ -60,6 +62,7 @@ def withhold_unsupported_names(state: SearchState, rng: np.random.Generator) -> 
     state = replace(
         state, chosen=tuple(c if _is_plausible(c) else _remove_name(c, IMPLAUSIBLE_REASON) for c in state.chosen)
     )
+    state = replace(state, chosen=tuple(_withhold_if_implausible_law_fits(state, k) for k in range(len(state.chosen))))
     if state.problem.channel == "deflection":
         state = replace(state, chosen=tuple(_withhold_if_size_uncertain(state, k) for k in range(len(state.chosen))))
         state = replace(state, chosen=tuple(_withhold_if_uncatalogued_fits(state, k) for k in range(len(state.chosen))))
@@ -105,7 +108,7 @@ def withhold_unsupported_names(state: SearchState, rng: np.random.Generator) -> 
         # a frame law is exact: the remainder has another cause and must be clearly larger
         frame = c.whitened.hypothesis.effect == as_built_joint_frames.EFFECT.name
         most = thresholds.PROOF.outweighs_exact if frame else thresholds.PROOF.outweighs
-        if left > most * taken:
+        if left > most * taken and not place_certainty.is_place_certain(state, chosen, k):
             out[k] = _remove_name(c, SMALL_GAIN_REASON)
     return replace(state, chosen=tuple(out))
 
@@ -186,6 +189,24 @@ def _compute_repeatable_power(state: SearchState, residual: Array) -> float:
 def _is_plausible(c: SelectedEffect) -> bool:
     h, s = c.whitened.hypothesis, c.scored
     return not h.is_in_catalogue or h.is_plausible(s.x * c.whitened.unit[s.shape], c.whitened.shapes[s.shape])
+
+
+def _withhold_if_implausible_law_fits(state: SearchState, k: int) -> SelectedEffect:
+    """Return the k-th effect, withheld if another effect of its place fits clearly better at an implausible size."""
+    c = state.chosen[k]
+    h = c.whitened.hypothesis
+    rivals = [
+        t
+        for t in state.whitened_hypotheses
+        if t.hypothesis.location == h.location and t.hypothesis.effect != h.effect and t.hypothesis.is_in_catalogue
+    ]
+    if not h.is_in_catalogue or not rivals:
+        return c
+    beside = add_selected_effects(state.base, [o for i, o in enumerate(state.chosen) if i != k])
+    own = score_hypotheses(beside, [c.whitened])[0].total
+    better = [s for s in score_hypotheses(beside, rivals) if not has_plausible_sizes(s)]
+    least = (1.0 + thresholds.DETECTION.beside) * own
+    return _remove_name(c, BETTER_LAW_REASON) if any(s.total > least for s in better) else c
 
 
 def _withhold_if_size_uncertain(state: SearchState, k: int) -> SelectedEffect:

@@ -16,6 +16,7 @@ from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, HypothesisCatalogue
 from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, joint_selection
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search.predictive_score import compute_set_score, get_required_gain
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     WhitenedHypothesis,
     WhitenedModel,
@@ -87,12 +88,19 @@ def _search_again(
     rng: np.random.Generator,
     fits: float,
 ) -> SearchOutcome:
-    """Return the outcome of a search with further laws; ``found`` if none of them is accepted."""
+    """Return the outcome of a search with further laws; ``found`` if none of them is accepted.
+
+    A joint selection combines the further waves of a joint with others, so that its law is none of the list. Then the
+    predictive score decides.
+    """
     more = whiten_hypotheses(base, laws)
     if not more:
         return found
     again = joint_selection.search_effects(base, (*found[0], *more), most, rng, fits)
-    return again if any(any(c.whitened is t for t in more) for c in again[1]) else found
+    if any(any(c.whitened is t for t in more) for c in again[1]):
+        return again
+    least = compute_set_score(base, found[1]) + get_required_gain()
+    return again if compute_set_score(base, again[1]) > least else found
 
 
 def _is_shorter_description(base: WhitenedModel, new: Sequence[SelectedEffect], old: Sequence[SelectedEffect]) -> bool:

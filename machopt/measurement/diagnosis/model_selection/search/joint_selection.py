@@ -31,8 +31,11 @@ from machopt.measurement.diagnosis.model_selection.search.description_length imp
     find_shortest_description,
 )
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
+    BODY,
     SelectedEffect,
+    compute_body_error_share,
     compute_chances,
+    compute_law_error,
     has_plausible_sizes,
     prune_joint_effects,
     select_effects,
@@ -88,10 +91,26 @@ def search_effects(
     joint = [SelectedEffect(s, 1.0) for s in score_hypotheses(model, _whiten_picked(model, picked))]
     chosen = compute_chances(model, drop_unpredictive_effects(model, joint), laws, rng)
     chosen = [c for c in chosen if c.p_value <= thresholds.DETECTION.chance and has_plausible_sizes(c.scored)]
-    chosen = score_together(model, chosen)
+    chosen = _drop_law_errors(model, score_together(model, chosen), laws)
     if compute_set_score(model, chosen) <= compute_set_score(model, found[1]) + get_required_gain():
         return found
     return _list_rivals(laws, [c.whitened for c in joint]), tuple(chosen)
+
+
+def _drop_law_errors(
+    model: WhitenedModel, chosen: Sequence[SelectedEffect], laws: Sequence[WhitenedHypothesis]
+) -> list[SelectedEffect]:
+    """Drop effects that gain no more than the law of a compliant body may leave, the smallest first."""
+    out, share = list(chosen), compute_body_error_share(laws)
+    while True:
+        bodies = [c for c in out if c.whitened.hypothesis.family == BODY]
+        weak = [
+            c for c in out if c.scored.gain <= compute_law_error(c.scored, [o for o in bodies if o is not c], share)
+        ]
+        if not bodies or not weak:
+            return out
+        least = min(weak, key=lambda c: c.scored.gain)
+        out = score_together(model, [o for o in out if o is not least])
 
 
 def _search_few_or_many(
@@ -101,7 +120,9 @@ def _search_few_or_many(
     model, laws = sums.model, sums.laws
     found = select_many_effects(model, laws, fits, sums, offsets) if most >= DEFAULT_MAX_EFFECTS else []
     if found:
-        return _list_rivals(laws, found), tuple(prune_joint_effects(model, found, laws, rng))
+        needed = prune_joint_effects(model, found, laws, rng)
+        is_crowded = len(needed) > thresholds.RESTING.crowded
+        return _list_rivals(laws, found), tuple(needed if is_crowded else _drop_law_errors(model, needed, laws))
     if _has_frame_laws(laws):
         few = find_shortest_description(model, select_effects(model, laws, most, rng), sums, most)
         return tuple(laws), tuple(exchange_for_weight_laws(model, few, laws, rng))
