@@ -365,10 +365,7 @@ def _format_reentries(result: OptimizeDocument) -> list[str]:
                 for what, value in (("mean", entry.mean_percent), ("worst", entry.worst_percent))
                 if value is not None
             ]
-            out.append(
-                f"  lifted inside of a cut at point {places}, which leaves a mark there: {', '.join(changes)} against "
-                "the plan without"
-            )
+            out.append(f"  re-entry at point {places}: {', '.join(changes)} against the plan without")
         if entry.reason:
             out.append(f"  {'no further' if entry.points else 'no'} re-entry: {entry.reason}")
     return out

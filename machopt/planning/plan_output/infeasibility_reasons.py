@@ -12,6 +12,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.external_axis_reasons import explain_external_axes, list_overruled_pins
 from machopt.planning.plan_output.reach_advice import compute_reach_shift
+from machopt.planning.plan_output.reentry_section import list_reentry_points
 from machopt.planning.plan_output.unit_check import compute_maximum_reach
 from machopt.planning.sampling.configurations import solve_station
 from machopt.planning.uncertainty.external_axis_settlement import describe_settlement
@@ -377,6 +378,7 @@ def list_hints(plan: Plan) -> tuple[str, ...]:
     if plan.setup.correction is not None:
         out += plan.setup.correction.list_range_violations(plan.chosen.assignment.q)
     out += _where_external(plan) + list_overruled_pins(plan)
+    out += _describe_reentries(plan)
     out += describe_settlement(plan)
     changes = _changes(plan)
     if changes:
@@ -402,6 +404,18 @@ def _where_external(plan: Plan) -> list[str]:
             span = f"at {a} {unit}" if high - low < 1e-6 else f"from {a} to {b} {unit}"
             out.append(f"External joint {name} (e{k + 1}) is at {span} while cutting.")
     return out
+
+
+def _describe_reentries(plan: Plan) -> list[str]:
+    """Say where the tool is lifted inside of a cut."""
+    points = list_reentry_points(plan)
+    if not points:
+        return []
+    several = len(points) > 1
+    return [
+        f"The tool is lifted inside of the cut at {'points' if several else 'point'} {_some(points)} and enters again "
+        "there: it leaves a mark."
+    ]
 
 
 def _changes(plan: Plan) -> list[str]:
