@@ -172,7 +172,9 @@ def _correct_recording(
     """Correct columns and units first, then reflectors and sessions, then labels and gains."""
     T, prior = cell.tool.T_flange_tcp, None if cell.stiffness is None else cell.stiffness.joints
     recording, found = pose_units.correct_pose_units(recording, robot, T, accept)
-    recording, convention = joint_conventions.correct_joint_convention(recording, robot, T, accept)
+    recording, convention = joint_conventions.correct_joint_convention(
+        recording, robot, T, accept, cell.controller.joint_map
+    )
     found = [*found, *convention]
     recording, reflector_notes = reflectors_and_tracker_frames.transform_to_base(recording, robot, T)
     guessed = cell.stiffness is not None and cell.stiffness.estimated
