@@ -21,8 +21,10 @@ from machopt.measurement.diagnosis.data_quality import (
     moved_tracker_or_target,
     outlier_rows,
     pose_units,
+    quaternion_conventions,
     session_force_gain,
     shifted_rows,
+    stated_frame_and_tcp,
     static_record_correction,
     wrong_weight_label,
 )
@@ -175,7 +177,9 @@ def _correct_recording(
     recording, convention = joint_conventions.correct_joint_convention(
         recording, robot, T, accept, cell.controller.joint_map
     )
-    found = [*found, *convention]
+    recording, frames = stated_frame_and_tcp.correct_stated_frame(recording, robot, T, accept)
+    recording, quaternions = quaternion_conventions.correct_quaternion_convention(recording, robot, T, accept)
+    found = [*found, *convention, *frames, *quaternions]
     recording, reflector_notes = reflectors_and_tracker_frames.transform_to_base(recording, robot, T)
     guessed = cell.stiffness is not None and cell.stiffness.estimated
     recording, findings, warnings = static_record_correction.correct_static_record(

@@ -35,6 +35,7 @@ from machopt.numerics.array_types import Array
 
 MOST = {"absolute": 400, "deflection": 160}  # most readings used: a convention shows in a few
 ZERO_TURNS = (90.0, -90.0, 180.0)  # degrees by which zero positions of conventions differ
+SIGNED_PERMUTATIONS = 48  # ways to write three axes
 COUPLED, COUPLING = 2, 1  # joints (0-based) of which a pendant may count the first against the horizontal
 DEEPEST, WIDTH = 4, 8  # most joints in another convention; conventions that each step of the search keeps
 
@@ -107,7 +108,7 @@ def correct_joint_convention(
         return recording, []
     tried = _search_conventions(part.q, test, stated, joint_map)
     best = tried[0]
-    if not _is_accepted(stated, best):
+    if not _is_accepted(stated, best) or _is_mirrored(part, robot, T_flange_tcp, best):
         return recording, []
     rivals = [t for t in tried[1:] if t.cost - best.cost < thresholds.DETECTION.shorter and not _is_same(t, best)]
     if rivals:
@@ -231,6 +232,22 @@ def _is_accepted(stated: _TestedConvention, best: _TestedConvention) -> bool:
     return best.fit.mean_error < best.fit.falls * stated.fit.mean_error or (
         stated.fit.is_point_misplaced and not best.fit.is_point_misplaced
     )
+
+
+def _is_mirrored(part: Recording, robot: Robot, T: Array, best: _TestedConvention) -> bool:
+    """Return whether left-handed axes of the positions explain poses in fewer words than the joints do.
+
+    An arm that is mirrored at its middle plane is the arm with the signs of joints 1, 4 and 6 changed.
+    """
+    if part.kind != "absolute" or part.position is None:
+        return False
+    for axis in range(3):
+        mirror = np.ones(3)
+        mirror[axis] = -1.0
+        fit = build_pose_fit(replace(part, position=part.position * mirror), robot, T)(part.q)
+        if fit.cost + 2.0 * float(np.log(SIGNED_PERMUTATIONS)) < best.cost + thresholds.DETECTION.shorter:
+            return True
+    return False
 
 
 def _is_same(one: _TestedConvention, other: _TestedConvention) -> bool:
