@@ -17,6 +17,7 @@ from machopt.kinematics.robot import Robot, load_masses, load_robot
 from machopt.measurement.diagnosis.data_quality.joint_conventions import correct_joint_convention
 from machopt.measurement.diagnosis.data_quality.misplaced_reflectors import correct_misplaced_reflectors
 from machopt.measurement.diagnosis.data_quality.quaternion_conventions import correct_quaternion_convention
+from machopt.measurement.diagnosis.data_quality.separate_sessions import correct_separate_sessions
 from machopt.measurement.diagnosis.data_quality.stated_frame_and_tcp import correct_stated_frame
 
 CELL = "irb6700_drilling"
@@ -144,3 +145,22 @@ def test_a_mirrored_tracker_is_no_mirrored_arm() -> None:
     assert right.position is not None
     mirrored = replace(right, position=right.position * [1.0, -1.0, 1.0])
     assert correct_joint_convention(mirrored, robot, T) == (mirrored, [])
+
+
+@pytest.mark.parametrize("cause", ["target", "frame"])
+def test_a_session_without_common_poses_is_brought_to_the_others(cause: str) -> None:
+    cell, robot, T = built()
+    right = replace(poses("fit"), quaternion=None)
+    assert right.position is not None
+    session = (np.arange(len(right)) % 2).astype(np.int64) + 3
+    later = session == 4
+    right = replace(right, session=session)
+    R = robot.compute_fk(right.q, T)[:, :3, :3] @ T[:3, :3].T
+    move = R @ np.array([-0.004, 0.001, 0.002]) if cause == "target" else np.array([0.002, 0.003, -0.001])
+    wrong = replace(right, position=right.position + np.where(later[:, None], move, 0.0))
+    read, (finding,) = correct_separate_sessions(wrong, robot, load_masses(cell), T)
+    assert finding.location == ("column:target" if cause == "target" else "sensor:displacement")
+    assert finding.parameters["session"].value == 4
+    assert read.position is not None
+    assert np.linalg.norm(read.position - right.position, axis=1).max() < 3e-4
+    assert correct_separate_sessions(right, robot, load_masses(cell), T) == (right, [])

@@ -22,6 +22,7 @@ from machopt.measurement.diagnosis.data_quality import (
     outlier_rows,
     pose_units,
     quaternion_conventions,
+    separate_sessions,
     session_force_gain,
     shifted_rows,
     stated_frame_and_tcp,
@@ -194,7 +195,8 @@ def _correct_recording(
         recording, assigned = exchanged_inclinometer_columns.correct_inclinometer_columns(
             recording, cell, robot, masses, accept
         )
-        found += [*put_down, *assigned]
+        recording, separate = separate_sessions.correct_separate_sessions(recording, robot, masses, T, accept)
+        found += [*put_down, *assigned, *separate]
     recording, relabelled = wrong_weight_label.correct_wrong_weight_labels(recording, robot, T, accept)
     recording, louder = session_force_gain.correct_session_force_gains(recording, robot, T, accept)
     return _CorrectedRecording(recording, [*found, *relabelled, *louder], tuple(reflector_notes), tuple(warnings))
