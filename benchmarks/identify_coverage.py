@@ -4,8 +4,9 @@
 which shares no code and no law with machopt. Each arm hides one effect: a soft base, link or tool, or a gear with
 play, hysteresis or nonlinear stiffness, that leaves 1, 2.5 or 6 times the noise after a refit of the springs. It prints
 how many intervals of the joint springs hold the truth, and of the deflection at six poses of a job: where the load
-rises to its value, and where it comes down to it. The width is compared with that of the same arm without the effect,
-as a fit has it that knows law and place.
+rises to its value, and where it comes down to it. The width is compared with that of
+a fit which knows law and place: with that body fitted beside the springs (``--fit``), or of a gear the same arm without
+the effect.
 
 ``--draws N`` (default 4) records per effect and size, ``--first K`` the first draw.
 """
@@ -66,7 +67,7 @@ class Tally:
     springs: list[bool] = field(default_factory=list)
     rising: list[bool] = field(default_factory=list)
     falling: list[bool] = field(default_factory=list)
-    spring_widths: list[float] = field(default_factory=list)  # per that of the arm without the effect
+    spring_widths: list[float] = field(default_factory=list)  # per that of a fit which knows law and place
     job_widths: list[float] = field(default_factory=list)
     refused: int = 0
 
@@ -111,10 +112,10 @@ class Answer:
     half: np.ndarray  # (6,) m, half width of the 90 % interval
 
 
-def identify(folder: Path) -> IdentifyComputation:
-    """Identify the recording of a case."""
+def identify(folder: Path, fit: tuple[str, ...] = ()) -> IdentifyComputation:
+    """Identify the recording of a case, with terms fitted beside the springs."""
     request = IdentifyRequest(
-        cell=folder / "cell", recordings=(folder / "recording",), out=folder / "out", studies=False
+        cell=folder / "cell", recordings=(folder / "recording",), out=folder / "out", studies=False, terms=fit
     )
     return compute_identification(request, lambda _: None)
 
@@ -137,7 +138,7 @@ def read_answer(done: IdentifyComputation, job: Job) -> Answer:
 
 
 def score(folder: Path, case: Case, draw: int, tally: Tally) -> None:
-    """Identify a case and the same arm without its effect, and count."""
+    """Identify a case without and with knowledge of its effect, and count."""
     nominal, scene, quiet, effects, rng = draw_case(case, "dev", draw)
     assert isinstance(scene, LoadTest)
     job = build_job(scene, effects, rng)
@@ -146,7 +147,11 @@ def score(folder: Path, case: Case, draw: int, tally: Tally) -> None:
     for name, clean in (("hidden", scene.clean(effects)), ("plain", quiet)):
         recording_tables.write(channel_dispatch.table(scene, clean, rng), folder / name / "recording")
     try:
-        found, plain = (read_answer(identify(folder / name), job) for name in ("hidden", "plain"))
+        found = read_answer(identify(folder / "hidden"), job)
+        effect = effects[0]
+        known = effect.effect.endswith("_compliance")
+        fit = (f"{effect.effect}@{effect.location}",) if known else ()
+        plain = read_answer(identify(folder / ("hidden" if known else "plain"), fit), job)
     except InputError as problem:
         tally.refused += 1
         print(f"  {case.key}: {problem}", file=sys.stderr)

@@ -24,6 +24,7 @@ from machopt.data_types.documents.identification_document import (
 )
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ModelDiscrepancy
+from machopt.kinematics.robot import load_robot
 from machopt.measurement.identification.assessment.coefficient_uncertainty import compute_coefficient_uncertainty
 from machopt.measurement.identification.assessment.misfit_intervals import (
     find_inseparable_sums,
@@ -81,7 +82,11 @@ def build_identification_document(
                 joint_at_least_Nm_per_rad=s.least_joint_stiffness,
                 body_at_most_rad_per_Nm=s.compliance[1],
             )
-            for s in (() if doubt is None else find_inseparable_sums(known, doubt, found.sessions, CI90))
+            for s in (
+                ()
+                if doubt is None
+                else find_inseparable_sums(known, load_robot(cell).axis, doubt, found.sessions, CI90)
+            )
         ),
         terms=_build_term_entries(found, terms90),
         known_combinations=tuple(found.combinations),

@@ -116,6 +116,10 @@ class IdentificationThresholds:
     force_gain: float = _set(
         0.005, "1 sigma of a load cell's gain in one session: data sheets of 0.5 to 1 % of full scale", JUDGEMENT
     )
+    branch_pairs: int = _set(12, "pairs of rising and falling loads, below which no loop is estimated", JUDGEMENT)
+    same_load: float = _set(0.05, "of the largest load of a cycle, by which loads of a pair may differ", JUDGEMENT)
+    weak_torque: float = _set(0.05, "of a joint's largest torque: below it has no side", JUDGEMENT)
+    loop_shown: float = _set(3.0, "standard errors of the half width of a loop that is counted", JUDGEMENT)
     replicates: float = _set(
         3.0, "equations per column, from which replicates are judged beside all columns", JUDGEMENT
     )
