@@ -14,11 +14,13 @@ from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty, TrackerTarget
 from machopt.kinematics.robot import Robot, load_masses, load_robot
+from machopt.measurement.diagnosis.data_quality.correction_candidates import select_rows
 from machopt.measurement.diagnosis.data_quality.joint_conventions import correct_joint_convention
 from machopt.measurement.diagnosis.data_quality.misplaced_reflectors import correct_misplaced_reflectors
 from machopt.measurement.diagnosis.data_quality.quaternion_conventions import correct_quaternion_convention
 from machopt.measurement.diagnosis.data_quality.separate_sessions import correct_separate_sessions
 from machopt.measurement.diagnosis.data_quality.stated_frame_and_tcp import correct_stated_frame
+from machopt.measurement.diagnosis.data_types.reflectors_and_tracker_frames import transform_to_base
 
 CELL = "irb6700_drilling"
 TURN = Rotation.from_rotvec([0.4, -0.9, 1.1])
@@ -164,3 +166,17 @@ def test_a_session_without_common_poses_is_brought_to_the_others(cause: str) -> 
     assert read.position is not None
     assert np.linalg.norm(read.position - right.position, axis=1).max() < 3e-4
     assert correct_separate_sessions(right, robot, load_masses(cell), T) == (right, [])
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_unknown_places_of_reflectors_are_estimated(count: int) -> None:
+    """Places of 0, 0, 0 in the flange, one reflector or several."""
+    cell, robot, T = built()
+    right = poses("fit", reflectors=True)
+    assert right.target is not None
+    right = replace(select_rows(right, right.target < count), targets=right.targets[:count])
+    unknown = tuple(TrackerTarget(t.name, (0.0, 0.0, 0.0)) for t in right.targets)
+    recording, _ = transform_to_base(replace(right, targets=unknown), robot, T)
+    read, _ = correct_misplaced_reflectors(recording, cell, robot, load_masses(cell))
+    shown = np.array([t.place for t in read.targets]) - [t.place for t in right.targets]
+    assert 1e3 * np.abs(shown).max() < 2.0

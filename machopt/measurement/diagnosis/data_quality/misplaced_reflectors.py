@@ -49,7 +49,7 @@ def correct_misplaced_reflectors(
     Returns:
         The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
-    if len(recording.targets) < 2:
+    if not recording.targets:
         return recording, []
     model = NominalPoseModel(recording, cell, robot, masses, frozenset())
     first = model.fit_base(LOOSE_UNCERTAINTY_FACTOR)
@@ -92,7 +92,7 @@ def _move_all_reflectors(
     far = [n for n, off in enumerate(np.linalg.norm(first.target, axis=1)) if off > threshold]
     state, p, _ = model.predict(first)
     columns, unknowns = model.columns(state, p)
-    if len(far) < 2 or model.count_undetermined_directions(columns, unknowns):
+    if len(far) < min(2, len(recording.targets)) or model.count_undetermined_directions(columns, unknowns):
         return recording, []
     held = model.fit_base()
     nominal, shown = (_compute_errors(model, fit) for fit in (held, first))
