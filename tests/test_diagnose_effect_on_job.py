@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from machopt.measurement.diagnosis.outputs.effect_on_toolpath import (
     TEST_FORCE,
     _format_effect_sentence,
     compare_toolpath_plans,
+    rank_findings,
 )
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.pipeline.path_planner import plan_path
@@ -193,3 +195,17 @@ def test_a_new_choice_that_bends_more_is_not_called_less() -> None:
 
     assert said(1.149).endswith("no less in the mean.")
     assert said(1.143).endswith("hardly less.")
+
+
+def test_findings_are_ranked_by_what_they_change_at_the_job(effect: dict[str, Any]) -> None:
+    entries = effect["by_finding"]
+    sizes = [e["deflection_mm"] for e in entries]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[0] > 0.0
+    names = [(e["effect"], e["location"]) for e in entries]
+    assert ("joint_hysteresis", "joint:4") in names
+    small = SimpleNamespace(effect="joint_zero_offset", location="joint:1")
+    large = SimpleNamespace(effect="joint_hysteresis", location="joint:4")
+    section = JobEffectSection(toolpath="t", sentence="s", reason=None, changes=(), by_finding=tuple(entries))
+    assert rank_findings((small, large), section) == (large, small)  # type: ignore[arg-type]
+    assert rank_findings((small, large), None) == (small, large)  # type: ignore[arg-type]

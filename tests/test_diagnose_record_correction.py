@@ -17,6 +17,7 @@ from simulated_hidden_effects import (
     build_rough_backlash,
     load_tests,
     plan_load_tests,
+    solve_equilibrium,
 )
 
 from machopt.cell.cell_reader import load_cell
@@ -238,12 +239,32 @@ def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     tests = build_load_test_experiment(tool, arm_, T)
     straight = np.abs(tests.wrench - true).max()
     turned = np.abs(
-        loaded_equilibrium_terms.convert_wrench_at_loaded_pose(tests, tool, arm_, T, masses).wrench - true
+        loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(tests, tool, arm_, T, masses).wrench - true
     ).max()
     assert straight > 5.0  # N of 1500: 3 mrad
     assert turned < 0.2 * straight  # springs are known to some per cent, backlash and the load's own turn apart
     told = build_load_test_experiment(base, arm_, T)
-    assert loaded_equilibrium_terms.convert_wrench_at_loaded_pose(told, base, arm_, T, masses) is told
+    assert loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(told, base, arm_, T, masses) is told
+
+
+@pytest.mark.parametrize("weight_only", [False, True])
+def test_displacements_in_axes_of_the_sagged_tool_are_turned_back(weight_only: bool) -> None:
+    """A soft arm: the tool's axes turn by milliradians, and displacements of millimetres with them."""
+    arm_, T, _ = robot()
+    a, rng = arm(CELL), np.random.default_rng(31)
+    truth = HiddenEffects(a.nominal / 3.0)
+    plan = plan_load_tests(a, rng, poses=12, sessions=1, loads=3, force=2500.0)
+    base = load_tests(a, truth, plan, rng, NoiseLevels(outliers=0.0))
+    assert base.displacement is not None
+    R = solve_equilibrium(a, truth, plan)[1]
+    shown = np.maximum.accumulate(np.where(plan.loaded & weight_only, 0, np.arange(len(R))))[plan.loaded]
+    tool = replace(base, displacement=np.einsum("nji,nj->ni", R[shown], base.displacement), displacement_frame="tool")
+    tests = build_load_test_experiment(tool, arm_, T)
+    masses = load_masses(load_cell(CELLS / CELL))
+    kept = loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(tests, tool, arm_, T, masses)
+    straight, turned = (np.abs(t.measured - base.displacement).max() for t in (tests, kept))
+    assert straight > 1e-5  # m
+    assert turned < 0.35 * straight
 
 
 @pytest.mark.parametrize("offset_N", [(7.0, 19.0, -2.0), (48.0, 19.0, 31.0)])
@@ -255,7 +276,7 @@ def test_a_zero_of_the_force_does_not_hide_that_the_tool_sags(offset_N: tuple[fl
     off = replace(tool, wrench=tool.wrench + np.array([*offset_N, 0.0, 0.0, 0.0]))
     tests = build_load_test_experiment(off, arm_, T)
     assert (
-        loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
+        loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(
             tests, off, arm_, T, load_masses(load_cell(CELLS / CELL))
         )
         is not tests
@@ -270,7 +291,7 @@ def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() ->
     R = arm_.compute_fk(base.q, T)[:, :3, :3]
     w = np.einsum("nji,nbj->nbi", R, base.wrench.reshape(-1, 2, 3)).reshape(-1, 6)
     told = build_load_test_experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
-    kept = loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
+    kept = loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(
         told, replace(base, wrench=w, wrench_frame="tool"), arm_, T, load_masses(load_cell(CELLS / CELL))
     )
     assert kept is told

@@ -36,6 +36,7 @@ def test_statistics_are_what_their_words_come_to() -> None:
         "detection.as_good": 3.0**2,
         "detection.near_shape": chi2.ppf(0.95, 1),
         "proof.largest_wave": 3.0,  # standard deviations of the prior of an amplitude
+        "checked.decisive": 10.0,  # the same scale
         "noise.mostly": 0.5,
         "noise.same": 3.0 * 2.0**0.5,
     }

@@ -204,6 +204,19 @@ def test_units_wrong_by_a_thousand_are_refused_by_name(simulated: Simulated, tmp
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("newtons", "unit"), [(9.80665, "kilograms"), (4.4482216, "pounds")])
+def test_loads_in_units_of_weight_are_asked_for(
+    simulated: Simulated, tmp_path: Path, newtons: float, unit: str
+) -> None:
+    assert simulated.recording.wrench is not None
+    write_recording(tmp_path / "recording", replace(simulated.recording, wrench=simulated.recording.wrench / newtons))
+    request = IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
+    with pytest.raises(InputError, match=unit):
+        run_identify(request)
+    kept = run_identify(replace(request, accept=("units",))).result.to_json_types()
+    assert kept["joints"][1]["k_Nm_per_rad"] == pytest.approx(TRUE_K[1] / newtons, rel=0.15)
+
+
 def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path: Path) -> None:
     r = simulated.recording
     rows = r.pose < 1

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_hidden_effects import CELLS, HiddenEffects, arm, plan_load_tests, solve_equilibrium
+from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan_load_tests, solve_equilibrium
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.robot_program import JointMap
 from machopt.kinematics.robot import load_robot
 from machopt.measurement.diagnosis.data_quality.joint_conventions import correct_joint_convention
 from machopt.numerics.array_types import Array
@@ -77,6 +78,61 @@ def test_a_convention_is_understood(recorded: Callable[[Array], Array], column: 
     assert finding.location == column
     np.testing.assert_allclose(read.q, clean.q, atol=1e-12)
     assert correct_joint_convention(other, robot, T, ("columns",)) == (other, [])
+
+
+def both(*changes: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    def recorded(q: Array) -> Array:
+        for one in changes:
+            q = one(q)
+        return q
+
+    return recorded
+
+
+@pytest.mark.parametrize(
+    "recorded",
+    [
+        both(change(2, 1.0, -90.0), change(4, -1.0, 0.0)),
+        both(pendant(-1.0), change(5, 1.0, 180.0), change(2, -1.0, 90.0)),
+        change(6, 1.0, -90.0),
+    ],
+)
+def test_several_joints_are_understood_together(recorded: Callable[[Array], Array]) -> None:
+    cell, clean = load_cell(CELL), poses()
+    read, (finding,) = correct_joint_convention(
+        replace(clean, q=recorded(clean.q)), load_robot(cell), cell.tool.T_flange_tcp
+    )
+    assert finding.effect == "columns"
+    np.testing.assert_allclose(np.sin(read.q - clean.q), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("recorded", [pendant(-1.0), change(1, 1.0, -90.0), change(4, 1.0, 90.0)])
+def test_load_tests_show_a_convention(recorded: Callable[[Array], Array]) -> None:
+    cell, a, rng = load_cell(CELL), arm(CELL.name), np.random.default_rng(21)
+    plan = plan_load_tests(a, rng, poses=10, loads=2, sessions=1)
+    clean = load_tests(a, HiddenEffects(a.nominal * 1.2), plan, rng)
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    assert correct_joint_convention(clean, robot, T) == (clean, [])
+    read, (finding,) = correct_joint_convention(replace(clean, q=recorded(clean.q)), robot, T)
+    assert finding.location.startswith("column:q")
+    np.testing.assert_allclose(read.q, clean.q, atol=1e-9)
+
+
+def test_the_joint_map_of_the_cell_is_tried_first() -> None:
+    coupling = np.zeros((6, 6))
+    coupling[2, 1] = 1.0
+    stated = JointMap(
+        sign=np.array([1.0, -1, 1, -1, 1, -1]),
+        offset_deg=np.array([0.0, 37.0, -11.0, 0.0, 5.0, 0.0]),
+        coupling=coupling,
+    )
+    cell, clean = load_cell(CELL), poses()
+    other = replace(clean, q=np.radians(stated.compute_axes_deg(clean.q)))
+    read, (finding,) = correct_joint_convention(other, load_robot(cell), cell.tool.T_flange_tcp, (), stated)
+    assert "joint_map" in finding.note
+    np.testing.assert_allclose(read.q, clean.q, atol=1e-9)
+    as_urdf = correct_joint_convention(clean, load_robot(cell), cell.tool.T_flange_tcp, (), stated)
+    assert as_urdf == (clean, [])
 
 
 def test_nothing_is_invented() -> None:

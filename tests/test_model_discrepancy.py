@@ -22,9 +22,9 @@ from machopt.kinematics.robot import load_masses
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.identification.assessment.model_discrepancy import (
     estimate_identification_discrepancy,
-    estimate_pose_variance,
     select_significant_modes,
 )
+from machopt.measurement.identification.assessment.pose_variance import estimate_pose_variance
 from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
 from machopt.planning.compensation.added_points import compensate_plan
 from machopt.planning.compensation.expected_removal import predict_removals
@@ -120,6 +120,19 @@ def test_what_is_concealed_is_foreseen_at_other_poses_and_its_interval_holds() -
     own = known.local * np.linalg.norm(force, axis=1)
     error = np.abs(np.einsum("mc,mc->m", along, true - said))
     assert np.mean(error <= NINETY * compute_reported_std(ways, own**2)) > 0.75
+
+
+def test_one_soft_place_does_not_soften_the_others() -> None:
+    """Beside a soft base each link and the tool are known to a tenth of what the readings show of the base."""
+    _, doubt = doubt_of(readings((BASE,))[0])
+    size = np.sqrt(doubt.shift**2 + np.sum(doubt.modes**2, axis=0))
+    by_body = {
+        body: max(
+            (size[n] for n, part in enumerate(doubt.parts) if part.startswith(body) and " r" in part), default=0.0
+        )
+        for body in ("base", "link:2", "link:3", "link:4", "tool")
+    }
+    assert by_body["base"] > 10.0 * max(v for name, v in by_body.items() if name != "base")
 
 
 def test_a_spread_that_readings_hardly_show_is_kept_for_a_job_that_meets_it() -> None:

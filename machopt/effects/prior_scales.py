@@ -73,6 +73,12 @@ FRAME_ROTATION = PriorScale(
 FRAME_DOUBT = PriorScale(
     "coefficients of a frame in units of FRAME_SHIFT and FRAME_ROTATION", 1.0, "1", "follows from their definition"
 )
+JOINT_ZERO = PriorScale(
+    "zero of a joint against its mark, where another quantity is estimated beside it",
+    float(np.radians(0.1)),
+    "rad",
+    "judgement: marks and cartridges hold 0.1°",
+)
 TARGET_POSITION = PriorScale(
     "place of a reflector on the flange without a stated uncertainty",
     0.002,
@@ -103,6 +109,7 @@ PRIOR_SCALES = (
     FRAME_SHIFT,
     FRAME_ROTATION,
     FRAME_DOUBT,
+    JOINT_ZERO,
     TARGET_POSITION,
     WAVE_AMPLITUDE,
     COUPLING_RATIO,

@@ -17,7 +17,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.effects.kinematic_corrections import extend_kinematics
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
-from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
 from machopt.options.plan_option_reader import load_options
 from machopt.output.tables.residuals_table import ResidualsTable, write_residuals_csv
 from machopt.report.page_data.diagnosis import locate_readings
@@ -126,3 +126,15 @@ def compute_effect_on_job(
     return compare_toolpath_plans(
         select_single_tool(cell, path), before, after, path, load_options(cell.plan, overrides=overrides)
     )
+
+
+def rank_findings_at_job(findings: tuple[Finding, ...], effect: JobEffectSection) -> tuple[Finding, ...]:
+    """Rank findings by what they change at the job.
+
+    Args:
+        findings: of the diagnosis.
+        effect: on the job.
+    """
+    from machopt.measurement.diagnosis.outputs.effect_on_toolpath import rank_findings  # the planner loads slowly
+
+    return rank_findings(findings, effect)

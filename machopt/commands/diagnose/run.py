@@ -8,7 +8,13 @@ from pathlib import Path
 
 from machopt.cell.cell_reader import load_cell
 from machopt.commands.diagnose.computation import DiagnoseComputation, build_computation, write_diagnosis_files
-from machopt.commands.diagnose.files import KINEMATICS, STIFFNESS, compute_effect_on_job, list_kinematic_corrections
+from machopt.commands.diagnose.files import (
+    KINEMATICS,
+    STIFFNESS,
+    compute_effect_on_job,
+    list_kinematic_corrections,
+    rank_findings_at_job,
+)
 from machopt.commands.input_hashes import compute_input_hashes, list_request_paths
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument
@@ -140,6 +146,8 @@ def compute_diagnosis(
     if request.toolpath is not None and made.after is not None and made.before is not None:
         progress("what it changes for the toolpath")
     effect = compute_effect_on_job(cell, request.toolpath, made.before, made.after, request.overrides)
+    if effect is not None:
+        d = replace(d, findings=rank_findings_at_job(d.findings, effect))
     inputs, said = compute_input_hashes(cell, request.recordings), request.list_options(recording.kind)
     result = build_diagnosis_document(
         cell,

@@ -10,6 +10,7 @@ import numpy as np
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.term_parser import parse_term
+from machopt.commands.identify.record_conventions import refuse_other_conventions
 from machopt.commands.input_hashes import compute_input_hashes
 from machopt.data_types.cell import Cell, describe_fixed_external_joints
 from machopt.data_types.documents.identification_document import MISFIT_WARNING, IdentificationDocument
@@ -69,6 +70,8 @@ def compute_identification(
         except InputError as problem:
             raise OptionError(problem.reason, where=f"--fit {text}") from None
     masses = load_masses(cell) if options.geometric else None
+    progress("checking conventions")
+    refuse_other_conventions(cell, recording, robot, tests, options.accept)
     progress("identifying")
     random = np.random.default_rng(options.seed)
     found = identify_stiffness(tests, robot, cell.tool.T_flange_tcp, cell.stiffness, options, random, masses)

@@ -228,6 +228,14 @@ class QuantityChangeEntry(DocumentModel):
     unit: Text
 
 
+class FindingAtJobEntry(DocumentModel):
+    """What one finding changes at the job: mean change of the deflection vector without it, over the cut length."""
+
+    effect: Text
+    location: Text
+    deflection_mm: Known
+
+
 class JobEffectSection(DocumentModel):
     """What the findings change for one toolpath; where nothing can be said ``reason`` says why, without the rest."""
 
@@ -242,6 +250,7 @@ class JobEffectSection(DocumentModel):
     deflection_mm: ModelCasesSection | None = None
     worst_point: CasePointsSection | None = None
     changes: tuple[QuantityChangeEntry, ...]
+    by_finding: tuple[FindingAtJobEntry, ...] = ()
     warnings: tuple[Text, ...] = ()
     point: Knowns | None = None
     gamma_before_deg: Knowns | None = None

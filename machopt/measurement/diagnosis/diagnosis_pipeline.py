@@ -21,8 +21,11 @@ from machopt.measurement.diagnosis.data_quality import (
     moved_tracker_or_target,
     outlier_rows,
     pose_units,
+    quaternion_conventions,
+    separate_sessions,
     session_force_gain,
     shifted_rows,
+    stated_frame_and_tcp,
     static_record_correction,
     wrong_weight_label,
 )
@@ -172,8 +175,12 @@ def _correct_recording(
     """Correct columns and units first, then reflectors and sessions, then labels and gains."""
     T, prior = cell.tool.T_flange_tcp, None if cell.stiffness is None else cell.stiffness.joints
     recording, found = pose_units.correct_pose_units(recording, robot, T, accept)
-    recording, convention = joint_conventions.correct_joint_convention(recording, robot, T, accept)
-    found = [*found, *convention]
+    recording, convention = joint_conventions.correct_joint_convention(
+        recording, robot, T, accept, cell.controller.joint_map
+    )
+    recording, frames = stated_frame_and_tcp.correct_stated_frame(recording, robot, T, accept)
+    recording, quaternions = quaternion_conventions.correct_quaternion_convention(recording, robot, T, accept)
+    found = [*found, *convention, *frames, *quaternions]
     recording, reflector_notes = reflectors_and_tracker_frames.transform_to_base(recording, robot, T)
     guessed = cell.stiffness is not None and cell.stiffness.estimated
     recording, findings, warnings = static_record_correction.correct_static_record(
@@ -188,7 +195,8 @@ def _correct_recording(
         recording, assigned = exchanged_inclinometer_columns.correct_inclinometer_columns(
             recording, cell, robot, masses, accept
         )
-        found += [*put_down, *assigned]
+        recording, separate = separate_sessions.correct_separate_sessions(recording, robot, masses, T, accept)
+        found += [*put_down, *assigned, *separate]
     recording, relabelled = wrong_weight_label.correct_wrong_weight_labels(recording, robot, T, accept)
     recording, louder = session_force_gain.correct_session_force_gains(recording, robot, T, accept)
     return _CorrectedRecording(recording, [*found, *relabelled, *louder], tuple(reflector_notes), tuple(warnings))

@@ -24,6 +24,7 @@ from machopt.data_types.documents.identification_document import (
 )
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ModelDiscrepancy
+from machopt.kinematics.robot import load_robot
 from machopt.measurement.identification.assessment.coefficient_uncertainty import compute_coefficient_uncertainty
 from machopt.measurement.identification.assessment.misfit_intervals import (
     find_inseparable_sums,
@@ -32,6 +33,7 @@ from machopt.measurement.identification.assessment.misfit_intervals import (
 from machopt.measurement.identification.data_quality.unit_checks import describe_common_stiffness_factor
 from machopt.measurement.identification.identification_result import IdentificationResult
 from machopt.measurement.identification.request import IdentifyRequest
+from machopt.numerics.array_types import Array
 from machopt.version import __version__
 
 CI90 = 0.9
@@ -72,7 +74,7 @@ def build_identification_document(
         poses=found.poses,
         misfit=_build_misfit_section(request, doubt),
         joints=_build_joint_entries(found, joints90),
-        inseparable=_build_inseparable_entries(found),
+        inseparable=_build_inseparable_entries(found, load_robot(cell).axis),
         terms=_build_term_entries(found, terms90),
         known_combinations=tuple(found.combinations),
         rmse_mm=1e3 * errors.rmse,
@@ -102,8 +104,8 @@ def _build_finding_entries(found: IdentificationResult) -> tuple[RecordingFindin
     )
 
 
-def _build_inseparable_entries(found: IdentificationResult) -> tuple[InseparableSumEntry, ...]:
-    """Return the sums of a joint and a body that the readings cannot separate."""
+def _build_inseparable_entries(found: IdentificationResult, axes: Array) -> tuple[InseparableSumEntry, ...]:
+    """Return the sums of a joint and a body that the readings cannot separate; ``axes`` (6, 3) of the joints."""
     doubt = found.stiffness.discrepancy
     if doubt is None:
         return ()
@@ -116,7 +118,7 @@ def _build_inseparable_entries(found: IdentificationResult) -> tuple[Inseparable
             joint_at_least_Nm_per_rad=s.least_joint_stiffness,
             body_at_most_rad_per_Nm=s.compliance[1],
         )
-        for s in find_inseparable_sums(known, doubt, found.sessions, CI90)
+        for s in find_inseparable_sums(known, axes, doubt, found.sessions, CI90)
     )
 
 

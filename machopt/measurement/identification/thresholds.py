@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.measurement.threshold_origin import JUDGEMENT
+from machopt.measurement.threshold_origin import JUDGEMENT, STATISTICS
 from machopt.measurement.threshold_origin import define_threshold as _set
 
 
@@ -63,6 +63,15 @@ class RecordCheckThresholds:
     near_suspect: float = _set(2.2, "factor around a unit's: stiffness is rarely known better beforehand", JUDGEMENT)
     alike: float = _set(1.2, "factor between joints, and from a unit's, that are off alike", JUDGEMENT)
     least_alike: int = _set(3, "joints that say so", JUDGEMENT)
+    decisive: float = _set(
+        10.0,
+        "−2 log evidence by which another convention must be better: very strong (Kass & Raftery 1995)",
+        STATISTICS,
+    )
+    off_axes: float = _set(0.05, "of the displacement, left beside all springs: less asks for no other axes", JUDGEMENT)
+    least_turn_deg: float = _set(
+        5.0, "deg; smaller rotations of a sensor are effects of the catalogue, linear in the angle", JUDGEMENT
+    )
     reaches: float = _set(10.0, "times the reach, a usual lever of moments in another unit", JUDGEMENT)
     far_reaches: float = _set(3.0, "times the reach, the lever of a single reading that is wrong", JUDGEMENT)
     far_lever: float = _set(20.0, "times the usual lever, the same", JUDGEMENT)
@@ -107,6 +116,10 @@ class IdentificationThresholds:
     force_gain: float = _set(
         0.005, "1 sigma of a load cell's gain in one session: data sheets of 0.5 to 1 % of full scale", JUDGEMENT
     )
+    branch_pairs: int = _set(12, "pairs of rising and falling loads, below which no loop is estimated", JUDGEMENT)
+    same_load: float = _set(0.05, "of the largest load of a cycle, by which loads of a pair may differ", JUDGEMENT)
+    weak_torque: float = _set(0.05, "of a joint's largest torque: below it has no side", JUDGEMENT)
+    loop_shown: float = _set(3.0, "standard errors of the half width of a loop that is counted", JUDGEMENT)
     replicates: float = _set(
         3.0, "equations per column, from which replicates are judged beside all columns", JUDGEMENT
     )

@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 from machopt.data_types.cell import Cell
 from machopt.data_types.locations import format_column_location
 from machopt.data_types.measurements.recording import Recording, TrackerTarget
+from machopt.effects import prior_scales
 from machopt.effects.recording.record_faults import COLUMNS
 from machopt.kinematics.robot import Robot, RobotMasses
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_quality.session_corrections import compute_sign_test
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
+from machopt.measurement.diagnosis.data_types.reflectors_and_tracker_frames import fit_rigid_transform
 from machopt.measurement.diagnosis.static.nominal_pose_model import FirstPoseFit, NominalPoseModel
+from machopt.measurement.estimation.convention_score import compute_description_cost, compute_pose_errors
 from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
@@ -31,9 +34,11 @@ LOOSE_UNCERTAINTY_FACTOR = 1e3  # factor on the stated uncertainty: removes the 
 def correct_misplaced_reflectors(
     recording: Recording, cell: Cell, robot: Robot, masses: RobotMasses | None
 ) -> tuple[Recording, list[Finding]]:
-    """Correct recorded positions (``targets_mm``) of single reflectors that the poses contradict.
+    """Correct recorded positions (``targets_mm``) of reflectors that the poses contradict.
 
-    A common offset of all reflectors is not reported: the fit of reflector positions absorbs it.
+    A single reflector is compared with the others. Where most are far off, or all together, the places that the poses
+    show replace the recorded ones if their evidence is very strong with three numbers a reflector counted. The fit of
+    the base model could not reach them against its prior.
 
     Args:
         recording: Measured poses in base_link, except for the refitted frame.
@@ -44,7 +49,7 @@ def correct_misplaced_reflectors(
     Returns:
         The recording (unchanged if nothing was corrected) and a finding for each correction.
     """
-    if len(recording.targets) < 2:
+    if not recording.targets:
         return recording, []
     model = NominalPoseModel(recording, cell, robot, masses, frozenset())
     first = model.fit_base(LOOSE_UNCERTAINTY_FACTOR)
@@ -70,10 +75,54 @@ def correct_misplaced_reflectors(
             "beyond the others; it was read at the place that the poses show"
         )
         sizes = {f"shift {a}": build_exact_estimate(float(v), "mm") for a, v in zip("xyz", deviation, strict=True)}
-        x, y, z = (float(v) for v in found[n])
-        targets[n] = TrackerTarget(name, (x, y, z))
+        targets[n] = TrackerTarget(name, _as_place(found[n]))
         out.append(_build_reflector_finding(model, first, model.reflector_index == n, words, sizes, name))
+    if not out:
+        return _move_all_reflectors(recording, model, first, found, threshold)
     return replace(recording, targets=tuple(targets)), out
+
+
+def _move_all_reflectors(
+    recording: Recording, model: NominalPoseModel, first: FirstPoseFit, found: Array, threshold: float
+) -> tuple[Recording, list[Finding]]:
+    """Take the places that the poses show for all reflectors, where several of them are far from the recorded ones.
+
+    A plate that is moved as a whole is no fault of the record: its places are nominal. It is a warning only.
+    """
+    far = [n for n, off in enumerate(np.linalg.norm(first.target, axis=1)) if off > threshold]
+    state, p, _ = model.predict(first)
+    columns, unknowns = model.columns(state, p)
+    if len(far) < min(2, len(recording.targets)) or model.count_undetermined_directions(columns, unknowns):
+        return recording, []
+    held = model.fit_base()
+    nominal, shown = (_compute_errors(model, fit) for fit in (held, first))
+    pose, sigma = model.recording.pose, recording.uncertainty.target or prior_scales.TARGET_POSITION.scale
+    before = compute_description_cost(compute_pose_errors(pose, nominal)) + float(np.sum((held.target / sigma) ** 2))
+    heavy = 2.0 * float(np.sum(np.log1p((first.target / sigma) ** 2)))  # heavy-tailed (Cauchy) prior
+    after = compute_description_cost(compute_pose_errors(pose, shown), parameters=3 * len(first.target)) + heavy
+    if before - after < thresholds.DETECTION.shorter:
+        return recording, []
+    targets = [TrackerTarget(t.name, _as_place(at)) for t, at in zip(recording.targets, found, strict=True)]
+    names = ", ".join(recording.targets[n].name for n in far)
+    most = 1e3 * float(np.linalg.norm(first.target, axis=1).max())
+    words = (
+        f"targets {names} sit up to {most:.1f} mm from where targets_mm says; all targets were read at the places that "
+        "the poses show"
+    )
+    if _is_moved_as_a_whole(np.array([t.place for t in recording.targets]), found, threshold):
+        warning = f"{words}; all moved together, as a plate does that is mounted otherwise"
+        return replace(recording, targets=tuple(targets), warnings=(*recording.warnings, warning)), []
+    finding = build_record_finding(
+        COLUMNS.name,
+        format_column_location("target"),
+        words,
+        1e3 * float(np.median(nominal)),
+        1e3 * float(np.median(shown)),
+        compute_sign_test(pose, nominal, shown),
+        {"shift": build_exact_estimate(most, "mm")},
+        stated={"message": words, "target": names},
+    )
+    return replace(recording, targets=tuple(targets)), [finding]
 
 
 def _find_misplaced_reflectors(deviation: Array, threshold: float) -> list[int]:
@@ -97,14 +146,28 @@ def _find_exchanged_reflectors(
     return None
 
 
+def _is_moved_as_a_whole(nominal: Array, found: Array, threshold: float) -> bool:
+    """Return whether places (T, 3) m are a rigid motion of the nominal ones."""
+    turn, shift = fit_rigid_transform(nominal, found)
+    return bool(np.linalg.norm(nominal @ turn.T + shift - found, axis=1).max() < threshold)
+
+
+def _as_place(at: Array) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in at)
+    return x, y, z
+
+
+def _compute_errors(model: NominalPoseModel, fit: FirstPoseFit) -> Array:
+    """Return the distance (N,) m of each reading from a fit."""
+    _, p, R = model.predict(fit)
+    return np.asarray(np.linalg.norm(model.residual(fit, p, R)[:, :3], axis=1))
+
+
 def _build_reflector_finding(
     model: NominalPoseModel, first: FirstPoseFit, rows: Flags, words: str, sizes: dict[str, EstimatedValue], name: str
 ) -> Finding:
     nominal = replace(first, target=np.zeros_like(first.target))
-    errors = []
-    for each in (nominal, first):
-        _, p, R = model.predict(each)
-        errors.append(np.linalg.norm(model.residual(each, p, R)[rows, :3], axis=1))
+    errors = [_compute_errors(model, each)[rows] for each in (nominal, first)]
     before, after = (float(np.median(e)) for e in errors)
     return build_record_finding(
         COLUMNS.name,

@@ -15,12 +15,12 @@ from scipy.special import bdtrc
 
 from machopt.data_types.locations import format_column_location
 from machopt.data_types.measurements.recording import FrameName, Recording
-from machopt.effects.recording.record_faults import FORCES, LENGTHS, UNITS
+from machopt.effects.recording.record_faults import FORCES, UNITS
 from machopt.effects.recording.sensor_errors import DISPLACEMENT, FRAME, LOAD
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_quality import session_corrections, shifted_rows, swapped_columns
 from machopt.measurement.diagnosis.data_quality.inconsistent_loads import correct_inconsistent_loads
+from machopt.measurement.diagnosis.data_quality.load_and_length_units import find_displacement_unit_fault
 from machopt.measurement.diagnosis.data_types import load_resolution
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
@@ -28,16 +28,14 @@ from machopt.measurement.estimation.load_test_equations import LoadTestExperimen
 from machopt.measurement.estimation.robust_weights import fit_least_absolute_deviations
 from machopt.measurement.identification.data_quality.load_test_checks import check_experiment
 from machopt.measurement.identification.data_quality.record_fault import RecordFault as Problem
+from machopt.measurement.identification.data_quality.sensor_axes import CODE as SENSOR_AXES
+from machopt.measurement.identification.data_quality.sensor_axes import find_rotated_axes
 from machopt.measurement.identification.data_quality.unit_checks import estimate_reach
 from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import convert_to_rotation_vector
 
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
-MOST_PAIRED = 400  # most readings of a pose that are compared in pairs
-SIZES = (  # ratio of recorded to true displacement per load; factors of 1000 are checked earlier
-    *((name, 1.0 / LENGTHS[name], "dx_mm", LENGTHS[name]) for name in ("inches", "centimetres")),
-    *((name, FORCES[name], "fx_N", FORCES[name]) for name in ("kilograms", "pounds")),
-)
 FRAMES = {
     "displacement_frame": (DISPLACEMENT, DISPLACEMENT.places[0]),
     "wrench_frame": (FRAME, FRAME.places[0]),
@@ -91,7 +89,7 @@ def correct_static_record(
         size = (
             None
             if "units" in accept
-            else _find_displacement_unit_fault(tests, prior, estimate_reach(robot, T_flange_tcp), estimated)
+            else find_displacement_unit_fault(tests, prior, estimate_reach(robot, T_flange_tcp), estimated)
         )
         if size is not None and (error is None or error.code == "rotation_units"):
             error = size
@@ -114,7 +112,40 @@ def correct_static_record(
         findings = _merge_findings(findings, _build_correction_finding(error, before, _compute_misfit(right), chance))
     recording, more = correct_inconsistent_loads(recording, robot, T_flange_tcp)
     recording, exchanged = swapped_columns.correct_swapped_columns(recording, robot, T_flange_tcp, accept)
-    return recording, [*odd, *findings, *more, *exchanged], [*silent, *warnings]
+    rotated: list[Finding] = []
+    if not exchanged and not {SENSOR_AXES, "columns"} & set(accept):
+        usual = _select_reference_stiffness(prior, estimate_reach(robot, T_flange_tcp))
+        recording, rotated = _correct_sensor_axes(recording, robot, T_flange_tcp, usual)
+    return recording, [*odd, *findings, *more, *exchanged, *rotated], [*silent, *warnings]
+
+
+def _correct_sensor_axes(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, usual: Array
+) -> tuple[Recording, list[Finding]]:
+    """Turn back recorded axes that are rotated by any angle."""
+    tests = build_load_test_experiment(recording, robot, T_flange_tcp)
+    found = find_rotated_axes(tests, robot)
+    if found is None:
+        return recording, []
+    corrected = found.apply(recording)
+    right = build_load_test_experiment(corrected, robot, T_flange_tcp)
+    chance = _compute_sign_test(
+        tests.pose, _compute_misfit_by_pose(tests, usual), _compute_misfit_by_pose(right, usual)
+    )
+    effect = FRAME if found.quantity == "wrench" else DISPLACEMENT
+    words = f"{found.describe()}; they were turned back, and every joint and body kept its own springs"
+    about = np.degrees(convert_to_rotation_vector(found.rotation))
+    turn = {f"about {a}": build_exact_estimate(float(v), "deg") for a, v in zip("xyz", about, strict=True)}
+    finding = build_record_finding(
+        effect.name,
+        effect.places[0],
+        words,
+        1e3 * _compute_misfit(tests),
+        1e3 * _compute_misfit(right),
+        chance,
+        {"angle": build_exact_estimate(found.angle_deg, "deg"), **turn},
+    )
+    return corrected, [finding]
 
 
 def _apply_correction(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Array) -> Recording | None:
@@ -165,108 +196,6 @@ def _build_correction_finding(error: Problem, before: float, after: float, p_val
     where = format_column_location("q1_deg" if radians else error.column)
     factor = {"factor": build_exact_estimate(1.0 / (float(np.degrees(1.0)) if radians else error.factor))}
     return build_record_finding(UNITS.name, where, error.message, 1e3 * before, 1e3 * after, p_value, factor)
-
-
-def _find_displacement_unit_fault(
-    tests: LoadTestExperiment, prior: Array | None, reach: float, estimated: bool
-) -> Problem | None:
-    """Find another unit that makes the whole arm as stiff as the cell states, or closer to robots of its size.
-
-    A common factor on all displacements or all loads leaves no other trace if only forces are recorded. Four
-    conditions apply. Most joints must deviate by the factor. An estimated stiffness cannot separate pounds from a
-    compliant arm. Displacements whose replicates scatter as stated are in the stated unit. Refitted springs must
-    explain the displacement: a compliant link makes springs softer too, and leaves a mismatch that no unit makes.
-    """
-    if prior is None:
-        return None
-    y, load = tests.measured[:, :3], np.linalg.norm(tests.wrench, axis=1)
-
-    def ratio(stiffness: Array) -> tuple[float, Array]:
-        predicted = tests.response()[:, :3] @ (1.0 / stiffness)
-        return float(fit_least_absolute_deviations(predicted[:, :, None], y, load)[0]), predicted
-
-    seen, predicted = ratio(prior)
-    joints = _compute_softness_factors(tests, prior)
-    alike = bool(len(joints) > 2 and joints.min() > 0 and joints.max() < thresholds.RECORD.alike_factor * joints.min())
-    far = thresholds.RECORD.far_alike if alike and not estimated else thresholds.RECORD.far
-    if (
-        not seen > 0
-        or 1 / far < seen < far
-        or np.abs(y - seen * predicted).sum() > thresholds.RECORD.half * np.abs(y).sum()
-        or _compute_unexplained_share(tests) > thresholds.RECORD.whole_off
-    ):
-        return None
-    usual, _ = ratio(_select_reference_stiffness(None, reach))
-    scatter = _compute_replicate_scatter(tests)
-    for name, value, head, factor in sorted(SIZES, key=lambda s: abs(np.log(seen / s[1]))):
-        as_stated = np.inf if alike else abs(np.log(max(usual, 1e-300)))
-        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(as_stated, np.log(thresholds.RECORD.unusual))
-        likely = (alike or _are_most_joints_off(joints, value)) and not (
-            head == "dx_mm" and _is_scatter_as_stated(scatter, factor, tests)
-        )
-        if abs(np.log(seen / value)) < np.log(thresholds.RECORD.near) and nearer and likely:
-            return Problem(
-                code="units",
-                severity="error",
-                message=f"displacement per load is {seen:.3g} times what the cell's stiffness gives: the "
-                f"columns {head} … seem to hold {name}",
-                column=head,
-                factor=factor,
-            )
-    return None
-
-
-def _compute_unexplained_share(tests: LoadTestExperiment) -> float:
-    """Return the share of the displacement that refitted joint springs leave."""
-    y, A = tests.measured[:, :3], tests.response()[:, :3]
-    left = y - A @ fit_least_absolute_deviations(A, y, np.linalg.norm(tests.wrench, axis=1))
-    return float(np.abs(left).sum() / max(float(np.abs(y).sum()), np.finfo(float).tiny))
-
-
-def _compute_softness_factors(tests: LoadTestExperiment, prior: Array) -> Array:
-    """Return for each observable joint the ratio of its compliance to the cell's."""
-    y, A = tests.measured[:, :3], tests.response()[:, :3]
-    c = fit_least_absolute_deviations(A, y, np.linalg.norm(tests.wrench, axis=1))
-    moved = np.abs(A * c).sum(axis=(0, 1))
-    return np.asarray((c * prior)[moved > thresholds.RECORD.shown * moved.sum()])
-
-
-def _are_most_joints_off(joints: Array, value: float) -> bool:
-    """Return whether most joints deviate by about this factor, as a wrong unit does."""
-    if len(joints) < 3:
-        return False
-    middle = float(np.median(joints))
-    return middle > 0 and abs(np.log(middle / value)) < abs(np.log(middle))
-
-
-def _compute_replicate_scatter(tests: LoadTestExperiment) -> float:
-    """Return the standard deviation (m) of a coordinate between cycles of equal pose and load; NaN without
-    replicates.
-    """
-    y, A, w = tests.measured[:, :3], tests.response()[:, :3], tests.wrench[:, :3]
-    e = y - A @ fit_least_absolute_deviations(A, y, np.linalg.norm(tests.wrench, axis=1))
-    apart = []
-    for pose in np.unique(tests.pose):
-        rows = np.flatnonzero(tests.pose == pose)
-        if len(rows) > MOST_PAIRED:  # the number of pairs grows with the square
-            rows = np.sort(np.random.default_rng(0).choice(rows, MOST_PAIRED, replace=False))
-        i, j = (rows[k] for k in np.triu_indices(len(rows), 1))
-        near = (
-            np.linalg.norm(w[i] - w[j], axis=1)
-            <= thresholds.RECORD.different_load * np.linalg.norm(w[rows], axis=1).max()
-        )
-        near &= tests.cycle[i] != tests.cycle[j]
-        apart.append((e[i] - e[j])[near].ravel())
-    every = np.concatenate(apart) if apart else np.zeros(0)
-    return 1.4826 * float(np.median(np.abs(every))) / np.sqrt(2.0) if len(every) else float("nan")
-
-
-def _is_scatter_as_stated(scatter: float, factor: float, tests: LoadTestExperiment) -> bool:
-    """Return whether replicates scatter as the recording states rather than as another unit would imply."""
-    stated = tests.uncertainty.displacement
-    if not stated or not scatter > 0:
-        return False
-    return bool(abs(np.log(scatter / stated)) < abs(np.log(scatter * factor / stated)))
 
 
 def _find_force_unit_fault(error: Problem, recording: Recording, robot: Robot, T_flange_tcp: Array) -> Problem:

@@ -39,7 +39,7 @@ def build_corrected_recording(cell: Cell, recording: Recording, d: DiagnosisResu
         assert recording.position is not None  # of this kind
         return replace(recording, position=recording.position - change.measured[:, :3])
     robot, T = load_robot(cell), place_tool_where_found(cell, d.findings).tool.T_flange_tcp
-    tests = loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
+    tests = loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(
         build_load_test_experiment(recording, robot, T), recording, robot, T, read_load_test_masses(cell)
     )
     wrench = tests.wrench * _list_session_gains(recording, d)[:, None] + change.wrench

@@ -10,7 +10,7 @@ new plan.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.diagnosis_document import (
     CasePointsSection,
+    FindingAtJobEntry,
     JobEffectSection,
     MeanAndWorstSection,
     ModelCasesSection,
@@ -31,11 +32,13 @@ from machopt.data_types.stiffness import ArmStiffness
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, explain_points
+from machopt.stiffness.arm_stiffness import ArmElasticity
 
 TEST_FORCE = 1000.0  # N along the tool axis, if the cell states no process force
 
@@ -70,7 +73,7 @@ def compare_toolpath_plans(
             toolpath.source,
             _explain_unreached_point(old) or _explain_unreached_point(new) or "no point that both models hold",
         )
-    return _build_effect_entry(toolpath.source, found, old, new)
+    return _build_effect_entry(cell, toolpath.source, found, old, new)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +137,47 @@ def _compare_plans(old: Plan, new: Plan) -> _ComparedPlans | None:
     )
 
 
+def _compute_changes_by_finding(cell: Cell, plan: Plan, c: _ComparedPlans) -> tuple[FindingAtJobEntry, ...]:
+    """Return what each term of the new model changes at the new plan, the largest first."""
+    elasticity, stiffness = plan.setup.elasticity, plan.setup.elasticity.stiffness
+    whole = _compute_deflection_vectors(plan, elasticity)
+    out: list[tuple[float, str, str]] = []
+    for n, term in enumerate(stiffness.terms):
+        others = tuple(t for k, t in enumerate(stiffness.terms) if k != n)
+        without = replace(stiffness, terms=others, discrepancy=None)
+        try:
+            rest = ArmElasticity(elasticity.robot, elasticity.T_flange_tcp, without, cell.arm_limits, elasticity.masses)
+        except InputError:  # the springs alone are unstable
+            continue
+        change = np.linalg.norm(whole - _compute_deflection_vectors(plan, rest), axis=1)
+        out.append((1e3 * c.mean(change), term.effect, term.location))
+    out.sort(key=lambda e: -e[0])
+    return tuple(FindingAtJobEntry(effect=e, location=w, deflection_mm=size) for size, e, w in out)
+
+
+def rank_findings(findings: Sequence[Finding], effect: JobEffectSection | None) -> tuple[Finding, ...]:
+    """Rank findings by what they change at the job; those that change no plan keep their order behind the others.
+
+    Args:
+        findings: Findings of a diagnosis.
+        effect: Effect on the job; None without one.
+    """
+    if effect is None:
+        return tuple(findings)
+    size = {(e.effect, e.location): float(e.deflection_mm or 0.0) for e in effect.by_finding}
+    return tuple(sorted(findings, key=lambda f: -size.get((f.effect, f.location), 0.0)))
+
+
+def _compute_deflection_vectors(plan: Plan, elasticity: ArmElasticity) -> Array:
+    """Return the deflections (P, 3) m of a plan's configurations; NaN for unreached points."""
+    out = np.full((len(plan.path.index), 3), np.nan)
+    a, d = plan.chosen.assignment, plan.directions
+    ok = np.flatnonzero(a.reason == InfeasibilityReason.OK)
+    force = d.force[ok] if plan.options.force.given else TEST_FORCE * d.axial[ok]
+    out[ok] = d.elastic(elasticity, a.q[ok], ok).compute_deflection(force)
+    return out
+
+
 def _compute_deflection(choice: Plan, model: Plan) -> Array:
     """Return |d| (P,) m of one plan's configurations with another's model; NaN for unreached points."""
     out = np.full(len(choice.path.index), np.nan)
@@ -144,7 +188,7 @@ def _compute_deflection(choice: Plan, model: Plan) -> Array:
     return out
 
 
-def _build_effect_entry(name: str, c: _ComparedPlans, old: Plan, new: Plan) -> JobEffectSection:
+def _build_effect_entry(cell: Cell, name: str, c: _ComparedPlans, old: Plan, new: Plan) -> JobEffectSection:
     path, rows = old.path, np.flatnonzero(old.path.is_point)
     angle = np.degrees(np.abs(c.rotation_change[c.both]))
     share = float((angle > np.degrees(thresholds.RESTING.same_rotation)).mean())
@@ -182,6 +226,7 @@ def _build_effect_entry(name: str, c: _ComparedPlans, old: Plan, new: Plan) -> J
             _build_change_entry("deflection under the new model, mean", mean["unchanged"], mean["after"], "mm"),
             _build_change_entry("deflection under the new model, worst", worst["unchanged"], worst["after"], "mm"),
         ),
+        by_finding=_compute_changes_by_finding(cell, new, c),
         warnings=tuple(new.setup.elasticity.warnings),
         point=tuple(path.index[rows].tolist()),
         gamma_before_deg=tuple(reached[0].tolist()),

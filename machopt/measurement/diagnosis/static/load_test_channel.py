@@ -304,7 +304,8 @@ def build_load_test_catalogue(r: StaticReadings, curved: Array | None) -> Hypoth
 
 def _describe_session(recording: Recording, index: int) -> int:
     """Return the label of a session as the file states it; sessions of several files are counted from 1."""
-    if "session" not in recording.stated_labels or int(recording.session.min()) == 0:
+    several = len(recording.files) > 1 and int(recording.session.min()) == 0
+    if "session" not in recording.stated_labels or several:
         return index + 1
     return int(np.unique(recording.session)[index])
 

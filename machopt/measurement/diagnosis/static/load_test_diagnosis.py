@@ -77,7 +77,7 @@ class _LoadTestEquations:
     def __init__(self, diagnosis: LoadTestDiagnosis, T_flange_tcp: Array, known: ArmStiffness | None) -> None:
         self._diagnosis, self._T = diagnosis, T_flange_tcp
         recording, robot, masses = diagnosis.recording, diagnosis.robot, diagnosis.masses
-        self._tests: LoadTestExperiment = loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
+        self._tests: LoadTestExperiment = loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(
             build_load_test_experiment(recording, robot, T_flange_tcp), recording, robot, T_flange_tcp, masses
         )
         self._memory: dict[str, GearLoadHistory] = {}

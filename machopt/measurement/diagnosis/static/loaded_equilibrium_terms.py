@@ -17,6 +17,8 @@ from machopt.measurement.estimation.robust_weights import fit_least_absolute_dev
 from machopt.measurement.identification.fitting.loaded_equilibrium import LoadedEquilibriumModel
 from machopt.numerics.array_types import Array
 
+AXES_STEPS = 2  # fits of springs and axes in turn
+
 
 def compute_nonlinear_displacement(
     tests: LoadTestExperiment, robot: Robot, T_flange_tcp: Array, masses: RobotMasses | None, compliance: Array
@@ -40,14 +42,15 @@ def compute_nonlinear_displacement(
     return np.asarray(d - tests.response() @ compliance)
 
 
-def convert_wrench_at_loaded_pose(
+def convert_tool_axes_at_loaded_pose(
     tests: LoadTestExperiment, recording: Recording, robot: Robot, T_flange_tcp: Array, masses: RobotMasses | None
 ) -> LoadTestExperiment:
-    """Convert a wrench from tool to base axes by the deflected tool orientation, or by that of the encoders.
+    """Convert loads and displacements from tool to base axes by the deflected tool orientation, or by the encoders'.
 
     R(q + c τ) instead of R(q): springs that deflect by 5 mrad rotate a sensor by the same angle, and its axes would
-    seem misaligned. A load known in base axes (a weight) is converted to tool axes by the encoders alone. The
-    recording does not tell which case applies, so the better fit of the springs decides.
+    seem misaligned. A load known in base axes (a weight) is converted to tool axes by the encoders alone. Displacements
+    may be in the axes of the loaded arm, of the arm under its weight, or of the encoders. The recording does not tell
+    which case applies, so the better fit of the springs decides.
 
     Args:
         tests: Load-test experiment: the recording in base axes with arm states.
@@ -57,23 +60,48 @@ def convert_wrench_at_loaded_pose(
         masses: Link and tool masses; None: the load alone rotates the tool.
 
     Returns:
-        The experiment with the better conversion.
+        The experiment with the best conversion.
     """
-    if recording.wrench_frame != "tool":
+    if "tool" not in (recording.wrench_frame, recording.displacement_frame):
         return tests
-    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
-    c = np.clip(fit_least_absolute_deviations(tests.response(), tests.measured, load), 0.0, 1.0 / LEAST_STIFFNESS)
-    tau = np.einsum("nci,nc->ni", tests.state.J, tests.wrench)
+    best = tests
+    for _ in range(AXES_STEPS):  # the springs follow from the axes, and the axes from the springs
+        loaded, weighed = _compute_tool_rotations(tests, best, robot, T_flange_tcp, masses)
+        same = np.broadcast_to(np.eye(3), loaded.shape)
+        loads = [same, loaded] if recording.wrench_frame == "tool" else [same]
+        moves = [same, loaded, weighed] if recording.displacement_frame == "tool" else [same]
+        tried = [
+            tests
+            if w is same and d is same
+            else replace(tests, wrench=_turn(w, tests.wrench), measured=_turn(d, tests.measured))
+            for w in loads
+            for d in moves
+        ]
+        best = min(tried, key=lambda one: _compute_misfit(one, robot, T_flange_tcp, masses))
+    return best
+
+
+def _compute_tool_rotations(
+    tests: LoadTestExperiment, best: LoadTestExperiment, robot: Robot, T: Array, masses: RobotMasses | None
+) -> tuple[Array, Array]:
+    """Return the rotations (N, 3, 3) of the tool, in base axes, by load and weight, and by weight alone."""
+    load = np.linalg.norm(best.wrench[:, :3], axis=1) + np.linalg.norm(best.wrench[:, 3:], axis=1)
+    c = np.clip(fit_least_absolute_deviations(best.response(), best.measured, load), 0.0, 1.0 / LEAST_STIFFNESS)
+    weight = np.zeros((len(tests), 6))
     if masses is not None:
-        tau = tau + compute_gravity_torque(robot, masses, tests.state)[0]
-    bend = np.clip(c * tau, -thresholds.RECORD.most_twist, thresholds.RECORD.most_twist)
-    turned = robot.compute_fk(recording.q + bend, T_flange_tcp)[:, :3, :3] @ np.swapaxes(
-        tests.T_base_tcp[:, :3, :3], 1, 2
-    )
-    wrench = np.einsum("nij,nbj->nbi", turned, tests.wrench.reshape(len(tests), -1, 3)).reshape(tests.wrench.shape)
-    stands = replace(tests, wrench=wrench)
-    left = [_compute_misfit(one, robot, T_flange_tcp, masses) for one in (stands, tests)]
-    return stands if left[0] <= left[1] else tests
+        weight = compute_gravity_torque(robot, masses, tests.state)[0]
+    tau = np.einsum("nci,nc->ni", tests.state.J, best.wrench)
+    back = np.swapaxes(tests.T_base_tcp[:, :3, :3], 1, 2)
+    out = []
+    for torque in (weight + tau, weight):
+        bend = np.clip(c * torque, -thresholds.RECORD.most_twist, thresholds.RECORD.most_twist)
+        out.append(robot.compute_fk(tests.state.q + bend, T)[:, :3, :3] @ back)
+    return out[0], out[1]
+
+
+def _turn(R: Array, v: Array) -> Array:
+    """Return vectors (N, 3) or (N, 6), rotated by halves."""
+    return np.asarray(np.einsum("nij,nbj->nbi", R, v.reshape(len(v), -1, 3)).reshape(v.shape))
 
 
 def _compute_misfit(tests: LoadTestExperiment, robot: Robot, T_flange_tcp: Array, masses: RobotMasses | None) -> float:

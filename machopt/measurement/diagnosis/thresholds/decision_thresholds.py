@@ -288,6 +288,12 @@ class RecordingThresholds:
     whole_falls: float = _set(
         0.2, "misfit of the whole record read otherwise, per that of the stated reading", JUDGEMENT
     )
+    same_convention: float = _set(
+        0.2, "of the error that is left, by which readings of two conventions that are the same may differ", JUDGEMENT
+    )
+    far_misplaced: float = _set(
+        10.0, "1 sigma of a reflector's nominal place: so far off is another convention or another place", JUDGEMENT
+    )
     part_level: float = _set(2.0, "misfit of the other sessions or poses that a mended one may have", JUDGEMENT)
     part_stands_out: float = _set(
         2.0, "misfit per that of the others, below which no session or pose is looked at again", JUDGEMENT

@@ -67,7 +67,9 @@ def widen_stiffness_interval(
     name = format_joint_name("joint", joint)
     if name not in doubt.parts:
         return interval
-    low, high = _compute_compliance_interval(joint, k, doubt, sessions, level)
+    own = np.zeros(len(doubt.parts))
+    own[doubt.parts.index(name)] = 1.0
+    low, high = _compute_compliance_interval(own, k, doubt, sessions, level)
     if doubt.misfit:
         z = float(ndtri(0.5 + level / 2.0))
         middle = 0.5 * (low + high)
@@ -92,12 +94,13 @@ def compute_gain_covariance(joints: Array, sessions: int) -> Array:
 
 
 def find_inseparable_sums(
-    stiffness: dict[int, float], doubt: ModelDiscrepancy, sessions: int, level: float
+    stiffness: dict[int, float], axes: Array, doubt: ModelDiscrepancy, sessions: int, level: float
 ) -> tuple[InseparableSum, ...]:
     """Find the joints whose compliance no load separates from that of a body.
 
     Args:
         stiffness: Fitted stiffness of the identified joints, N·m/rad, by joint (1-based).
+        axes: (6, 3) unit axes of the joints in base_link at q = 0.
         doubt: Model discrepancy of the written stiffness.
         sessions: Number of sessions.
         level: Confidence level.
@@ -110,19 +113,30 @@ def find_inseparable_sums(
     out = []
     for joint, body in ((1, "base"), (JOINTS, "tool")):
         if joint in stiffness and format_joint_name("joint", joint) in doubt.parts:
-            low, high = _compute_compliance_interval(joint, stiffness[joint], doubt, sessions, level, shifted=False)
+            weights = _weigh_shared_rotation(joint, body, axes[joint - 1], doubt)
+            low, high = _compute_compliance_interval(weights, stiffness[joint], doubt, sessions, level)
             out.append(InseparableSum(joint, body, (max(low, 0.0), high)))
     return tuple(out)
 
 
+def _weigh_shared_rotation(joint: int, body: str, axis: Array, doubt: ModelDiscrepancy) -> Array:
+    """Return the weights (K,) of the parts in the compliance of joint and body about the joint's axis."""
+    weights = np.zeros(len(doubt.parts))
+    weights[doubt.parts.index(format_joint_name("joint", joint))] = 1.0
+    for word, share in zip(ROTATIONS, axis**2, strict=True):
+        name = format_body_name(body, word)
+        if name in doubt.parts:
+            weights[doubt.parts.index(name)] = share
+    return weights
+
+
 def _compute_compliance_interval(
-    joint: int, k: float, doubt: ModelDiscrepancy, sessions: int, level: float, *, shifted: bool = True
+    weights: Array, k: float, doubt: ModelDiscrepancy, sessions: int, level: float
 ) -> tuple[float, float]:
-    """Return the interval of a joint's compliance, rad/(N·m), with the shift by missing effects and the force gain."""
-    at = doubt.parts.index(format_joint_name("joint", joint))
+    """Return the interval (rad/(N·m)) of 1/k and a sum of parts, with the shift by missing effects and force gain."""
     gain = thresholds.IDENTIFIED.force_gain / np.sqrt(max(sessions, 1))
-    sigma = float(np.hypot(np.sqrt(np.sum(doubt.modes[:, at] ** 2)), gain / k))
-    middle = 1.0 / k + (float(doubt.shift[at]) if shifted else 0.0)
+    sigma = float(np.hypot(np.linalg.norm(doubt.modes @ weights), gain / k))
+    middle = 1.0 / k + float(doubt.shift @ weights)
     z = float(ndtri(0.5 + level / 2.0))
     return middle - z * sigma, middle + z * sigma
 

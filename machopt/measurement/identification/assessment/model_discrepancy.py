@@ -36,11 +36,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
 
 from machopt.data_types.discrepancy_names import (
     JOINT,
@@ -61,6 +61,9 @@ from machopt.measurement.estimation.error_clusters import (
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.variance_components import estimate_variance_components
 from machopt.measurement.identification import thresholds
+from machopt.measurement.identification.assessment.arrival_side import add_arrival_side, estimate_loop_half_widths
+from machopt.measurement.identification.assessment.pose_variance import DIRECTIONS, estimate_pose_variance
+from machopt.measurement.identification.assessment.sparse_discrepancy import generate_sparse_spreads, list_places
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
@@ -79,7 +82,6 @@ FITTED_COEFFICIENT_SIGMA = 3.0  # relative prior 1 sigma of a fitted coefficient
 PRIOR_LOADED = 0.25  # prior 1 sigma of ``loaded`` about 1: URDF masses are good to 15 %, and it is a first-order effect
 BACKLASH_PRIOR_ODDS = 1.0 / 3.0  # prior odds of backlash
 MAX_DROPPED_VARIANCE = 1e-6  # share of the variance over the measured poses that omitted modes may have
-DIRECTIONS = 2  # directions along which poses are divided into regions
 BLOCKS = 4  # regions along each direction
 LEAST_WEIGHT = 1e-3  # least weight of a λ relative to the best one
 
@@ -164,6 +166,9 @@ def estimate_model_discrepancy(
     named = bool(suspects.terms)  # with fitted gear laws a remainder is always possible
     if not misfit and not named:
         best = [plain]
+    if misfit:
+        places, score = list_places(whole.names, own), partial(_compute_log_likelihood, H, h)
+        best += [(found, spread, 1.0) for found, spread in generate_sparse_spreads(plain[1], places, GRID[1:], score)]
     top = max(b[0] for b in best)
     near = [b for b in best if b[0] > top + np.log(LEAST_WEIGHT)]
     near += [one for b in near for one in _add_usual_backlash(H, h, b, whole.names, usual)]
@@ -281,39 +286,6 @@ def _estimate_local_discrepancy(
     return float(np.sqrt(estimate_pose_variance(*np.array(regions).T)))
 
 
-def estimate_pose_variance(left: Array, expected: Array, force: Array) -> float:
-    """Estimate the independent variance of a pose from left-out regions, whose squares are ``expected`` + variance ·
-    ``force``.
-
-    Regions are weighted by the inverse of their expectation (first step of Paule & Mandel 1982). Few regions
-    determine a variance poorly, and the most likely value, often zero, is not conservative. The result is the
-    posterior mean over non-negative values, with the standard error from the regions' scatter.
-
-    Args:
-        left: (R,) sum of squares of a region's readings, m².
-        expected: (R,) expected sum of squares, m².
-        force: (R,) sum of squared forces, N².
-
-    Returns:
-        Variance, (m/N)².
-    """
-    told = (expected > 0) & (force > 0)
-    if not told.any():
-        return 0.0
-    beyond, per_newton = left[told] / expected[told] - 1.0, force[told] / expected[told]
-    found = float(beyond.sum() / per_newton.sum())
-    count = len(beyond)
-    if count < 2:
-        return max(found, 0.0)
-    off = float(np.sum((beyond - found * per_newton) ** 2)) * count / (count - 1)
-    error = float(np.sqrt(DIRECTIONS * off) / per_newton.sum())
-    if not error > 0:
-        return max(found, 0.0)
-    away = found / error
-    mean = found + error * float(np.exp(-0.5 * away**2 - log_ndtr(away)) / np.sqrt(2.0 * np.pi))
-    return max(mean, 0.0)  # guards against rounding for strongly negative estimates
-
-
 def _build_normal_equations(Z: Array, r: ResidualReadings) -> tuple[NormalEquations, float, Array]:
     """Return the normal equations of all columns with replicate noise, that noise (m per coordinate), and the
     variance (N,) m²
@@ -397,7 +369,8 @@ def estimate_identification_discrepancy(
         components=w.components,
         stated=(told.displacement is not None, told.rotation is not None)[: len(w.covariance)],
     )
-    return estimate_model_discrepancy(suspects, tests.state, stiffness.joints, readings)
+    doubt = estimate_model_discrepancy(suspects, tests.state, stiffness.joints, readings)
+    return add_arrival_side(doubt, estimate_loop_half_widths(tests, w.robust))
 
 
 def list_coefficient_suspects(

@@ -38,6 +38,8 @@ CODES = (  # codes of errors that the user may accept
     "units",
     "moment_units",
     "rotation_units",
+    "sensor_axes",
+    "joint_convention",
 )
 
 

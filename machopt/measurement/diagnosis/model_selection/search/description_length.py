@@ -252,7 +252,8 @@ class _DescriptionSearch:
         wide = np.array([len(self._columns(g)) > most for g in range(len(self.sums.groups))])
         while True:
             left = eliminate_columns(
-                self.sums.total, np.array([*range(self.sums.base), *(c for g in out for c in self._columns(g))])
+                self.sums.total,
+                np.array([*range(self.sums.base), *(c for g in out for c in self._columns(g))], dtype=np.int64),
             )
             gained = compute_group_gains(left, self.sums)
             taken = {self._name(g) for g in out}
