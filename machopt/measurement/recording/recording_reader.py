@@ -71,6 +71,11 @@ def load_recording(path: Path | str) -> Recording:
         raise document.build_error(
             ("kind",), "is cutting, measured cuts: machopt process reads them; expected deflection, absolute or motion"
         )
+    if isinstance(document.value, dict) and document.value.get("kind") == "frf":
+        raise document.build_error(
+            ("kind",),
+            "is frf, frequency responses: machopt identify reads one; expected deflection, absolute or motion",
+        )
     keys = validate_document(RecordingKeys, document)
     data = find_data_files(document, keys.data, file.parent)
     targets = by_target.parse_targets(document, keys.targets_mm, keys.kind)
