@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import math
 import multiprocessing
 import shutil
 import sys
@@ -119,17 +120,22 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--mass-percent", type=float, default=0.0)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="stop after this time, with the cases done")
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     started, found, refused = time.perf_counter(), {}, []
     cases = [(args.seed, n, args.mass_percent) for n in range(args.cases)]
+    done = 0
     with multiprocessing.get_context("spawn").Pool(args.jobs) as pool:
         for result in pool.imap(evaluate_case, cases):
+            done += 1
             if isinstance(result, str):
                 refused.append(result)
-                continue
-            for group, rows in result.items():
-                found.setdefault(group, []).extend(rows)
+            else:
+                for group, rows in result.items():
+                    found.setdefault(group, []).extend(rows)
+            if time.perf_counter() - started > 60.0 * args.minutes:
+                break
     seconds = time.perf_counter() - started
     print(
         f"{args.cases} cases, seed {args.seed}, masses {args.mass_percent:g} %, {seconds:.0f} s, refused {len(refused)}"

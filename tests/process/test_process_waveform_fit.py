@@ -104,6 +104,14 @@ def run(folder: Path, out: Path) -> dict[str, object]:
     return json.loads((out / "coefficients.json").read_text(encoding="utf-8"))  # type: ignore[no-any-return]
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory, rows: list[str]) -> Path:
+    """Output folder of the undisturbed recording."""
+    folder = tmp_path_factory.mktemp("plain")
+    run(record(folder / "r", rows), folder / "out")
+    return folder / "out"
+
+
 @pytest.mark.parametrize(
     ("teeth", "helix", "side", "ae", "runout"),
     [
@@ -147,28 +155,28 @@ def test_forces_are_those_of_true_trochoids(
     np.testing.assert_array_less(np.abs(found - expected).max(axis=0), 4e-3 * np.abs(expected).max(axis=0))
 
 
-def test_truths_lie_in_the_intervals_and_the_file_is_read_back(tmp_path: Path, rows: list[str]) -> None:
-    found = run(record(tmp_path / "r", rows), tmp_path / "out")
-    for entry, truth in zip(found["coefficients"], TRUTH, strict=True):  # type: ignore[call-overload]
+def test_truths_lie_in_the_intervals_and_the_file_is_read_back(plain: Path) -> None:
+    found = json.loads((plain / "coefficients.json").read_text(encoding="utf-8"))
+    for entry, truth in zip(found["coefficients"], TRUTH, strict=True):
         low, high = entry["interval"]
         half = 0.5 * (high - low)
         assert low - half < truth < high + half, entry["name"]  # 90 % intervals: six of six would be luck
         assert half < 0.2 * truth or entry["name"] == "Kae"
     waveform = found["waveform"]
-    assert waveform["runout"]["amplitude_mm"] == pytest.approx(1e3 * RUNOUT, rel=0.1)  # type: ignore[index]
-    assert waveform["runout"]["angle_deg"] == pytest.approx(math.degrees(RUNOUT_ANGLE), abs=4.0)  # type: ignore[index]
-    assert [cut["spindle_rpm"] for cut in waveform["cuts"]] == pytest.approx([6012.0] * 2, rel=2e-4)  # type: ignore[index]
-    offsets = [cut["offset_deg"] for cut in waveform["cuts"]]  # type: ignore[index]
+    assert waveform["runout"]["amplitude_mm"] == pytest.approx(1e3 * RUNOUT, rel=0.1)
+    assert waveform["runout"]["angle_deg"] == pytest.approx(math.degrees(RUNOUT_ANGLE), abs=4.0)
+    assert [cut["spindle_rpm"] for cut in waveform["cuts"]] == pytest.approx([6012.0] * 2, rel=2e-4)
+    offsets = [cut["offset_deg"] for cut in waveform["cuts"]]
     assert offsets == pytest.approx([math.degrees(0.3), math.degrees(2.1)], abs=1.0)
-    process = load_process(tmp_path / "out" / "process.yaml")
+    process = load_process(plain / "process.yaml")
     milling = process.materials["al7075"].milling
     assert milling is not None
-    assert milling.Ktc_Pa == pytest.approx(1e6 * found["coefficients"][0]["value"], rel=1e-5)  # type: ignore[index]
+    assert milling.Ktc_Pa == pytest.approx(1e6 * found["coefficients"][0]["value"], rel=1e-5)
     assert "force waveforms of 2 measured cuts" in milling.source
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    page = (plain / "report.html").read_text(encoding="utf-8")
     assert "Measured and fitted waveforms" in page
     assert "c-waveform-1" in page
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+    assert sorted(p.name for p in plain.iterdir()) == [
         "coefficients.json",
         "cuts.csv",
         "manifest.json",
@@ -185,15 +193,15 @@ def test_an_encoder_gives_one_offset_for_all_cuts(tmp_path: Path) -> None:
     assert found["coefficients"][0]["value"] == pytest.approx(TRUTH[0], rel=0.03)  # type: ignore[index]
 
 
-def test_what_the_model_lacks_widens_the_intervals(tmp_path: Path, rows: list[str]) -> None:
-    plain = run(record(tmp_path / "a", rows), tmp_path / "out_a")
+def test_what_the_model_lacks_widens_the_intervals(tmp_path: Path, plain: Path) -> None:
+    undisturbed = json.loads((plain / "coefficients.json").read_text(encoding="utf-8"))
     disturbed = run(record(tmp_path / "b", build_rows(2.0, disturbance=15.0)), tmp_path / "out_b")
-    assert not plain["waveform"]["misfit_significant"]  # type: ignore[index]
+    assert not undisturbed["waveform"]["misfit_significant"]
     assert disturbed["waveform"]["misfit_significant"]  # type: ignore[index]
     assert any("repeat with the rotation" in text for text in disturbed["warnings"])  # type: ignore[attr-defined]
     widths = [
         [entry["interval"][1] - entry["interval"][0] for entry in one["coefficients"]]  # type: ignore[attr-defined]
-        for one in (plain, disturbed)
+        for one in (undisturbed, disturbed)
     ]
     assert widths[1][0] > 1.5 * widths[0][0]
 
