@@ -270,6 +270,8 @@ def test_options_without_effect_and_other_commands_refuse(
     assert "--model" in capsys.readouterr().err
     assert main(["identify", str(CELL), str(folder), str(folder), "-o", out, "--quiet"]) == 2
     assert "expected one of kind frf" in capsys.readouterr().err
+    assert main(["identify", str(CELL), str(folder), "-o", out, "--dry-run"]) == 2
+    assert "without --dry-run" in capsys.readouterr().err
     assert main(["diagnose", str(CELL), str(folder), "-o", out, "--quiet"]) == 2
     assert "is frf, frequency responses" in capsys.readouterr().err
     assert main(["process", str(CELL), str(folder), "-o", out, "--quiet"]) == 2

@@ -15,10 +15,13 @@ import pytest
 
 from machopt.cell.process_file import load_process
 from machopt.cli import main
+from machopt.data_types.measurements.waveform_recording import WaveformRecording
 from machopt.measurement.cutting.coefficient_fit import NAMES
 from machopt.measurement.cutting.waveform.chip_integrals import build_chip_integrals
 from machopt.measurement.cutting.waveform.residual_noise import compute_repeatable_ratio, fit_noise
+from machopt.measurement.cutting.waveform.signal_checks import limit_samples
 from machopt.measurement.cutting.waveform.waveform_model import _build_mixing
+from machopt.measurement.recording import load_cutting_recording
 from machopt.process.milling.mean_force import get_axial_hand
 from machopt.process.milling.milling_cut import CutSide, MillingCut, MillingCutter
 
@@ -221,6 +224,24 @@ def test_an_autoregression_is_found_and_whitens() -> None:
     ratio, limit = compute_repeatable_ratio([phases], [white], 8)
     assert ratio < limit
     assert compute_repeatable_ratio([phases], [white + 0.5 * np.sin(phases)[:, None]], 8)[0] > limit
+
+
+def test_long_recordings_are_cut_to_the_first_samples_of_each_cut(tmp_path: Path) -> None:
+    lines = ["cut_number,time_s,spindle_rpm,feed_mm_min,ae_mm,ap_mm,fx_N,fy_N,fz_N"]
+    lines += [
+        f"{cut},{n * 1e-4:.4f},6000,720,5,4,{n},0,0" for cut, count in ((1, 20000), (2, 10000)) for n in range(count)
+    ]
+    recording = load_cutting_recording(record(tmp_path / "r", lines))
+    assert isinstance(recording, WaveformRecording)
+    short, force = limit_samples(recording, np.array(recording.samples.force), 3)
+    assert short.first.tolist() == [0, 8000, 12000]
+    assert force[8000, 0] == 0.0
+    assert force[-1, 0] == 3999.0
+    assert short.time is not None
+    assert short.time[8001] == pytest.approx(1e-4)
+    assert "first 12000 of 30000 samples" in short.samples.warnings[-1]
+    same, _ = limit_samples(short, force, 3)
+    assert same is short
 
 
 def replace_cell(rows: list[str], line: int, column: str, value: str) -> list[str]:
