@@ -197,6 +197,22 @@ def test_a_joint_that_is_not_excited_gets_a_bound_and_no_interval(tmp_path: Path
         assert written.covariance[n, n] == pytest.approx(written.joints[n] ** -2.0, rel=1e-6)
 
 
+def test_the_coherence_gives_the_noise_of_each_frequency(tmp_path: Path) -> None:
+    """|H|² (1 − γ²)/γ² is the noise, whatever |H| is; its mean over seven frequencies is taken."""
+    rows = build_rows(((0, 0),), noise=0.0, poses=1)
+    values = [row.split(",") for row in rows[1:]]
+    size = np.array([math.hypot(float(v[2]), float(v[3])) for v in values])
+    noise = 1e-8 * (1.0 + np.arange(len(size)))
+    gamma = size**2 / (size**2 + noise**2)
+    lines = [rows[0] + ",coherence", *(f"{row},{g!r}" for row, g in zip(rows[1:], gamma.tolist(), strict=True))]
+    cell = load_cell(CELL, bodies=False)
+    found = build_response_equations(
+        load_frequency_responses(record(tmp_path / "r", lines)), cell, load_robot(cell), None
+    )
+    expected = [np.sqrt(np.mean(noise[max(n - 3, 0) : n + 4] ** 2)) for n in range(len(size))]
+    np.testing.assert_allclose(found.shape, expected, rtol=0.03)  # coherences above 0.9999 are cut
+
+
 def test_uncertain_masses_widen_the_intervals(equations: ResponseEquations) -> None:
     """The variance added is that of refits with the mass of one link after the other changed."""
     model, prior = build_response_model(equations, "viscous"), build_prior(SPRINGS, True)

@@ -49,7 +49,7 @@ def average_blows(H: np.ndarray, noise: float, rng: np.random.Generator) -> tupl
     blows = H + noise * np.sqrt(BLOWS) * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
     mean = blows.mean(axis=0)
     coherence = np.abs(mean) ** 2 / np.mean(np.abs(blows) ** 2, axis=0)
-    return mean, np.clip(coherence, 1e-3, 1.0)
+    return mean, np.minimum(coherence, 1.0)
 
 
 def write_recording(folder: Path, rng: np.random.Generator, mass_percent: float) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,8 @@ from machopt.kinematics.robot import Robot
 from machopt.measurement.identification import thresholds
 from machopt.numerics.array_types import Array, ComplexArray, Ints, make_arrays_read_only
 
-COHERENCE_RANGE = (0.02, 0.9999)  # beyond, the coherence is that of rounding or of nothing
+COHERENCE_RANGE = (1e-9, 0.9999)  # above, the rest is rounding; below, a response at an antiresonance is divided by 0
+NOISE_LINES = 3  # neighbours to either side over which the noise is averaged: that of few blows scatters by itself
 TYPICAL_DAMPING = 0.06  # loss factor of a robot joint: twice the modal damping of 3 % of published arms
 
 
@@ -63,7 +64,7 @@ def build_response_equations(
     spread = size
     if recording.coherence is not None:  # output noise per input: |H|² (1 − γ²)/γ²
         gamma = np.clip(recording.coherence, *COHERENCE_RANGE)
-        spread = size * np.sqrt((1.0 - gamma) / gamma)
+        spread = np.sqrt(_smooth_along_frequency(recording, size**2 * (1.0 - gamma) / gamma))
     else:
         usual = np.array([np.sqrt(np.mean(size[recording.group == n] ** 2)) for n in range(recording.responses)])
         spread = usual[recording.group]
@@ -80,6 +81,19 @@ def build_response_equations(
     )
     _refuse_wrong_units(recording, equations, prior)
     return equations
+
+
+def _smooth_along_frequency(recording: FrequencyResponseRecording, variance: Array) -> Array:
+    """Return the running mean of the noise of each response over its neighbouring frequencies, (N,)."""
+    out = np.empty_like(variance)
+    for n in range(recording.responses):
+        rows = np.flatnonzero(recording.group == n)
+        rows = rows[np.argsort(recording.frequency[rows])]
+        sums = np.concatenate([[0.0], np.cumsum(variance[rows])])
+        at = np.arange(len(rows))
+        low, high = np.maximum(at - NOISE_LINES, 0), np.minimum(at + NOISE_LINES + 1, len(rows))
+        out[rows] = (sums[high] - sums[low]) / (high - low)
+    return out
 
 
 def _compute_lever(
