@@ -137,9 +137,7 @@ def main() -> None:
             if time.perf_counter() - started > 60.0 * args.minutes:
                 break
     seconds = time.perf_counter() - started
-    print(
-        f"{args.cases} cases, seed {args.seed}, masses {args.mass_percent:g} %, {seconds:.0f} s, refused {len(refused)}"
-    )
+    print(f"{done} cases, seed {args.seed}, masses {args.mass_percent:g} %, {seconds:.0f} s, refused {len(refused)}")
     print("group          intervals  inside  half width of the log  error (medians)")
     for group, rows in sorted(found.items()):
         inside, half, error = (np.array(column, float) for column in zip(*rows, strict=True))
