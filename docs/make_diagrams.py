@@ -296,6 +296,43 @@ def draw_joint_method() -> str:
     return d.render()
 
 
+def draw_waveform_fit() -> str:
+    """Draw a cutter with run-out, and measured and fitted force over one revolution with unequal teeth."""
+    d = Drawing(900, 330, "Run-out of a cutter and its force over one revolution")
+    x, y, R, offset = 165, 165, 92, 26
+    d.add_circle(x, y, R, fill=LIGHT)
+    d.add_circle(x - offset, y + offset / 2, 4, fill=BAD)
+    d.add_circle(x, y, 4, fill=INK)
+    d.add_line([(x - offset, y + offset / 2), (x, y)], colour=BAD, width=3)
+    for j in range(3):
+        angle = 0.5 + 2.0 * math.pi * j / 3
+        tip = (x + R * math.sin(angle), y - R * math.cos(angle))
+        d.add_line([(x, y), tip], dash="4 3")
+        d.add_circle(*tip, 6, fill=ACCENT)
+        d.add_text(x + 1.32 * R * math.sin(angle), y - 1.2 * R * math.cos(angle) + 5, f"tooth {j}", size=12)
+    d.add_text(x - offset - 4, y + offset + 14, "spindle axis", size=12, colour=BAD)
+    d.add_text(x, y + R + 48, "run-out ρ: tool axis beside the spindle axis", bold=True, size=13)
+    left, right, base, height = 350, 870, 255, 190
+    d.add_line([(left, base), (right, base)], arrow=True)
+    d.add_line([(left, base), (left, base - height - 20)], arrow=True)
+    peaks, turn = (1.0, 0.62, 0.8), 2.0 * math.pi
+    curve = []
+    for n in range(361):
+        phase = 3.0 * n / 360
+        j, within = int(phase) % 3, phase % 1.0
+        curve.append((left + (right - left - 20) * n / 360, base - height * peaks[j] * math.sin(math.pi * within) ** 2))
+    d.add_line(curve, colour=ACCENT, width=3)
+    for n in range(0, 361, 12):
+        px, py = curve[n]
+        d.add_circle(px, py + 7.0 * math.sin(5.3 * turn * n / 360 + 2.1 * n), 3, fill=BAD)
+    d.add_text((left + right) / 2, base + 24, "rotation of tooth 0 over one revolution", size=13)
+    d.add_text(left + 8, base - height - 26, "force", anchor="start", size=13)
+    d.add_text(
+        (left + right) / 2, base + 54, "marks: measured, line: fit; unequal teeth show the run-out", bold=True, size=13
+    )
+    return d.render()
+
+
 DIAGRAMS = {
     "redundancy_angle": draw_redundancy_angle,
     "configuration_grid": draw_configuration_grid,
@@ -306,6 +343,7 @@ DIAGRAMS = {
     "index_axes": draw_index_axes,
     "stock_contact": draw_stock_contact,
     "joint_method": draw_joint_method,
+    "waveform_fit": draw_waveform_fit,
 }
 
 

@@ -24,6 +24,7 @@ from machopt.data_types.documents.json_schemas import write_schemas
 from machopt.data_types.plan_options import PlanOptions
 from machopt.input_files import job_list, json_schemas
 from machopt.measurement.recording import cutting_recording_reader as cutting_keys
+from machopt.measurement.recording import frequency_response_reader
 from machopt.measurement.recording import recording_schema as recording_keys
 from machopt.options import option_schema, plan_option_reader
 
@@ -69,8 +70,18 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
     (
         "recording.yaml of measured cuts",
         "`kind: cutting`, for `machopt process`. Columns: `spindle_rpm, feed_mm_min, ap_mm, fx_N, fy_N, fz_N`, and "
-        "where they apply `ae_mm`, `cut`, `travel_x, travel_y, travel_z`, `q1_deg` … `q6_deg`.",
+        "where they apply `ae_mm`, `cut`, `travel_x, travel_y, travel_z`, `q1_deg` … `q6_deg`. Force waveforms have "
+        "`time_s` (s) or `angle_deg` (rotation of the spindle in its own sense, °) too, and `cut_number` for several "
+        "cuts in one file.",
         cutting_keys.CuttingRecordingKeys,
+    ),
+    (
+        "recording.yaml of frequency responses",
+        "`kind: frf`, for `machopt identify`. Columns: `frequency_Hz`, `re_m_per_N, im_m_per_N` (receptance, "
+        "displacement over force, m/N), `q1_deg` … `q6_deg`, `excitation_x, excitation_y, excitation_z` and "
+        "`response_x, response_y, response_z` (directions of force and sensor, any length), and where they apply "
+        "`pose` and `coherence` (0 … 1).",
+        frequency_response_reader.FrequencyResponseKeys,
     ),
     ("Batch list", "The YAML file of `machopt batch LIST`.", job_list.JobListKeys),
 )

@@ -71,7 +71,7 @@ def fit_cutting_coefficients(
     progress: Progress = ignore_progress,
     **options: Unpack[CuttingCoefficientsOptions],
 ) -> CuttingCoefficients:
-    """Cutting coefficients of one material from the mean forces of measured cuts: ``machopt process``.
+    """Cutting coefficients of one material from mean forces or force waveforms of cuts: ``machopt process``.
 
     Args:
         cell: a cell, or the path of its folder.

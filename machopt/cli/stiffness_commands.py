@@ -16,7 +16,9 @@ from machopt.cli.recording_preview_output import print_recording_preview
 from machopt.cli.shared_options import add_shared_option
 
 if TYPE_CHECKING:
+    from machopt.data_types.documents.frequency_response_document import FrequencyResponseDocument
     from machopt.data_types.documents.identification_document import IdentificationDocument
+    from machopt.measurement.identification.request import IdentifyRequest
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -37,7 +39,11 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     add_shared_option(cell, "--jobs")
     add_shared_option(cell, "--tables")
     parents = [common, cell]
-    _add_identify(commands.add_parser("identify", parents=parents, help="identify joint stiffness from load tests"))
+    _add_identify(
+        commands.add_parser(
+            "identify", parents=parents, help="identify joint stiffness from load tests or frequency responses"
+        )
+    )
     add_plan_poses_options(
         commands.add_parser("plan-poses", parents=parents, help="choose poses and loads for a measurement")
     )
@@ -97,6 +103,7 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
 def _run_identify(args: argparse.Namespace) -> int:
     from machopt.commands.identify.run import run_identify
     from machopt.measurement.identification.request import IdentifyRequest
+    from machopt.measurement.recording.frequency_response_reader import is_frequency_response_recording
 
     if args.dry_run:
         return print_recording_preview(args)
@@ -122,6 +129,8 @@ def _run_identify(args: argparse.Namespace) -> int:
         effects=tuple(args.effects),
         tables=args.tables,
     )
+    if is_frequency_response_recording(args.recording[0]):
+        return _run_frequency_responses(args, request)
     with ProgressDisplay(show=not (args.quiet or args.json)) as display:
         done = run_identify(request, display.show_stage)
     if args.json:
@@ -130,6 +139,39 @@ def _run_identify(args: argparse.Namespace) -> int:
         print("\n".join(_format_identify_summary(done.result)))
         print(f"report: {done.report}")
     return 0
+
+
+def _run_frequency_responses(args: argparse.Namespace, request: IdentifyRequest) -> int:
+    from machopt.commands.identify.frequency_responses import run_frequency_response_identification
+
+    with ProgressDisplay(show=not (args.quiet or args.json)) as display:
+        done = run_frequency_response_identification(request, display.show_stage)
+    if args.json:
+        print_result(done.result)
+    elif not args.quiet:
+        print("\n".join(_format_frequency_responses(done.result)))
+        print(f"report: {done.report}")
+    return 0
+
+
+def _format_frequency_responses(result: FrequencyResponseDocument) -> list[str]:
+    unit = "N·m·s/rad" if result.damping_law == "viscous" else "loss factor"
+    lines = [
+        f"{len(result.responses)} responses, {_format_count(result.poses, 'pose')}, {result.damping_law} damping: "
+        f"{100 * min(r.explained_share for r in result.responses):.1f} % or more of each response explained"
+    ]
+    for joint in result.joints:
+        low, high = joint.interval
+        text = f"{_format_number(low)} … {_format_number(high)}" if joint.identified else joint.reason
+        first, last = joint.damping_interval
+        damping = f"{joint.damping:.4g} {unit}  {_format_number(first)} … {_format_number(last)}"
+        damping = "damping not determined" if first is None else damping
+        lines.append(f"  joint {joint.joint}  {joint.k_Nm_per_rad:10.4g} N·m/rad   {text}   {damping}")
+    for mode in result.modes:
+        if mode.determined:
+            low, high = mode.frequency_Hz
+            lines.append(f"  mode {mode.mode}  {low:.1f} … {high:.1f} Hz  damping {mode.damping_percent:.2f} %")
+    return [*lines, *(f"  note: {text}" for text in result.warnings)]
 
 
 def _format_identify_summary(result: IdentificationDocument) -> list[str]:

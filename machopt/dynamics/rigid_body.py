@@ -84,6 +84,26 @@ class RigidBodyDynamics:
             out[k] = upper + np.triu(upper, 1).T
         return out
 
+    def compute_body_mass_matrices(self, q: Array) -> Array:
+        """Return the part of each body in the mass matrix, (n, N, n, n) kg·m²; their sum is the mass matrix.
+
+        Args:
+            q: (N, n) rad or m.
+        """
+        import pinocchio as pin
+
+        out = np.zeros((self.joints, len(q), self.joints, self.joints))
+        for body in range(self.joints):
+            alone = pin.Model(self.model)
+            for other in range(1, self.joints + 1):
+                if other != body + 1:
+                    alone.inertias[other] = pin.Inertia.Zero()
+            data = alone.createData()
+            for k in range(len(q)):
+                upper = np.triu(pin.crba(alone, data, q[k]))
+                out[body, k] = upper + np.triu(upper, 1).T
+        return out
+
     def compute_own_inertia(self, q: Array) -> Array:
         """Return the diagonal of the mass matrix, (N, n) kg·m²: inertia of the arm at each joint.
 

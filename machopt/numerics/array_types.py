@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+ComplexArray = NDArray[np.complex128]
 
 
 def make_arrays_read_only(found: object) -> None:

@@ -1,4 +1,4 @@
-"""process.yaml with one measured material and the conditions under which it was measured."""
+"""process.yaml with what was measured: a material with the conditions of its cuts, or the damping of the modes."""
 
 from __future__ import annotations
 
@@ -72,6 +72,25 @@ def write_process(path: Path, material: str, coefficients: MillingCoefficients, 
             },
             file,
         )
+
+
+def write_process_modes(path: Path, given: Path, damping_percent: list[float], source: str) -> None:
+    """Write a process.yaml with other damping of the arm's modes; everything else is kept, comments too.
+
+    Args:
+        path: Path of the new file.
+        given: process.yaml of the cell.
+        damping_percent: Damping of the modes in ascending frequency.
+        source: How it was measured.
+    """
+    from ruamel.yaml import YAML
+
+    yaml = YAML()
+    yaml.width = 4096
+    data = yaml.load(given.read_text(encoding="utf-8"))
+    data["modes"] = {"damping_percent": damping_percent, "source": source}
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        yaml.dump(data, file)
 
 
 def _round(value: float) -> float:

@@ -1,4 +1,4 @@
-"""``machopt process``: coefficients of a material with covariance from measured cuts, as process.yaml, and a page."""
+"""``machopt process``: coefficients of a material with covariance from mean forces or waveforms, and a page."""
 
 from __future__ import annotations
 
@@ -11,38 +11,30 @@ from machopt.cell.process_file.process_writer import MeasuredCut, write_process
 from machopt.commands.input_hashes import compute_input_hashes, list_recording_inputs, list_request_paths
 from machopt.commands.manifest import write_command_manifest
 from machopt.data_types.cell import Cell
-from machopt.data_types.cutting_coefficients import MillingCoefficients
 from machopt.data_types.documents.coefficients_document import CoefficientsDocument
-from machopt.data_types.measurements.cutting_recording import CuttingRecording
-from machopt.errors import CuttingInputError, RecordingError
 from machopt.file_formats.parquet_tables import refuse_without_pyarrow
-from machopt.measurement.cutting.coefficient_fit import (
-    CoefficientFit,
-    build_milling_coefficients,
-    fit_coefficients,
+from machopt.measurement.cutting.coefficient_fit import CoefficientFit
+from machopt.measurement.cutting.coefficients_document import (
+    build_coefficients_document,
+    build_waveform_section,
+    get_material_name,
 )
-from machopt.measurement.cutting.coefficients_document import build_coefficients_document, get_material_name
-from machopt.measurement.cutting.force_axes import compute_cut_forces, note_cutter_of_cell
+from machopt.measurement.cutting.recording_fit import CuttingFit, fit_recording
 from machopt.measurement.cutting.request import ProcessRequest, check_process_request
 from machopt.measurement.recording import load_cutting_recording
 from machopt.output import write_output_folder, write_result
 from machopt.output.tables.cuts_table import write_cuts_csv
-from machopt.process.binding.cutting_tools import build_milling_cutter
-from machopt.process.milling.milling_cut import check_milling_coefficients
 from machopt.report.page_types.coefficients_page_data import CoefficientsPageData
 from machopt.report.pages.coefficients_page import write_coefficients_page
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessComputation:
-    """Result of a regression in memory, not written yet."""
+    """Result of a fit in memory, not written yet."""
 
     request: ProcessRequest
     cell: Cell
-    recording: CuttingRecording
-    fit: CoefficientFit
-    found: MillingCoefficients
-    diameter: float  # m, of the cutter
+    found: CuttingFit
     result: CoefficientsDocument
 
 
@@ -70,7 +62,7 @@ def run_process(request: ProcessRequest, progress: Callable[[str], None] = lambd
         done = compute_process(request, progress)
         progress("report")
         write_process_files(done, folder)
-    return ProcessResult(done.fit, done.result, request.out / "report.html")
+    return ProcessResult(done.found.fit, done.result, request.out / "report.html")
 
 
 def compute_process(
@@ -89,30 +81,15 @@ def compute_process(
     check_process_request(request)
     progress("reading cell and recording")
     cell = load_cell(request.cell, allow_external=request.allow_external, bodies=False) if cell is None else cell
-    recording = load_cutting_recording(request.recording)
+    given = load_cutting_recording(request.recording)
     progress("fitting")
-    force = compute_cut_forces(recording, cell)
-    try:
-        cutter = build_milling_cutter(recording.cutter or cell.tool.cutter)
-        recording = note_cutter_of_cell(recording, cutter)
-        fit = fit_coefficients(
-            recording, cutter, force, level=request.level_percent / 100.0, keep_outliers=request.keep_outliers
-        )
-        found = _build_coefficients(recording, fit)
-    except CuttingInputError as problem:
-        raise RecordingError(problem.reason, file=recording.files[0]) from None
+    found = fit_recording(given, cell, level=request.level_percent / 100.0, keep_outliers=request.keep_outliers)
     result = build_coefficients_document(
-        request, cell, recording, fit, compute_input_hashes(cell, (request.recording,))
+        request, cell, found.recording, found.fit, compute_input_hashes(cell, (request.recording,))
     )
-    return ProcessComputation(
-        request=request,
-        cell=cell,
-        recording=recording,
-        fit=fit,
-        found=found,
-        diameter=cutter.diameter,
-        result=result,
-    )
+    if found.waveform is not None:
+        result = result.model_copy(update={"waveform": build_waveform_section(found.recording, found.waveform)})
+    return ProcessComputation(request=request, cell=cell, found=found, result=result)
 
 
 def write_process_files(done: ProcessComputation, folder: Path) -> None:
@@ -122,16 +99,17 @@ def write_process_files(done: ProcessComputation, folder: Path) -> None:
         done: Result of the computation.
         folder: The empty folder.
     """
-    recording, fit, row = done.recording, done.fit, int(done.fit.used.argmax())
+    found = done.found
+    recording, fit, row = found.recording, found.fit, int(found.fit.used.argmax())
     side = recording.side[row]
     cut = MeasuredCut(
         spindle_speed=float(recording.spindle_speed[row]),
         spindle=recording.spindle,
-        ae=done.diameter if side == "slot" else float(recording.ae[row]),
+        ae=found.cutter.diameter if side == "slot" else float(recording.ae[row]),
         ap=float(recording.ap[row]),
         side=side,
     )
-    write_process(folder / "process.yaml", get_material_name(done.request, recording), done.found, cut)
+    write_process(folder / "process.yaml", get_material_name(done.request, recording), found.coefficients, cut)
     write_cuts_csv(
         folder / "cuts.csv",
         places=[recording.format_place(row) for row in range(len(recording))],
@@ -140,16 +118,15 @@ def write_process_files(done: ProcessComputation, folder: Path) -> None:
         predicted=fit.predicted,
         reasons=fit.reasons,
     )
-    page = CoefficientsPageData(done.result, fit.feed_per_tooth, fit.measured, fit.predicted, fit.used)
+    page = CoefficientsPageData(
+        document=done.result,
+        feed_per_tooth=fit.feed_per_tooth,
+        measured=fit.measured,
+        predicted=fit.predicted,
+        used=fit.used,
+        waveform=found.waveform,
+    )
     write_coefficients_page(folder / "report.html", page)
     write_result(folder / "coefficients.json", done.result)
     inputs = list_recording_inputs((done.request.recording,))
     write_command_manifest(folder, "process", done.request, done.cell, verdict="identified", inputs=inputs)
-
-
-def _build_coefficients(recording: CuttingRecording, fit: CoefficientFit) -> MillingCoefficients:
-    feeds = fit.feed_per_tooth[fit.used]
-    source = f"mean forces of {int(fit.used.sum())} measured cuts, recording {recording.source}"
-    found = build_milling_coefficients(fit.values, (float(feeds.min()), float(feeds.max())), fit.sigma_log, source)
-    check_milling_coefficients(found)
-    return found

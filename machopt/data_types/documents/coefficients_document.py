@@ -43,6 +43,38 @@ class ForceComponentEntry(DocumentModel):
     explained_share: Known
 
 
+class RunoutSection(DocumentModel):
+    """Radial run-out of a waveform; the angle is from tooth 0, the nearest one to the offset; null: not determined."""
+
+    amplitude_mm: Number
+    interval_mm: tuple[Number, Number]
+    angle_deg: Known
+    angle_interval_deg: tuple[Known, Known]
+
+
+class WaveformCutEntry(DocumentModel):
+    """One cut; the offset is the rotation of tooth 0 at the first sample, or at the zero of column angle_deg."""
+
+    place: Text
+    spindle_rpm: Number
+    offset_deg: Number
+    offset_sigma_deg: Number
+
+
+class WaveformSection(DocumentModel):
+    """What force waveforms show beyond the coefficients; run-out is null for one tooth.
+
+    ``misfit_ratio``: mean square of the residuals that repeat with the rotation over what noise makes of it.
+    """
+
+    samples: Count
+    runout: RunoutSection | None
+    noise_order: Count
+    misfit_ratio: Number
+    misfit_significant: Flag
+    cuts: tuple[WaveformCutEntry, ...]
+
+
 class ProcessOptionsSection(DocumentModel):
     """Options as given."""
 
@@ -71,3 +103,4 @@ class CoefficientsDocument(DocumentModel):
     warnings: tuple[Text, ...]
     options: ProcessOptionsSection
     inputs: Hashes
+    waveform: WaveformSection | None = None

@@ -10,6 +10,7 @@ from machopt.data_types.documents.cell_documents import InitDocument, ValidateDo
 from machopt.data_types.documents.coefficients_document import CoefficientsDocument
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument
 from machopt.data_types.documents.document_base import DocumentModel
+from machopt.data_types.documents.frequency_response_document import FrequencyResponseDocument
 from machopt.data_types.documents.identification_document import IdentificationDocument
 from machopt.data_types.documents.inspect_documents import (
     InspectedCellDocument,
@@ -34,6 +35,7 @@ DOCUMENTS: dict[str, type[DocumentModel]] = {
     "identification.json": IdentificationDocument,
     "diagnosis.json": DiagnosisDocument,
     "coefficients.json": CoefficientsDocument,
+    "frequency_response.json": FrequencyResponseDocument,
     "plan.json": PosesDocument,
     "map.json": MapDocument,
     "place.json": PlaceDocument,

@@ -2,5 +2,8 @@
 
 ::
 
-    CuttingRecording ─► force_axes ─► coefficient_fit ─► CoefficientFit ─► process.yaml, coefficients.json, page
+                       ┌─ CuttingRecording ─► force_axes ─► coefficient_fit (mean forces) ─┐
+    recording_fit ─────┤                                                                   ├─► CuttingFit
+                       └─ WaveformRecording ─► force_axes ─► waveform (CasADi) ────────────┘
+    CuttingFit ─► coefficients_document ─► process.yaml, coefficients.json, page
 """

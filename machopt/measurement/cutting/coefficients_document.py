@@ -1,6 +1,8 @@
-"""The document coefficients.json of a regression of measured cuts."""
+"""The document coefficients.json of measured cuts: mean-force regression or waveform fit."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -11,10 +13,14 @@ from machopt.data_types.documents.coefficients_document import (
     ExcludedCutEntry,
     ForceComponentEntry,
     ProcessOptionsSection,
+    RunoutSection,
+    WaveformCutEntry,
+    WaveformSection,
 )
 from machopt.data_types.measurements.cutting_recording import CuttingRecording
 from machopt.measurement.cutting.coefficient_fit import COMPONENTS, NAMES, CoefficientFit
 from machopt.measurement.cutting.request import ProcessRequest
+from machopt.measurement.cutting.waveform.waveform_result import WaveformResult
 from machopt.version import __version__
 
 
@@ -73,6 +79,41 @@ def build_coefficients_document(
             material=request.material, level_percent=request.level_percent, keep_outliers=request.keep_outliers
         ),
         inputs=inputs,
+    )
+
+
+def build_waveform_section(recording: CuttingRecording, found: WaveformResult) -> WaveformSection:
+    """Build the section ``waveform`` of coefficients.json.
+
+    Args:
+        recording: One row a cut.
+        found: Run-out, offsets and residuals.
+    """
+    runout = None
+    if found.runout is not None:
+        one = found.runout
+        low, high = (None, None) if one.angle_interval is None else map(math.degrees, one.angle_interval)
+        runout = RunoutSection(
+            amplitude_mm=1e3 * one.amplitude,
+            interval_mm=(1e3 * one.interval[0], 1e3 * one.interval[1]),
+            angle_deg=None if one.angle is None else math.degrees(one.angle),
+            angle_interval_deg=(low, high),
+        )
+    return WaveformSection(
+        samples=found.samples,
+        runout=runout,
+        noise_order=found.noise_order,
+        misfit_ratio=found.misfit_ratio,
+        misfit_significant=found.has_misfit,
+        cuts=tuple(
+            WaveformCutEntry(
+                place=recording.format_place(n),
+                spindle_rpm=60.0 * float(found.spindle_speed[n]),
+                offset_deg=math.degrees(found.offset[n]),
+                offset_sigma_deg=math.degrees(found.offset_sigma[n]),
+            )
+            for n in range(len(recording))
+        ),
     )
 
 

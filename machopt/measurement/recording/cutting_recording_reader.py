@@ -1,4 +1,4 @@
-"""Reader of recordings of kind ``cutting``: measured cuts with their conditions and mean forces."""
+"""Reader of recordings of kind ``cutting``: measured cuts with their conditions, and mean forces or waveforms."""
 
 from __future__ import annotations
 
@@ -10,10 +10,17 @@ from pydantic import Field
 
 from machopt.data_types.cell import CutterGeometry
 from machopt.data_types.measurements.cutting_recording import CUT_SIDES, CuttingRecording
+from machopt.data_types.measurements.waveform_recording import WaveformRecording
 from machopt.errors import RecordingError
 from machopt.file_formats.strict_yaml import StrictSchema, read_yaml, validate_document
 from machopt.measurement.recording.recording_reader import find_data_files, find_recording_yaml
 from machopt.measurement.recording.recording_table import AllowedColumns, RecordingTable, read_table
+from machopt.measurement.recording.waveform_columns import (
+    ABSCISSAS,
+    CUT_NUMBER,
+    build_waveform_recording,
+    find_abscissa,
+)
 from machopt.numerics.array_types import Array
 
 CONDITIONS = ("spindle_rpm", "feed_mm_min", "ap_mm")
@@ -21,11 +28,13 @@ FORCES = ("fx_N", "fy_N", "fz_N")
 TRAVEL = ("travel_x", "travel_y", "travel_z")
 JOINTS = tuple(f"q{n}_deg" for n in range(1, 7))
 COLUMNS = AllowedColumns(
-    numbers=(*CONDITIONS, "ae_mm", *FORCES, *TRAVEL, *JOINTS),
+    numbers=(*ABSCISSAS, CUT_NUMBER, *CONDITIONS, "ae_mm", *FORCES, *TRAVEL, *JOINTS),
     words=("cut",),
-    listed_names=f"{', '.join((*CONDITIONS, 'ae_mm', 'cut', *FORCES, *TRAVEL))}, q1_deg … q6_deg",
+    listed_names=f"{', '.join((*CONDITIONS, 'ae_mm', 'cut', *FORCES, *ABSCISSAS, CUT_NUMBER, *TRAVEL))}, "
+    "q1_deg … q6_deg",
     refused_names={
         "fz_mm": "give feed_mm_min and spindle_rpm; the feed per tooth follows from the number of teeth",
+        "t_s": "the name is time_s",
         "mz_Nm": "moments are not taken; the three forces determine the coefficients",
     },
     sparse=("ae_mm",),
@@ -54,8 +63,8 @@ class CuttingRecordingKeys(StrictSchema):
     notes: str = Field(default="", description="free text")
 
 
-def load_cutting_recording(path: Path | str) -> CuttingRecording:
-    """Read a recording of measured cuts.
+def load_cutting_recording(path: Path | str) -> CuttingRecording | WaveformRecording:
+    """Read a recording of measured cuts: waveforms where a column time_s or angle_deg exists, else means.
 
     Args:
         path: the folder, or the ``recording.yaml`` in it.
@@ -66,7 +75,7 @@ def load_cutting_recording(path: Path | str) -> CuttingRecording:
     file = find_recording_yaml(Path(path))
     document = read_yaml(file)
     kind = document.value.get("kind") if isinstance(document.value, dict) else None
-    if kind in ("deflection", "absolute", "motion"):
+    if kind in ("deflection", "absolute", "motion", "frf"):
         raise document.build_error(
             ("kind",), f"is {kind}; expected cutting, measured cuts. machopt identify and diagnose read the other kinds"
         )
@@ -83,8 +92,9 @@ def load_cutting_recording(path: Path | str) -> CuttingRecording:
     def join(name: str) -> Array:
         return np.concatenate([t.numbers[name] for t in tables])
 
+    abscissa = find_abscissa(tables)
     sign = 1.0 if keys.force_on == "tool" else -1.0
-    return CuttingRecording(
+    recording = CuttingRecording(
         source=file.parent.resolve().name,
         files=tuple(files),
         file=np.repeat(np.arange(len(tables)), [len(t) for t in tables]).astype(np.int64),
@@ -101,6 +111,7 @@ def load_cutting_recording(path: Path | str) -> CuttingRecording:
         q=np.radians(np.column_stack([join(name) for name in JOINTS])) if keys.wrench_frame == "base" else None,
         cutter=None if keys.cutter is None else _build_cutter(keys.cutter),
     )
+    return recording if abscissa is None else build_waveform_recording(recording, tables, abscissa)
 
 
 def _check_columns(table: RecordingTable, keys: CuttingRecordingKeys) -> None:

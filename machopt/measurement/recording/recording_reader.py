@@ -71,6 +71,7 @@ def load_recording(path: Path | str) -> Recording:
         raise document.build_error(
             ("kind",), "is cutting, measured cuts: machopt process reads them; expected deflection, absolute or motion"
         )
+    _refuse_frequency_responses(document)
     keys = validate_document(RecordingKeys, document)
     data = find_data_files(document, keys.data, file.parent)
     targets = by_target.parse_targets(document, keys.targets_mm, keys.kind)
@@ -99,6 +100,15 @@ def load_recording(path: Path | str) -> Recording:
     return replace(recording, warnings=warnings)
 
 
+def _refuse_frequency_responses(document: YamlDocument) -> None:
+    if isinstance(document.value, dict) and document.value.get("kind") == "frf":
+        raise document.build_error(
+            ("kind",),
+            "is frf, frequency responses: machopt identify reads one, without --dry-run; expected deflection, absolute "
+            "or motion",
+        )
+
+
 def describe_columns(path: Path | str) -> tuple[ColumnReading, ...]:
     """Return how each column of the data files of a recording folder is understood.
 
@@ -110,6 +120,7 @@ def describe_columns(path: Path | str) -> tuple[ColumnReading, ...]:
     """
     file = find_recording_yaml(Path(path))
     document = read_yaml(file)
+    _refuse_frequency_responses(document)
     keys = validate_document(RecordingKeys, document)
     allowed = list_allowed_columns(keys.kind)
     known = (*allowed.numbers, *allowed.words)

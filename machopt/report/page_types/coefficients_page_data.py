@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from machopt.data_types.documents.coefficients_document import CoefficientsDocument
+from machopt.measurement.cutting.waveform.waveform_result import WaveformResult
 from machopt.numerics.array_types import Array, Bools
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CoefficientsPageData:
     """The document, and the forces of every cut."""
 
@@ -17,3 +18,4 @@ class CoefficientsPageData:
     measured: Array  # (N, 3) N, travel, normal, axial
     predicted: Array  # (N, 3) N
     used: Bools  # (N,)
+    waveform: WaveformResult | None = None

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     Body = Markup | str
 
+SHOWN_CUTS = 6  # of a waveform recording: further ones look alike
 COLORS = (("travel", "#1552b8"), ("normal", "#d9730d"), ("axial", "#2c8a57"))
 
 
@@ -40,6 +41,7 @@ def build_coefficients_html(data: CoefficientsPageData) -> str:
     document = data.document
     sections = [
         ("coefficients", "Coefficients", _build_coefficients(data)),
+        ("waveform", "Waveform", _build_waveform(data)),
         ("forces", "Forces", _build_forces()),
         ("cuts", "Cuts left out", _build_excluded(data)),
         ("run", "This run", _build_run(data)),
@@ -48,7 +50,7 @@ def build_coefficients_html(data: CoefficientsPageData) -> str:
         f"Cutting coefficients of {document.material}",
         (("Cell", document.cell), ("Recording", document.recording)),
         sections,
-        {"xy": [_build_force_chart(data), _build_parity_chart(data)]},
+        {"xy": [*_build_waveform_charts(data), _build_force_chart(data), _build_parity_chart(data)]},
         scripts=("chart.js", "xy.js", "start_xy.js"),
         footer=f"machopt {document.version}. Forces N, on the tool. Intervals {100 * document.interval_level:g} %.",
     )
@@ -89,6 +91,59 @@ def _build_coefficients(data: CoefficientsPageData) -> Body:
         "a revolution. Measured peaks may be higher: run-out and the dynamometer add to them."
     )
     return build_section("coefficients", "Coefficients", lead, body)
+
+
+def _build_waveform(data: CoefficientsPageData) -> Body:
+    section = data.document.waveform
+    if section is None or data.waveform is None:
+        return ""
+    facts = []
+    if section.runout is not None:
+        low, high = section.runout.interval_mm
+        facts.append(["Radial run-out", f"{section.runout.amplitude_mm:.4f} mm ({low:.4f} … {high:.4f})"])
+        first, last = section.runout.angle_interval_deg
+        angle = section.runout.angle_deg
+        text = "not determined" if angle is None else f"{angle:.1f}° from tooth 0 ({first:.1f} … {last:.1f})"
+        facts.append(["Angle of the run-out", text])
+    facts.append(["Samples", str(section.samples)])
+    facts.append(["Order of the autoregression of the residuals", str(section.noise_order)])
+    text = "significant" if section.misfit_significant else "not significant"
+    facts.append(["Repeatable part of the residuals over noise", f"{section.misfit_ratio:.2f}, {text}"])
+    columns = [TableColumn("Cut"), TableColumn("Spindle (rpm)", "n"), TableColumn("Offset of tooth 0 (°)", "n")]
+    rows = [
+        [cut.place, f"{cut.spindle_rpm:.1f}", f"{cut.offset_deg:.2f} ± {cut.offset_sigma_deg:.2f}"]
+        for cut in section.cuts
+    ]
+    body: Body = build_table([TableColumn("What"), TableColumn("Value")], facts) + build_table(columns, rows)
+    ids = [f"c-waveform-{n}" for n in range(min(len(data.waveform.folded), SHOWN_CUTS))]
+    body += render_part("grid", 2, [render_part("chart", name) for name in ids])
+    lead = (
+        "Marks are the measured forces, averaged at each rotation of tooth 0; lines are the fit. "
+        f"Intervals {100 * data.document.interval_level:g} %, offsets ± 1 σ."
+    )
+    return build_section("waveform", "Measured and fitted waveforms", lead, body)
+
+
+def _build_waveform_charts(data: CoefficientsPageData) -> list[dict[str, Any]]:
+    charts: list[dict[str, Any]] = []
+    for n, cut in enumerate(() if data.waveform is None else data.waveform.folded[:SHOWN_CUTS]):
+        angle, layers = round_for_json(np.degrees(cut.angle)), []
+        for f, (name, color) in enumerate(COLORS):
+            layers.append(
+                {"type": "points", "name": name, "color": color, "x": angle, "y": round_for_json(cut.measured[:, f])}
+            )
+            layers.append({"type": "line", "color": color, "x": angle, "y": round_for_json(cut.predicted[:, f])})
+        charts.append(
+            {
+                "id": f"c-waveform-{n}",
+                "title": f"Cut {n + 1}: {1e3 * data.feed_per_tooth[n]:.3g} mm per tooth",
+                "xlabel": "Rotation of tooth 0 (°)",
+                "ylabel": "Force (N)",
+                "height": 380,
+                "layers": layers,
+            }
+        )
+    return charts
 
 
 def _build_forces() -> Body:
