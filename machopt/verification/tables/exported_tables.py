@@ -159,8 +159,8 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
     time = table.read_numbers("time_s")
     if len(time) < 2:
         raise OutputFolderError(f"{len(time)} samples; a motion has two or more", file=file)
-    point, move = table.read_numbers("point", empty=True), _parse_moves(table)
-    lifted = _find_lifted(point, move)
+    point, move = table.read_numbers("point", empty=True), parse_moves(table)
+    lifted = find_lifted_samples(point, move)
     return ExportedMotion(
         time=time,
         point=point,
@@ -199,7 +199,7 @@ def read_points(file: Path, cell: Cell) -> ExportedPoints:
     if len(odd):
         row = int(odd[0])
         raise OutputFolderError(f"{number[row]:g} is no point number", file=file, where=f"data row {row + 1}, point")
-    _parse_moves(table)
+    parse_moves(table)
     skip = {"point", *JOINT_COLUMNS, *axes, *SHIFT_COLUMNS, *TILT_COLUMNS}
     shift = np.column_stack([table.read_numbers(n) for n in SHIFT_COLUMNS]) / 1e3 if shifted else None
     return ExportedPoints(
@@ -322,8 +322,13 @@ def _check_tools(table: ColumnTable, cell: Cell) -> None:
             )
 
 
-def _find_lifted(point: Array, move: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(S,) rows called link behind a retract and ahead of an approach, all of them at one whole toolpath index."""
+def find_lifted_samples(point: Array, move: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return (S,) rows called link behind a retract and ahead of an approach, all of them at one whole toolpath index.
+
+    Args:
+        point: (S,) fractional toolpath index, NaN where empty.
+        move: (S,) move codes as printed.
+    """
     linked = np.r_[False, move == MoveKind.LINK, False]
     begins, ends = (np.flatnonzero(linked[1:] & ~linked[:-1]), np.flatnonzero(~linked[1:] & linked[:-1]))
     out = np.zeros(len(move), bool)
@@ -335,7 +340,15 @@ def _find_lifted(point: Array, move: NDArray[np.int64]) -> NDArray[np.bool_]:
     return out
 
 
-def _parse_moves(table: ColumnTable) -> NDArray[np.int64]:
+def parse_moves(table: ColumnTable) -> NDArray[np.int64]:
+    """Return the (S,) move codes of a table.
+
+    Args:
+        table: The table, with a column ``move``.
+
+    Raises:
+        InputError: a word that is no move.
+    """
     code = {word: n for n, word in enumerate(MOVE_WORDS)}
     moves = table.read_words("move")
     if not code.keys() >= {*moves}:

@@ -32,6 +32,7 @@ from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.motion.tool_changes import split_tables
 from machopt.verification.motion.worst_index_along_cuts import find_worst_index
 from machopt.verification.tables.csv_columns import ColumnTable, read_table
+from machopt.verification.tables.exported_tables import find_lifted_samples, parse_moves
 
 CHECK_VALUE_TOLERANCE = (
     1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
@@ -57,6 +58,12 @@ class ResultComparison:
     def motion(self) -> ColumnTable:
         """trajectory.csv, read on first use, because a table that cannot be read fails that part only."""
         return read_table(self.folder / "trajectory.csv")
+
+    @cached_property
+    def lift_starts(self) -> tuple[int, ...]:
+        """First row of each link of a re-entry in trajectory.csv."""
+        lifted = find_lifted_samples(self.motion.read_numbers("point", empty=True), parse_moves(self.motion))
+        return tuple(np.flatnonzero(lifted & ~np.r_[False, lifted[:-1]]).tolist())
 
     @cached_property
     def points(self) -> ColumnTable:

@@ -117,8 +117,7 @@ def _find_reentry_steps(t: ResultComparison) -> Array:
     """(L, 6 + E) rad or m between leaving and entering a cut at each re-entry (retract, link, approach)."""
     x, words = _read_motion_joints(t), t.motion.read_words("move")
     steps = []
-    link = np.array([word == MoveKind.LINK.word for word in words])
-    for row in np.flatnonzero(link & ~np.r_[False, link[:-1]]).tolist():
+    for row in t.lift_starts:
         first, last = row, row
         while first and words[first] != MoveKind.CUT.word:
             first -= 1

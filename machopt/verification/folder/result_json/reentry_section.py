@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
-
-from machopt.data_types.toolpath import MoveKind
 from machopt.verification.folder.result_json.comparison_inputs import ResultComparison, check_close, check_equal
 
 ROUNDED = 0.01  # relative: J of the plan, whose corners the motion rounds
@@ -28,7 +25,9 @@ def check_reentry_section(t: ResultComparison) -> Iterable[str]:
         yield "reentry is null, yet re-entries are permitted and there is a motion"
         return
     stated = sorted(point for entry in entries for point in entry.points)
-    yield from check_equal("reentry: points", stated, sorted(_find_links(t)))
+    point = t.motion.read_numbers("point", empty=True)
+    driven = sorted(round(float(point[row])) for row in t.lift_starts)
+    yield from check_equal("reentry: points", stated, driven)
     for n, entry in enumerate(entries):
         if (len(entry.points) < t.options.max_reentries) != bool(entry.reason):
             yield f"reentry.{n}: fewer re-entries than permitted have a reason, all of them have none"
@@ -38,15 +37,3 @@ def check_reentry_section(t: ResultComparison) -> Iterable[str]:
         total = t.result.objective.chosen.total
         if total is not None:
             yield from check_close("reentry.0.objective", entries[0].objective, total, ROUNDED, 0.0)
-
-
-def _find_links(t: ResultComparison) -> list[int]:
-    """Toolpath points of the stretches that trajectory.csv calls link behind a retract and ahead of an approach."""
-    words, point = t.motion.read_words("move"), t.motion.read_numbers("point", empty=True)
-    link = np.array([word == MoveKind.LINK.word for word in words])
-    begins = np.flatnonzero(link & ~np.r_[False, link[:-1]])
-    return [
-        round(float(point[row]))
-        for row in begins.tolist()
-        if row and words[row - 1] == MoveKind.RETRACT.word and point[row] == point[row - 1] == np.round(point[row])
-    ]
