@@ -36,6 +36,7 @@ def test_a_joint_target_is_matched_where_it_is_reached_first(depth: float, short
         0.05,
         1e-4,
         25,
+        np.zeros(4, bool),
     )
     assert np.isfinite(at).all()
     assert at[0] == pytest.approx(19.5, abs=2.5)  # a target beside the samples lies a little farther

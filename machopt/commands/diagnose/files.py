@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from machopt.cell.kinematics_file import write_kinematics
@@ -17,7 +18,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.effects.kinematic_corrections import extend_kinematics
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
-from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.options.plan_option_reader import load_options
 from machopt.output.tables.residuals_table import ResidualsTable, write_residuals_csv
 from machopt.report.page_data.diagnosis import locate_readings
@@ -128,13 +129,15 @@ def compute_effect_on_job(
     )
 
 
-def rank_findings_at_job(findings: tuple[Finding, ...], effect: JobEffectSection) -> tuple[Finding, ...]:
-    """Rank findings by what they change at the job.
+def rank_findings_at_job(d: DiagnosisResult, effect: JobEffectSection | None) -> DiagnosisResult:
+    """Return the diagnosis with its findings ranked by what they change at the job.
 
     Args:
-        findings: of the diagnosis.
-        effect: on the job.
+        d: The diagnosis.
+        effect: on the job; None: there is no job, and the order stays.
     """
+    if effect is None:
+        return d
     from machopt.measurement.diagnosis.outputs.effect_on_toolpath import rank_findings  # the planner loads slowly
 
-    return rank_findings(findings, effect)
+    return replace(d, findings=rank_findings(d.findings, effect))

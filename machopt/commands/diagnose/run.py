@@ -15,6 +15,7 @@ from machopt.commands.diagnose.files import (
     list_kinematic_corrections,
     rank_findings_at_job,
 )
+from machopt.commands.diagnose.motion import diagnose_motion
 from machopt.commands.input_hashes import compute_input_hashes, list_request_paths
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument
@@ -24,7 +25,6 @@ from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.measurement.diagnosis.diagnosis_pipeline import (
     DiagnosedRecording,
-    diagnose_motion_recording,
     diagnose_static_recording,
 )
 from machopt.measurement.diagnosis.effect_columns import user_hypotheses
@@ -33,7 +33,6 @@ from machopt.measurement.diagnosis.outputs.diagnosis_document import build_diagn
 from machopt.measurement.diagnosis.outputs.extended_stiffness import (
     ExtendedStiffness,
     add_withheld_notes,
-    build_extended_stiffness,
 )
 from machopt.measurement.diagnosis.outputs.model_assessment import ModelAssessment, state_written_errors
 from machopt.measurement.diagnosis.outputs.model_uncertainty import add_model_uncertainty
@@ -75,21 +74,6 @@ def run_diagnose(request: DiagnoseRequest, progress: Progress = lambda _: None) 
         done = compute_diagnosis(request, own, progress)
         write_diagnosis_files(done, folder, progress)
     return DiagnoseResult(done.diagnosis, done.result, request.out / "report.html")
-
-
-def _diagnose_motion(
-    request: DiagnoseRequest, cell: Cell, recording: Recording, options: selection_pipeline.DiagnosisOptions
-) -> tuple[DiagnosedRecording, ExtendedStiffness, ModelAssessment | None]:
-    """Return the diagnosis of a motion, its model, and the assessment of the written files, which a motion has not."""
-    asked, job = request.channel, request.toolpath is not None
-    found = diagnose_motion_recording(
-        cell, recording, options, requested_channel=asked, seed=request.seed, toolpath=job
-    )
-    made = build_extended_stiffness(cell, found.diagnosis)
-    made = replace(made, after=add_model_uncertainty(cell, found, made.after))
-    # noise of a motion is what changes from sample to sample, whatever the model
-    diagnosis = replace(found.diagnosis, measured_noise=found.diagnosis.noise_floor)
-    return replace(found, diagnosis=diagnosis), made, None
 
 
 def _diagnose_load_tests(
@@ -138,7 +122,7 @@ def compute_diagnosis(
         max_effects=request.get_max_findings(recording.kind), progress=progress
     )
     if moving:
-        found, made, assessed = _diagnose_motion(request, cell, recording, options)
+        found, made, assessed = diagnose_motion(request, cell, recording, options)
     else:
         found, made, assessed = _diagnose_load_tests(request, cell, recording, options, laws)
     found = replace(found, diagnosis=apply_verdict_rules(found.diagnosis))
@@ -146,8 +130,7 @@ def compute_diagnosis(
     if request.toolpath is not None and made.after is not None and made.before is not None:
         progress("what it changes for the toolpath")
     effect = compute_effect_on_job(cell, request.toolpath, made.before, made.after, request.overrides)
-    if effect is not None:
-        d = replace(d, findings=rank_findings_at_job(d.findings, effect))
+    d = rank_findings_at_job(d, effect)
     inputs, said = compute_input_hashes(cell, request.recordings), request.list_options(recording.kind)
     result = build_diagnosis_document(
         cell,
