@@ -144,6 +144,8 @@ def _planned(
 ) -> Plan:
     """One tool's plan, for its own worst index."""
     toolpath, options = stint.toolpath, stint.restrict_options(whole)
+    if before is not None and before.path.is_reentry.any():
+        before = None  # its planning points are not those of the path without re-entries
     the_plan = find_best_plan(stint.cell, toolpath, options, timings, before, scale=scale)
     if options.max_reentries:
         with timings.stage("reentry"):
