@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from output_damage.damage_case import CELLS, HEADER
 from output_damage.reentry_damage import write_ring
 
@@ -127,6 +128,33 @@ def test_a_ring_is_lower_with_one_lift(tmp_path: Path) -> None:
     assert order[start : start + 3] == ["retract", "link", "approach"]
     cut = [float(row["point"]) for row in rows if row["move"] == "cut"]
     assert max(b - a for a, b in itertools.pairwise(cut)) < 0.5  # every part of the cut is driven
+
+
+@pytest.mark.slow
+def test_each_tool_of_a_job_has_its_own_lifts(tmp_path: Path) -> None:
+    """Points of result.json and trajectory.csv are those of the whole job."""
+    shutil.copytree(CELL, tmp_path / "cell")
+    file = tmp_path / "cell" / "cell.yaml"
+    cell = yaml.safe_load(file.read_text(encoding="utf-8"))
+    tool = cell.pop("tool")
+    file.write_text(yaml.safe_dump(cell | {"tools": {"1": tool, "2": tool}}), encoding="utf-8")
+    write_ring(tmp_path / "ring.csv")
+    header, *ring = (tmp_path / "ring.csv").read_text(encoding="utf-8").split()
+    rows = [f"{row},{number}" for number in (1, 2) for row in ring]
+    toolpath = tmp_path / "rings.csv"
+    toolpath.write_text("\n".join([f"{header},tool", *rows]) + "\n", encoding="utf-8")
+    request = OptimizeRequest(
+        cell=tmp_path / "cell",
+        toolpath=toolpath,
+        out=tmp_path / "out",
+        overrides=("rotation_step_deg=15", "max_reentries=1"),
+        posts=("krl",),
+    )
+    outcome = run_optimize(request)
+    assert outcome.exit_code == 0
+    assert outcome.result.reentry is not None
+    (first,), (second,) = (entry.points for entry in outcome.result.reentry)
+    assert 0 < first < len(ring) < second < 2 * len(ring)
 
 
 @pytest.mark.parametrize(

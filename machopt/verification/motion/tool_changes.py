@@ -150,6 +150,7 @@ def slice_motion(motion: ExportedMotion, start: int, stop: int, first: int) -> E
         tool=motion.tool[rows],
         lead=None if motion.lead is None else motion.lead[rows],
         side=None if motion.side is None else motion.side[rows],
+        lifted=None if motion.lifted is None else motion.lifted[rows],
     )
 
 
