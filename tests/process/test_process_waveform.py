@@ -104,7 +104,7 @@ def test_the_waveform_is_the_sum_of_its_elements() -> None:
         total = np.zeros(4)
         for j in range(N):
             psi = (phi + 2 * np.pi * j / N - lag) % (2 * np.pi)
-            h = np.min([m * FZ * np.sin(psi) + radius[j] - radius[(j - m) % N] for m in range(1, N + 1)], axis=0)
+            h = np.min([m * FZ * np.sin(psi) + radius[j] - radius[(j + m) % N] for m in range(1, N + 1)], axis=0)
             on = (psi <= end) & (h > 0)
             ft, fr, fa = (
                 np.where(on, Kc * h + Ke, 0.0)

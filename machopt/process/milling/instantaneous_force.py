@@ -3,7 +3,7 @@
 The element of tooth j at the height z has the angle ψ = φ + 2π j/N − k z with k = tan β / R. Run-out offsets the
 cutter's axis by ρ in a direction that turns with the spindle. The chip of a tooth is what the teeth before it left,
 
-    h = max(0, min over m = 1 … N of m c sin ψ + R_j − R_(j−m)),   R_j(z) = R + ρ cos(λ + φ − ψ),
+    h = max(0, min over m = 1 … N of m c sin ψ + R_j − R_(j+m)),   R_j(z) = R + ρ cos(λ + φ − ψ),
 
 so that a tooth may leave the cut. Every candidate is A sin ψ + B cos ψ with A and B common to all teeth at one rotation
 φ. The angles at which two candidates, or one of them and zero, are equal divide the arc of contact into intervals of
@@ -240,7 +240,7 @@ def _find_chip_intervals(cutter: MillingCutter, part: CutterSlice, fz: float, ph
         return _ChipIntervals(np.tile([part.start, part.end], (n, 1)), fz * one, 0.0 * one, one)
     m = np.arange(1, cutter.teeth + 1)
     towards = cutter.runout_angle + phi[:, None]  # direction of the offset
-    before = towards + m * (_TURN / cutter.teeth)
+    before = towards - m * (_TURN / cutter.teeth)  # tooth j + m passed the same place m tooth periods ago
     rho = cutter.runout
     A = np.column_stack([np.zeros(n), m * fz + rho * (np.sin(towards) - np.sin(before))])
     B = np.column_stack([np.zeros(n), rho * (np.cos(towards) - np.cos(before))])
