@@ -1,4 +1,4 @@
-"""Re-entries of a plan, and what they change."""
+"""Re-entries of a plan, and the objective of the plan without them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ class ReentryResult:
     """What the search for re-entries of one tool found (option ``max_reentries``)."""
 
     reason: str  # why there are fewer than permitted; empty: there are not
-    objective_without: float  # J of the plan without re-entries, before corners are rounded
-    objective: float  # J of the plan with them, likewise
-    mean_percent: float  # change of the mean index, NaN where there is none
-    worst_percent: float  # change of the worst index
+    objective_without: float  # J of the plan without them, before its corners are rounded
+    mean_without: float  # mean index, in units of the scale, likewise
+    worst_without: float  # worst index, likewise

@@ -14,6 +14,7 @@ from output_damage.damage_case import CELLS, HEADER, JOBS, Damage, Job, build_js
 from output_damage.folder_damage import other_options
 
 RADIUS, POINTS = 80.0, 25
+STIFFER = "weights={travel: 0.001, rotation: 0.003, feed: 0.05, rapid: 0.05}"  # then a lift pays
 
 
 def write_ring(file: Path) -> None:
@@ -35,7 +36,7 @@ def plan_ring(folder: Path) -> Job:
         toolpath=folder / "ring.csv",
         out=folder / "out",
         posts=posts,
-        overrides=("rotation_step_deg=15", "max_reentries=1"),
+        overrides=("rotation_step_deg=15", "max_reentries=1", STIFFER),
     )
     outcome = run_optimize(request)
     assert outcome.exit_code == 0
@@ -63,6 +64,16 @@ def _leave_out_return(rows: list[dict[str, str]]) -> None:
     del rows[link + 1 : stop]
 
 
+def _keep_posture(rows: list[dict[str, str]]) -> None:
+    """The joints stand still from the link to the end of the approach."""
+    links = [n for n, row in enumerate(rows) if row["move"] == "link"]
+    stop = next(n for n in range(links[-1] + 1, len(rows)) if rows[n]["move"] != "approach")
+    left = max(n for n in range(links[0]) if rows[n]["move"] == "cut")
+    joints = {name: value for name, value in rows[left].items() if name.startswith("q")}
+    for row in rows[links[0] : stop]:
+        row.update(joints)
+
+
 def _in_entry(change: Callable[[dict[str, Any]], None]) -> Callable[[Job], None]:
     return build_json_change("result.json", lambda result: change(result["reentry"][0]))
 
@@ -74,6 +85,7 @@ DAMAGES = [
         ("link called rapid", "1 lift", _rename("link", "rapid"), "moves of the samples"),
         ("link called cut", "1 lift", _rename("link", "cut"), "path"),
         ("no return", "1 approach", build_table_change("trajectory.csv", _leave_out_return), "joint velocity"),
+        ("posture kept", "1 lift", build_table_change("trajectory.csv", _keep_posture), "re-entries"),
         ("another point", "1 point", _in_entry(lambda e: e.update(points=[e["points"][0] + 1])), "result.json reentry"),
         (
             "no entry",

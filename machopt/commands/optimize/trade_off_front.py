@@ -50,7 +50,10 @@ def compute_trade_off_front(given: OptimizeInputs, asked: Plan, own: FrontPlan) 
     """
     found = [own]
     cell, toolpath = given.cell, given.toolpath
-    for name, changed, other in (*list_front_variants(given.options), *list_reentry_variants(asked, given.options)):
+    for name, changed, other in (
+        *list_front_variants(given.options),
+        *list_reentry_variants(asked, toolpath, given.options),
+    ):
         job = plan_job(given.stints, toolpath, other, StageTimings())
         timeline = job.timeline
         if other.max_reentries > given.options.max_reentries and not job.plan.path.is_reentry.any():

@@ -241,7 +241,7 @@ class ReentryEntry(DocumentModel):
     points: tuple[Count, ...]  # toolpath points at which the tool is lifted and enters again
     reason: Text  # why there are fewer than permitted; empty where there are not
     objective_without: Known  # J of the plan without, before corners are rounded
-    objective: Known  # J of the plan with them, likewise: not exactly that of the motion
+    objective: Known  # J of the motion
     mean_percent: Known  # change of the mean index
     worst_percent: Known  # change of the worst index
 

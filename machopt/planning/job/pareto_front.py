@@ -9,6 +9,7 @@ import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.process_columns import merge_process_summaries
+from machopt.data_types.toolpath import Toolpath
 from machopt.errors import CellError
 from machopt.planning.cost.objective import compute_total
 from machopt.planning.cost.rapid_time import count_changes
@@ -115,19 +116,25 @@ def list_front_variants(options: PlanOptions) -> list[tuple[str, str, PlanOption
     return out
 
 
-def list_reentry_variants(asked: Plan, options: PlanOptions) -> list[tuple[str, str, PlanOptions]]:
+def list_reentry_variants(
+    requested: Plan, toolpath: Toolpath, options: PlanOptions
+) -> list[tuple[str, str, PlanOptions]]:
     """Return the alternative with a lift inside of a closed contour, or without those that are permitted.
 
     Args:
-        asked: the requested plan.
+        requested: the plan of the job.
+        toolpath: its toolpath.
         options: its options.
     """
     if options.max_reentries:
         return [("no re-entry", "max_reentries 0", replace(options, max_reentries=0))]
-    plans = [part.plan for part in asked.parts] if asked.parts else [asked]
-    if options.tilts or not any(len(find_reentry_points(plan.path)) for plan in plans):
+    if options.tilts or not len(find_reentry_points(requested.path, toolpath)):
         return []
-    return [("one re-entry", "max_reentries 1", replace(options, max_reentries=1))]
+    name, changed, stiffer = list_front_variants(options)[0]
+    return [
+        ("one re-entry", "max_reentries 1", replace(options, max_reentries=1)),
+        (f"one re-entry, {name}", f"max_reentries 1, {changed}", replace(stiffer, max_reentries=1)),
+    ]
 
 
 def describe_missing_plans(points: Sequence[FrontPlan], options: PlanOptions) -> tuple[str, ...]:

@@ -29,17 +29,21 @@ def list_reentry_points(plan: Plan) -> tuple[int, ...]:
 
 
 def _build_entry(plan: Plan) -> ReentryEntry:
-    result = plan.reentry
-    assert result is not None  # asked for such plans only
+    result, objective = plan.reentry, plan.chosen.objective
+    assert result is not None  # only such plans have an entry
     return ReentryEntry(
         points=list_reentry_points(plan),
         reason=result.reason,
         objective_without=_convert_nan_to_null(result.objective_without),
-        objective=_convert_nan_to_null(result.objective),
-        mean_percent=_convert_nan_to_null(result.mean_percent),
-        worst_percent=_convert_nan_to_null(result.worst_percent),
+        objective=_convert_nan_to_null(objective.total),
+        mean_percent=_compute_change(result.mean_without, objective.mean),
+        worst_percent=_compute_change(result.worst_without, objective.worst),
     )
 
 
+def _compute_change(before: float, after: float) -> float | None:
+    return _convert_nan_to_null(100.0 * (after / before - 1.0)) if before > 0.0 else None
+
+
 def _convert_nan_to_null(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return float(value) if math.isfinite(value) else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.toolpath import MoveKind
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.planning.stations.planning_path import PlanningPath
 
 CLOSED = 0.002  # m: a cut that ends this near to its beginning is closed
@@ -13,18 +13,23 @@ WINDING = np.radians(330.0)  # turn of the direction of travel about the tool ax
 END_SHARE = 0.03  # of the length of a cut: nearer to its ends a lift divides nothing
 
 
-def find_reentry_points(path: PlanningPath) -> NDArray[np.int64]:
-    """Return the planning points of closed contours at which the tool may be lifted.
+def find_reentry_points(path: PlanningPath, toolpath: Toolpath) -> NDArray[np.int64]:
+    """Return the toolpath points of closed contours at which the tool may be lifted.
 
     They are toolpath points of a cut that ends where it began, or whose direction of travel turns by WINDING about the
-    tool axis, as in a spiral. Holes and cuts along the tool axis have none.
+    tool axis, as in a spiral; the operation goes on behind them. Holes and cuts along the tool axis have none.
 
     Args:
-        path: planning points.
+        path: planning points, without re-entries.
+        toolpath: its toolpath.
     """
     found = [rows for first, last in path.runs for rows in _list_cuts(path, first, last) if _is_closed(path, rows)]
-    points = [_list_inner_points(path, rows) for rows in found]
-    return np.concatenate(points) if points else np.empty(0, np.int64)
+    rows = np.concatenate([np.empty(0, np.int64), *(_list_inner_points(path, rows) for rows in found)])
+    points = np.round(path.index[rows]).astype(np.int64)
+    goes_on = (toolpath.move[points + 1] == MoveKind.CUT) & (
+        toolpath.operation[points + 1] == toolpath.operation[points]
+    )
+    return np.asarray(points[goes_on])
 
 
 def _list_cuts(path: PlanningPath, first: int, last: int) -> list[NDArray[np.int64]]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.reentry_result import ReentryResult
 from machopt.data_types.toolpath import Toolpath
+from machopt.planning.motion.trajectory_builder import has_motion
 from machopt.planning.pipeline.path_planner import PathVariant, plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.reentry.closed_contours import find_reentry_points
@@ -19,6 +20,7 @@ from machopt.planning.stations.planning_path import SAME_INDEX
 COARSE = 6  # places over all contours that are planned first
 HALVINGS = 2  # of their distance: one place more to either side of the best one each time
 APART = 0.05  # share of the points of all contours between two lifts: nearer ones are one place to the user
+POSTURE = np.radians(2.0)  # rad, of the joint that differs most across a lift
 LEAST_GAIN = 0.01  # share of J that a re-entry has to save: below, no user would accept a mark for it
 
 
@@ -39,7 +41,7 @@ def plan_with_reentries(plan: Plan, toolpath: Toolpath) -> Plan:
     """
     if plan.found is None or plan.breaks or len(plan.missing):
         return _conclude(plan, plan, "the plan without re-entry is not complete")
-    points = np.unique(np.round(plan.path.index[find_reentry_points(plan.path)]).astype(int))
+    points = np.unique(find_reentry_points(plan.path, toolpath))
     if not len(points):
         return _conclude(plan, plan, "no cut is a closed contour or winds around")
     best, reason = _Candidate(plan, toolpath), ""
@@ -90,7 +92,8 @@ def _add_best_place(
         if nth not in found:
             toolpath = replace(best.toolpath, reentries=tuple(sorted({*taken, int(points[nth])})))
             plan = replan(toolpath)
-            found[nth] = None if plan.breaks or len(plan.missing) else _Candidate(plan, toolpath)
+            is_sound = not plan.breaks and not len(plan.missing) and _changes_posture(plan)
+            found[nth] = _Candidate(plan, toolpath) if is_sound else None
         candidate = found[nth]
         return np.inf if candidate is None else candidate.plan.chosen.objective.total
 
@@ -102,20 +105,30 @@ def _add_best_place(
         around = {max(round(nearest - step), 0), nearest, min(round(nearest + step), len(points) - 1)}
         nearest = min(sorted(around), key=measure)
     limit = (1.0 - LEAST_GAIN) * best.plan.chosen.objective.total
-    return found[nearest] if measure(nearest) <= limit else None
+    for candidate in sorted((c for c in found.values() if c is not None), key=_get_objective):
+        if _get_objective(candidate) > limit:
+            break
+        if has_motion(candidate.plan, candidate.toolpath):  # else there is no room above the cut, or no way around
+            return candidate
+    return None
+
+
+def _get_objective(candidate: _Candidate) -> float:
+    return float(candidate.plan.chosen.objective.total)
+
+
+def _changes_posture(plan: Plan) -> bool:
+    """Whether the arm enters in another posture at every re-entry: only then a lift is needed."""
+    again, q = np.flatnonzero(plan.path.is_reentry), plan.chosen.assignment.q
+    return bool((np.abs(q[again] - q[again - 1]).max(axis=1, initial=0.0) > POSTURE).all())
 
 
 def _conclude(plan: Plan, without: Plan, reason: str) -> Plan:
-    before, after = without.chosen.objective, plan.chosen.objective
+    before = without.chosen.objective
     result = ReentryResult(
         reason=reason,
         objective_without=float(before.total),
-        objective=float(after.total),
-        mean_percent=_compute_change(before.mean, after.mean),
-        worst_percent=_compute_change(before.worst, after.worst),
+        mean_without=float(before.mean),
+        worst_without=float(before.worst),
     )
     return replace(plan, reentry=result)
-
-
-def _compute_change(before: float, after: float) -> float:
-    return float(100.0 * (after / before - 1.0)) if before > 0.0 else np.nan

@@ -24,16 +24,18 @@ def find_fixed_rotations(path: PlanningPath, options: PlanOptions) -> dict[int, 
     """
     out: dict[int, float] = {}
     points = np.array([f.point for f in options.fixed], float)
-    rows = np.searchsorted(path.index, points - SAME_INDEX)
-    for fixed, row in zip(options.fixed, rows.tolist(), strict=True):  # a part of a path does not contain every point
-        if row < len(path.index) and abs(path.index[row] - fixed.point) < SAME_INDEX:
+    first = np.searchsorted(path.index, points - SAME_INDEX)
+    last = np.searchsorted(path.index, points + SAME_INDEX)  # a point of a re-entry stands twice
+    for fixed, a, b in zip(options.fixed, first.tolist(), last.tolist(), strict=True):  # none in some parts of a path
+        for row in range(a, b):
             out[row] = _angle(fixed.gamma - path.offset[row])
     for wish in options.steer:
         if wish.gamma is None:
             continue
         rows = select_steered_rows(wish, path.index)
         at = rows[path.is_point[rows]]
-        for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
+        for point, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
+            a = point + 1 if path.is_reentry[point + 1] else point  # phi of the run that leads to b
             if b - a > 1 and path.s[b] > path.s[a] and a in out and b in out:
                 turn = _angle(out[b] - out[a])
                 for row in range(a + 1, b):

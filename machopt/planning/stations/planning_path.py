@@ -103,14 +103,15 @@ class PlanningPath:
         """(P,) weight of the motion into each point: the share of its run in the length cut.
 
         Motion and index are thus traded equally in each run, for one contour as for a hundred holes. A run
-        without cuts counts like the next one that cuts.
+        without cuts counts like the next one that cuts. The parts of a run that re-entries divide count as one.
         """
-        share = np.bincount(self.run, weights=self.weight).astype(float)
+        run = self.run - np.cumsum(self.is_reentry)
+        share = np.bincount(run, weights=self.weight).astype(float)
         for k in range(len(share) - 2, -1, -1):
             share[k] = share[k] or share[k + 1]
         for k in range(1, len(share)):
             share[k] = share[k] or share[k - 1]
-        return np.asarray(share[self.run])
+        return np.asarray(share[run])
 
     @cached_property
     def counted(self) -> NDArray[np.bool_]:

@@ -301,8 +301,9 @@ def _find_first_moves(
     for n in np.flatnonzero((k > 0) & (before < 0)).tolist():
         before[n] = _find_arriving_move(place, cuts.position[k[n] - 1], int(reached[k[n]]), limit)
     for n in np.flatnonzero(np.isin(k - 1, cuts.reentries)).tolist():  # lifted there: the cut goes on from its return
-        returned = _find_arriving_move(place, cuts.position[k[n] - 1], int(reached[k[n]]), limit)
-        before[n] = returned if returned >= 0 else before[n]
+        left, stop = max(int(before[n]), 0), int(reached[k[n]])
+        near = np.linalg.norm(place[left:stop] - cuts.position[k[n] - 1], axis=1) <= limit
+        before[n] = left + int(np.flatnonzero(near)[-1]) if near.any() else before[n]
     return np.where(before >= 0, np.minimum(before + 1, reached[k]), reached[k])
 
 

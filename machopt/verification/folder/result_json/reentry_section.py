@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from machopt.verification.folder.result_json.comparison_inputs import ResultComparison, check_close, check_equal
 
-ROUNDED = 0.01  # relative: J of the plan, whose corners the motion rounds
+PRINTED = 1e-9  # relative: numbers of result.json are written in full
 
 
 def check_reentry_section(t: ResultComparison) -> Iterable[str]:
@@ -36,4 +36,4 @@ def check_reentry_section(t: ResultComparison) -> Iterable[str]:
     if len(entries) == 1 and entries[0].objective is not None and t.result.objective.chosen is not None:
         total = t.result.objective.chosen.total
         if total is not None:
-            yield from check_close("reentry.0.objective", entries[0].objective, total, ROUNDED, 0.0)
+            yield from check_close("reentry.0.objective", entries[0].objective, total, PRINTED, 0.0)
