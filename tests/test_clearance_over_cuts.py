@@ -19,7 +19,14 @@ from machopt.data_types.cell import CollisionShape
 from machopt.kinematics.robot import load_chain
 from machopt.planning.motion import segment_planner
 from machopt.planning.motion.clearance_over_cuts import MOST, SAME_SIDE, CutSurface
-from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, RapidMove, plan_rapid
+from machopt.planning.motion.rapid_moves import (
+    UNDER,
+    BlockedRapid,
+    FreeSpace,
+    RapidMove,
+    RapidTiming,
+    plan_rapid,
+)
 
 RADIUS = 5e-3
 
@@ -98,15 +105,11 @@ def rapid(barred: object, *, known_free: bool = False) -> RapidMove | BlockedRap
     return plan_rapid(
         HERE,
         THERE,
-        limits=limits(),
-        scale=0.8,
-        sample=0.012,
-        collision=None,
-        step=0.02,
+        timing=RapidTiming(limits(), 0.8, 0.012),
+        space=FreeSpace(collision=None, step=0.02, barred=barred),  # type: ignore[arg-type]
         detours=lambda: [ABOVE[:1], ABOVE],
         rng=np.random.default_rng(0),
         known_free=known_free,
-        barred=barred,  # type: ignore[arg-type]
     )
 
 
@@ -134,14 +137,10 @@ def test_the_tree_knows_what_is_barred(tmp_path: Path) -> None:
         move = plan_rapid(
             HERE,
             THERE,
-            limits=limits(),
-            scale=0.8,
-            sample=0.012,
-            collision=collision,
-            step=0.02,
+            timing=RapidTiming(limits(), 0.8, 0.012),
+            space=FreeSpace(collision=collision, step=0.02, barred=low_in_the_middle),
             detours=list,
             rng=np.random.default_rng(0),
-            barred=low_in_the_middle,
         )
         assert isinstance(move, RapidMove)
         assert move.kind == "sampled"
@@ -163,8 +162,8 @@ def test_moves_from_and_to_home_are_held(monkeypatch: pytest.MonkeyPatch) -> Non
     """They went anywhere; only a home that lies under a cut itself lets them."""
     asked: list[bool] = []
 
-    def rapid(*_: object, barred: object, **__: object) -> BlockedRapid:
-        asked.append(barred is not None)
+    def rapid(*_: object, space: FreeSpace, **__: object) -> BlockedRapid:
+        asked.append(space.barred is not None)
         return BlockedRapid(UNDER, HERE, 0.0, "way")
 
     monkeypatch.setattr(segment_planner, "plan_rapid", rapid)

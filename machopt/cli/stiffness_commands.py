@@ -129,7 +129,7 @@ def _run_identify(args: argparse.Namespace) -> int:
         effects=tuple(args.effects),
         tables=args.tables,
     )
-    if is_frequency_response_recording(args.recording[0]):
+    if is_frequency_response_recording(args.recording[0]):  # what is no recording is refused below
         return _run_frequency_responses(args, request)
     with ProgressDisplay(show=not (args.quiet or args.json)) as display:
         done = run_identify(request, display.show_stage)

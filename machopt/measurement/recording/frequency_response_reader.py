@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from machopt.data_types.measurements.frequency_response_recording import FrequencyResponseRecording
-from machopt.errors import RecordingError
+from machopt.errors import InputError, RecordingError
 from machopt.file_formats.strict_yaml import StrictSchema, read_yaml, validate_document
 from machopt.measurement.recording.recording_reader import find_data_files, find_recording_yaml
 from machopt.measurement.recording.recording_table import AllowedColumns, RecordingTable, read_table
@@ -62,15 +62,15 @@ class FrequencyResponseKeys(StrictSchema):
 
 
 def is_frequency_response_recording(path: Path | str) -> bool:
-    """Return whether recording.yaml states kind frf.
+    """Return whether a recording.yaml states kind frf; False where there is none that can be read.
 
     Args:
         path: the folder, or the ``recording.yaml`` in it.
-
-    Raises:
-        InputError: there is no such file, or it is not YAML.
     """
-    document = read_yaml(find_recording_yaml(Path(path)))
+    try:
+        document = read_yaml(find_recording_yaml(Path(path)))
+    except InputError:  # whoever reads the recording says what is wrong with it
+        return False
     return isinstance(document.value, dict) and document.value.get("kind") == "frf"
 
 
@@ -90,8 +90,11 @@ def load_frequency_responses(path: Path | str) -> FrequencyResponseRecording:
     tables = [read_table(p, COLUMNS) for p in files]
     for table in tables:
         _check_table(table)
-        if ("coherence" in table.numbers) != ("coherence" in tables[0].numbers):
-            raise RecordingError("has no column coherence like the other files, or alone has it", file=table.path)
+        for name in ("coherence", "pose"):
+            if (name in table.numbers) != (name in tables[0].numbers):
+                raise RecordingError(
+                    f"column {name} is in some of the files only; expected in all or in none", file=table.path
+                )
     directions = [_join(tables, names) for names in (EXCITATION, RESPONSE)]
     directions = [d / np.linalg.norm(d, axis=1, keepdims=True) for d in directions]
     q = np.radians(_join(tables, JOINTS))

@@ -137,16 +137,21 @@ def _compare_plans(old: Plan, new: Plan) -> _ComparedPlans | None:
     )
 
 
-def _compute_changes_by_finding(cell: Cell, plan: Plan, c: _ComparedPlans) -> tuple[FindingAtJobEntry, ...]:
-    """Return what each term of the new model changes at the new plan, the largest first."""
+def _compute_changes_by_finding(cell: Cell, old: Plan, plan: Plan, c: _ComparedPlans) -> tuple[FindingAtJobEntry, ...]:
+    """Return what each term that the old model lacks changes at the new plan, the largest first."""
+    known = {(term.effect, term.location) for term in old.setup.elasticity.stiffness.terms}
     elasticity, stiffness = plan.setup.elasticity, plan.setup.elasticity.stiffness
     whole = _compute_deflection_vectors(plan, elasticity)
     out: list[tuple[float, str, str]] = []
     for n, term in enumerate(stiffness.terms):
+        if (term.effect, term.location) in known:
+            continue
         others = tuple(t for k, t in enumerate(stiffness.terms) if k != n)
-        without = replace(stiffness, terms=others, discrepancy=None)
+        without = replace(stiffness, terms=others)  # and the same discrepancy
         try:
-            rest = ArmElasticity(elasticity.robot, elasticity.T_flange_tcp, without, cell.arm_limits, elasticity.masses)
+            rest = ArmElasticity(
+                elasticity.robot, elasticity.T_flange_tcp, without, cell.arm_limits, elasticity.masses, counted=True
+            )
         except InputError:  # the springs alone are unstable
             continue
         change = np.linalg.norm(whole - _compute_deflection_vectors(plan, rest), axis=1)
@@ -226,7 +231,7 @@ def _build_effect_entry(cell: Cell, name: str, c: _ComparedPlans, old: Plan, new
             _build_change_entry("deflection under the new model, mean", mean["unchanged"], mean["after"], "mm"),
             _build_change_entry("deflection under the new model, worst", worst["unchanged"], worst["after"], "mm"),
         ),
-        by_finding=_compute_changes_by_finding(cell, new, c),
+        by_finding=_compute_changes_by_finding(cell, old, new, c),
         warnings=tuple(new.setup.elasticity.warnings),
         point=tuple(path.index[rows].tolist()),
         gamma_before_deg=tuple(reached[0].tolist()),

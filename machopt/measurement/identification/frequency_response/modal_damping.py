@@ -51,9 +51,9 @@ def compute_modal_damping(model: ResponseModel, found: ResponseFit, covariance: 
         slopes[:, n] = (more - less) / (2.0 * STEP)
     mean = ratio.mean(axis=0)
     sigma = np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes))
-    unknown = (sigma > thresholds.IDENTIFIED.most_error * mean) | (
-        frequency.max(axis=0) > e.omega.max() / (2.0 * math.pi)
-    )
+    band = e.omega[[e.omega.argmin(), e.omega.argmax()]] / (2.0 * math.pi)
+    outside = (frequency.min(axis=0) < band[0]) | (frequency.max(axis=0) > band[1])
+    unknown = (sigma > thresholds.IDENTIFIED.most_error * mean) | outside
     known = int(np.argmax(unknown)) if unknown.any() else JOINTS
     return ModalDamping(frequency=frequency, ratio=ratio, mean=mean, sigma=sigma, known=known)
 
