@@ -146,6 +146,7 @@ def _list_joints(
             reason = (
                 f"the responses do not determine it: stiffer than {format_joint_stiffness(bound)} is all that is "
                 f"known; the written value is that of {kept} as prior"
+                f"{', which lies below that bound' if k[j] < bound else ''}"
             )
         ends = (damping[j] * math.exp(-z * damping_sigma[j]), damping[j] * math.exp(z * damping_sigma[j]))
         out.append(
