@@ -33,6 +33,7 @@ class DrillingCycle:
     chip_break: bool = False  # back off a little instead of all the way
     gap: float = 1.0  # mm, distance from the last depth when re-entering the hole
     feed_out: bool = False  # bore, ream, tap: out at the feed
+    feed_back: float = math.nan  # mm/min of the way out at a feed; NaN: that of the way in
     dwell: float = 0.0  # s at the bottom; NaN: some, of a unit that is not known
     peck_from: float = 0.0  # height the first peck is measured from
     less: float = 0.0  # mm by which each peck is shorter than the one before (degression); down to this length itself
@@ -141,6 +142,8 @@ def append_hole_moves(
         if move == MoveKind.RETRACT and not cycle.dwell <= 0.0 and abs(last - cycle.bottom) < 1e-9:
             builder.event("dwell", cycle.name, cycle.dwell)
         feed = cycle.feed if move == MoveKind.CUT or (cycle.feed_out and move == MoveKind.RETRACT) else nan
+        if cycle.feed_out and move == MoveKind.RETRACT and math.isfinite(cycle.feed_back):
+            feed = cycle.feed_back
         feed *= 1.0 if begun else cycle.first_feed
         begun = begun or move == MoveKind.CUT
         builder.add(at(height), axis, move, feed, line, cycle=True)

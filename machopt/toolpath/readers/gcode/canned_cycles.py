@@ -12,6 +12,7 @@ from machopt.toolpath.readers.gcode.syntax.dwell_units import Control, convert_d
 
 _FEED_OUT = {74, 84, 85, 89}
 _PECK = {73, 83}
+_DWELLING = tuple(f"CYCLE8{n}" for n in (2, 3, 4, 5, 6, 8, 9))
 SIEMENS = re.compile(r"CYCLE(?:8[1-9]|840)")
 
 
@@ -90,6 +91,14 @@ class CannedCycle:
         )
 
 
+def _compute_tapping_feeds(name: str, values: list[float | None]) -> tuple[float | None, float | None]:
+    """Feeds in and out of CYCLE84: pitch PIT times the speeds SST and SST1; None where they are not stated."""
+    pitch, speed, speed_out = values[8], values[10], values[11]
+    if name != "CYCLE84" or not pitch or not speed:
+        return None, None
+    return abs(pitch) * speed, abs(pitch) * (speed_out or speed)
+
+
 def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
     """Parse ``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)``; its feed is the feed that is active at each hole.
 
@@ -129,13 +138,15 @@ def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
             "as -0.001 to -1, and a share of the feed, 0.001 to 1 or in percent"
         )
     chip_break = deep and values[11] in (0.0, None)
+    way_in, way_out = values[6:8] if name == "CYCLE85" else _compute_tapping_feeds(name, values)  # FFR, RFF; units/min
     return DrillingCycle(
         name=name,
         bottom=bottom * scale,
         surface=rfp * scale,
         clear=(rfp + abs(sdis or 0.0)) * scale,
         retract=max(rtp, rfp + abs(sdis or 0.0)) * scale,
-        feed=math.nan,
+        feed=way_in * scale if way_in else math.nan,
+        feed_back=way_out * scale if way_out else math.nan,
         first_peck=max(peck, 0.0) * scale,
         chip_break=chip_break,
         gap=abs(values[14] or 0.0) * scale if chip_break and values[14] else 1.0,
@@ -144,6 +155,6 @@ def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
         least_peck=max(values[13] or 0.0, 0.0) * scale if deep else 0.0,
         first_feed=slower if slower <= 1.0 else slower / 100.0,
         feed_out=name in ("CYCLE84", "CYCLE840", "CYCLE85", "CYCLE89"),
-        dwell=dwell if name in ("CYCLE82", "CYCLE83", "CYCLE86", "CYCLE88", "CYCLE89") else 0.0,
+        dwell=dwell if name in _DWELLING else 0.0,
         peck_from=rfp * scale,
     )

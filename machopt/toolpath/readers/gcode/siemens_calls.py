@@ -34,6 +34,12 @@ class SiemensCallReader(FrameWordReader):
             words: Words of the block: letter or name → number; may be changed in place.
         """
         for name, args in b.calls:
+            if SIEMENS.fullmatch(name) and any(letter in words for letter in "XYZABC"):
+                raise self.source.build_error(
+                    f"words of a motion beside {name}: the control moves before it drills. A block of its own for the "
+                    "motion, ahead of the cycle, would work",
+                    b.line,
+                )
             self.call(name, args, words, b)
         if any(name == "MCALL" for name, _ in b.calls):
             self.once = 0  # the cycle is carried out at the points that follow

@@ -12,7 +12,7 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.file_formats.source_file import MM_PER_INCH, ReadOptions, SourceFile
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError
-from machopt.path_building.drilling_cycles import DrillingCycleError
+from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleError
 from machopt.path_building.point_collector import Vector
 from machopt.toolpath.readers import harmless_words
 from machopt.toolpath.readers.gcode.arc_moves import ProgrammedArc
@@ -27,7 +27,12 @@ from machopt.toolpath.readers.heidenhain.contour_approach import (
     convert_to_plane_point,
 )
 from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, DatumAndPlaneReader, parse_value
-from machopt.toolpath.readers.heidenhain.drilling_cycles import SUPPORTED, build_old_cycle, build_q_cycle
+from machopt.toolpath.readers.heidenhain.drilling_cycles import (
+    SUPPORTED,
+    build_old_cycle,
+    build_q_cycle,
+    list_ignored_parameters,
+)
 from machopt.toolpath.readers.heidenhain.label_flow import LabelFlow
 
 _TOOL_AXIS = re.compile(r"TOOL CALL\s*(?:\"\"|\d+)?\s*([XYZUVW])\b")
@@ -445,7 +450,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         if q.get(201) == 0.0:
             self.out.warn_once(f"cycle {self.cycle} with Q201=0 (no depth) is not carried out, as on the control", line)
             return
-        plan = build_q_cycle(self.cycle, self.q, s, self.rpm)
+        plan = self.build_cycle(line)
         for x, y in places:
             self.holes(plan, {}, [x * s, y * s, self.p[2]], ProgramBlock(line=line, words=[]))
 
@@ -514,6 +519,17 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         for name in [k for k in self.q if k >= 200]:
             del self.q[name]  # each cycle names its own
 
+    def build_cycle(self, line: int) -> DrillingCycle:
+        """Build the strokes of the cycle in force, and say which of its parameters are not carried out.
+
+        Args:
+            line: Line number in the file (1-based).
+        """
+        number = self.cycle or 0
+        for name in list_ignored_parameters(number, self.q):
+            self.out.warn_once(f"cycle {number}: {name} is not carried out: strokes and feeds are those without", line)
+        return build_q_cycle(number, self.q, self.scale, self.rpm)
+
     def drill_here(self, b: ProgramBlock) -> None:
         """Carry out M99, CYCL CALL or G79: one hole at the present position.
 
@@ -533,7 +549,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             )
             return
         if self.cycle >= 200:
-            plan = build_q_cycle(self.cycle, self.q, self.scale, self.rpm)
+            plan = self.build_cycle(b.line)
         else:
             plan = build_old_cycle(self.cycle, self.cycle_words, self.p[2], self.scale, self.rpm)
         self.holes(plan, {}, None, b)

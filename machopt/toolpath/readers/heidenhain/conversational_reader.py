@@ -133,7 +133,20 @@ class _ConversationalReader(DefinitionReader):
         carry_out(self, text, line)
 
     def call_cycle_at(self, text: str, line: int) -> None:
-        self.statement("L " + text[13:] + " M99", line)
+        words = text[13:]
+        height = re.search(r"(?<![A-Z])I?Z[+-]?[\d.]+", words)
+        plane = re.search(r"(?<![A-Z])I?[XY][+-]?[\d.]", words)
+        if height is None or plane is None:
+            self.statement(f"L {words} M99", line)
+            return
+        over = words.replace(height[0], "", 1)  # never a diagonal: over the place first, and up before that
+        feed = re.search(r"F(?:MAX|[\d.]+)", words)
+        along = f"{height[0]} {feed[0] if feed else ''}"
+        value = parse_value(height[0].lstrip("IZ"))
+        goes_up = value > 0.0 if height[0].startswith("I") else value * self.scale > self.p[2]
+        first, last = (along, over) if goes_up else (over, along)
+        self.statement(f"L {first}", line)
+        self.statement(f"L {last} M99", line)
 
     def other(self, text: str, line: int) -> None:
         """What is known by more than its first words: calls of a cycle, corners, moves; and what is left out."""

@@ -9,6 +9,7 @@ import math
 
 from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleError
 
+_IGNORED = {203: (212,), 205: (212, 257, 379), 209: (257,), 204: (254,)}  # shorter pecks, chip breaking, recessed start
 SUPPORTED = (1, 2, 17, 200, 201, 202, 203, 204, 205, 206, 207, 209, 240, 241)
 _OLD_WORDS = {
     "DIST": "SETUP",
@@ -109,10 +110,21 @@ def build_q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) ->
         first_peck=max(peck, 0.0) * scale,
         chip_break=(number == 203 and q.get(213, 0.0) > 0.0) or number == 209,
         gap=abs(q.get(256, 0.0)) * scale or 1.0,
-        feed_out=number in (201, 206, 207, 209),
+        feed_out=number in (201, 202, 206, 207, 209),
+        feed_back=q[208] * scale if number in (201, 202) and q.get(208, 0.0) > 0.0 else math.nan,
         dwell=q.get(211, 0.0),
         peck_from=top,
     )
+
+
+def list_ignored_parameters(number: int, q: dict[int, float]) -> list[str]:
+    """Return the Q parameters of a cycle that are stated, change its strokes, and are not carried out.
+
+    Args:
+        number: Number of the cycle.
+        q: Q number → value.
+    """
+    return [f"Q{name}" for name in _IGNORED.get(number, ()) if q.get(name, 0.0) != 0.0]
 
 
 def _is_upward_depth(word: str, depth: float) -> str:

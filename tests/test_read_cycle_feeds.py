@@ -1,0 +1,118 @@
+"""Feeds, dwells and places that the arguments of a drilling cycle state, in Sinumerik and Heidenhain programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.errors import InputError
+from machopt.toolpath.toolpath_reader import read_toolpath
+
+
+def _read_siemens(folder: Path, *lines: str) -> Toolpath:
+    file = folder / "x.mpf"
+    head = ["%_N_X_MPF", ";$PATH=/_N_MPF_DIR", "G71 G90 G17 G94 G54", "G0 X0 Y0 Z10 F100"]
+    file.write_text("\n".join([*head, *lines, "M30"]) + "\n", encoding="utf-8")
+    return read_toolpath(file)
+
+
+def _read_heidenhain(folder: Path, number: int, call: str, **q: float) -> Toolpath:
+    words = {"Q200": 2, "Q201": -12, "Q206": 150, "Q202": 5, "Q203": 0, "Q204": 20, "Q211": 0} | q
+    lines = [
+        "0 BEGIN PGM T MM",
+        "1 TOOL CALL 1 Z S1000",
+        "2 L X+0 Y+0 Z+50 R0 FMAX",
+        f"3 CYCL DEF {number} DRILLING ~",
+        " ~\n".join(f" {name}={value}" for name, value in words.items()),
+        f"4 {call}",
+        "5 L Z+60 FMAX M2",
+        "6 END PGM T MM",
+    ]
+    file = folder / "x.h"
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return read_toolpath(file)
+
+
+def _feeds(path: Toolpath) -> list[float]:
+    """mm/min of the strokes down and of the ways out at a feed."""
+    fed = (path.move == MoveKind.CUT) | ((path.move == MoveKind.RETRACT) & (path.feed > 0.0))
+    return [round(6e4 * float(feed), 6) for feed in path.feed[fed]]
+
+
+@pytest.mark.parametrize(
+    ("call", "feeds", "dwell"),
+    [
+        ("CYCLE85(10,0,2,-5,,0.7,150,200)", [150.0, 200.0], 0.7),
+        ("CYCLE85(10,0,2,-5,,0.7,150)", [150.0, 150.0], 0.7),
+        ("CYCLE85(10,0,2,-5)", [100.0, 100.0], 0.0),
+        ("CYCLE84(10,0,2,-5,,0.5,3,,2,0,100,150)", [200.0, 300.0], 0.5),
+        ("CYCLE84(10,0,2,-5,,0,3,,-1.5,0,200)", [300.0, 300.0], 0.0),
+        ("CYCLE84(10,0,2,-5)", [100.0, 100.0], 0.0),
+        ("CYCLE81(10,0,2,-5)", [100.0], 0.0),
+    ],
+)
+def test_feeds_in_the_arguments_of_a_cycle_hold(call: str, feeds: list[float], dwell: float, tmp_path: Path) -> None:
+    path = _read_siemens(tmp_path, "X5 Y5", call)
+    assert _feeds(path) == feeds
+    assert path.dwells.sum() == pytest.approx(dwell)
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        "G0 X5 Y7 Z50 CYCLE81(10,0,2,-5)",
+        "Z30 CYCLE82(10,0,2,-5,,1)",
+        "G1 Z40 CYCLE83(10,0,2,-5,,-2,,0,0,0,1,0)",
+        "Z0 MCALL CYCLE81(10,0,2,-5)",
+        "X1 CYCLE85(10,0,2,-5)",
+        "Y1 CYCLE86(10,0,2,-5)",
+    ],
+)
+def test_a_motion_in_the_block_of_a_cycle_is_refused(block: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as found:
+        _read_siemens(tmp_path, block)
+    assert ":5" in str(found.value) or "line 5" in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("number", "q", "feeds"),
+    [
+        (201, {"Q208": 250}, [150.0, 250.0]),
+        (201, {"Q208": 0}, [150.0, 150.0]),
+        (202, {"Q208": 250}, [150.0, 250.0]),
+        (202, {}, [150.0, 150.0]),
+        (200, {"Q208": 250, "Q202": 20}, [150.0]),
+    ],
+)
+def test_the_feed_of_the_way_out_holds(number: int, q: dict[str, float], feeds: list[float], tmp_path: Path) -> None:
+    assert _feeds(_read_heidenhain(tmp_path, number, "CYCL CALL", **q)) == feeds
+
+
+@pytest.mark.parametrize(
+    ("number", "name", "value"),
+    [(203, "Q212", 1), (205, "Q212", 1), (205, "Q257", 4), (205, "Q379", 6), (209, "Q257", 3)],
+)
+def test_what_is_not_carried_out_is_said(number: int, name: str, value: float, tmp_path: Path) -> None:
+    said = _read_heidenhain(tmp_path, number, "CYCL CALL", **{name: value, "Q239": 1}).warnings
+    assert any(name in text for text in said)
+    quiet = _read_heidenhain(tmp_path, number, "CYCL CALL", **{name: 0, "Q239": 1}).warnings
+    assert not any(name in text for text in quiet)
+
+
+@pytest.mark.parametrize(
+    ("call", "places"),
+    [
+        ("CYCL CALL POS X+20 Y+5 Z+3 FMAX", [(20.0, 5.0, 50.0), (20.0, 5.0, 3.0)]),
+        ("CYCL CALL POS X+20 Y+5 Z+70 FMAX", [(0.0, 0.0, 70.0), (20.0, 5.0, 70.0)]),
+        ("CYCL CALL POS X+20 Y+5 FMAX", [(20.0, 5.0, 50.0)]),
+        ("CYCL CALL POS Z+8 FMAX", [(0.0, 0.0, 8.0)]),
+    ],
+)
+def test_a_call_at_a_place_never_goes_there_on_a_diagonal(
+    call: str, places: list[tuple[float, float, float]], tmp_path: Path
+) -> None:
+    path = _read_heidenhain(tmp_path, 200, call, Q202=20)
+    found = [tuple(round(1e3 * float(v), 6) for v in p) for p in path.position[1 : 1 + len(places)]]
+    assert found == places
