@@ -116,3 +116,25 @@ def test_a_call_at_a_place_never_goes_there_on_a_diagonal(
     path = _read_heidenhain(tmp_path, 200, call, Q202=20)
     found = [tuple(round(1e3 * float(v), 6) for v in p) for p in path.position[1 : 1 + len(places)]]
     assert found == places
+
+
+@pytest.mark.parametrize(
+    ("cycle", "asked"),
+    [
+        ("G98 G83 X5. Y5. Z-6. R2. Q3000 F100.", True),
+        ("G98 G73 X5. Y5. Z-6. R2. Q2000 F100.", True),
+        ("N5G83X5.Y5.Z-6.R2.Q0500F100.", True),
+        ("G98 G83 X5. Y5. Z-6. R2. Q3.0 F100.", False),
+        ("G98 G83 X5. Y5. Z-6. R2. Q3 F100.", False),
+        ("G98 G83 X5. Y5. Z-6. R2. Q50 F100. (Q3000)", False),
+    ],
+)
+def test_a_peck_that_may_be_in_micrometres_is_asked_for(cycle: str, asked: bool, tmp_path: Path) -> None:
+    file = tmp_path / "x.nc"
+    file.write_text("\n".join(["%", "O1", "G21 G90 G17 G94 G54", "G0 X0. Y0. Z10.", cycle, "G80", "M30", "%"]) + "\n")
+    if not asked:
+        read_toolpath(file)
+        return
+    with pytest.raises(InputError, match="--decimals") as found:
+        read_toolpath(file)
+    assert "5" in str(found.value)

@@ -26,6 +26,8 @@ _OTHER_MEANING = re.compile(r"G0*4(?![\d.])|M19(?!\d)")  # X, U and P of a dwell
 _LARGE = 10_000  # without a point beside numbers that have one: ten metres, or ten inches in ten-thousandths
 _LARGE_WITHOUT = 1_000  # the same in a file without any point, or one that marks its whole numbers (X5.)
 _EXAMPLES = 2
+_PECK = re.compile(r"G(?:73|83)(?!\d).*?(Q\s*0*(\d+))(?![\d.])", re.ASCII)
+_LARGE_PECK = 100  # mm or inches: no peck is as deep, and controls count Q in thousandths
 
 
 def apply_decimals_option(
@@ -104,6 +106,7 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> None:
     Raises:
         InputError: such a number occurs; the message names the first one.
     """
+    _check_pecks(source, blocks)
     if source.find_line(_BARE) is None:
         return
     marked = pointed = bare = 0
@@ -139,6 +142,21 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> None:
             f"{first.text} has no decimal point ({marked} whole numbers have one, {bare} have none)",
             first.line,
         )
+
+
+def _check_pecks(source: SourceFile, blocks: BlockReader) -> None:
+    """Require the option where a peck without a point is deeper than any, in a file whose lengths have points."""
+    if source.find_line(re.compile(r"Q\s*\d{3}", re.IGNORECASE | re.ASCII)) is None:
+        return
+    pointed = any(not word.bare for word in _iterate_length_words(source, blocks))
+    if not pointed or source.find_line(_EXPRESSIONS) is not None:
+        return
+    for line, raw in enumerate(source.lines, 1):
+        found = _PECK.search(_clean_code(raw, blocks))
+        if found is not None and int(found[2]) >= _LARGE_PECK:
+            raise _build_decimals_question(
+                source, f"{found[1]} has no decimal point (other numbers of the file have a decimal point)", line
+            )
 
 
 def _build_decimals_question(source: SourceFile, what: str, line: int) -> Exception:
