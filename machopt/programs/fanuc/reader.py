@@ -33,7 +33,7 @@ _MODIFIER = re.compile(
     r"(?:ACC\s*\d+|COORD|PTH|WJNT|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
 )
 _QUIET = compile_beginning_pattern(FANUC)
-_EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |Weave|WEAVE|SPOT|Spot|WAIT|PULSE")
+_EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |SPOT|Spot|WAIT|PULSE")
 _STRANGE_MOTION = re.compile(r"[A-Z]\s+(?:P|PR|PAL_\d+)\s*\[")
 _BRANCH = re.compile(r"LBL\s*\[|(?:IF|ENDIF|ELSE|END)\b")
 _JUMP = re.compile(r"(?:JMP\b|FOR\b|ENDFOR\b|SELECT\b|SKIP\b|.*\bJMP\s+LBL)")

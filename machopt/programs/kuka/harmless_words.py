@@ -14,6 +14,8 @@ from machopt.programs.reading.harmless_words import (
     TEXT,
 )
 
+ORIENTATION_IGNORED = ("#CONSTANT", "#IGNORE")  # values of $ORI_TYPE: the orientations of the targets do not hold
+
 KRL_VARIABLES: dict[str, str] = {
     **dict.fromkeys(("$ADVANCE", "$BWDSTART", "$STOPNOAPROX"), PLANNING),
     **dict.fromkeys(

@@ -16,7 +16,7 @@ from machopt.programs.kuka.expression_values import (
     try_evaluate,
 )
 from machopt.programs.kuka.file_routines import OPENS, KrlLine, KrlRoutine, get_first_word, read_krl_module
-from machopt.programs.kuka.harmless_words import KRL_CALLS, KRL_STATEMENTS, KRL_VARIABLES
+from machopt.programs.kuka.harmless_words import KRL_CALLS, KRL_STATEMENTS, KRL_VARIABLES, ORIENTATION_IGNORED
 from machopt.programs.kuka.move_statements import KrlMoves
 from machopt.programs.kuka.move_targets import POSE, build_pose
 from machopt.programs.kuka.statement_patterns import MOVE, SWITCHES, TYPES, WITHOUT_EFFECT, is_harmless_statement
@@ -357,7 +357,8 @@ class _KrlReader:
         elif word in EVENTFUL:
             self.out.event(f"{left.strip()}={right.strip()}", "comment")
         elif word.startswith("$"):
-            self.out.ignore(f"{word}=", line, understood=word in KRL_VARIABLES)
+            turns = word == "$ORI_TYPE" and right.strip().upper() in ORIENTATION_IGNORED
+            self.out.ignore(f"{word}=", line, understood=word in KRL_VARIABLES and not turns)
 
     def frame(self, word: str, text: str) -> None:
         rides = ""

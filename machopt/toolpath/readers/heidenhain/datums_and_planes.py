@@ -287,6 +287,11 @@ class DatumAndPlaneReader(GcodeReader):
         Args:
             number: Number of the preset.
         """
+        if self.preset is None and len(self.out):
+            self.out.warn(
+                f"preset {number:g} is chosen after points of a preset that the program does not name: all points are "
+                "read in one frame"
+            )
         if self.preset is None or not len(self.out):
             self.preset = number
         self.take_offset(f"preset {number:g}", f"preset {self.preset:g}")
