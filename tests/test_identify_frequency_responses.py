@@ -19,8 +19,10 @@ from machopt.cell.process_file import load_process
 from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.cli import main
 from machopt.dynamics.rigid_body import load_dynamics
+from machopt.errors import RecordingError
 from machopt.kinematics.robot import load_robot
 from machopt.measurement.identification.frequency_response.frequency_response_pipeline import _compute_covariance
+from machopt.measurement.identification.frequency_response.modal_damping import compute_modal_damping
 from machopt.measurement.identification.frequency_response.response_equations import (
     ResponseEquations,
     build_response_equations,
@@ -292,3 +294,47 @@ def test_options_without_effect_and_other_commands_refuse(
     assert "is frf, frequency responses" in capsys.readouterr().err
     assert main(["process", str(CELL), str(folder), "-o", out, "--quiet"]) == 2
     assert "is frf" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("labelled", [True, False])
+def test_scatter_of_encoders_does_not_divide_a_response(labelled: bool, rows: list[str], tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    scattered = [rows[0]]
+    for row in rows[1:]:
+        cells = row.split(",")
+        for n in range(1, 7):
+            k = COLUMNS.index(f"q{n}_deg")
+            cells[k] = f"{float(cells[k]) + rng.uniform(-0.01, 0.01):.6f}"
+        scattered.append(",".join(cells))
+    given = (rows, scattered) if labelled else tuple(drop_column(some, "pose") for some in (rows, scattered))
+    exact, found = (load_frequency_responses(record(tmp_path / f"r{n}", some)) for n, some in enumerate(given))
+    assert found.responses == exact.responses == 6
+    assert np.array_equal(found.group, exact.group)
+
+
+def test_one_label_for_two_poses_is_refused(rows: list[str], tmp_path: Path) -> None:
+    same = [rows[0], *("1," + row.partition(",")[2] for row in rows[1:])]
+    with pytest.raises(RecordingError, match="one label for each pose"):
+        load_frequency_responses(record(tmp_path / "r", same))
+
+
+@pytest.mark.parametrize("labelled", [0, 1])
+def test_labels_in_one_of_two_files_are_refused(labelled: int, rows: list[str], tmp_path: Path) -> None:
+    folder = record(tmp_path / "r", rows, HEAD.replace("data: data.csv", "data: [a.csv, b.csv]"))
+    half = 1 + (len(rows) - 1) // 2
+    parts = [[rows[0], *rows[1:half]], [rows[0], *rows[half:]]]
+    for n, name in enumerate(("a.csv", "b.csv")):
+        lines = parts[n] if n == labelled else drop_column(parts[n], "pose")
+        (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match="column pose is in some of the files only"):
+        load_frequency_responses(folder)
+
+
+def test_modes_below_the_measured_band_are_not_determined(equations: ResponseEquations) -> None:
+    model, prior = build_response_model(equations, "viscous"), build_prior(SPRINGS, True)
+    fit = fit_responses(model, np.log(np.concatenate([SPRINGS, DAMPING / SPRINGS * equations.reference])), prior)
+    covariance = _compute_covariance(model, fit, None)
+    whole = compute_modal_damping(model, fit, covariance)
+    assert whole.known > 0
+    narrow = replace(equations, omega=np.maximum(equations.omega, 2.0 * np.pi * 1.1 * whole.frequency[:, 0].max()))
+    assert compute_modal_damping(build_response_model(narrow, "viscous"), fit, covariance).known == 0

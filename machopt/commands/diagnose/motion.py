@@ -31,9 +31,9 @@ def diagnose_motion(
         recording: The motion.
         options: Options of the search.
     """
-    asked, job = request.channel, request.toolpath is not None
+    channel, has_job = request.channel, request.toolpath is not None
     found = diagnose_motion_recording(
-        cell, recording, options, requested_channel=asked, seed=request.seed, toolpath=job
+        cell, recording, options, requested_channel=channel, seed=request.seed, toolpath=has_job
     )
     made = build_extended_stiffness(cell, found.diagnosis)
     made = replace(made, after=add_model_uncertainty(cell, found, made.after))

@@ -117,7 +117,7 @@ def compute_diagnosis(
         cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=sliding, bodies=False)
     laws = user_hypotheses.load_hypothesis_sources(own)
     check_diagnose_request(request, recording.kind)
-    load_options(cell.plan, overrides=request.overrides)  # what is wrong with them is said before minutes of work
+    load_options(cell.plan, overrides=request.overrides)  # what is wrong with them is stated before minutes of work
     options = selection_pipeline.DiagnosisOptions(
         max_effects=request.get_max_findings(recording.kind), progress=progress
     )
@@ -131,7 +131,7 @@ def compute_diagnosis(
         progress("what it changes for the toolpath")
     effect = compute_effect_on_job(cell, request.toolpath, made.before, made.after, request.overrides)
     d = rank_findings_at_job(d, effect)
-    inputs, said = compute_input_hashes(cell, request.recordings), request.list_options(recording.kind)
+    inputs, stated = compute_input_hashes(cell, request.recordings), request.list_options(recording.kind)
     result = build_diagnosis_document(
         cell,
         found.recording,
@@ -139,9 +139,9 @@ def compute_diagnosis(
         model=None if made.after is None else STIFFNESS,
         kinematics=KINEMATICS if list_kinematic_corrections(d) else None,
         effect_on_job=effect,
-        options=said,
+        options=stated,
         inputs=inputs,
     )
     return build_computation(
-        request, cell, replace(found, diagnosis=d), assessed, made.after, result, {**said, **inputs}
+        request, cell, replace(found, diagnosis=d), assessed, made.after, result, {**stated, **inputs}
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.commands.input_hashes import map_hashes_by_name
 from machopt.commands.optimize.job_result import OptimizeJobResult
-from machopt.data_types.documents import optimize_document as told
+from machopt.data_types.documents import optimize_document as doc
 from machopt.data_types.toolpath import Toolpath
 from machopt.options.plan_option_reader import find_options_without_effect, format_user_options
 from machopt.output.file_hashes import compute_sha256
@@ -39,7 +39,7 @@ from machopt.verification import Verification
 from machopt.version import __version__
 
 
-def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict[str, float]) -> told.OptimizeDocument:
+def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict[str, float]) -> doc.OptimizeDocument:
     """Return the content of result.json; ``outputs`` are the files that lie in the folder at the time.
 
     Args:
@@ -51,7 +51,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
     timeline = made.timeline
     trajectory = timeline.trajectory if timeline else None
     stopped = timeline.obstructions if timeline else ()
-    return told.OptimizeDocument(
+    return doc.OptimizeDocument(
         machopt_result=1,
         version=__version__,
         verdict=made.verdict,
@@ -68,7 +68,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         index_scale=the_plan.scores.scale,
         chosen_from=the_plan.chosen_from,
         objective=build_objectives_section(the_plan),
-        front=tuple(told.ParetoPlanEntry.from_fields(p) for p in made.front) or None,
+        front=tuple(doc.ParetoPlanEntry.from_fields(p) for p in made.front) or None,
         tools=build_tool_sections(the_plan, [s.stint for s in made.stints]),
         worst_point=build_worst_point_entry(the_plan, points),
         compensation=build_compensation_section(the_plan, toolpath) if trajectory is not None else None,
@@ -85,7 +85,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         feed_dips=tuple(build_slowdown_entry(d) for d in (timeline.dips if timeline else ()) if d.lost),
         feed_stops=tuple(build_slowdown_entry(d) for d in (timeline.dips if timeline else ()) if not d.lost),
         rapid_detours=timeline.detours if timeline else (),
-        obstructions=tuple(told.ObstructedRapidEntry(before=o.before, after=o.after, reason=o.text) for o in stopped),
+        obstructions=tuple(doc.ObstructedRapidEntry(before=o.before, after=o.after, reason=o.text) for o in stopped),
         verification=_build_verification_section(made.verification),
         programs=tuple(p.to_document() for p in made.programs),
         notes=tuple(cell.notes),
@@ -94,13 +94,13 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
     )
 
 
-def _build_verification_section(verification: Verification | None) -> told.VerificationSection | None:
+def _build_verification_section(verification: Verification | None) -> doc.VerificationSection | None:
     if verification is None:
         return None
-    return told.VerificationSection(
+    return doc.VerificationSection(
         passed=verification.ok,
-        checks=tuple(told.CheckEntry.from_fields(c) for c in verification.checks),
-        information=tuple(told.InformationEntry.from_fields(i) for i in verification.information),
+        checks=tuple(doc.CheckEntry.from_fields(c) for c in verification.checks),
+        information=tuple(doc.InformationEntry.from_fields(i) for i in verification.information),
     )
 
 
@@ -123,28 +123,28 @@ def _compute_dwell_time(toolpath: Toolpath, points: PointResults) -> float:
     return float(waits[0] + waits[1:][driven].sum())
 
 
-def build_objectives_section(the_plan: Plan) -> told.ObjectivesSection:
+def build_objectives_section(the_plan: Plan) -> doc.ObjectivesSection:
     """Return the objective values of the plan and of its baselines.
 
     Args:
         the_plan: The plan.
     """
-    return told.ObjectivesSection(
+    return doc.ObjectivesSection(
         cam_default=build_objective_section(the_plan.cam_default),
         jiao2022=build_objective_section(the_plan.jiao2022),
-        grid=told.ObjectivePartsSection.from_fields(the_plan.grid),
+        grid=doc.ObjectivePartsSection.from_fields(the_plan.grid),
         search=build_search_section(the_plan),
         chosen=build_objective_section(the_plan.chosen),
         gain=tuple(build_gain_section(g) for g in compute_gains(the_plan)),
     )
 
 
-def _build_toolpath_section(toolpath: Toolpath) -> told.ToolpathSection:
-    return told.ToolpathSection(
+def _build_toolpath_section(toolpath: Toolpath) -> doc.ToolpathSection:
+    return doc.ToolpathSection(
         source=toolpath.source,
         format=toolpath.format,
         points=len(toolpath),
         cutting_points=int(toolpath.cutting.sum()),
         operations=tuple(o.label for o in toolpath.operations),
-        ignored=tuple(told.IgnoredWordEntry.from_fields(w) for w in toolpath.ignored),
+        ignored=tuple(doc.IgnoredWordEntry.from_fields(w) for w in toolpath.ignored),
     )

@@ -40,19 +40,19 @@ FRONT_COLUMNS = (
 )
 
 
-def compute_trade_off_front(given: OptimizeInputs, asked: Plan, own: FrontPlan) -> list[FrontPlan]:
+def compute_trade_off_front(given: OptimizeInputs, requested: Plan, own: FrontPlan) -> list[FrontPlan]:
     """Return the requested plan, and every further one that is feasible and passes the checks.
 
     Args:
         given: the job; where it changes tools each plan is one of all of them.
-        asked: the plan asked for.
+        requested: the plan requested.
         own: what it comes to.
     """
     found = [own]
     cell, toolpath = given.cell, given.toolpath
     for name, changed, other in (
         *list_front_variants(given.options),
-        *list_reentry_variants(asked, toolpath, given.options),
+        *list_reentry_variants(requested, toolpath, given.options),
     ):
         job = plan_job(given.stints, toolpath, other, StageTimings())
         timeline = job.timeline
@@ -68,7 +68,7 @@ def compute_trade_off_front(given: OptimizeInputs, asked: Plan, own: FrontPlan) 
             write_trajectory_csv(table, timeline.trajectory, labels, kinds, list_tool_names(job.plan))
             if not check_contents(cell, toolpath, folder, options=other, manifest=None).ok:
                 continue
-        found.append(measure_front_plan(name, changed, job.plan, timeline, job.points, asked))
+        found.append(measure_front_plan(name, changed, job.plan, timeline, job.points, requested))
     return mark_dominated_plans(found)
 
 

@@ -96,12 +96,12 @@ def compute_pose_plan(
     )
     progress("order of work, clearances, tables")
     hashes = compute_input_hashes(cell)
-    told = None if m.discrimination is None else build_discrimination_document(m.discrimination)
+    discrimination = None if m.discrimination is None else build_discrimination_document(m.discrimination)
     steps = (1.0,) if m.plan is None else m.plan.steps if m.discrimination is None else m.discrimination.steps
     planned = PlannedMeasurement(
         pool=m.pool, cases=m.cases, plan=m.plan, noise=m.noise, length=m.length, load_methods=m.load_methods
     )
-    result = build_measurement_plan_document(request, cell, planned, warnings, hashes, told, job)
+    result = build_measurement_plan_document(request, cell, planned, warnings, hashes, discrimination, job)
     table = template = None
     if m.plan is not None:
         table = build_poses_table(m.plan, m.pool, m.load_methods, m.collision, cell.home, m.noise)

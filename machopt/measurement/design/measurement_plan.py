@@ -202,7 +202,7 @@ class _ReferenceDesign:
     """The design that others are compared with."""
 
     accuracy: ExpectedAccuracy
-    judged: Bools  # (P,) unknowns to which rms and worst refer
+    assessed: Bools  # (P,) unknowns to which rms and worst refer
     poses: int
     loads: int  # different loads at each pose
     curve_poses: tuple[int, ...]
@@ -239,12 +239,12 @@ def build_measurement_plan(
     sigmas = _AccuracyByPoseCount(smaller, size.loads, rng, {len(design.blocks): found})
     reference = _ReferenceDesign(
         accuracy=found,
-        judged=unknowns.relative & found.is_identified,
+        assessed=unknowns.relative & found.is_identified,
         poses=len(design.blocks),
         loads=size.loads,
         curve_poses=_list_curve_pose_counts(len(design.blocks), size.loads * noise.dimensions, len(unknowns.scale)),
     )
-    curve = tuple(sigmas(n).rms(reference.judged) for n in reference.curve_poses)
+    curve = tuple(sigmas(n).rms(reference.assessed) for n in reference.curve_poses)
     needed = _find_needed_poses(sigmas, reference, size.target)
     progress("the papers' ways of choosing")
     comparisons = _compare_with_heuristics(task, reference, nominal, unknowns, rng)
@@ -253,7 +253,7 @@ def build_measurement_plan(
         cases=cases,
         design=design,
         accuracy=found,
-        accuracy_by_belief=reference.judged,
+        accuracy_by_belief=reference.assessed,
         believed_values=_compute_believed_accuracy(problem, design, shares),
         bound=compute_efficiency_bound(nominal, design, size.loads),
         comparisons=comparisons,
@@ -302,10 +302,10 @@ def _compute_believed_accuracy(
 
 def _find_needed_poses(sigmas: _AccuracyByPoseCount, reference: _ReferenceDesign, target: float | None) -> int | None:
     """Return the number of poses for the target accuracy; None without one, or for more than MOST_POSES."""
-    judged = reference.judged
-    if target is None or not judged.any():
+    assessed = reference.assessed
+    if target is None or not assessed.any():
         return None
-    return find_smallest_number(lambda n: sigmas(n).worst(judged), target, reference.poses, MOST_POSES)
+    return find_smallest_number(lambda n: sigmas(n).worst(assessed), target, reference.poses, MOST_POSES)
 
 
 def _compare_with_heuristics(
@@ -364,9 +364,9 @@ def _compare_with_heuristic(
     rng: np.random.Generator,
 ) -> HeuristicComparison | None:
     """Return the typical accuracy of a heuristic; None if it has fewer poses than the plan."""
-    n, judged, best = reference.poses, reference.judged, reference.accuracy
+    n, assessed, best = reference.poses, reference.assessed, reference.accuracy
     available = int(np.isin(chooser.poses, cases.pose).sum())
-    if available < n or not judged.any():
+    if available < n or not assessed.any():
         return None
 
     def drawn(count: int, times: int) -> list[ExpectedAccuracy]:
@@ -380,10 +380,10 @@ def _compare_with_heuristic(
         ]
 
     at = drawn(n, DRAWS)
-    rms = np.array([a.rms(judged) for a in at])
+    rms = np.array([a.rms(assessed) for a in at])
     low, middle, high = (float(np.quantile(rms, p, method="nearest")) for p in (0.1, 0.5, 0.9))
     curve = tuple(
-        float(np.median([a.rms(judged) for a in drawn(m, CURVE_DRAWS)])) if m <= available else float("nan")
+        float(np.median([a.rms(assessed) for a in drawn(m, CURVE_DRAWS)])) if m <= available else float("nan")
         for m in reference.curve_poses
     )
     efficiencies = np.array([compute_design_efficiency(a, best) for a in at])
@@ -394,6 +394,6 @@ def _compare_with_heuristic(
         rms=(low, middle, high),
         sigma=sigma,
         efficiency=tuple(float(e) for e in np.median(efficiencies, axis=0)),  # type: ignore[arg-type]
-        readings=(middle / best.rms(judged)) ** 2,
+        readings=(middle / best.rms(assessed)) ** 2,
         curve=curve,
     )

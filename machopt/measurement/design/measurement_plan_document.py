@@ -45,14 +45,14 @@ class PlannedMeasurement:
 
 
 def _build_design_section(plan: MeasurementPlan) -> DesignQualitySection:
-    found, judged = plan.accuracy, plan.accuracy_by_belief
+    found, assessed = plan.accuracy, plan.accuracy_by_belief
     return DesignQualitySection(
         condition_number=found.condition,
-        rms=found.rms(judged),
-        worst=found.worst(judged),
+        rms=found.rms(assessed),
+        worst=found.worst(assessed),
         log_det=plan.design.value,
         d_efficiency_at_least=plan.bound,
-        worst_if_prior_wrong=tuple(a.worst(judged) for a in plan.believed_values),
+        worst_if_prior_wrong=tuple(a.worst(assessed) for a in plan.believed_values),
     )
 
 

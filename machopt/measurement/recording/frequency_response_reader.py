@@ -100,7 +100,9 @@ def load_frequency_responses(path: Path | str) -> FrequencyResponseRecording:
     q = np.radians(_join(tables, JOINTS))
     source = np.repeat(np.arange(len(tables)), [len(t) for t in tables]).astype(np.int64)
     pose = _join(tables, ("pose",))[:, 0] if "pose" in tables[0].numbers else np.zeros(len(source))
-    group = _number_responses(np.column_stack([pose, np.round(np.degrees(q), 3), *directions]))
+    if "pose" not in tables[0].numbers:
+        pose = _number_poses(q)
+    group = _number_responses(np.column_stack([pose, *directions]))
     recording = FrequencyResponseRecording(
         source=file.parent.resolve().name,
         files=tuple(files),
@@ -126,6 +128,16 @@ def load_frequency_responses(path: Path | str) -> FrequencyResponseRecording:
 
 def _join(tables: list[RecordingTable], names: tuple[str, ...]) -> Array:
     return np.concatenate([np.column_stack([t.numbers[name] for name in names]) for t in tables])
+
+
+def _number_poses(q: Array) -> Array:
+    """Return (n,) the number of the pose of each row: rows whose joints differ by SAME_POSE at most are one pose."""
+    out = np.full(len(q), -1.0)
+    count = 0
+    while (rest := np.flatnonzero(out < 0.0)).size:
+        out[rest[np.abs(q[rest] - q[rest[0]]).max(axis=1) <= SAME_POSE]] = count
+        count += 1
+    return out
 
 
 def _number_responses(keys: Array) -> Ints:
@@ -161,7 +173,7 @@ def _check_responses(recording: FrequencyResponseRecording, pose: Array) -> None
     for label in np.unique(pose):
         rows = np.flatnonzero(pose == label)
         moved = np.abs(recording.q[rows] - recording.q[rows[0]]).max(axis=1) > SAME_POSE
-        if moved.any() and len(np.unique(pose)) > 1:
+        if moved.any():
             row = int(rows[int(np.argmax(moved))])
             raise RecordingError(
                 f"pose {label:g} has other joint positions than in line {recording.line[rows[0]]}; expected one label "

@@ -142,31 +142,31 @@ def _find_streamed_cut_moves(
     place, shank = line.position + offset, -line.rotation[:, :, 2] + tilt
     known = np.flatnonzero(np.isfinite(at_index))
     reached, gap, tilted = np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan)
-    asked = np.flatnonzero(cuts.wanted)
-    gap[asked] = np.inf
-    if not len(known) or not len(asked):
+    wanted_points = np.flatnonzero(cuts.wanted)
+    gap[wanted_points] = np.inf
+    if not len(known) or not len(wanted_points):
         return reached, gap, tilted
-    nth = np.searchsorted(np.maximum.accumulate(at_index[known]), asked - INDEX_TOLERANCE)
-    asked, nth = asked[nth < len(known)], nth[nth < len(known)]
+    nth = np.searchsorted(np.maximum.accumulate(at_index[known]), wanted_points - INDEX_TOLERANCE)
+    wanted_points, nth = wanted_points[nth < len(known)], nth[nth < len(known)]
     row = known[nth]
     first = np.searchsorted(line.sample, np.maximum(row - 1, 0))
     last = np.maximum(np.searchsorted(line.sample, row), first + 1)
-    best = np.full(len(asked), np.inf)
+    best = np.full(len(wanted_points), np.inf)
     for k in range(int((last - first).max(initial=0))):
         a = np.minimum(first + k, len(place) - 2)
         way = place[a + 1] - place[a]
         length2 = np.einsum("ij,ij->i", way, way)
-        along = np.einsum("ij,ij->i", cuts.position[asked] - place[a], way)
+        along = np.einsum("ij,ij->i", cuts.position[wanted_points] - place[a], way)
         share = np.clip(np.where(length2 > 0.0, along / np.where(length2 > 0.0, length2, 1.0), 1.0), 0.0, 1.0)
-        away = np.linalg.norm(place[a] + share[:, None] * way - cuts.position[asked], axis=1)
-        axis, wanted = interpolate_axis(shank[a], shank[a + 1], share), cuts.toolpath.axis[asked]
+        away = np.linalg.norm(place[a] + share[:, None] * way - cuts.position[wanted_points], axis=1)
+        axis, wanted = interpolate_axis(shank[a], shank[a + 1], share), cuts.toolpath.axis[wanted_points]
         angle = np.arctan2(np.linalg.norm(np.cross(axis, wanted), axis=1), np.sum(axis * wanted, axis=1))
         better = (np.hypot(away, AXIS_LEVER_M * angle) < best) & (first + k < last)
         best[better] = np.hypot(away, AXIS_LEVER_M * angle)[better]
-        gap[asked[better]], tilted[asked[better]] = away[better], angle[better]
-    on = gap[asked] <= limit
-    reached[asked[on]] = row[on]
-    tilted[asked[~on]] = np.nan
+        gap[wanted_points[better]], tilted[wanted_points[better]] = away[better], angle[better]
+    on = gap[wanted_points] <= limit
+    reached[wanted_points[on]] = row[on]
+    tilted[wanted_points[~on]] = np.nan
     return reached.astype(np.int64), gap, tilted
 
 
@@ -243,9 +243,9 @@ def _check_cut_feeds(moves: _CutMoves, cuts: ExpectedCuts, bent: NDArray[np.bool
         want = cuts.toolpath.feed[moves.point]
         off = np.abs(program.feed[move] - want[nth])
         off[np.isnan(off)] = np.inf
-        asked = (np.isfinite(want) & ~bent & ~moves.still)[nth] & ~moves.same[move]
-        worst_feed = float(off[asked].max(initial=0.0))
-        wrong = asked & ~(off <= program.feed_step + FEED_TOLERANCE * want[nth])
+        fed = (np.isfinite(want) & ~bent & ~moves.still)[nth] & ~moves.same[move]
+        worst_feed = float(off[fed].max(initial=0.0))
+        wrong = fed & ~(off <= program.feed_step + FEED_TOLERANCE * want[nth])
         for n in np.unique(nth[wrong])[:MAX_NAMED].tolist():
             m = move[nth == n][int(np.argmax(off[nth == n]))]
             fast.append(f"{moves.describe(n)}: {6e4 * program.feed[m]:g} instead of {6e4 * want[n]:g} mm/min")

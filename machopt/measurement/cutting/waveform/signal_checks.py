@@ -12,7 +12,7 @@ from machopt.errors import CuttingInputError, RecordingError
 from machopt.numerics.array_types import Array
 from machopt.process.milling.milling_cut import CutSide, MillingCut, MillingCutter, check_cut_dimensions
 
-FEWEST_REVOLUTIONS = 4  # run-out and noise are told apart by what repeats, three times or more
+FEWEST_REVOLUTIONS = 4  # run-out and noise are distinguished by what repeats, three times or more
 FEWEST_PER_TOOTH = 8  # samples of a tooth pass: four harmonics below half the sampling rate
 MOST_SAMPLES = 12_000  # of all cuts together: more takes minutes; intervals of a percent need a thousand
 

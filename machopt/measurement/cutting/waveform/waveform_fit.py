@@ -22,6 +22,7 @@ from machopt.measurement.cutting.waveform.residual_noise import (
 )
 from machopt.measurement.cutting.waveform.waveform_model import COEFFICIENTS, RUNOUT, WaveformModel
 from machopt.numerics.array_types import Array, Bools, make_arrays_read_only
+from machopt.numerics.free_unknowns import FreeUnknownSystem
 
 NOISE_PASSES = 2  # fits with the autoregression; a third changes no interval by more than 1 %
 ROUNDING = 1e-6  # of the largest force: no innovation is smaller
@@ -97,36 +98,20 @@ def _solve(model: WaveformModel, x: Array, free: Bools, noise: ResidualNoise) ->
     return system.expand(done.x)
 
 
-class _WhitenedSystem:
-    """Residuals and derivatives of the free unknowns; one evaluation serves both."""
+class _WhitenedSystem(FreeUnknownSystem):
+    """Whitened residuals of all cuts."""
 
     def __init__(self, model: WaveformModel, x: Array, free: Bools, noise: ResidualNoise) -> None:
-        self.model, self.fixed, self.free, self.noise = model, np.array(x), free, noise
-        self.at: Array | None = None
+        super().__init__(x, free)
+        self.model, self.noise, self.count = model, noise, int(free.sum())
 
-    def expand(self, values: Array) -> Array:
-        out = np.array(self.fixed)
-        out[self.free] = values
-        return out
-
-    def compute_residuals(self, values: Array) -> Array:
-        self._evaluate(values)
-        return self.residuals
-
-    def compute_jacobian(self, values: Array) -> Array:
-        self._evaluate(values)
-        return self.jacobian
-
-    def _evaluate(self, values: Array) -> None:
-        if self.at is not None and np.array_equal(self.at, values):
-            return
-        self.at = np.array(values)
-        x, rows, slopes = self.expand(values), [], []
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
+        rows, slopes = [], []
         for n, cut in enumerate(self.model.cuts):
             predicted, J = self.model.evaluate(x, n)
             rows.append(self.noise.whiten(predicted - cut.force).ravel())
-            slopes.append(self.noise.whiten(J[..., self.free]).reshape(-1, int(self.free.sum())))
-        self.residuals, self.jacobian = np.concatenate(rows), np.concatenate(slopes)
+            slopes.append(self.noise.whiten(J[..., self.free]).reshape(-1, self.count))
+        return np.concatenate(rows), np.concatenate(slopes)
 
 
 def _assess(model: WaveformModel, x: Array, free: Bools, noise: ResidualNoise) -> WaveformFit:

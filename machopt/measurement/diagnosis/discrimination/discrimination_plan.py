@@ -436,7 +436,7 @@ def _build_pose_plan(
     unknowns = build_unknowns(prior, (), cases)
     problem, _ = build_design_problem(cases, unknowns, noise, 1.0, rng)
     seen = compute_expected_accuracy(compute_information_matrix(problem, design.blocks))
-    judged = unknowns.relative & seen.is_identified
+    assessed = unknowns.relative & seen.is_identified
     visits = build_schedule(design.blocks, noise.cycles, rng)
     poses = len(design.blocks)
     return MeasurementPlan(
@@ -444,12 +444,12 @@ def _build_pose_plan(
         cases=cases,
         design=design,
         accuracy=seen,
-        accuracy_by_belief=judged,
+        accuracy_by_belief=assessed,
         believed_values=(),
         bound=float("nan"),
         comparisons=(),
         curve_poses=(poses,),
-        curve=(seen.rms(judged),),
+        curve=(seen.rms(assessed),),
         needed_poses=None,
         visits=visits,
     )

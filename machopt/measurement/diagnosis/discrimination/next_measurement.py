@@ -129,7 +129,7 @@ class _MeasurementModels:
     """Models of a cell for a measurement."""
 
     cell: Cell
-    stood: Cell  # base_link where it stands during the measurement
+    placed_cell: Cell  # base_link where it stands during the measurement
     robot: Robot
     shapes: tuple[LinkShape, ...]
     masses: RobotMasses
@@ -147,15 +147,15 @@ def _build_models(
     T = cell.tool.T_flange_tcp
     terms = build_linear_terms(request, robot, T)
     check_number_of_readings(request, noise.dimensions, 6 + sum(len(t.coefficients) for t in terms))
-    stood = update_base_frame(cell, robot)
-    ways, warnings = build_load_methods(request, stood)
-    masses = load_masses(stood)
+    placed_cell = update_base_frame(cell, robot)
+    ways, warnings = build_load_methods(request, placed_cell)
+    masses = load_masses(placed_cell)
     believed = build_prior_stiffness(request, cell)
     if found is not None:
         believed = ArmStiffness(joints=1.0 / select_planning_compliance(found, believed.joints))
     return _MeasurementModels(
         cell=cell,
-        stood=stood,
+        placed_cell=placed_cell,
         robot=robot,
         shapes=shapes,
         masses=masses,
@@ -174,7 +174,7 @@ def _build_screen(request: PosesRequest, cell: Cell, models: _MeasurementModels)
     return PoseScreen(
         robot=robot,
         T_flange_tcp=T,
-        T_world_base=models.stood.T_world_base,
+        T_world_base=models.placed_cell.T_world_base,
         length=compute_characteristic_length(robot, T).length,
         criteria=convert_to_pose_criteria(request),
         collision=None if request.no_collision else CollisionModel(bare, robot, models.shapes, clearance, still=True),

@@ -27,10 +27,10 @@ def estimate_pose_variance(left: Array, expected: Array, force: Array, direction
     Returns:
         Variance, (m/N)².
     """
-    told = (expected > 0) & (force > 0)
-    if not told.any():
+    has_load = (expected > 0) & (force > 0)
+    if not has_load.any():
         return 0.0
-    beyond, per_newton = left[told] / expected[told] - 1.0, force[told] / expected[told]
+    beyond, per_newton = left[has_load] / expected[has_load] - 1.0, force[has_load] / expected[has_load]
     found = float(beyond.sum() / per_newton.sum())
     count = len(beyond)
     if count < 2:

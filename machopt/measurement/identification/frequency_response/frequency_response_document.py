@@ -80,9 +80,7 @@ def _describe_unknown_modes(cell: Cell, found: FrequencyResponseResult) -> tuple
         return ("no modal damping is determined; process.yaml is not written",)
     out = []
     if len(listed) < len(found.modes.mean):
-        out.append(
-            f"damping of modes beyond {len(listed)} is not determined, or their frequency lies above the measured ones"
-        )
+        out.append(f"damping of modes beyond {len(listed)} is not determined, or their frequency was not measured")
     if cell.process is None or cell.process.file is None:
         out.append(
             "the cell has no process.yaml; chatter reads this block of it: "

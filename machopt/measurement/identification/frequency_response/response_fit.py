@@ -21,6 +21,7 @@ from machopt.data_types.stiffness import LEAST_STIFFNESS, STIFFEST
 from machopt.measurement.identification.frequency_response.response_equations import TYPICAL_DAMPING
 from machopt.measurement.identification.frequency_response.response_model import JOINTS, ResponseModel
 from machopt.numerics.array_types import Array, ComplexArray, Ints, make_arrays_read_only
+from machopt.numerics.free_unknowns import FreeUnknownSystem
 
 PRIOR_SIGMA = 1.0  # of log k and log η: a factor e, the scatter of published joints of one size
 REWEIGHTINGS = 6
@@ -147,40 +148,23 @@ def minimise(
     return system.expand(done.x), 2.0 * float(done.cost)
 
 
-class _WeightedSystem:
-    """Residuals and derivatives of the free unknowns; one evaluation serves both."""
+class _WeightedSystem(FreeUnknownSystem):
+    """Weighted residuals of the rows, and the distance from the prior."""
 
     def __init__(
         self, model: ResponseModel, x: Array, free: Ints, prior: ResponsePrior, weights: Array, rows: Ints | None
     ) -> None:
-        self.model, self.x, self.free, self.prior, self.weights, self.rows = model, x, free, prior, weights, rows
-        self.at: Array | None = None
+        super().__init__(x, free)
+        self.model, self.prior, self.weights, self.rows = model, prior, weights, rows
 
-    def expand(self, values: Array) -> Array:
-        out = np.array(self.x)
-        out[self.free] = values
-        return out
-
-    def compute_residuals(self, values: Array) -> Array:
-        self._evaluate(values)
-        return self.residuals
-
-    def compute_jacobian(self, values: Array) -> Array:
-        self._evaluate(values)
-        return self.jacobian
-
-    def _evaluate(self, values: Array) -> None:
-        if self.at is not None and np.array_equal(self.at, values):
-            return
-        self.at = np.array(values)
-        x = self.expand(values)
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
         H, J = self.model.evaluate(x, self.rows)
         measured = self.model.equations.receptance
         e = (H - (measured if self.rows is None else measured[self.rows])) * self.weights
         slopes = (J * self.weights[:, None])[:, self.free]
         pull = 1.0 / self.prior.sigma
-        self.residuals = np.concatenate([e.real, e.imag, (x - self.prior.mean) * pull])
-        self.jacobian = np.concatenate([slopes.real, slopes.imag, np.diag(pull)[:, self.free]])
+        residuals = np.concatenate([e.real, e.imag, (x - self.prior.mean) * pull])
+        return residuals, np.concatenate([slopes.real, slopes.imag, np.diag(pull)[:, self.free]])
 
 
 def fit_responses(model: ResponseModel, start: Array, prior: ResponsePrior, passes: int = REWEIGHTINGS) -> ResponseFit:

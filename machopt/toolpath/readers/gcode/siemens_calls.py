@@ -36,8 +36,8 @@ class SiemensCallReader(FrameWordReader):
         for name, args in b.calls:
             if SIEMENS.fullmatch(name) and any(letter in words for letter in "XYZABC"):
                 raise self.source.build_error(
-                    f"words of a motion beside {name}: the control moves before it drills. A block of its own for the "
-                    "motion, ahead of the cycle, would work",
+                    f"words of a motion in the block of {name}: the control moves before it drills. The motion "
+                    "in a block of its own, ahead of the cycle, would work",
                     b.line,
                 )
             self.call(name, args, words, b)

@@ -178,8 +178,8 @@ class PointsTableCheck:
                 share of both.
             ambiguity: (rows,) range within which the quantity is undefined, in the file's unit.
         """
-        told = self.points.numbers.get(name)
-        if told is None:
+        stated = self.points.numbers.get(name)
+        if stated is None:
             return VerificationCheck(
                 name=f"points.csv {name}",
                 passed=False,
@@ -188,15 +188,15 @@ class PointsTableCheck:
                 unit=unit,
                 where="the column is missing",
             )
-        off = np.abs(told[rows] - wanted)
-        off = np.where(np.isnan(told[rows]) & np.isnan(wanted), 0.0, np.maximum(off - ambiguity, 0.0))
+        off = np.abs(stated[rows] - wanted)
+        off = np.where(np.isnan(stated[rows]) & np.isnan(wanted), 0.0, np.maximum(off - ambiguity, 0.0))
 
         def told_and_wanted(n: int) -> str:
             at = self.describe_row(rows)(n)
             follows = f"{wanted[n]:.7g} {unit} follows" if np.isfinite(wanted[n]) else "nothing follows"
             return (
-                f"{at}: {told[rows][n]:.7g} {unit}, {follows}"
-                if np.isfinite(told[rows][n])
+                f"{at}: {stated[rows][n]:.7g} {unit}, {follows}"
+                if np.isfinite(stated[rows][n])
                 else f"{at}: none, {follows}"
             )
 
@@ -313,8 +313,8 @@ class PointsTableCheck:
         tilt = np.linalg.norm(np.cross(-self.tcp[rows, :3, 2], self.toolpath.axis[self.k[rows]]), axis=1)
         tilt = np.where(np.einsum("ij,ij->i", self.tcp[rows, :3, 2], self.toolpath.axis[self.k[rows]]) < 0, tilt, np.pi)
         found = self.directions.compute_rotation_angle(self.tool[self._row_of_point()])[self.k[rows]]
-        told = np.radians(self.points.numbers["gamma_deg"][rows])
-        turn = np.abs((found - told[:, None] + np.pi) % (2.0 * np.pi) - np.pi)
+        stated = np.radians(self.points.numbers["gamma_deg"][rows])
+        turn = np.abs((found - stated[:, None] + np.pi) % (2.0 * np.pi) - np.pi)
         return [
             build_worst_value_check(
                 "points.csv on the toolpath", "mm", 1e3 * away, PLACE_TOLERANCE_MM, self.describe_row(rows)
@@ -448,10 +448,10 @@ class PointsTableCheck:
                 axial_std[some] = law.compute_axial_std(soft, e)
                 if o.given:
                     bend_std[some] = law.compute_deflection_std(soft, force)
-        told = self.points.numbers.get("k_normal_N_mm", np.full(len(self.k), np.nan))[rows] * 1e3
+        stated = self.points.numbers.get("k_normal_N_mm", np.full(len(self.k), np.nan))[rows] * 1e3
         return _PointStiffness(
             axial=axial,
-            normal=np.where(np.abs(told - other) < np.abs(told - normal), other, normal),
+            normal=np.where(np.abs(stated - other) < np.abs(stated - normal), other, normal),
             held=held,
             deflection=bend,
             axial_std=axial_std,
@@ -462,8 +462,8 @@ class PointsTableCheck:
         """Which rows rest on a cell of the grid: all rows, whether or not they have a configuration."""
         T = self.T_base_workpiece
         _, holds = law.compute_joint_stiffness(rotate_vectors(T, self.toolpath.position[self.k]) + T[:, :3, 3])
-        told = self.points.words.get("stiffness_from", ())
-        if not told:
+        stated = self.points.words.get("stiffness_from", ())
+        if not stated:
             return VerificationCheck(
                 name="points.csv stiffness_from",
                 passed=False,
@@ -477,7 +477,7 @@ class PointsTableCheck:
             "points.csv stiffness_from",
             [
                 f"point {p} rests on the {a}, not the {b}"
-                for p, a, b in zip(self.points.point, told, wanted, strict=True)
+                for p, a, b in zip(self.points.point, stated, wanted, strict=True)
                 if a != b
             ],
         )
