@@ -324,3 +324,22 @@ def test_long_motions_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: 
     assert 0 < whole.hit.sum() < len(q)
     assert np.array_equal(parts.hit, whole.hit)
     assert model.check_motion(q, touch, 0.05, first_only=True).hit.sum() == 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_motions_checked_in_one_call_are_those_checked_alone(tmp_path: Path, seed: int) -> None:
+    model = model_of(small_cell(tmp_path), 0.005)
+    rng = np.random.default_rng(seed)
+    lengths = rng.integers(1, 6, 12)
+    corners = random_q(model, len(lengths), seed=20 + seed)
+    motions = [x + np.cumsum(0.03 * rng.standard_normal((n, 6)), axis=0) for x, n in zip(corners, lengths, strict=True)]
+    starts = np.zeros(lengths.sum(), bool)
+    starts[np.cumsum([0, *lengths[:-1]])] = True
+    together = model.check_motion(np.vstack(motions), np.zeros(len(starts), bool), 0.05, starts=starts)
+    alone = [model.check_motion(q, np.zeros(len(q), bool), 0.05) for q in motions]
+    assert 0 < together.hit.sum() < len(starts)
+    assert np.array_equal(together.hit, np.concatenate([found.hit for found in alone]))
+    first = np.repeat(np.flatnonzero(starts), lengths)
+    row = np.concatenate([found.row for found in alone]) + first
+    at = together.hit
+    assert np.allclose(together.row[at], row[at], atol=1e-12)

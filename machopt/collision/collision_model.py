@@ -198,7 +198,9 @@ class CollisionModel:
             contacts.hit[hit], contacts.pair[hit], contacts.row[hit] = True, p, hit
         return contacts
 
-    def check_motion(self, q: Array, cutting: Bools, step: float, *, first_only: bool = False) -> CollisionContacts:
+    def check_motion(
+        self, q: Array, cutting: Bools, step: float, *, first_only: bool = False, starts: Bools | None = None
+    ) -> CollisionContacts:
         """Check rows like :meth:`check_configurations`, and the motion from each row to the next, linear in joint
         space.
 
@@ -212,13 +214,15 @@ class CollisionModel:
                 joint
                 the displacement equivalent to the motion of a body by such a rotation.
             first_only: stop at the first pair that hits (for planners that only need yes or no).
+            starts: (S,) the row begins another motion: the row itself is checked, not the way to it; None: the first.
         """
         q = self._lines.compute_line_positions(q)
-        dense, owner, at = refine_motion(q, min(step, MAX_BOUNDED_STEP_RAD), self.stack.scale)
+        starts = np.zeros(len(q), bool) if starts is None else starts
+        dense, owner, at = refine_motion(q, min(step, MAX_BOUNDED_STEP_RAD), self.stack.scale, starts)
         contacts = _build_no_contacts(len(q))
         for start in range(0, len(dense), MAX_BLOCK_ROWS):  # a block starts at the last row of the previous one
             some = slice(max(start - 1, 0), start + MAX_BLOCK_ROWS)
-            self._check_dense_rows(dense[some], cutting, owner[some], at[some], contacts, first_only)
+            self._check_dense_rows(dense[some], (cutting, starts), owner[some], at[some], contacts, first_only)
             if first_only and contacts.any:
                 break
         return contacts
@@ -226,16 +230,20 @@ class CollisionModel:
     def _check_dense_rows(
         self,
         dense: Array,
-        cutting: Bools,
+        flags: tuple[Bools, Bools],
         owner: NDArray[np.int64],
         at: Array,
         contacts: CollisionContacts,
         first_only: bool,
     ) -> None:
-        """Fill in the contacts of some dense rows (D, n); owner, at (D,) as :func:`refine_motion` returns them."""
+        """Fill in the contacts of some dense rows (D, n); owner, at (D,) as :func:`refine_motion` returns them.
+
+        Flags are ``cutting`` and ``starts`` of :meth:`check_motion`. No dense row lies on the way to a start.
+        """
+        cutting, starts = (flag[owner] for flag in flags)
         rows = MotionRows(self.stack, dense)
-        for p, doubt in self._find_unproven_pairs(rows, cutting[owner]):
-            walk = self._check_pair_motion(rows, p)
+        for p, doubt in self._find_unproven_pairs(rows, cutting, starts):
+            walk = self._check_pair_motion(rows, p, starts)
             for m in np.flatnonzero(doubt):
                 n = owner[m]
                 if contacts.hit[n]:
@@ -248,11 +256,12 @@ class CollisionModel:
                     if first_only:
                         return
 
-    def _check_pair_motion(self, rows: MotionRows, p: int) -> PairMotionCheck:
+    def _check_pair_motion(self, rows: MotionRows, p: int, starts: Bools) -> PairMotionCheck:
         i, j = self.stack.index[p]
         meshes = self.outlines[i].mesh, self.outlines[j].mesh
         return PairMotionCheck(
             rows=rows,
+            starts=starts,
             p=p,
             pair=(i, j),
             meshes=meshes,
@@ -261,7 +270,7 @@ class CollisionModel:
             memory=self._memory[p],
         )
 
-    def _find_unproven_pairs(self, rows: MotionRows, cutting: Bools) -> Iterator[tuple[int, Bools]]:
+    def _find_unproven_pairs(self, rows: MotionRows, cutting: Bools, starts: Bools) -> Iterator[tuple[int, Bools]]:
         """Yield the pairs whose bounds do not prove every row and motion free, each with the undecided rows (M,)."""
         block = max(MAX_BOUND_ARRAY_SIZE // max(len(rows.q), 1), 1)
         for start in range(0, len(self.pairs), block):
@@ -269,7 +278,7 @@ class CollisionModel:
             margin = rows.bound[:, some] - self._required[some]
             checked = ~(cutting[:, None] & self._spared[some])
             doubt, near = margin < 0.0, margin[1:] + margin[:-1] < rows.reach[:, None]
-            doubt, near = doubt & checked, near & checked[1:]
+            doubt, near = doubt & checked, near & checked[1:] & ~starts[1:, None]
             for k in np.flatnonzero(doubt.any(axis=0) | near.any(axis=0)).tolist():
                 ways = np.flatnonzero(near[:, k])
                 if len(ways):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from machopt.collision.bodies import CollisionBody
 from machopt.kinematics.machine_lines import MachineLines
 from machopt.kinematics.robot import Robot
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform
 
@@ -205,18 +205,23 @@ class DistanceMemory:
         self._count += 1
 
 
-def refine_motion(q: Array, step: float, scale: Array | None = None) -> tuple[Array, NDArray[np.int64], Array]:
+def refine_motion(
+    q: Array, step: float, scale: Array | None = None, starts: Bools | None = None
+) -> tuple[Array, NDArray[np.int64], Array]:
     """Return rows at most ``step`` apart in every joint, the row each leads to, and its fractional row.
 
     Args:
         q: (S, n) θ of the lines.
         step: rad.
         scale: (n,) equivalent rad per unit of each line; None: 1.
+        starts: (S,) rows that begin another motion: nothing is added on the way to them.
     """
     if len(q) == 0:
         return q.reshape(0, q.shape[-1]), np.zeros(0, np.int64), np.zeros(0)
     way = np.abs(np.diff(q, axis=0))
     parts = np.maximum(np.ceil((way if scale is None else way * scale).max(axis=1) / step), 1).astype(int)
+    if starts is not None:
+        parts[starts[1:]] = 1
     owner = np.repeat(np.arange(1, len(q)), parts)
     count = np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts) + 1
     share = count / np.repeat(parts, parts)

@@ -10,7 +10,7 @@ from machopt.collision.bounding_box_tree import BoxTreeMesh
 from machopt.collision.distance_bounds import DistanceMemory, MotionRows
 from machopt.collision.fcl_distance import FclSurfaces
 from machopt.collision.mesh_distance import compute_distance
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import invert_transform
 
 MIN_SEGMENT_MOTION_M = 1e-4  # m, motion below which a segment between two free rows is no longer halved
@@ -31,6 +31,7 @@ class PairMotionCheck:
     """Check of one pair along the rows: an exact distance and the relative motion since it was measured."""
 
     rows: MotionRows
+    starts: Bools  # (S,) rows that begin another motion
     p: int  # of the pair
     pair: tuple[int, int]  # of its bodies
     meshes: tuple[BoxTreeMesh, BoxTreeMesh]  # the same two
@@ -108,8 +109,10 @@ class PairMotionCheck:
         Args:
             m: row.
         """
-        if m == 0:
-            return 0.0 if self.is_colliding(0) else np.nan
+        if m == 0 or self.starts[m]:
+            # bounds hold between any two rows, driven or not: those of the motion before hold for this start too
+            free = not is_too_near(self.bound_distance(m), self.clearance)
+            return np.nan if free or not self.is_colliding(m) else float(m)
         way = self._travel[m - 1]
         if not is_too_near(self.bound_distance(m - 1) - way, self.clearance):
             return np.nan

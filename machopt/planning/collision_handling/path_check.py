@@ -20,6 +20,8 @@ from machopt.planning.stations.planning_path import PlanningPath
 
 NEAR = np.radians(3.0)  # joint step up to which the move between two points is interpolated in joint space
 
+BATCH_POINTS = 500  # planning points of short runs that are checked in one call
+
 
 @dataclass(frozen=True)
 class PathCollisions:
@@ -73,22 +75,26 @@ class PathCollisionChecker:
         known = np.asarray(np.isfinite(q).all(axis=1))
         begins = np.zeros(n, bool)
         begins[list(cuts)] = True
+        stretches: list[NDArray[np.intp]] = []
         for first, last in self.path.runs:
             rows = np.arange(first, last + 1)[known[first : last + 1]]
-            for part in np.split(rows, np.flatnonzero((np.diff(rows) != 1) | begins[rows[1:]]) + 1):
-                if len(part):
-                    hit[part], pair[part], lost[part] = self._known(part, phi[part], q[part])
+            parts = np.split(rows, np.flatnonzero((np.diff(rows) != 1) | begins[rows[1:]]) + 1)
+            stretches += [part for part in parts if len(part)]
+        for batch in _group_stretches(stretches):
+            part = np.concatenate(batch)
+            hit[part], pair[part], lost[part] = self._known(batch, phi[part], q[part])
         return PathCollisions(hit, pair, lost)
 
-    def _known(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
-        """Return the result of :meth:`stretch`, from the cache where an earlier plan had the same stretch."""
+    def _known(self, batch: list[NDArray[np.intp]], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
+        """Return the result of :meth:`stretches`, from the cache where an earlier plan had the same ones."""
+        rows = np.concatenate(batch)
 
         def inputs() -> tuple[object, ...]:
             p = self.path
-            where = (p.position[rows], p.axis[rows], p.reference[rows], p.external[rows], bool(p.may_touch[rows[0]]))
-            return self.model, self.robot, self.arm, self.step, where, phi, q
+            where = (p.position[rows], p.axis[rows], p.reference[rows], p.external[rows], p.may_touch[rows])
+            return self.model, self.robot, self.arm, self.step, where, [len(part) for part in batch], phi, q
 
-        return compute_cached("contacts", inputs, lambda: self.stretch(rows, phi, q))
+        return compute_cached("contacts", inputs, lambda: self.stretches(batch, phi, q))
 
     def stretch(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
         """Return hit, pair and lost, each (n,), of successive planning points.
@@ -98,17 +104,33 @@ class PathCollisionChecker:
             phi: (n,) rad, rotation at each.
             q: (n, 6) rad, joints at each.
         """
-        n = len(rows)
-        dense, owner, lost = self._filled(rows, phi, q)
+        return self.stretches([rows], phi, q)
+
+    def stretches(self, batch: list[NDArray[np.intp]], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
+        """Return hit, pair and lost, each (n,), of several stretches; nothing is checked between two of them.
+
+        Args:
+            batch: planning points of each stretch, n in all.
+            phi: (n,) rad, rotation at each.
+            q: (n, 6) rad, joints at each.
+        """
+        rows = np.concatenate(batch)
+        n, lengths = len(rows), [len(part) for part in batch]
+        starts = np.zeros(n, bool)
+        starts[np.cumsum([0, *lengths[:-1]])] = True
+        dense, owner, lost = self._filled(rows, phi, q, starts)
         hit, pair = np.zeros(n, bool), np.full(n, -1, np.int32)
         if self.model is not None:
-            touch = np.full(len(dense), bool(self.path.may_touch[rows[0]]))
-            found = self.model.check_motion(dense, touch, self.step)
+            touch = np.repeat(self.path.may_touch[[part[0] for part in batch]], lengths)[owner]
+            is_first = starts[owner] & (np.diff(owner, prepend=-1) != 0)
+            found = self.model.check_motion(dense, touch, self.step, starts=is_first)
             for m in np.flatnonzero(found.hit)[::-1]:  # the first contact of each move is reported
                 hit[owner[m]], pair[owner[m]] = True, found.pair[m]
         return hit, pair, lost
 
-    def _filled(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Array, NDArray[np.intp], Bools]:
+    def _filled(
+        self, rows: NDArray[np.intp], phi: Array, q: Array, starts: Bools
+    ) -> tuple[Array, NDArray[np.intp], Bools]:
         """Return configurations (M, 6 + E), refined where a step is long; also the point (M,) each leads to and lost
         (n,).
         """
@@ -116,6 +138,7 @@ class PathCollisionChecker:
         lost = np.zeros(n, bool)
         pieces = np.ones(n, int)
         pieces[1:] = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) / NEAR), 1).astype(int)
+        pieces[starts] = 1
         if (pieces == 1).all():
             return self.path.whole(q, rows), np.arange(n), lost
         owner = np.repeat(np.arange(n), pieces)
@@ -169,3 +192,16 @@ class PathCollisionChecker:
         g, b = f[:, None], np.full(len(f), row, np.intp)
         at, bad = self._between(b - 1, b, f, (1 - f) * phi[0] + f * phi[1], (1 - g) * q[0] + g * q[1])
         return f, at, ~bad & (pieces > 1)
+
+
+def _group_stretches(stretches: list[NDArray[np.intp]]) -> list[list[NDArray[np.intp]]]:
+    """Return the stretches in groups of at least BATCH_POINTS planning points, the last one aside."""
+    groups: list[list[NDArray[np.intp]]] = []
+    size = BATCH_POINTS
+    for stretch in stretches:
+        if size >= BATCH_POINTS:
+            groups.append([])
+            size = 0
+        groups[-1].append(stretch)
+        size += len(stretch)
+    return groups

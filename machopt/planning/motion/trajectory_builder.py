@@ -87,6 +87,7 @@ class _Builder:
         self.obstructions: list[SequenceBreak] = []
         self.withdrawn: list[tuple[float, float]] = []  # toolpath index, m
         self.driven: list[Stretch] = []
+        self.run_starts, self.run_ends = {a for a, _ in self.path.runs}, {b for _, b in self.path.runs}
         self.given_up: dict[Stretch, str] = {}
         self.in_the_way: list[SequenceBreak] = []  # causes for which stretches were given up
         self.first_only = False  # end at the first obstruction
@@ -185,8 +186,8 @@ class _Builder:
         """The rapid move to a stretch, the stretch itself, and lifts where it starts or ends in the workpiece."""
         index = self.path.index
         lifted = self.path.is_reentry
-        gap_in = bool(lifted[first]) or not any(first == a for a, _ in self.path.runs)
-        gap_out = bool(lifted[last + 1 : last + 2].any()) or not any(last == b for _, b in self.path.runs)
+        gap_in = bool(lifted[first]) or first not in self.run_starts
+        gap_out = bool(lifted[last + 1 : last + 2].any()) or last not in self.run_ends
         lift_in = self.lifts.gap(first) if gap_in else self._withdrawal(first)
         lift_out = self.lifts.gap(last) if gap_out else lift_in if first == last else self._withdrawal(last)
         if np.isnan(lift_in):

@@ -228,10 +228,10 @@ def enumerate_candidates(
         size=max((CHUNK if arm.solver.branch_stable else TRACKED) // R, 1),
     )
     every = every_branch or not arm.solver.branch_stable
-    blocks = map_in_threads(lambda start: grid.block(start, every), range(0, S, grid.size))
-    used = np.unique(np.concatenate([[0], *(one.turns for one in blocks)]))  # at least one turn
+    solved = map_in_threads(lambda start: grid.block(start, every), range(0, S, grid.size))
+    used = np.unique(np.concatenate([[0], *(one.turns for one in solved)]))  # at least one turn
     feasible = np.zeros((S, R, A, len(used)), bool)
-    for k, one in enumerate(blocks):
+    for k, one in enumerate(solved):
         feasible[k * grid.size : (k + 1) * grid.size][..., np.searchsorted(used, one.turns)] = one.fits
     _forbid_by_user(path, phi, options, grid.reason, feasible, grid.nudge, numbered=arm.solver.branch_stable)
     occurs: Bools = np.asarray(feasible.any(axis=(0, 1)))  # (A, T)
@@ -240,7 +240,9 @@ def enumerate_candidates(
     kept = np.ones(A, bool) if every else np.asarray(occurs.any(axis=1))
     kept[0] |= not kept.any()
     branch = np.flatnonzero(kept)
-    q = grid.joints(list(blocks), branch)
+    blocks: list[_GridBlock | None] = [*solved]
+    del solved, one  # so that each block is freed once its joints are copied
+    q = grid.joints(blocks, branch)
     if not (left.all() and kept.all()):
         feasible = np.ascontiguousarray(feasible[:, :, kept][..., left])
     return CandidateGrid(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.sampling.candidate_grid import CandidateGrid
@@ -64,10 +64,11 @@ def smooth_rotation(
     worst = max(_grid_worst(path, scores, choice), scores.elsewhere)
     terms = ObjectiveTerms.at_stations(path, velocity, options)
     position = np.searchsorted(st, np.arange(P))
+    dropped, broken = choice.dropped, frozenset(choice.broken)
     rows = [
         np.arange(a, b + 1)
         for first, last in path.runs
-        for a, b in _whole_stretches(choice, position[first], position[last])
+        for a, b in _whole_stretches(dropped, broken, position[first], position[last])
     ]
     parts = [
         SmoothingStretch.of(path, candidates, scores, choice, some, terms, band)
@@ -188,14 +189,14 @@ def _grid_worst(path: PlanningPath, scores: CandidateScores, choice: SequenceCho
     return float((scores.cost[at, choice.rotation[at], choice.branch[at]] / scores.scale).max(initial=0.0))
 
 
-def _whole_stretches(choice: SequenceChoice, a: int, b: int) -> list[tuple[int, int]]:
+def _whole_stretches(dropped: Bools, broken: frozenset[int], a: int, b: int) -> list[tuple[int, int]]:
     """The parts of stations a…b without dropped stations or breaks."""
     out, start = [], None
     for s in range(a, b + 1):
-        if start is not None and (choice.dropped[s] or s in choice.broken):
+        if start is not None and (dropped[s] or s in broken):
             out.append((start, s - 1))
             start = None
-        if start is None and not choice.dropped[s]:
+        if start is None and not dropped[s]:
             start = s
     if start is not None:
         out.append((start, b))
