@@ -414,14 +414,14 @@ def test_products_with_a_model_are_worked_out_once_for_each_of_its_parts(monkeyp
     base, laws = model(MANY, 4)
     laws = whiten_hypotheses(base, [t.hypothesis for t in laws])
     worked: list[int] = []
-    plain = normal_equations_by_fold.compute_cross_products
+    plain = normal_equations_by_fold.compute_products_by_fold
     monkeypatch.setattr(
-        normal_equations_by_fold, "compute_cross_products", lambda x, y: worked.append(1) or plain(x, y)
+        normal_equations_by_fold, "compute_products_by_fold", lambda *given: worked.append(1) or plain(*given)
     )
     score_hypotheses(base, laws)
     first = len(worked)
     score_hypotheses(base, laws)
-    assert len(worked) == first == base.folds * len(laws)
+    assert len(worked) == first == len(laws)
     beside = base.with_law(laws[0], 2)
     score_hypotheses(beside, laws)
     assert len(worked) == 2 * first  # with the further part alone
@@ -433,3 +433,14 @@ def test_products_with_a_model_are_worked_out_once_for_each_of_its_parts(monkeyp
     for one, other in zip(score_hypotheses(beside, laws), score_hypotheses(explicit, laws), strict=True):
         assert one.gain == pytest.approx(other.gain, rel=1e-9, abs=1e-6)
         np.testing.assert_allclose(one.heldout, other.heldout, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("lengths", [(7, 7, 7), (8, 7, 6), (30, 1, 2), (5,), (9, 0, 9)])
+def test_products_by_fold_are_those_of_each_fold(lengths: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(sum(lengths))
+    rows = np.split(rng.permutation(sum(lengths)), np.cumsum(lengths)[:-1])
+    x, y = rng.normal(size=(sum(lengths), 3, 2)), rng.normal(size=(sum(lengths), 4))
+    folds = normal_equations_by_fold.FoldRows.of([(r, r) for r in rows])
+    found = normal_equations_by_fold.compute_products_by_fold(x, y, folds)
+    expected = np.stack([np.einsum("msi,mp->sip", x[r], y[r]) for r in rows])
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

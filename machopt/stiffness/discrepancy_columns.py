@@ -45,8 +45,8 @@ from machopt.dynamics.gravity_torque import compute_gravity_torque, compute_weig
 from machopt.errors import InputError
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import cross_product
 from machopt.stiffness.kinetostatic_indices import compute_geometric_stiffness
-from machopt.stiffness.terms.body_spring import cross_product
 from machopt.stiffness.terms.protocol import LinearTerm
 
 ROTATION_AXES = AXES[3:]

@@ -18,8 +18,8 @@ from machopt.data_types.discrepancy_names import COS, COUPLING, JOINT, LOADED, S
 from machopt.data_types.stiffness import ModelDiscrepancy
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import cross_product
 from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, DiscrepancyColumns, locate_compliance
-from machopt.stiffness.terms.body_spring import cross_product
 from machopt.stiffness.terms.protocol import LinearTerm, LoadedArm
 
 MIN_RETAINED_SHARE = 0.1  # minimum remaining share of a compliance, because the extrapolated mean may be too stiff

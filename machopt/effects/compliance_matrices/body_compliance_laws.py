@@ -26,7 +26,7 @@ from machopt.effects.compliance_matrices.semidefinite_projection import find_nea
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import BodyLaw, CompliantBody, LawParameter, Quantity, Shape
 from machopt.numerics.array_types import Array
-from machopt.numerics.rigid_transforms import normalise_vectors
+from machopt.numerics.rigid_transforms import cross_product, normalise_vectors
 
 SECTIONS = 4  # Gauss points: exact up to x⁷, and a uniform beam under its own weight has x⁴
 LEAST_LENGTH = 1e-3  # m; a shorter distance between joints is not modelled as a beam
@@ -481,18 +481,26 @@ def compute_section_deflection(
     Returns:
         (N, 6, 3) twist of the TCP per unit of 1/EI, 1/EI across and 1/GJ.
     """
-    out = np.zeros((len(wrench), 6, 3))
     if at is None:
         nodes, weights = np.polynomial.legendre.leggauss(SECTIONS)
         at = 0.5 * length * (nodes + 1.0), 0.5 * length * weights
-    for x, w in zip(*at, strict=True):
-        lever = tip - x * axes[2]
-        moment = wrench[:, 3:] + np.cross(lever, wrench[:, :3])
-        for weight, span in own:
-            if span > x:  # the weight beyond the section acts at the middle of that part
-                moment = moment + 0.5 * (span - x) ** 2 / span * np.cross(axes[2], weight)
-        for k, n in enumerate(axes):
-            turn = w * np.einsum("nc,nc->n", n, moment)[:, None] * n
-            out[:, :3, k] += np.cross(turn, lever)
-            out[:, 3:, k] += turn
+    x, w = at
+    along, force = axes[2], wrench[:, :3]
+    # the moment about the root, its decrease per m along the beam, and for each weight half the square of what lies
+    # beyond the section, per m of the weight's extent
+    moment, decrease = wrench[:, 3:] + cross_product(tip, force), cross_product(along, force)
+    sums = [float(np.sum(w * x**k)) for k in range(3)]
+    weights_beyond = [
+        (cross_product(along, weight), 0.5 * w * np.maximum(span - x, 0.0) ** 2 / span) for weight, span in own
+    ]
+    turn = sums[0] * moment - sums[1] * decrease  # Σ w m
+    turn_at = sums[1] * moment - sums[2] * decrease  # Σ w x m
+    for bending, share in weights_beyond:
+        turn = turn + float(np.sum(share)) * bending
+        turn_at = turn_at + float(np.sum(share * x)) * bending
+    out = np.empty((len(wrench), 6, 3))
+    for k, n in enumerate(axes):
+        angle, lever = np.einsum("nc,nc->n", n, turn)[:, None], np.einsum("nc,nc->n", n, turn_at)[:, None]
+        out[:, :3, k] = angle * cross_product(n, tip) - lever * cross_product(n, along)
+        out[:, 3:, k] = angle * n
     return out

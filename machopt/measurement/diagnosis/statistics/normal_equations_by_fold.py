@@ -23,6 +23,7 @@ Rows = tuple[Ints, ...]
 Products = WeakKeyDictionary[object, dict[int, tuple[Rows, Array]]]  # by column group or law, and by shape
 RIDGE = 1e-9  # relative to each column's squared norm: regularises unobservable directions
 MOST_FOLDS = 40
+MAX_PADDING = 1.5  # padded rows over rows up to which the folds are multiplied together
 MIN_COLUMN_SQUARE = 1e-3  # least whitened squared norm of a column
 
 
@@ -164,6 +165,36 @@ class WhitenedModel:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class FoldRows:
+    """Rows of each fold, as indices among the rows of a hypothesis and among all rows.
+
+    Folds of similar size are padded to the longest, so that their products are one batched multiplication.
+    """
+
+    pairs: list[tuple[Ints, Ints]]
+    own: Ints | None = None  # (F, m) among the hypothesis' rows, padded; None: the folds are too unequal
+    whole: Ints | None = None  # (F, m) among all rows
+    present: Array | None = None  # (F, m, 1) 1, or 0 in the padding
+
+    @classmethod
+    def of(cls, pairs: list[tuple[Ints, Ints]]) -> FoldRows:
+        """Return the rows, padded where that adds at most half of them.
+
+        Args:
+            pairs: Rows of each fold.
+        """
+        lengths = np.array([len(k) for k, _ in pairs])
+        longest = int(lengths.max(initial=0))
+        if len(pairs) * longest > MAX_PADDING * lengths.sum():
+            return cls(pairs=pairs)
+        present = np.arange(longest) < lengths[:, None]
+        own, whole = np.zeros((2, *present.shape), np.int64)
+        own[present] = np.concatenate([k for k, _ in pairs])
+        whole[present] = np.concatenate([r for _, r in pairs])
+        return cls(pairs=pairs, own=own, whole=whole, present=present[..., None].astype(float))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class WhitenedHypothesis:
     """One whitened hypothesis at all its shapes; m = M, or fewer rows if it affects few coordinates."""
 
@@ -180,6 +211,7 @@ class WhitenedHypothesis:
         init=False, default_factory=WeakKeyDictionary, repr=False
     )  # cached products with model columns
     summed: list[Array] = field(init=False, default_factory=list, repr=False)  # cache: last residuals, sums by cluster
+    fold_rows: list[tuple[Rows, FoldRows]] = field(init=False, default_factory=list, repr=False)  # cache: last folds
 
     def columns_at(self, shape: int) -> Array:
         """Return the whitened columns of one shape.
@@ -232,12 +264,29 @@ class WhitenedHypothesis:
         known = self.products.setdefault(part if part.law is None else part.law, {})
         found = known.get(part.shape)
         if found is None or found[0] is not folds:
-            own = _index_rows_by_fold(self.rows, self.size, folds)
-            found = known[part.shape] = (
-                folds,
-                np.stack([compute_cross_products(self.X[k], part.X[r]) for k, r in own]),
-            )
+            found = known[part.shape] = folds, compute_products_by_fold(self.X, part.X, self.rows_by_fold(folds))
         return found[1]
+
+    def rows_by_fold(self, folds: Rows) -> FoldRows:
+        """Return the rows of each fold, cached for the last folds.
+
+        Args:
+            folds: Rows of each fold.
+        """
+        if not self.fold_rows or self.fold_rows[0][0] is not folds:
+            self.fold_rows[:] = [(folds, FoldRows.of(_index_rows_by_fold(self.rows, self.size, folds)))]
+        return self.fold_rows[0][1]
+
+    @cached_property
+    def sums(self) -> tuple[Array, Array]:
+        """Sums of ``XX`` (S, p, p) and ``Xy`` (S, p) over the folds."""
+        return np.asarray(self.XX.sum(axis=0)), np.asarray(self.Xy.sum(axis=0))
+
+    @cached_property
+    def precision_matrices(self) -> Array:
+        """Prior precision (S, p, p) of the fitted coefficients."""
+        precision = np.stack([self.precision(shape) for shape in range(len(self.shapes))])
+        return precision[..., None] * np.eye(precision.shape[1])
 
     def products_by_cluster(self, w: ErrorWhitening, residual: Array) -> Array:
         """Return the products with a whitened residual by cluster of groups; cached for the last residual.
@@ -443,18 +492,24 @@ def compute_own_products(x: Array) -> Array:
     return np.asarray(t @ x.transpose(1, 0, 2))
 
 
-def compute_cross_products(x: Array, y: Array) -> Array:
-    """Compute Σ_m x_msi y_mp.
+def compute_products_by_fold(x: Array, y: Array, folds: FoldRows) -> Array:
+    """Compute Σ_m x_msi y_mp over the rows of each fold.
 
     Args:
-        x: (m, S, p) columns.
-        y: (m, P) columns.
+        x: (m, S, p) columns of a hypothesis.
+        y: (M, P) columns of a model.
+        folds: Rows of each fold in x and in y.
 
     Returns:
-        (S, p, P).
+        (F, S, p, P).
     """
     m, S, p = x.shape
-    return np.asarray(x.reshape(m, S * p).T @ y).reshape(S, p, -1)
+    flat = x.reshape(m, S * p)
+    if folds.own is None or folds.whole is None or folds.present is None:
+        each = [flat[k].T @ y[r] for k, r in folds.pairs]
+        return np.stack(each).reshape(len(each), S, p, -1)
+    products = np.swapaxes(flat[folds.own], 1, 2) @ (y[folds.whole] * folds.present)
+    return np.asarray(products.reshape(len(folds.pairs), S, p, -1))
 
 
 def invert_with_ridge(H: Array) -> Array:

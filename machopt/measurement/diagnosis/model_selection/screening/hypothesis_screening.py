@@ -86,11 +86,6 @@ def _compute_mixed_products(model: WhitenedModel, t: WhitenedHypothesis) -> Arra
     return t.products_by_fold(model)
 
 
-def _build_prior_precision(t: WhitenedHypothesis) -> Array:
-    """Return the prior precision (S, p, p) of the coefficients."""
-    return np.stack([np.diag(t.precision(s)) for s in range(len(t.shapes))])
-
-
 def compute_gain_by_shape(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
     """Compute the gain of each shape of a hypothesis on all readings.
 
@@ -112,19 +107,19 @@ def _fit_on_all_readings(t: WhitenedHypothesis, mixed: Array, h: Array, M: Array
 
 def _fit_every_shape(t: WhitenedHypothesis, C: Array, h: Array, M: Array) -> tuple[Array, Array, Array]:
     """Return for every shape its coefficients (S, p), gain (S,) and visible share (S,)."""
-    XX, Xy = t.XX.sum(axis=0), t.Xy.sum(axis=0)
+    XX, Xy = t.sums
     S, u = XX - (C @ M) @ np.swapaxes(C, 1, 2), Xy - C @ (M @ h)
     S, visible = _regularise_absorbed_directions(S, XX)
-    x, gain = minimise_bounded_quadratics(S + _build_prior_precision(t), u, t.hypothesis.lower)
+    x, gain = minimise_bounded_quadratics(S + t.precision_matrices, u, t.hypothesis.lower)
     return x, gain, visible
 
 
 def _score_hypothesis(
     model: WhitenedModel, t: WhitenedHypothesis, h: Array, M: Array, folds: tuple[Array, ...]
 ) -> ScoredHypothesis:
-    mixed, known = _compute_mixed_products(model, t), _build_prior_precision(t)
+    mixed, known = _compute_mixed_products(model, t), t.precision_matrices
     whole = _fit_on_all_readings(t, mixed, h, M)
-    C, XXc, Xyc = mixed.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
+    C, (XXc, Xyc) = mixed.sum(axis=0), t.sums
     # the same, fitted without each fold
     XX, Xy, yy, M_fold, x_fold, loss = folds
     C_f, XX_f, Xy_f = mixed, t.XX, t.Xy
@@ -208,7 +203,7 @@ def compute_chance_probability(
     for k, s in enumerate(scored):
         t = s.whitened
         C = t.products_with(model)
-        XX = t.XX.sum(axis=0)
+        XX = t.sums[0]
         S, _ = _regularise_absorbed_directions(XX - (C @ M) @ np.swapaxes(C, 1, 2), XX)
         taken = Xr @ (C @ M).reshape(C.shape[0] * C.shape[1], len(M)).T
         scores = t.products_by_cluster(model.w, r) - taken.reshape(len(Xr), *C.shape[:2])
