@@ -198,6 +198,8 @@ class GcodeReader(AuxiliaryWordReader):
                 raise self.source.build_error(str(problem), line) from problem
             if isinstance(self.flow, MacroFlow):
                 self.report_place(self.flow, line)
+            while isinstance(self.flow, SiemensFlow) and self.flow.notes:
+                self.out.warn_once(self.flow.notes.pop(), line)
 
     def report_place(self, flow: MacroFlow, line: int) -> None:
         """Give the present position to the expressions, and report the conventions that an expression depended on.
@@ -219,7 +221,15 @@ class GcodeReader(AuxiliaryWordReader):
             text: Text in upper case without comments.
         """
         if text.startswith("%"):
-            return  # the head of a program in an archive
+            if text == siemens_flow.SAVE_MODES:
+                self.save_for_call()
+            elif text.endswith(siemens_flow.RESTORE_MODES):
+                self.restore_after_call(line)
+            return  # else the head of a program in an archive
+        if text.endswith(siemens_flow.RESTORE_MODES):  # behind words in the block of the return
+            self.block(self.blocks.block(line, text.removesuffix(siemens_flow.RESTORE_MODES)))
+            self.restore_after_call(line)
+            return
         self.block(self.blocks.block(line, text))
 
     def clean(self, line: int, raw: str) -> tuple[str, list[str]] | None:

@@ -12,7 +12,7 @@ from machopt.toolpath.readers.gcode.syntax.word_meanings import UNITS
 _SIEMENS = re.compile(
     r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+(?:REAL|INT)|(?:CR|AR|TURN|RND|RNDM|CHF|CHR|AP|RP|RPL|ANG)\s*="
     r"|R\d+\s*=|A3\s*=|[XYZABCIJK]1?\s*=\s*-?[A-Z\d.]|GOTO[BF]|(?<![-.<])A?(?:TRANS|ROT|SCALE|MIRROR)\b(?![-.>])|CIP\b|HOLES[12]\b"
-    r"|REPEATB?\s+[A-Z])"
+    r"|REPEATB?\s+[A-Z]|PROC\s+[A-Z_]\w*|CASE\b.*\bGOTO[BF])"
     r"|=\s*(?:AC|IC|DC|ACP|ACN)\b"
     r"|^\s*%_N_\w+_[MS]PF",
     re.IGNORECASE | re.MULTILINE,
