@@ -57,6 +57,8 @@ def apply_decimals_option(
             "--decimals is for G-code of the Fanuc kind; numbers of Sinumerik are read as they are"
         )
     if decimals == 0:
+        if not any(word.bare for word in _iterate_length_words(source, blocks)):
+            raise _build_idle_option_error(source)
         return source, ""
     return insert_decimal_points(source, decimals, blocks)
 
@@ -217,8 +219,10 @@ def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader
         comments = "".join(f"({c})" for c in blocks.comments(raw)[1])
         lines.append("".join([*pieces, text[last:], comments]))
     if not changed:
-        raise source.build_error(
-            "--decimals: no coordinate of the file is without a decimal point; leave the option out"
-        )
+        raise _build_idle_option_error(source)
     note = f"--decimals {decimals}: {changed} coordinate words without a decimal point got one ({', '.join(examples)})"
     return dataclasses.replace(source, lines=lines), note
+
+
+def _build_idle_option_error(source: SourceFile) -> Exception:
+    return source.build_error("--decimals: no coordinate of the file is without a decimal point; leave the option out")
