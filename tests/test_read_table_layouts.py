@@ -40,7 +40,7 @@ def test_a_quoted_separator_belongs_to_its_cell(separator: str, tmp_path: Path) 
     file = tmp_path / "points.csv"
     file.write_text("".join(separator.join(row) + "\n" for row in rows), encoding="utf-8")
     path = read_toolpath(file, default_feed=0.01, kind="path")
-    assert [o.label for o in path.operations] == [f"a{separator}b"]
+    assert [o.label for o in path.operations] == [f"a{separator}b".replace("\t", " ")]
 
 
 @pytest.mark.parametrize(

@@ -189,6 +189,18 @@ def refuse_ways_through_material(
     """
     cut = ~is_hole & (move == MoveKind.CUT)
     entered = np.flatnonzero(cut[1:] & is_hole[:-1]) + 1
+    tool = table.tools(len(move))[0]
+    for at in (np.flatnonzero(is_hole[1:] & cut[:-1] & (tool[1:] == tool[:-1])) + 1).tolist():
+        axis = numbers[at, 3:6] / max(float(np.linalg.norm(numbers[at, 3:6])), 1e-12)
+        if float((numbers[at - 1, :3] - numbers[at, :3]) @ axis) < clear[at] - 1e-9:
+            if len(entered) and entered[0] < at:
+                break
+            raise table.error(
+                "a hole follows a cut row that lies below the height where the feed of the hole starts: the rapid to "
+                "it would lead through the material. Expected a row with move retract or rapid before it",
+                at,
+                table.names.get("kind", "kind"),
+            )
     if len(entered):
         at = int(entered[0])
         raise table.error(
@@ -197,13 +209,3 @@ def refuse_ways_through_material(
             at,
             table.names.get("move", "move"),
         )
-    tool = table.tools(len(move))[0]
-    for at in (np.flatnonzero(is_hole[1:] & cut[:-1] & (tool[1:] == tool[:-1])) + 1).tolist():
-        axis = numbers[at, 3:6] / max(float(np.linalg.norm(numbers[at, 3:6])), 1e-12)
-        if float((numbers[at - 1, :3] - numbers[at, :3]) @ axis) < clear[at] - 1e-9:
-            raise table.error(
-                "a hole follows a cut row that lies below the height where the feed of the hole starts: the rapid to "
-                "it would lead through the material. Expected a row with move retract or rapid before it",
-                at,
-                table.names.get("kind", "kind"),
-            )
