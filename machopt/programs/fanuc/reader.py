@@ -37,7 +37,7 @@ _END = re.compile(r"\b(FINE|CNT\s*\d+|CD\s*\d+|CR\s*\d+|CNT\s*R\[\d+\])", re.IGN
 _FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d+)")
 _TO_M_S = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0, "in/min": 0.0254 / 60.0}
 _MODIFIER = re.compile(
-    r"(?:ACC\s*\d+|COORD|PTH|WJNT|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
+    r"(?:ACC\s*\d+|COORD|PTH|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
 )
 _QUIET = compile_beginning_pattern(FANUC)
 _EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |SPOT|Spot|WAIT|PULSE")

@@ -161,7 +161,6 @@ APT: dict[str, str] = {
             "PARTNO",
             "MFGNO",
             "FEATNO",
-            "OFSTNO",
             "TOOL_NAME",
             "TPRINT",
             "REMARK",
@@ -232,7 +231,7 @@ APT: dict[str, str] = {
 }
 APT_SET: dict[str, str] = {
     "MODE": "increments, which the reader uses",
-    **dict.fromkeys(("HOLDER", "ADJUST", "OFSETL", "TOOL"), _LENGTH),
+    **dict.fromkeys(("HOLDER", "TOOL"), _LENGTH),
 }
 APT_FEDRAT: dict[str, str] = dict.fromkeys(("LOCK", "ON", "OFF"), "holds or releases the operator's override")
 NCI: dict[int, str] = {
