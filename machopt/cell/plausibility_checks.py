@@ -282,7 +282,7 @@ def _check_cutter(keys: CutterKeys, loc: KeyPath, document: YamlDocument) -> Non
             raise document.build_error(
                 (*loc, key),
                 f"found {value:g}; expected mm, {least:g} to {most:g}"
-                + _suggest_unit(unit, float(f"{other:g}"), accepted=least <= other <= most),
+                + (f" (if it is in {unit}, {other:g} would work)" if least <= other <= most else ""),
             )
 
 
