@@ -8,12 +8,51 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from machopt.cell.urdf import RobotDescription, TooManyJointsError
+from machopt.cell.urdf import ArmLinks, RobotDescription, TooManyJointsError, find_arm
 from machopt.cell_setup.template.init_request import InitRequest
+from machopt.data_types.cell import Cell
 from machopt.errors import InputError, RobotModelError
+from machopt.kinematics.inverse.solver import build_solver
+from machopt.kinematics.robot import Robot, load_robot
 
 _BODIES = re.compile(r"<(visual|collision)\b(?:[^>]*/>|.*?</\1\s*>)", re.DOTALL)
 _ANYWHERE_MM = (1000.0, 0.0, 500.0)  # a place of the workpiece, so that none is searched for
+
+
+def load_solvable_robot(cell: Cell) -> Robot:
+    """Return the robot of a cell; an arm without inverse kinematics is refused here, not by the first plan.
+
+    Args:
+        cell: The new cell.
+
+    Raises:
+        InputError: the arm has no inverse kinematics.
+    """
+    robot = load_robot(cell)
+    build_solver(robot)
+    return robot
+
+
+def find_arm_or_advise(
+    request: InitRequest, description: RobotDescription, init: Callable[[InitRequest], object]
+) -> ArmLinks:
+    """Find the arm of a robot.
+
+    Args:
+        request: The user's request.
+        description: The robot's file.
+        init: Writes a new cell.
+
+    Returns:
+        Base, flange and joints.
+
+    Raises:
+        InputError: as :func:`machopt.cell.urdf.find_arm`; for more than six joints with advice that was tried.
+    """
+    try:
+        return find_arm(description.urdf, request.base_link, request.flange_link)
+    except TooManyJointsError as error:
+        raise keep_tried_advice(error, request, description, init) from None
 
 
 def keep_tried_advice(

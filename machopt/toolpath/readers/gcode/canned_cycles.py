@@ -77,6 +77,11 @@ class CannedCycle:
             raise DrillingCycleError(
                 f"G{self.code} without {letter}: {what} is not stated; post the cycle with its {letter}"
             )
+        if self.code == 87 and self.z > self.r:
+            raise DrillingCycleError(
+                "G87 is back boring: which way the tool is shifted beside the hole is a parameter of the control; post "
+                "the hole as G0 and G1"
+            )
         return DrillingCycle(
             name=f"G{self.code}",
             bottom=self.z,
@@ -92,7 +97,7 @@ class CannedCycle:
 
 
 # ISO 261, coarse series: nominal diameter → pitch, mm
-_COARSE_PITCH = dict(
+_COARSE_PITCH: dict[float, float] = dict(
     zip(
         (3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 45, 48),
         (0.5, 0.7, 0.8, 1, 1.25, 1.5, 1.75, 2, 2, 2.5, 2.5, 2.5, 3, 3, 3.5, 3.5, 4, 4, 4.5, 4.5, 5),

@@ -26,6 +26,8 @@ _BRACKETS = re.compile(  # at the beginning of a block
 _MILLPLUS = re.compile(r"^\s*(?:N\d+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
 
 
+ARCHIVE_HEAD = re.compile(r"\s*%_N_(\w+?)_MPF\b", re.IGNORECASE)  # of a main program
+PROGRAM_NUMBER = re.compile(r"\s*([O:]\d+)(?!\s*(?:SUB|ENDSUB|CALL|IF|DO|WHILE|REPEAT)\b|\d)", re.IGNORECASE)
 _PERCENT = re.compile(r"^[ \t\x1a\f]*%", re.MULTILINE)
 _CODE = re.compile(r"(?:N\d+\s*)?[GMTSXYZ#]\s*[-+<.\d]", re.IGNORECASE)
 
