@@ -160,7 +160,7 @@ class ProgramBuilder:
         Args:
             line: Line number in the file (1-based).
         """
-        self.warn_once("a branch may end the routine or program early; read as if it does not", line)
+        self.warn_once("a branch may end the routine early (RETURN) or the program; read as if it does not", line)
 
     # ---- moves
 
