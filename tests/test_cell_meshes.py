@@ -82,7 +82,7 @@ DAMAGES = [  # suffix, content, what the refusal says
     ("obj", OBJ.replace(b"\nv ", b"\nv 1,0 ", 1), ["is damaged in its line", "1,0"]),
     ("obj", OBJ + b"\nf 1 2 99\n", ["cannot be read"]),
     ("obj", STL, ["is binary, and OBJ is text"]),
-    ("dae", b"<COLLADA/>", ["is of type '.dae'", ".stl, .obj, .ply, .off"]),
+    ("dae", b"<COLLADA/>", ["broken.dae", "scene"]),
     ("step", b"ISO-10303-21;", ["is of type '.step'"]),
     ("", STL, ["is of type 'none'"]),
 ]

@@ -50,6 +50,12 @@ def _feeds(path: Toolpath) -> list[float]:
         ("CYCLE84(10,0,2,-5,,0.5,3,,2,0,100,150)", [200.0, 300.0], 0.5),
         ("CYCLE84(10,0,2,-5,,0,3,,-1.5,0,200)", [300.0, 300.0], 0.0),
         ("CYCLE84(10,0,2,-5)", [100.0, 100.0], 0.0),
+        ("CYCLE84(10,0,2,-5,,0,3,6,,0,100)", [100.0, 100.0], 0.0),
+        ("S500 M3\nCYCLE84(10,0,2,-5,,0,3,8)", [625.0, 625.0], 0.0),
+        ("S500 M3\nCYCLE84(10,0,2,-5,,0,3,,0.8)", [400.0, 400.0], 0.0),
+        ("S500 M3\nCYCLE840(10,0,2,-5,,0,0,3,0,10)", [750.0, 750.0], 0.0),
+        ("S500 M3\nCYCLE840(10,0,2,-5,,0,0,3,0,,2)", [1000.0, 1000.0], 0.0),
+        ("CYCLE84(10,0,2,-5,,0,3,,1,0,200,,,,,1,4,0.5)", [200.0, 200.0, 200.0, 200.0], 0.0),
         ("CYCLE81(10,0,2,-5)", [100.0], 0.0),
     ],
 )
@@ -88,17 +94,6 @@ def test_a_motion_in_the_block_of_a_cycle_is_refused(block: str, tmp_path: Path)
 )
 def test_the_feed_of_the_way_out_holds(number: int, q: dict[str, float], feeds: list[float], tmp_path: Path) -> None:
     assert _feeds(_read_heidenhain(tmp_path, number, "CYCL CALL", **q)) == feeds
-
-
-@pytest.mark.parametrize(
-    ("number", "name", "value"),
-    [(203, "Q212", 1), (205, "Q212", 1), (205, "Q257", 4), (205, "Q379", 6), (209, "Q257", 3)],
-)
-def test_what_is_not_carried_out_is_said(number: int, name: str, value: float, tmp_path: Path) -> None:
-    said = _read_heidenhain(tmp_path, number, "CYCL CALL", **{name: value, "Q239": 1}).warnings
-    assert any(name in text for text in said)
-    quiet = _read_heidenhain(tmp_path, number, "CYCL CALL", **{name: 0, "Q239": 1}).warnings
-    assert not any(name in text for text in quiet)
 
 
 @pytest.mark.parametrize(

@@ -317,8 +317,8 @@ def test_an_absurd_dwell_is_refused(tmp_path: Path, line: str) -> None:
         ("G99 G89 X5 Y5 Z-10 R2 P0.1\nG80", 0),
         ("G99 G81 X5 Y5 Z-5 R2\nG91 X5\nG80 G90", 1),
         ("G99 G81 X5 Y5 Z-5 R2\nX7\nG80 G90", 0),
-        ("G1 X5\nG2 X5 Y-0.001 I50", 1),
-        ("G1 X5\nG3 X5.0001 Y0.0001 I1", 1),
+        ("G1 X5.\nG2 X5. Y-0.001 I50.", 2),
+        ("G1 X5.\nG3 X5.0001 Y0.0001 I1.", 2),
         ("G1 X5\nG2 X5 Y0 I50", 0),
         ("G1 X5 (open\nG1 Y2", 1),
         ("G81 X1 Y1 Z-1 R2\nG0 X3\nG81 F100\nG80", 1),
@@ -435,3 +435,24 @@ def test_increments_from_the_start_count_from_zero(tmp_path: Path) -> None:
         t = read(tmp_path, f"G21 G90\n{first}\nG1 X5 F50\nY2\nX3\nM2\n")
         assert cut_length(t) == pytest.approx(10.0)
         assert end(t) == [8, 2, 5]
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("G1 Z-1.5 F200.\nX15 Y10\nX25 Y20\nX12.5", True),
+        ("G1 Z-1. F200.\nX15\nX25\nX30", True),
+        ("G1 Z-1.5\nX15", True),
+        ("G1 Z-1.5\nG2 X10. I5 J0", True),
+        ("G1 Z-1.5\nX15.", False),
+        ("G1 Z-1.5\nX15.0", False),
+        ("#<a>=1.5\nG1 Z-1.5\nX15", False),
+    ],
+)
+def test_words_with_and_without_a_point_are_read_as_whole_units_and_that_is_said(
+    tmp_path: Path, body: str, said: bool
+) -> None:
+    t = read(tmp_path, f"%\nO1\nG21 G90 G17 G94 G54\nG0 X0 Y0 Z10.5\nF200.\n{body}\nM30\n%\n")
+    assert any("--decimals" in text for text in t.warnings) == said
+    if "X25" in body and "X12.5" in body:
+        assert t.position[2, 0] * 1e3 == pytest.approx(15.0)

@@ -97,7 +97,7 @@ def test_units_by_column_or_option(tmp_path: Path) -> None:
         ("x_mm,y_mm,z_mm,x_mm\n1,2,3,9\n", "is given twice"),
         ("x_mm,y_mm,z_inch,feed\n1,2,3,9\n", "mix mm and inch"),
         ("x_mm,y_mm,z_mm,move,feed_mm_min\n1,2,3,rapid,\n", "no cutting move"),
-        ("x_mm;y_mm;z_mm\n1;2;3\n", "semicolons"),
+        ("x_mm;y_mm;z_mm\n1;2;3,5\n", "semicolons"),
         ("1,2,3\n4,5,6\n", "without a header"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ from toolpath_file_samples import (
     Sample,
 )
 
+from machopt.cli import main
 from machopt.errors import InputError
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.toolpath.unused_reading_options import APPLIES, find_file_kind
@@ -71,3 +73,81 @@ def test_options_that_act_are_not_reported(tmp_path: Path) -> None:
     t = read_toolpath(path, default_feed=0.01, cycle_order=("clear", "depth"))
     assert not [w for w in t.warnings if "no effect" in w]
     assert "options_used" not in t.meta
+
+
+WORK_OFFSETS = "G21 G90 G17 G94 {}\nG0 X0. Y0. Z10.\nG1 Z-1. F200.\nX5.\n{}G0 Z10.\nM30\n"
+
+
+@pytest.mark.parametrize(
+    ("first", "more", "offsets"),
+    [
+        ("G54", "", ("G54=10,0,0",)),
+        ("G54", "", ("G54=0,0,0",)),
+        ("G55", "", ("G55=10,0,0",)),
+        ("G54.1 P3", "", ("G54.1P3=1,0,0",)),
+        ("G59.3", "", ("G59.3=1,0,0",)),
+        ("G54", "G54\nX6.\n", ("G54=10,0,0",)),
+        ("G54", "", ("G55=10,0,0",)),
+        ("G54", "G54\nX6.\n", ("G54=10,0,0", "G56=1,1,1")),
+        ("G54", "G55 X1. Y1. Z1.\n", ("G55=1,0,0", "G56=1,1,1")),
+    ],
+)
+def test_an_offset_that_no_point_counts_from_is_refused(
+    tmp_path: Path, first: str, more: str, offsets: tuple[str, ...]
+) -> None:
+    file = tmp_path / "x.nc"
+    file.write_text(WORK_OFFSETS.format(first, more))
+    with pytest.raises(InputError, match="--offset"):
+        read_toolpath(file, offsets=offsets)
+
+
+def test_the_first_offset_counts_where_another_one_does(tmp_path: Path) -> None:
+    file = tmp_path / "x.nc"
+    file.write_text(WORK_OFFSETS.format("G54", "G55 X1. Y1. Z1.\n"))
+    path = read_toolpath(file, offsets=("G54=10,0,0", "G55=15,0,0"))
+    assert path.position[3, 0] * 1e3 == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize("decimals", [0, 3])
+def test_decimals_of_a_file_whose_numbers_have_points_are_refused(tmp_path: Path, decimals: int) -> None:
+    file = tmp_path / "x.nc"
+    file.write_text(WORK_OFFSETS.format("G54", ""))
+    with pytest.raises(InputError, match="--decimals"):
+        read_toolpath(file, decimals=decimals)
+
+
+CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--unit", "mm"],
+        ["--decimals", "3"],
+        ["--decimals", "0"],
+        ["--kind", "holes"],
+        ["--strict"],
+        ["--offset", "G55=1,0,0"],
+        ["--feed", "100"],
+        ["--machine", "table-ac"],
+        ["--accept-unknown", "WORD"],
+        ["--tool-axis=+z"],
+        ["--max-extent", "100"],
+        ["--cycle-order", "depth"],
+        ["--cell", str(CELL)],
+        ["--force"],
+    ],
+)
+@pytest.mark.parametrize("file", [CELL, CELL / "cell.yaml"], ids=["folder", "file"])
+def test_inspecting_a_cell_refuses_what_only_toolpaths_have(
+    file: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["inspect", str(file), *words]) == 2
+    assert words[0].partition("=")[0] in capsys.readouterr().err
+
+
+def test_a_cell_beside_a_toolpath_states_its_reach(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "x.nc"
+    file.write_text(WORK_OFFSETS.format("", ""))
+    assert main(["inspect", str(file), "--cell", str(CELL), "--json"]) == 0
+    assert "reach" in json.loads(capsys.readouterr().out)["meta"]

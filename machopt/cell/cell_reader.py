@@ -33,9 +33,11 @@ from machopt.cell.mesh import (
     check_body_size,
     find_collada_original,
     find_open_surfaces,
+    read_collada_surface,
     read_surface,
 )
 from machopt.cell.mesh.body_size_check import Role
+from machopt.cell.mesh.collada_reader import compute_up_rotation
 from machopt.cell.mesh.stock_mesh import read_stock_mesh
 from machopt.cell.parsed_value_conversion import (
     build_file_error,
@@ -177,6 +179,7 @@ class _CellReader:
     warnings: list[str] = field(default_factory=list)
     read: dict[Path, MeshSurface] = field(default_factory=dict)
     surfaces: list[MeshSurface] = field(default_factory=list)  # of all meshes
+    collada_axes: dict[Path, str] = field(default_factory=dict)  # of COLLADA files of the cell: the axis that is up
     reach: float = 0.0  # m, of the arm; 0 where it is not known
     scene: SceneSize = field(default_factory=lambda: SceneSize(0.0))
 
@@ -438,6 +441,12 @@ class _CellReader:
         scale = 1.0 if keys.scale is None else keys.scale
         path = self.folder.resolve_file((*loc, "mesh"), keys.mesh)
         fail = partial(self.document.build_error, (*loc, "mesh"))
+        if path.suffix.lower() == ".dae":
+            up = self.collada_axes.get(path)
+            if up is None:
+                self.read[path], up = read_collada_surface(path, fail)
+                self.collada_axes[path] = up
+            T = copy_read_only(T @ compute_up_rotation(up))
         self.mesh(path, scale, role, fail, lambda factor: f"scale: {scale * factor:g}")
         return CollisionShape(name=name, kind="mesh", size=(scale,), mesh=path, T_parent_shape=T)
 

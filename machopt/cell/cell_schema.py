@@ -39,7 +39,11 @@ class ShapeKeys(PoseKeys):
     )
     sphere_mm: float | None = Field(default=None, description="radius")
     mesh: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
-    scale: float | None = Field(default=None, gt=0, description="metres per unit of the mesh file")
+    scale: float | None = Field(
+        default=None,
+        gt=0,
+        description="metres per unit of the mesh file; COLLADA states its unit, this is a factor more",
+    )
 
     @model_validator(mode="after")
     def _one_shape(self) -> ShapeKeys:

@@ -87,8 +87,9 @@ def check_arm(urdf: UrdfModel, chain: JointChain, arm_reach: float, document: Ya
         if j.kind == "prismatic" and far > _RAIL:
             raise document.build_error(
                 loc,
-                f"{lines[j.name]}: joint {j.name!r} slides from {j.lower:g} to {j.upper:g} m; "
-                f"if that is mm, {j.lower / 1e3:g} to {j.upper / 1e3:g} would work",
+                f"{lines[j.name]}: joint {j.name!r} slides from {j.lower:g} to {j.upper:g} m; expected at most "
+                f"{_RAIL:g} m"
+                + _suggest_unit("mm", f"{j.lower / 1e3:g} to {j.upper / 1e3:g}", accepted=far / 1e3 <= _RAIL),
             )
         if j in wide and (far > _ENDLESS or sum(w in chain.arm for w in wide) > 1):
             raise document.build_error(
@@ -240,8 +241,8 @@ def check_tool(keys: ToolKeys, loc: KeyPath, arm_reach: float, document: YamlDoc
     if off > most:
         raise document.build_error(
             (*loc, "tcp", "xyz_mm"),
-            f"found {xyz}, {off:.4g} m from the flange; expected "
-            f"mm and at most {most:.3g} m (in µm it would be {[v / 1e3 for v in xyz]})",
+            f"found {xyz}, {off:.4g} m from the flange; expected mm and at most {most:.3g} m"
+            + _suggest_unit("µm", [v / 1e3 for v in xyz], accepted=off / 1e3 <= most),
         )
     if keys.cutter is not None:
         _check_cutter(keys.cutter, (*loc, "cutter"), document)
@@ -249,7 +250,10 @@ def check_tool(keys: ToolKeys, loc: KeyPath, arm_reach: float, document: YamlDoc
             raise document.build_error(
                 (*loc, "tcp", "xyz_mm"),
                 f"found {xyz} mm: the cutter is {keys.cutter.length_mm:g} mm long and would "
-                f"reach back through the flange; if that is m, {[v * 1e3 for v in xyz]} would work",
+                "reach back through the flange"
+                + _suggest_unit(
+                    "m", [v * 1e3 for v in xyz], accepted=keys.cutter.length_mm <= off * 1e6 and off * 1e3 <= most
+                ),
             )
     if keys.mass_kg > _HEAVIEST:
         raise document.build_error((*loc, "mass_kg"), f"found {keys.mass_kg:g}; expected kg, at most {_HEAVIEST:g}")
@@ -264,6 +268,11 @@ def check_tool(keys: ToolKeys, loc: KeyPath, arm_reach: float, document: YamlDoc
         warnings.append(f"{document.locate_key((*loc, 'com_mm'))}: {keys.com_mm} looks like metres; mm is expected")
 
 
+def _suggest_unit(unit: str, value: object, *, accepted: bool) -> str:
+    """The value as it would be written if it were meant in another unit, only where that one is accepted."""
+    return f"; if that is {unit}, {value} would work" if accepted else ""
+
+
 def _check_cutter(keys: CutterKeys, loc: KeyPath, document: YamlDocument) -> None:
     for key, (least, most) in zip(("diameter_mm", "length_mm"), _CUTTER, strict=True):
         value = getattr(keys, key)
@@ -272,7 +281,8 @@ def _check_cutter(keys: CutterKeys, loc: KeyPath, document: YamlDocument) -> Non
             unit = "m" if value < least else "µm"
             raise document.build_error(
                 (*loc, key),
-                f"found {value:g}; expected mm, {least:g} to {most:g} (if it is in {unit}, {other:g} would work)",
+                f"found {value:g}; expected mm, {least:g} to {most:g}"
+                + (f" (if it is in {unit}, {other:g} would work)" if least <= other <= most else ""),
             )
 
 

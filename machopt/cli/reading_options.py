@@ -95,3 +95,20 @@ def convert_reading_options(args: argparse.Namespace) -> dict[str, Any]:
     if args.max_extent is not None:
         given["max_extent"] = args.max_extent * 1e-3
     return given
+
+
+def refuse_reading_options(args: argparse.Namespace, found: str) -> None:
+    """Refuse every reading option where no toolpath is read.
+
+    Args:
+        args: The parsed command line.
+        found: What the command reads instead.
+
+    Raises:
+        OptionError: names the first option that was given.
+    """
+    for key, value in vars(build_reading_parser().parse_args([])).items():
+        if getattr(args, key) != value:
+            raise OptionError(
+                f"has no effect on {found}. Expected a call without it", where=f"--{key.replace('_', '-')}"
+            )

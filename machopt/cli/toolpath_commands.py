@@ -18,7 +18,7 @@ from machopt.cli.optimize_summary import (
     format_optimize_summary,
 )
 from machopt.cli.progress_display import ProgressDisplay, format_as_tree, print_result
-from machopt.cli.reading_options import build_reading_parser, convert_reading_options
+from machopt.cli.reading_options import build_reading_parser, convert_reading_options, refuse_reading_options
 from machopt.cli.shared_options import add_shared_option
 from machopt.errors import OptionError, VerificationError
 
@@ -212,9 +212,14 @@ def _run_inspect(args: argparse.Namespace) -> int:
     from machopt.toolpath.toolpath_reader import read_toolpath
     from machopt.toolpath.toolpath_summary import compute_summary_values, summarise_toolpath
 
-    warn_of_effect_code(args)
+    if args.overwrite and args.html is None:
+        raise OptionError(
+            "has no effect without --html: nothing is written. Expected a call without it", where="--force"
+        )
     if _is_robot_file(args.file):
+        refuse_reading_options(args, "a cell or robot, which has no toolpath")
         return _run_inspect_robot(args)
+    warn_of_effect_code(args)
     if args.package or args.xacro_arg:
         raise OptionError(
             "found a toolpath; a robot's .urdf or .xacro file has packages and arguments",
@@ -236,7 +241,7 @@ def _run_inspect(args: argparse.Namespace) -> int:
         from machopt.cell.work_offsets import place_toolpath
         from machopt.commands.toolpath_reading_options import get_reading_options
         from machopt.effects.user_effects import activate_user_effects, load_effect_files
-        from machopt.planning.job.request_checks import add_reach_warning
+        from machopt.planning.job.request_checks import add_reach_warning, state_reach
 
         with activate_user_effects(load_effect_files(args.effects)):
             cell = load_cell(args.cell, allow_external=args.allow_external)
@@ -244,7 +249,7 @@ def _run_inspect(args: argparse.Namespace) -> int:
             toolpath = place_toolpath(
                 read_toolpath(args.file, **get_reading_options(cell), **convert_reading_options(args)), cell
             )
-            toolpath = add_reach_warning(cell, toolpath)
+            toolpath = state_reach(cell, add_reach_warning(cell, toolpath))
     if args.html is not None:
         from machopt.report.pages.toolpath_page import write_toolpath_page
 
@@ -268,6 +273,11 @@ def _is_robot_file(path: Path) -> bool:
 def _run_inspect_robot(args: argparse.Namespace) -> int:
     from machopt.commands.inspect_cell import inspect_cell
 
+    if args.cell is not None:
+        raise OptionError("found a cell or robot, which is inspected without another one", where="--cell")
+    if args.effects and args.file.suffix.lower() in (".urdf", ".xacro"):
+        raise OptionError("found a robot's file; only the files of a cell hold effects", where="--effects")
+    warn_of_effect_code(args)
     if args.html is not None:
         raise OptionError(
             "found a cell, --html draws toolpaths; 'machopt view CELL' shows a cell in a browser, "

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.cell.mesh.collada_reader import read_collada
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry
 from machopt.errors import MeshError
 from machopt.kinematics.machine import Machine
@@ -288,6 +289,9 @@ def _load_mesh(shape: CollisionShape) -> tuple[Array, NDArray[np.int64]]:
     if not path.is_file():
         raise MeshError(f"mesh of {shape.name!r} is not a file", file=path)
     plain = mesh_construction.parse_binary_stl(path.read_bytes()) if path.suffix.lower() == ".stl" else None
+    if path.suffix.lower() == ".dae":
+        corners = read_collada(path).corners  # m
+        plain = mesh_construction.TriangleMesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
     vertices, faces = mesh_construction.merge_equal_vertices(
         _load_with_trimesh(shape, path) if plain is None else plain
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from machopt.cell.cell_reader import load_cell
-from machopt.cell.urdf import find_arm, read_standalone_description
+from machopt.cell.urdf import read_standalone_description
 from machopt.cell_setup.template.cell_draft import aim_tool, draft_cell
 from machopt.cell_setup.template.cell_text import (
     NewCellContent,
@@ -34,11 +34,12 @@ from machopt.cell_setup.workpiece_placement import (
     report_last_axis,
 )
 from machopt.collision.collision_model import CollisionModel
+from machopt.commands.init_advice import find_arm_or_advise, load_solvable_robot
 from machopt.commands.toolpath_reading_options import get_reading_options
 from machopt.data_types.cell import Cell
 from machopt.input_files.json_schemas import format_schema_name, render_schema
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import load_chain, load_robot
+from machopt.kinematics.robot import load_chain
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_rpy_matrix
 from machopt.options.plan_option_reader import load_options
@@ -62,7 +63,7 @@ def run_init(request: InitRequest) -> InitResult:
     description = read_standalone_description(
         request.robot, request.packages, request.xacro_args, allow_external=request.allow_external
     )
-    links = find_arm(description.urdf, request.base_link, request.flange_link)
+    links = find_arm_or_advise(request, description, run_init)
     span = sum(j.offset for j in description.urdf.chain(links.flange_link) if j not in links.external)
     new, guesses = draft_cell(request, description.urdf, links, span)
     with create_cell_folder(request.out) as folder, restore_user_paths_in_errors(folder, request):
@@ -78,7 +79,7 @@ def run_init(request: InitRequest) -> InitResult:
             (folder / "stiffness.yaml").write_text(text, encoding="utf-8")
             guesses += ("stiffness.yaml is estimated from the arm's size; measure it (plan-poses, identify)",)
         cell = _write_cell_files(folder, new)
-        robot = load_robot(cell)
+        robot = load_solvable_robot(cell)
         new, said = aim_tool(new, request, find_flange_direction(robot), span)
         cell = _write_cell_files(folder, new)
         new, more = add_post(new, cell)

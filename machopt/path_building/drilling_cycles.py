@@ -41,6 +41,14 @@ class DrillingCycle:
     least_peck: float = 0.0  # mm
     first_feed: float = 1.0  # share of the feed in the first stroke
     surface: float | None = None  # height of the surface that is drilled; None: the source does not state it
+    decrement: float = 0.0  # mm by which each peck is shorter than the one before, down to ``least_peck``
+    break_every: float = 0.0  # mm; the chip is broken as often within a peck; 0: not
+    break_gap: float = 0.0  # mm, how far it backs off there
+    breaks_before_out: int = 0  # pecks that only break the chip before one that leaves the hole; 0: all of them
+    gap_last: float | None = None  # mm, ``gap`` of the last peck; it changes evenly from the first one to it
+    start: float | None = None  # height down to which the hole is there already, reached at ``start_feed``
+    start_feed: float = math.nan  # mm/min; NaN: rapid
+    synchronous: bool = False  # a thread: every way in the hole is at the feed
 
     def strokes(self) -> Iterator[tuple[float, MoveKind]]:
         """Heights to go to, one after the other, beginning above the clearance height.
@@ -58,18 +66,47 @@ class DrillingCycle:
                 f"bottom at {self.bottom:g} mm is not below the clearance height {self.clear:g} mm: the cycle would "
                 "drill upwards; post it again with its depth below its clearance (R, clearance plane)"
             )
-        for depth in self._pecks():
+        if self.start is not None:
+            if not self.bottom < self.start <= self.clear:
+                raise DrillingCycleError(
+                    f"{self.name} starts at {self.start:g} mm; expected a height above its bottom {self.bottom:g} mm"
+                )
+            yield self.start, MoveKind.APPROACH
+        for depth, gap, broken in self._stops():
             yield depth, MoveKind.CUT
-            if self.chip_break:
-                yield min(depth + self.gap, self.clear), MoveKind.RETRACT
-            else:
-                yield self.clear, MoveKind.RETRACT
-                yield min(depth + self.gap, self.clear), MoveKind.APPROACH
+            if broken:
+                yield min(depth + gap, self.clear), MoveKind.RETRACT
+                continue
+            yield self.clear, MoveKind.RETRACT
+            if not self.synchronous:
+                yield min(depth + gap, self.clear), MoveKind.APPROACH
         yield self.bottom, MoveKind.CUT
         back = self.clear if self.retract is None else self.retract
         yield max(back, self.clear) if not self.feed_out else self.clear, MoveKind.RETRACT
         if self.feed_out and back > self.clear:
             yield back, MoveKind.RAPID
+
+    def _stops(self) -> Iterator[tuple[float, float, bool]]:
+        """Heights above the bottom where the tool stops, the gap behind, and whether it only breaks the chip there.
+
+        Raises:
+            DrillingCycleError: more than MAX_PECKS.
+        """
+        pecks = list(self._pecks())
+        last = self.gap if self.gap_last is None else self.gap_last
+        begin = self.peck_from
+        for n, depth in enumerate([*pecks, self.bottom]):
+            if self.break_every > 0.0:
+                count = (begin - depth) / self.break_every
+                if count > MAX_PECKS:
+                    raise DrillingCycleError(f"more than {MAX_PECKS} chip breaks, each after {self.break_every:g} mm")
+                for k in range(1, math.ceil(count - 1e-6)):
+                    yield begin - k * self.break_every, self.break_gap or self.gap, True
+            if n < len(pecks):
+                out = self.breaks_before_out and (n + 1) % (self.breaks_before_out + 1) == 0
+                share = n / (len(pecks) - 1) if len(pecks) > 1 else 0.0
+                yield depth, self.gap + (last - self.gap) * share, self.chip_break and not out
+            begin = depth
 
     def _pecks(self) -> Iterator[float]:
         """Heights above the bottom down to which a peck goes.
@@ -91,6 +128,13 @@ class DrillingCycle:
             if self.less > 0.0:
                 step = max(step - self.less, self.less)
                 step = left / 2.0 if step == self.less and step < left <= 2.0 * step else step
+            elif self.decrement > 0.0:
+                step = max(step - self.decrement, self.least_peck)
+                if not step > 0.0:
+                    raise DrillingCycleError(
+                        f"{self.name}: pecks that get {self.decrement:g} mm shorter come to nothing above the bottom; "
+                        "expected a least peck above zero"
+                    )
             else:
                 step = max((self.next_peck or step) * self.share, self.least_peck)
             depth -= step
@@ -118,6 +162,43 @@ def append_hole_moves(
     Raises:
         DrillingCycleError: the cycles have more than MAX_POINTS points.
     """
+    h, n = np.array(hole), np.array(axis)
+    go_over_hole(builder, cycle, hole, axis, line, before)
+    last, begun = cycle.clear, False
+    for height, move in cycle.strokes():
+        if move == MoveKind.RETRACT and not cycle.dwell <= 0.0 and abs(last - cycle.bottom) < 1e-9:
+            builder.event("dwell", cycle.name, cycle.dwell)
+        feed = cycle.feed if move == MoveKind.CUT or (cycle.feed_out and move == MoveKind.RETRACT) else math.nan
+        if cycle.feed_out and move == MoveKind.RETRACT and math.isfinite(cycle.feed_back):
+            feed = cycle.feed_back
+        if move == MoveKind.APPROACH and height == cycle.start and not begun:
+            feed = cycle.start_feed
+        feed *= 1.0 if begun else cycle.first_feed
+        begun = begun or move == MoveKind.CUT
+        x, y, z = (h + height * n).tolist()
+        builder.add((x, y, z), axis, move, feed, line, cycle=True)
+        last = height
+        if move == MoveKind.CUT and height == cycle.bottom and cycle.surface is not None:
+            builder.state_hole_depth(cycle.surface - cycle.bottom)
+    return last
+
+
+def go_over_hole(
+    builder: PathBuilder, cycle: DrillingCycle, hole: Vector, axis: Vector, line: int, before: Vector | None
+) -> None:
+    """Append the rapid moves to the clearance height over the hole.
+
+    Args:
+        builder: Path builder that takes the moves.
+        cycle: Strokes and heights of the cycle, mm.
+        hole: Reference point of the hole, mm.
+        axis: Tool axis, unit vector.
+        line: Line number in the file (1-based).
+        before: Tool tip before the hole in mm, None where not known.
+
+    Raises:
+        DrillingCycleError: the cycles have more than MAX_POINTS points.
+    """
     if len(builder) > MAX_POINTS:
         raise DrillingCycleError(f"more than {MAX_POINTS} points of drilling cycles")
     h, n = np.array(hole), np.array(axis)
@@ -137,17 +218,3 @@ def append_hole_moves(
         if height > cycle.clear + 1e-9 and not np.allclose(at(height), before, atol=1e-6):
             builder.add(at(height), axis, MoveKind.RAPID, nan, line)
     builder.add(at(cycle.clear), axis, MoveKind.RAPID, nan, line)
-    last, begun = cycle.clear, False
-    for height, move in cycle.strokes():
-        if move == MoveKind.RETRACT and not cycle.dwell <= 0.0 and abs(last - cycle.bottom) < 1e-9:
-            builder.event("dwell", cycle.name, cycle.dwell)
-        feed = cycle.feed if move == MoveKind.CUT or (cycle.feed_out and move == MoveKind.RETRACT) else nan
-        if cycle.feed_out and move == MoveKind.RETRACT and math.isfinite(cycle.feed_back):
-            feed = cycle.feed_back
-        feed *= 1.0 if begun else cycle.first_feed
-        begun = begun or move == MoveKind.CUT
-        builder.add(at(height), axis, move, feed, line, cycle=True)
-        last = height
-        if move == MoveKind.CUT and height == cycle.bottom and cycle.surface is not None:
-            builder.state_hole_depth(cycle.surface - cycle.bottom)
-    return last

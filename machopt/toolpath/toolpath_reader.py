@@ -26,6 +26,7 @@ from machopt.file_formats.source_file import parse_offsets as work_offsets
 from machopt.toolpath.readers import dialect_detection
 from machopt.toolpath.readers.option_questions import find_fault_behind
 from machopt.toolpath.readers.tables.point_table import is_point_table, read_csv, read_parquet
+from machopt.toolpath.readers.tables.table_layout import describe_other_layout
 from machopt.toolpath.unused_reading_options import check_reading_options
 
 if TYPE_CHECKING:
@@ -189,4 +190,6 @@ def _select_reader(source: SourceFile) -> Callable[[SourceFile, ReadOptions], To
         from machopt.toolpath.readers.gcode.gcode_reader import read_gcode
 
         return read_gcode
+    if other := describe_other_layout(source):
+        raise source.build_error(*other)
     raise source.build_error(f"is not recognised as a toolpath; {_READABLE}")

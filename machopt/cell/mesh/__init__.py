@@ -2,7 +2,7 @@
 
 from machopt.cell.mesh.body_size_check import SceneSize, SizedBody, check_body_size
 from machopt.cell.mesh.mesh_errors import ErrorFactory
-from machopt.cell.mesh.mesh_surface import MeshSurface, find_open_surfaces, read_surface
+from machopt.cell.mesh.mesh_surface import MeshSurface, find_open_surfaces, read_collada_surface, read_surface
 from machopt.cell.mesh.second_library_check import find_collada_original
 
 __all__ = [
@@ -13,5 +13,6 @@ __all__ = [
     "check_body_size",
     "find_collada_original",
     "find_open_surfaces",
+    "read_collada_surface",
     "read_surface",
 ]

@@ -51,13 +51,13 @@ def check_body_size(body: SizedBody, scene: SceneSize, fail: ErrorFactory) -> st
     beside = f", the robot reaches {scene.reach:.3g} m" if scene.reach else ""
     large = _LARGE * scene.reach if scene.reach and body.role != "obstacle" else _LARGEST
     if body.extent > min(large, _LARGEST):
-        raise fail(f"{wide}{beside}; if it is in mm, {body.remedy(1e-3)} would work")
+        other = f"; if it is in mm, {body.remedy(1e-3)} would work" if body.extent / 1e3 <= min(large, _LARGEST) else ""
+        raise fail(f"{wide}{beside}; expected at most {min(large, _LARGEST):.3g} m{other}")
     # an adapter plate is small, too: only below what any body has is a unit wrong for sure
     small = _SMALL * scene.reach if body.role == "link" else 0.0
     if body.extent < _SMALLEST:
-        raise fail(
-            f"{body.what} is only {body.extent * 1e3:.3g} mm wide{beside}; if it is in m, {body.remedy(1e3)} would work"
-        )
+        other = f"; if it is in m, {body.remedy(1e3)} would work" if body.extent * 1e3 >= _SMALLEST else ""
+        raise fail(f"{body.what} is only {body.extent * 1e3:.3g} mm wide{beside}{other}")
     if body.extent < max(_ODD, small):
         return f"{body.what} is only {body.extent * 1e3:.3g} mm wide{beside}; is its unit meant?"
     if scene.reach and body.extent > _LARGE * scene.reach:

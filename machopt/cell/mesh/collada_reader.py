@@ -69,6 +69,26 @@ def read_collada(path: Path) -> ColladaMesh:
     return ColladaMesh(corners, counts)
 
 
+_UP = {  # rows: the axes of a scene with Z up in those of the file (COLLADA 1.4.1, up_axis)
+    "X_UP": ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)),
+    "Y_UP": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)),
+    "Z_UP": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+}
+
+
+def compute_up_rotation(up_axis: str) -> Array:
+    """Return the transform (4, 4) that turns the stated axis of a file to z.
+
+    Bodies of a cell follow the axis that the file states. Bodies of a URDF do not, as in RViz and MoveIt.
+
+    Args:
+        up_axis: X_UP, Y_UP or Z_UP.
+    """
+    T = np.eye(4)
+    T[:3, :3] = _UP[up_axis]
+    return T
+
+
 def build_binary_stl(corners: Array) -> bytes:
     """Build a binary STL file.
 

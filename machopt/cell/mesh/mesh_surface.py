@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.cell.mesh.collada_reader import read_collada
 from machopt.cell.mesh.file_integrity import read_whole_mesh
 from machopt.cell.mesh.mesh_errors import ErrorFactory
 from machopt.cell.mesh.second_library_check import compare_with_collada, compare_with_second_library
+from machopt.errors import InputError
 from machopt.numerics import mesh_construction
 from machopt.numerics.array_types import Array
 from machopt.numerics.mesh_construction import TriangleMesh
@@ -61,7 +63,33 @@ def read_surface(path: Path, fail: ErrorFactory) -> MeshSurface:
             finite, fewer than four triangles, flat or without volume, or seen differently by the verifier.
     """
     data = read_whole_mesh(path, fail)
-    surface = read_triangles(path, data, fail)
+    return _check_surface(path, read_triangles(path, data, fail), fail)
+
+
+def read_collada_surface(path: Path, fail: ErrorFactory) -> tuple[MeshSurface, str]:
+    """Read a COLLADA mesh; its counts are compared with those of the file.
+
+    Args:
+        path: the file.
+        fail: makes the error that names where the mesh is used.
+
+    Returns:
+        The surface in m, and the axis that points up: X_UP, Y_UP or Z_UP.
+
+    Raises:
+        InputError: as :func:`read_surface`, and where the file holds what would move triangles and is not read.
+    """
+    try:
+        found = read_collada(path)
+    except InputError as problem:
+        raise fail(f"mesh {path.name} {problem.reason}") from None
+    faces = np.arange(3 * len(found.corners)).reshape(-1, 3)
+    surface = TriangleMesh(found.corners.reshape(-1, 3), faces)
+    return _check_surface(path, surface, fail, metre=found.counts.metre), found.counts.up_axis
+
+
+def _check_surface(path: Path, surface: TriangleMesh, fail: ErrorFactory, *, metre: float = 1.0) -> MeshSurface:
+    """Check a mesh that was read; the verifier's library must see the same body, scaled by ``metre``."""
     used = surface.vertices[mesh_construction.find_used_vertices(surface.faces, len(surface.vertices))]
     if not len(used):
         raise fail(f"mesh {path.name} holds no triangles")
@@ -77,7 +105,7 @@ def read_surface(path: Path, fail: ErrorFactory) -> MeshSurface:
     if not box.max() > 0.0 or thickness[-1] <= _FLAT * thickness[0]:
         raise fail(f"mesh {path.name} is flat and encloses nothing; a body, or a box in its place, would work")
     vertices, faces = mesh_construction.merge_equal_vertices(surface)
-    compare_with_second_library(path, vertices, faces, fail)
+    compare_with_second_library(path, vertices, faces, fail, metre)
     compare_with_collada(path, fail)
     open_edges = _count_open_edges(faces)
     volume = 0.0 if open_edges else _compute_volume(vertices - used.mean(0), faces)

@@ -21,7 +21,9 @@ _SAME = 1e-4  # of the longest side; text formats are printed with six digits an
 _LOST = 0.02  # share of triangles that may be left out as slivers without an area
 
 
-def compare_with_second_library(path: Path, vertices: Array, faces: NDArray[np.int64], fail: ErrorFactory) -> None:
+def compare_with_second_library(
+    path: Path, vertices: Array, faces: NDArray[np.int64], fail: ErrorFactory, metre: float = 1.0
+) -> None:
     """Load a mesh again and compare.
 
     Args:
@@ -29,11 +31,12 @@ def compare_with_second_library(path: Path, vertices: Array, faces: NDArray[np.i
         vertices: (V, 3) as the planner reads them, equal ones merged.
         faces: (F, 3).
         fail: makes the error that names where the mesh is used.
+        metre: m per unit of a COLLADA file, whose corners are in m.
 
     Raises:
         InputError: the verifier cannot load the file, or sees another body.
     """
-    compare_bodies(path.name, load_with_second_library(path, 1.0, fail), vertices, faces, fail)
+    compare_bodies(path.name, load_with_second_library(path, metre, fail), vertices, faces, fail)
 
 
 def compare_with_collada(copy: Path, fail: ErrorFactory) -> None:

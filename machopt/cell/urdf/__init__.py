@@ -1,6 +1,6 @@
 """URDF, read strictly and by standard means only: nothing of it is dropped without a word."""
 
-from machopt.cell.urdf.arm_detection import ArmLinks, find_arm
+from machopt.cell.urdf.arm_detection import ArmLinks, TooManyJointsError, find_arm
 from machopt.cell.urdf.element_removal import remove_bodies, remove_model_bodies
 from machopt.cell.urdf.mesh_lookup import ErrorFactory, MeshLocation, find_mesh, find_package
 from machopt.cell.urdf.robot_description import (
@@ -18,6 +18,7 @@ __all__ = [
     "ErrorFactory",
     "MeshLocation",
     "RobotDescription",
+    "TooManyJointsError",
     "UrdfJoint",
     "UrdfLink",
     "UrdfMesh",

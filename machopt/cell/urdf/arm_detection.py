@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from machopt.cell.urdf.urdf_model import UrdfJoint, UrdfModel
 from machopt.errors import InputError, OptionError, RobotModelError, suggest_nearest_word
@@ -12,7 +13,41 @@ FLANGES = ("tool0", "flange", "tool_flange", "ee_link")
 GRIPS = ("grip", "finger", "hand", "jaw", "claw", "knuckle")
 """In the name of a joint that is none of the arm's, though it turns behind it."""
 _TURNS = ("revolute", "continuous")
-_HELD = "a URDF in which the joints too many are fixed would work, too"
+
+
+@dataclass(frozen=True)
+class ArmChoice:
+    """An option that leaves six joints to the arm."""
+
+    option: str  # --base-link or --flange-link
+    link: str
+    effect: str  # what the option then does
+
+
+class TooManyJointsError(RobotModelError):
+    """More than six joints turn one behind the other.
+
+    Attributes:
+        joints: names of the joints, from the root outwards.
+        flange: link that the last one carries.
+        choices: options that leave six joints; ``machopt init`` keeps those that it has tried.
+    """
+
+    def __init__(self, path: Path, joints: tuple[str, ...], flange: str, choices: tuple[ArmChoice, ...]) -> None:
+        self.joints, self.flange, self.choices = joints, flange, choices
+        super().__init__(self.describe([f"{c.option} {c.link} {c.effect}" for c in choices]), file=path)
+
+    def describe(self, advice: list[str]) -> str:
+        """Return the message with the given advice.
+
+        Args:
+            advice: What would work, one sentence each.
+        """
+        message = (
+            f"{len(self.joints)} joints turn or slide one behind the other up to {self.flange!r} "
+            f"({', '.join(self.joints)}); machopt plans for arms of six and up to three external axes"
+        )
+        return f"{message}. {'; '.join(advice)}" if advice else message
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,9 +107,10 @@ def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | N
     arm = moving[len(external) :]
     if len(arm) != 6 or any(j.kind not in _TURNS for j in arm):
         found = ", ".join(f"{j.name} ({j.kind})" for j in moving) or "no moving joint"
+        others = [link for link in urdf.links if _ends_an_arm(urdf, link, base_link)]
+        advice = f", as to {', '.join(others)}" if others else "; the URDF has no link with such a chain"
         raise OptionError(
-            f"the chain to {flange!r} has {found}; six joints that turn would work, perhaps to another link: "
-            f"{', '.join(urdf.links)}",
+            f"the chain to {flange!r} has {found}; six joints that turn would work{advice}",
             file=urdf.path,
             where="--flange-link",
         )
@@ -92,20 +128,22 @@ def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | N
 def _build_too_many_joints_error(urdf: UrdfModel, flange: str, moving: tuple[UrdfJoint, ...]) -> InputError:
     """More than six joints that turn: a seven-axis arm, a turntable below one, a hand behind one."""
     before = moving[:-6]
-    others = []
+    choices: list[ArmChoice] = []
     if len(before) <= 3:
         kind = "an external axis" if len(before) == 1 else "external axes"
-        others.append(f"--base-link {before[-1].child} plans with {', '.join(j.name for j in before)} as {kind}")
+        effect = f"plans with {', '.join(j.name for j in before)} as {kind}"
+        choices.append(ArmChoice("--base-link", before[-1].child, effect))
     if all(j.kind in _TURNS for j in moving[:6]):
-        others.append(
-            f"--flange-link {moving[5].child} ends the arm at {moving[5].name}, where what follows is a gripper's"
-        )
-    names = ", ".join(j.name for j in moving)
-    return RobotModelError(
-        f"{len(moving)} joints turn or slide one behind the other up to {flange!r} ({names}); "
-        f"machopt plans for arms of six and up to three external axes. {'; '.join([*others, _HELD])}",
-        file=urdf.path,
-    )
+        effect = f"ends the arm at {moving[5].name}, where what follows is a gripper's"
+        choices.append(ArmChoice("--flange-link", moving[5].child, effect))
+    return TooManyJointsError(urdf.path, tuple(j.name for j in moving), flange, tuple(choices))
+
+
+def _ends_an_arm(urdf: UrdfModel, link: str, base_link: str | None) -> bool:
+    """Whether six joints that turn, and nothing else that moves, lead to a link from the base (else the root)."""
+    above = urdf.chain(base_link) if base_link is not None else ()
+    moving = [j for j in _list_moving_joints(urdf, link) if j not in above]
+    return len(moving) == 6 and all(j.kind in _TURNS for j in moving)
 
 
 def _list_moving_joints(urdf: UrdfModel, link: str) -> tuple[UrdfJoint, ...]:

@@ -286,8 +286,12 @@ class _UrdfReader:
         if max(map(abs, xyz)) > _FARTHEST:
             raise self.error(
                 e,
-                f"xyz of the origin of {of} is {_format_plain(xyz)} m, farther than any cell is wide; "
-                f"if it is in mm, {_format_plain([v / 1e3 for v in xyz])} would work",
+                f"xyz of the origin of {of} is {_format_plain(xyz)} m; expected at most {_FARTHEST:g} m"
+                + (
+                    f"; if it is in mm, {_format_plain([v / 1e3 for v in xyz])} would work"
+                    if max(map(abs, xyz)) / 1e3 <= _FARTHEST
+                    else ""
+                ),
             )
         return tuple(xyz), tuple(rpy)
 

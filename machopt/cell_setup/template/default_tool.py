@@ -17,6 +17,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_rpy_matrix
 
 ANGLE_DEG = 45.0  # of the bracket where no option states the tool
+_METRES_LOOK = 5.0  # mm; a tool as short is rather stated in metres
 _BRACKET = 0.4  # share of the tool's length from the flange to the place where the spindle axis begins
 _RADIUS_MM, _SHARE = (20.0, 40.0), 0.2  # of bracket and spindle: a share of the tool's length within these
 
@@ -73,6 +74,12 @@ def build_tool(out: Array, angle_deg: float, length: float, cutter: float) -> De
     along = np.cos(angle) * out + np.sin(angle) * R[:, 0]
     begin = (_BRACKET * length if angle_deg else 0.0) * out
     reach = length - float(np.linalg.norm(begin))
+    if length <= cutter and 0.0 < length < _METRES_LOOK:
+        other = f"; if that is m, {length * 1e3:g} would work" if length * 1e3 > 2.0 * cutter else ""
+        raise OptionError(
+            f"found {length:g} mm; expected mm, and more than the cutter's {cutter:g} mm (--cutter-length-mm){other}",
+            where="--tool-length-mm",
+        )
     if not 0 < cutter < reach:
         raise OptionError(
             f"found {cutter:g}; expected more than zero and less than the spindle's {reach:g} mm (--tool-length-mm)",

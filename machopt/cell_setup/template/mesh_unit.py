@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from machopt.cell.mesh import read_surface
+from machopt.cell.mesh import read_collada_surface, read_surface
 from machopt.cell_setup.template.init_request import UNITS
-from machopt.errors import InputError, MeshError
+from machopt.errors import InputError, MeshError, OptionError
 
 LARGEST = {"link": 2.0, "tool": 1.5, "workpiece": 3.0}
 """Spans of the arm, end to end, that a body is long at most. In mm every body is a thousand times longer."""
@@ -41,6 +41,11 @@ def detect_unit(
     def fail(message: str) -> InputError:
         return MeshError(message, file=file)
 
+    if file.suffix.lower() == ".dae" and role != "link":
+        read_collada_surface(file, fail)
+        if unit is not None:
+            raise OptionError(f"has no effect on {file.name}, which states its unit", where="--mesh-unit")
+        return MeshUnit(1.0, None)
     if unit is not None and role != "link":
         return MeshUnit(UNITS[unit], None)
     extent = read_surface(file, fail).extent * scale

@@ -14,7 +14,7 @@ from machopt.cell.mesh.collada_reader import build_binary_stl, read_collada
 from machopt.cell.urdf import RobotDescription, UrdfMesh, find_mesh, find_standalone_package
 from machopt.cell_setup.template.init_request import InitRequest
 from machopt.cell_setup.template.mesh_unit import detect_unit
-from machopt.errors import InputError, RobotModelError
+from machopt.errors import InputError, OptionError, RobotModelError
 
 URDF = "robot.urdf"
 MESHES = "meshes"
@@ -187,6 +187,36 @@ def create_cell_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
+_OPTIONS = {  # keys of the new cell.yaml → options that give them, the first one that was given counts
+    "tool.tcp.xyz_mm": ("tcp_mm", "tool_length_mm", "cutter_length_mm"),
+    "tool.tcp.rpy_deg": ("tcp_rpy_deg", "tool_angle_deg"),
+    "tool.mass_kg": ("tool_mass_kg",),
+    "tool.cutter.diameter_mm": ("cutter_diameter_mm",),
+    "tool.cutter.length_mm": ("cutter_length_mm",),
+    "tool.geometry": ("tool_mesh",),
+    "workpiece.pose.xyz_mm": ("workpiece_mm",),
+    "workpiece.pose.rpy_deg": ("workpiece_rpy_deg",),
+    "workpiece.geometry": ("workpiece_mesh",),
+    "robot.limits.velocity_deg_s": ("velocity_deg_s",),
+    "controller.post": ("post",),
+}
+
+
+def find_option_of_key(key: str, request: InitRequest) -> str:
+    """Find the option of ``machopt init`` that gave the value of a key; empty where the user gave none.
+
+    Args:
+        key: Key of the new cell.yaml.
+        request: Validated options of the command.
+    """
+    usual = InitRequest(robot=request.robot, out=request.out)
+    for prefix, names in _OPTIONS.items():
+        if key == prefix or key.startswith((prefix + ".", prefix + "[")):
+            given = [n for n in names if getattr(request, n) != getattr(usual, n)]
+            return f"--{given[0].replace('_', '-')}" if given else ""
+    return ""
+
+
 @contextlib.contextmanager
 def restore_user_paths_in_errors(folder: Path, request: InitRequest) -> Iterator[None]:
     """Replace paths of the temporary folder in errors by the user's own paths.
@@ -199,6 +229,7 @@ def restore_user_paths_in_errors(folder: Path, request: InitRequest) -> Iterator
         Context without a value.
 
     Raises:
+        OptionError: the value of an option is wrong.
         RobotModelError: the error, with the user's paths.
     """
     try:
@@ -207,6 +238,9 @@ def restore_user_paths_in_errors(folder: Path, request: InitRequest) -> Iterator
         if not isinstance(wrong.file, Path) or not wrong.file.resolve().is_relative_to(folder.resolve()):
             raise
         place = wrong.file.resolve().relative_to(folder.resolve())
+        option = find_option_of_key(wrong.key, request) if place.name == "cell.yaml" else ""
+        if option:
+            raise OptionError(wrong.reason, where=option) from None
         own = {URDF: request.robot, "stiffness.yaml": request.stiffness}.get(place.as_posix()) or request.out / place
         where = wrong.where
         if place.name == "cell.yaml" and wrong.key == "robot.urdf":

@@ -53,6 +53,33 @@ def add_reach_warning(cell: Cell, toolpath: Toolpath) -> Toolpath:
         cell: the robot cell.
         toolpath: points in the workpiece frame.
     """
+    distance, reach = _compare_with_reach(cell, toolpath)
+    beyond = int((distance > reach).sum())
+    if not beyond:
+        return toolpath
+    message = (
+        f"{beyond} of {len(distance)} cut points lie beyond the reach of the robot ({reach:.3g} m), the farthest at "
+        f"{distance.max():.4g} m: are unit (--unit), decimals (--decimals) and the pose of the workpiece right?"
+    )
+    return replace(toolpath, warnings=(*toolpath.warnings, message))
+
+
+def state_reach(cell: Cell, toolpath: Toolpath) -> Toolpath:
+    """Return the path with its largest distance from joint 1 and the robot's reach in ``meta["reach"]``.
+
+    Args:
+        cell: the robot cell.
+        toolpath: points in the workpiece frame.
+    """
+    distance, reach = _compare_with_reach(cell, toolpath)
+    if not len(distance):
+        return toolpath
+    said = f"{reach:.3g} m; the farthest cut point lies {distance.max():.4g} m from joint 1 of {cell.name}"
+    return replace(toolpath, meta={**toolpath.meta, "reach": said})
+
+
+def _compare_with_reach(cell: Cell, toolpath: Toolpath) -> tuple[Array, float]:
+    """Distance of each cut point from joint 1 at the best external joint positions, and the reach, m."""
     robot = load_robot(cell)
     machine = load_machine(cell, robot)
     reach = compute_maximum_reach(robot, cell.tool.T_flange_tcp)
@@ -60,14 +87,7 @@ def add_reach_warning(cell: Cell, toolpath: Toolpath) -> Toolpath:
     distance = np.full(len(cuts), np.inf)
     for T in machine.compute_T_base_workpiece(_corners(cell)):
         distance = np.minimum(distance, np.linalg.norm(cuts @ T[:3, :3].T + T[:3, 3] - robot.point[0], axis=1))
-    beyond = int((distance > reach).sum())
-    if not beyond:
-        return toolpath
-    message = (
-        f"{beyond} of {len(cuts)} cut points lie beyond the reach of the robot ({reach:.3g} m), the farthest at "
-        f"{distance.max():.4g} m: are unit (--unit), decimals (--decimals) and the pose of the workpiece right?"
-    )
-    return replace(toolpath, warnings=(*toolpath.warnings, message))
+    return distance, float(reach)
 
 
 def _corners(cell: Cell) -> Array:

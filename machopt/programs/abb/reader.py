@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from contextlib import suppress
 from dataclasses import replace
 
 from machopt.file_formats.source_file import SourceFile
@@ -28,7 +29,7 @@ from machopt.programs.abb.rapid_syntax import (
 from machopt.programs.abb.rapid_syntax import list_external_axes as externals
 from machopt.programs.reading.called_files import find_called_file
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, ProgramEnd
 from machopt.programs.reading.rotation_conventions import build_pose_matrix, convert_quaternion
 
 _MOVES = frozenset(
@@ -57,9 +58,9 @@ _MOVES = frozenset(
 )
 _EVENTS = frozenset(("SETDO", "SETGO", "SETAO", "SET", "RESET", "PULSEDO", "WAITDI", "WAITDO", "WAITUNTIL", "INVERTDO"))
 _DISPLACES = frozenset(("PDISPON", "PDISPSET", "EOFFSON", "EOFFSSET"))
-_STOPS = frozenset(("STOP", "EXIT", "BREAK"))
+_STOPS = frozenset(("STOP", "BREAK"))
 _BRANCHES = frozenset(
-    ("ELSE", "ELSEIF", "CASE", "DEFAULT", "RETURN", "WAITTIME", "CONST", "VAR", "PERS")
+    ("ELSE", "ELSEIF", "CASE", "DEFAULT", "RETURN", "EXIT", "WAITTIME", "CONST", "VAR", "PERS")
 )  # words within a branch that move nothing
 NORMALISED = 1e-3  # of the sum of squares: three printed decimals are within; a control stops at worse
 
@@ -98,7 +99,8 @@ class _RapidReader:
             raise self.out.error("holds no PROC: give the module whose procedure moves the robot")
         main = self.entry(procs)
         self.out.name = main.name
-        self.follow(main, 0, len(main.statements), 0)
+        with suppress(ProgramEnd):
+            self.follow(main, 0, len(main.statements), 0)
         return self.out.build()
 
     def load(self, source: SourceFile) -> list[RapidProcedure]:
@@ -179,6 +181,8 @@ class _RapidReader:
             self.decision(s, s)
         elif word == "RETURN":
             self.returned = True
+        elif word == "EXIT":
+            self.out.end_program("EXIT")
         elif word in RAPID and word not in self.procs:
             self.out.ignore(word, s.line, understood=True)
         elif word == "GOTO":
@@ -210,7 +214,7 @@ class _RapidReader:
                 f"{s.word}{until} decides about moves while the robot runs: they are not known here; "
                 "expand the program first"
             )
-        if "RETURN" in names:
+        if names & {"RETURN", "EXIT"}:
             self.out.may_end(inner.line)
         at = next((k for k, t in enumerate(inner.tokens) if t.text == ":="), None)
         if at is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,13 @@ from machopt.programs.fanuc.harmless_words import FANUC
 from machopt.programs.reading.called_files import find_called_file
 from machopt.programs.reading.harmless_words import compile_beginning_pattern
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import STANDING_TOOL, MoveAttributes, ProgramBuilder, parse_number
+from machopt.programs.reading.program_builder import (
+    STANDING_TOOL,
+    MoveAttributes,
+    ProgramBuilder,
+    ProgramEnd,
+    parse_number,
+)
 from machopt.programs.reading.rotation_conventions import (
     build_pose_matrix,
     compute_fixed_xyz_rotation,
@@ -30,7 +37,7 @@ _END = re.compile(r"\b(FINE|CNT\s*\d+|CD\s*\d+|CR\s*\d+|CNT\s*R\[\d+\])", re.IGN
 _FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d+)")
 _TO_M_S = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0, "in/min": 0.0254 / 60.0}
 _MODIFIER = re.compile(
-    r"(?:ACC\s*\d+|COORD|PTH|WJNT|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
+    r"(?:ACC\s*\d+|COORD|PTH|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
 )
 _QUIET = compile_beginning_pattern(FANUC)
 _EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |SPOT|Spot|WAIT|PULSE")
@@ -79,7 +86,8 @@ class _FanucReader:
         self.out.name = part.name or self.out.source.path.stem
         if not part.has_end:
             self.out.warn_once("no /END: the file may be cut off", len(self.out.source.lines))
-        self.follow(part, 0)
+        with suppress(ProgramEnd):
+            self.follow(part, 0)
         if self.jump is not None and self.moves:
             line, text, source = self.jump
             raise self.out.error(
@@ -106,6 +114,8 @@ class _FanucReader:
             motion = _MOTION.fullmatch(text)
             if self.branches and (motion is not None or text.startswith(("CALL", "UFRAME", "UTOOL", "OVERRIDE"))):
                 self.jump = self.jump or (*self.branches[0], part.source)
+            if text == "END" and not self.branches:
+                break  # back to the program that called this one
             if motion is None:
                 self.other(text, line, part, depth)
                 continue
@@ -313,7 +323,11 @@ class _FanucReader:
             self.jump = self.jump or (line, text, part.source)
             self.out.ignore(re.split(r"[\s\[]", text)[0], line, understood=True)
         elif text.startswith(("PAUSE", "ABORT")):
+            if text.startswith("ABORT") and not self.branches:
+                self.out.end_program(text)
             self.out.event(text, "stop")
+        elif text == "END":
+            self.out.may_end(line)
         elif found := re.match(r"WAIT\s+([\d.]+)\s*\(?sec\)?", text):
             seconds = parse_number(found.group(1))
             self.out.event(text, "dwell", math.nan if seconds is None else seconds)

@@ -8,6 +8,7 @@ from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -51,6 +52,10 @@ class MoveAttributes:
 
 
 NOTHING_GIVEN = MoveAttributes()
+
+
+class ProgramEnd(Exception):  # noqa: N818  (no error: the program is over)
+    """A statement ended the program."""
 
 
 @dataclass(kw_only=True)
@@ -137,13 +142,25 @@ class ProgramBuilder:
                 f"the program sets its override to {percent:g} %: feeds behind it are multiplied by that", line
             )
 
+    def end_program(self, text: str) -> NoReturn:
+        """Record a statement that ends the program; what stands behind it is not carried out.
+
+        Args:
+            text: The statement.
+
+        Raises:
+            ProgramEnd: always; the reader stops there.
+        """
+        self.event(text, "stop")
+        raise ProgramEnd
+
     def may_end(self, line: int) -> None:
-        """Warn of a branch with RETURN; most often it checks arguments, so it is read as not taken.
+        """Warn of a branch that may end the routine; most often it checks arguments, so it is read as not taken.
 
         Args:
             line: Line number in the file (1-based).
         """
-        self.warn_once("a branch may end the routine early (RETURN); read as if it does not", line)
+        self.warn_once("a branch may end the routine early (RETURN) or the program; read as if it does not", line)
 
     # ---- moves
 

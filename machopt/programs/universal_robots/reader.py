@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, ProgramEnd
 from machopt.programs.reading.rotation_conventions import build_pose_matrix
 from machopt.programs.universal_robots.expression_values import (
     ScriptPose,
@@ -92,7 +93,8 @@ class _ScriptReader:
     def run(self) -> ParsedProgram:
         self.load()
         self.out.set_base(ProgramFrame("base", np.eye(4)))
-        self.follow(self.top, 0, len(self.top.lines), 0)
+        with suppress(ProgramEnd):
+            self.follow(self.top, 0, len(self.top.lines), 0)
         if not len(self.out):  # defined and not called: a controller runs the one that was sent
             called = {c.group(1) for b in self.bodies.values() for line in b.lines if (c := _CALL.fullmatch(line.code))}
             free = [b for b in self.bodies.values() if b.name not in called and not b.thread]
@@ -105,7 +107,8 @@ class _ScriptReader:
                 )
             for body in moving:
                 self.out.name = body.name
-                self.follow(body, 0, len(body.lines), 0)
+                with suppress(ProgramEnd):
+                    self.follow(body, 0, len(body.lines), 0)
         return self.out.build()
 
     def load(self) -> None:
@@ -173,7 +176,7 @@ class _ScriptReader:
         if k in body.ends:
             inside = ScriptFunction("", lines=body.lines[k + 1 : body.ends[k]])
             for i in inside.lines:
-                if i.code.split(" ")[0] == "return":
+                if i.code.split(" ")[0] in ("return", "halt"):
                     self.out.may_end(i.number)
             if self.moves(inside):
                 raise ScriptValueError(
@@ -194,7 +197,7 @@ class _ScriptReader:
         elif found := _CALL.fullmatch(code):
             self.call(found.group(1), found.group(2), line, depth)
         elif code == "halt":
-            self.out.event(code, "stop")
+            self.out.end_program(code)
         elif code.split(" ")[0] == "return":
             self.returned = True
         else:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.called_files import find_called_file
 from machopt.programs.reading.harmless_words import compile_beginning_pattern
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, parse_number
+from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, ProgramEnd, parse_number
 from machopt.programs.reading.rotation_conventions import compute_fixed_xyz_rotation
 from machopt.programs.yaskawa.harmless_words import JBI
 
@@ -76,7 +77,8 @@ class _YaskawaReader:
         self.out.name = job.name or self.out.source.path.stem
         if not job.has_end:
             self.out.warn_once("no END: the file may be cut off", len(self.out.source.lines))
-        self.follow(job, 0)
+        with suppress(ProgramEnd):
+            self.follow(job, 0)
         if self.jump is not None and len(self.out):
             line, text, source = self.jump
             raise self.out.error(
@@ -122,6 +124,8 @@ class _YaskawaReader:
             elif word == "TIMER":
                 seconds = parse_number(text.split("=")[-1].strip())
                 self.out.event(text, "dwell", math.nan if seconds is None else seconds)
+            elif text == "ABORT":
+                self.out.end_program(text)
             elif word in ("PAUSE", "ABORT"):
                 self.out.event(text, "stop")
             elif _EVENT.match(text):

@@ -47,7 +47,10 @@ G_LETTERS: dict[str, str] = {
     "E": "thread pitch or extruder, which move no axis of the tool",
 }
 SINUMERIK_CALLS: dict[str, str] = {
-    **dict.fromkeys(("MSG", "DISPLOF", "DISPLON", "WORKPIECE", "PRINTLN", "ACTBLOCNO"), _DISPLAY),
+    **dict.fromkeys(
+        ("MSG", "DISPLOF", "DISPLON", "WORKPIECE", "PRINTLN", "ACTBLOCNO", "GROUP_BEGIN", "GROUP_END"), _DISPLAY
+    ),
+    "SETMS": "which spindle S and M3 mean",
     **dict.fromkeys(
         (
             "FFWON",
@@ -93,7 +96,7 @@ SINUMERIK_CALLS: dict[str, str] = {
         ("STOPRE", "STOPREOF", "SAVE", "SBLON", "SBLOF", "ICYCON", "ICYCOF"), "order of the control's own work"
     ),
     **dict.fromkeys(
-        ("WAITM", "WAITMC", "WAITE", "WAITP", "WAITS", "SETM", "CLEARM", "GET", "GETD", "RELEASE"),
+        ("INIT", "START", "WAITM", "WAITMC", "WAITE", "WAITP", "WAITS", "SETM", "CLEARM", "GET", "GETD", "RELEASE"),
         "channels and positioning axes wait for each other or change hands",
     ),
     **dict.fromkeys(("TOFFOFF", "DIAMOF", "TOROTOF", "PAROTOF"), _OFF),
@@ -161,7 +164,6 @@ APT: dict[str, str] = {
             "PARTNO",
             "MFGNO",
             "FEATNO",
-            "OFSTNO",
             "TOOL_NAME",
             "TPRINT",
             "REMARK",
@@ -232,7 +234,7 @@ APT: dict[str, str] = {
 }
 APT_SET: dict[str, str] = {
     "MODE": "increments, which the reader uses",
-    **dict.fromkeys(("HOLDER", "ADJUST", "OFSETL", "TOOL"), _LENGTH),
+    **dict.fromkeys(("HOLDER", "TOOL"), _LENGTH),
 }
 APT_FEDRAT: dict[str, str] = dict.fromkeys(("LOCK", "ON", "OFF"), "holds or releases the operator's override")
 NCI: dict[int, str] = {

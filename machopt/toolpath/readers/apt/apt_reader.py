@@ -86,6 +86,7 @@ class _AptReader(OperationStatementReader):
             "STOP": self.stop,
             "OPSTOP": self.stop,
             "SET": self.set_mode,
+            "OFSTNO": self.offset_number,
             "TOOLNO": self.tool_number,
             "PPRINT": self.remark,
             "MSG": self.remark,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from machopt.file_formats.source_file import normalise_word
 from machopt.toolpath.readers import harmless_words
@@ -17,6 +19,9 @@ _MODES = ("MILL", "INCR", "ABSOL")
 class OperationStatementReader(CoordinateSystemReader):
     """Keeps them as operations and events; what may move points is counted as not understood."""
 
+    tool_from = 0  # number of points before the tool in use
+    registers: Mapping[str, str] = MappingProxyType({})  # word → number of the offset register in use
+
     def tool_path(self, word: str, rest: str, line: int) -> None:
         """Carry out TOOL PATH: an operation begins (NX).
 
@@ -27,6 +32,7 @@ class OperationStatementReader(CoordinateSystemReader):
         """
         parts = [p.strip() for p in rest.split(",")]
         tool = parts[2] if len(parts) > 2 else ""
+        self.take_new_tool()
         self.ended = False
         self.cycle, self.rapid = None, False
         self.out.begin_operation(parts[0] or "TOOL PATH", tool=tool)
@@ -54,6 +60,7 @@ class OperationStatementReader(CoordinateSystemReader):
         if parts and parts[0] == self.tool:
             return  # named again, not changed
         self.tool = parts[0] if parts else ""
+        self.take_new_tool()
         self.out.event("tool", f"{word}/{rest}", math.nan if value is None else value)
         if self.dialect in (CamDialect.GENERIC, CamDialect.CREO):
             self.out.begin_operation(f"tool {self.tool}", tool=self.tool)
@@ -179,6 +186,37 @@ class OperationStatementReader(CoordinateSystemReader):
         self.remarks = text or self.remarks
         self.out.event("comment", text)
 
+    def take_new_tool(self) -> None:
+        """Forget the registers of the tool before: the new tool has a length of its own."""
+        self.tool_from = len(self.out)
+        self.registers = {name: n for name, n in self.registers.items() if name == "OFSTNO"}
+
+    def select_register(self, word: str, number: str, line: int, *, points_before: bool) -> None:
+        """Carry out the choice of an offset register, whose value only the control knows.
+
+        The first choice names the register that the points count from. Another one in the middle of the path moves the
+        points behind it by the difference of both values (ISO 4343: OFSETL, OFSTNO), so it stops the plan.
+
+        Args:
+            word: SET/OFSETL, SET/ADJUST or OFSTNO.
+            number: Text of the number.
+            line: Line number in the file (1-based).
+            points_before: Whether points count from the register that was in use.
+        """
+        before = self.registers.get(word)
+        self.registers = {**self.registers, word: number}
+        self.out.ignore(word, line, understood=number == before or not points_before)
+
+    def offset_number(self, word: str, rest: str, line: int) -> None:
+        """Carry out OFSTNO: the work offset that the points count from.
+
+        Args:
+            word: Major word of the statement.
+            rest: Text behind the slash of the statement.
+            line: Line number in the file (1-based).
+        """
+        self.select_register(word, rest.strip(), line, points_before=len(self.out) > 0)
+
     def set_mode(self, word: str, rest: str, line: int) -> None:
         """Carry out ``SET/MODE`` or another mode of the post-processor.
 
@@ -191,6 +229,9 @@ class OperationStatementReader(CoordinateSystemReader):
         if "INCR" in parts:
             self.ask_for_increments("SET/MODE,INCR", line)
         name = parts[0] if parts else ""
+        if name in ("OFSETL", "ADJUST"):
+            self.select_register(f"SET/{name}", ",".join(parts[1:]), line, points_before=len(self.out) > self.tool_from)
+            return
         self.out.ignore(f"SET/{name[:20]}", line, understood=name in harmless_words.APT_SET)
 
     def ask_for_increments(self, word: str, line: int) -> None:

@@ -77,6 +77,11 @@ class CannedCycle:
             raise DrillingCycleError(
                 f"G{self.code} without {letter}: {what} is not stated; post the cycle with its {letter}"
             )
+        if self.code == 87 and self.z > self.r:
+            raise DrillingCycleError(
+                "G87 is back boring: which way the tool is shifted beside the hole is a parameter of the control; post "
+                "the hole as G0 and G1"
+            )
         return DrillingCycle(
             name=f"G{self.code}",
             bottom=self.z,
@@ -91,21 +96,49 @@ class CannedCycle:
         )
 
 
-def _compute_tapping_feeds(name: str, values: list[float | None]) -> tuple[float | None, float | None]:
-    """Feeds in and out of CYCLE84: pitch PIT times the speeds SST and SST1; None where they are not stated."""
-    pitch, speed, speed_out = values[8], values[10], values[11]
-    if name != "CYCLE84" or not pitch or not speed:
+# ISO 261, coarse series: nominal diameter → pitch, mm
+_COARSE_PITCH: dict[float, float] = dict(
+    zip(
+        (3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 45, 48),
+        (0.5, 0.7, 0.8, 1, 1.25, 1.5, 1.75, 2, 2, 2.5, 2.5, 2.5, 3, 3, 3.5, 3.5, 4, 4, 4.5, 4.5, 5),
+        strict=True,
+    )
+)
+
+
+def _compute_tapping_feeds(
+    name: str, values: list[float | None], scale: float, rpm: float
+) -> tuple[float | None, float | None]:
+    """Feeds in and out of CYCLE84 and CYCLE840, mm/min: pitch PIT or thread size MPIT times the speeds SST and SST1.
+
+    CYCLE840 has no speeds of its own. None where pitch or speed are not stated: the feed in force holds.
+    """
+    if name not in ("CYCLE84", "CYCLE840"):
         return None, None
-    return abs(pitch) * speed, abs(pitch) * (speed_out or speed)
+    size, pitch = values[7:9] if name == "CYCLE84" else values[9:11]
+    if not pitch and size:
+        pitch_mm = _COARSE_PITCH.get(abs(size))
+        if pitch_mm is None:
+            raise DrillingCycleError(f"{name}: thread size M{abs(size):g} is not in the coarse series; give the pitch")
+    elif pitch:
+        pitch_mm = abs(pitch) * scale
+    else:
+        return None, None
+    speed, speed_out = (values[10], values[11]) if name == "CYCLE84" else (None, None)
+    speed = speed or (rpm if rpm > 0.0 else None)
+    if not speed:
+        return None, None
+    return pitch_mm * speed, pitch_mm * (speed_out or speed)
 
 
-def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
+def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.nan) -> DrillingCycle:
     """Parse ``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)``; its feed is the feed that is active at each hole.
 
     Args:
         name: Name of the cycle.
         text: Text of its arguments.
         scale: mm per unit of the program.
+        rpm: Spindle speed in force, 1/min; NaN where none is.
 
     Returns:
         The drilling cycle with heights over the plane z = 0, mm.
@@ -121,7 +154,7 @@ def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
                 raise ValueError
         except ValueError:
             raise DrillingCycleError(f"{name}: argument {part!r} is not a number") from None
-    values += [None] * (15 - len(values))
+    values += [None] * (18 - len(values))
     rtp, rfp, sdis, dp, dpr = values[:5]
     if rtp is None or rfp is None or (dp is None and dpr is None):
         raise DrillingCycleError(f"{name}: expected retract plane, reference plane, safety distance and depth")
@@ -138,18 +171,25 @@ def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
             "as -0.001 to -1, and a share of the feed, 0.001 to 1 or in percent"
         )
     chip_break = deep and values[11] in (0.0, None)
-    way_in, way_out = values[6:8] if name == "CYCLE85" else _compute_tapping_feeds(name, values)  # FFR, RFF; units/min
+    way_in, way_out = _compute_tapping_feeds(name, values, scale, rpm)
+    if name == "CYCLE85":  # FFR, RFF
+        way_in, way_out = ((v or 0.0) * scale for v in values[6:8])
+    gap = abs(values[14] or 0.0) if chip_break else 0.0
+    stepwise = name == "CYCLE84" and (values[15] or 0.0) % 10 in (1.0, 2.0) and (values[16] or 0.0) > 0.0
+    if stepwise:  # _VARI, _DAM, _VRT
+        peck, chip_break, gap = values[16] or 0.0, (values[15] or 0.0) % 10 == 1.0, abs(values[17] or 0.0)
     return DrillingCycle(
         name=name,
         bottom=bottom * scale,
         surface=rfp * scale,
         clear=(rfp + abs(sdis or 0.0)) * scale,
         retract=max(rtp, rfp + abs(sdis or 0.0)) * scale,
-        feed=way_in * scale if way_in else math.nan,
-        feed_back=way_out * scale if way_out else math.nan,
+        feed=way_in or math.nan,
+        feed_back=way_out or math.nan,
         first_peck=max(peck, 0.0) * scale,
         chip_break=chip_break,
-        gap=abs(values[14] or 0.0) * scale if chip_break and values[14] else 1.0,
+        gap=gap * scale or 1.0,
+        synchronous=stepwise,
         less=max(degression, 0.0) * scale,
         share=-degression if degression < 0.0 else 1.0,
         least_peck=max(values[13] or 0.0, 0.0) * scale if deep else 0.0,

@@ -9,6 +9,7 @@ import numpy as np
 
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
+from machopt.path_building.back_boring import BackBoringCycle, append_back_boring_moves
 from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleError, append_hole_moves
 from machopt.toolpath.readers.gcode.arc_moves import ArcMoveReader
 from machopt.toolpath.readers.gcode.canned_cycles import CannedCycle
@@ -176,9 +177,13 @@ class DrillingMoveReader(ArcMoveReader):
             before = None
             if not any(math.isnan(v) for v in self.p):
                 before = self.setup.point((self.p[0], self.p[1], self.p[2]))
-            height = append_hole_moves(
-                self.out, cycle, self.setup.point((hole[0], hole[1], hole[2])), normal, b.line, before
-            )
+            where = self.setup.point((hole[0], hole[1], hole[2]))
+            if isinstance(cycle, BackBoringCycle):
+                x, y, z = (v + shift for v, shift in zip(hole, cycle.sideways, strict=True))
+                places = where, self.setup.point((x, y, z))
+                height = append_back_boring_moves(self.out, cycle, places, normal, b.line, before)
+            else:
+                height = append_hole_moves(self.out, cycle, where, normal, b.line, before)
             hole[along] = height
             self.p, self.lost = hole, [""] * 3
         if self.once == b.line:

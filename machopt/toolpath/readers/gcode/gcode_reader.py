@@ -29,6 +29,8 @@ from machopt.toolpath.readers.gcode.siemens_calls import OPERATION
 from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader, ProgramBlock, refuse_exponent
 from machopt.toolpath.readers.gcode.syntax.missing_decimal_points import apply_decimals_option
 from machopt.toolpath.readers.gcode.syntax.program_header import (
+    ARCHIVE_HEAD,
+    PROGRAM_NUMBER,
     check_ascii,
     check_gcode_options,
     find_first_unit,
@@ -129,6 +131,7 @@ class GcodeReader(AuxiliaryWordReader):
 
     def finish(self) -> Toolpath:
         self.end_contour("the program ends")
+        self.report_other_programs()
         self.check_offsets_given()
         if self.options.machine and not self.rotary_words:
             self.out.warn("--machine has no effect: the program has no rotary words (A, B, C) and no tool vectors")
@@ -141,6 +144,16 @@ class GcodeReader(AuxiliaryWordReader):
             self.out.replace_positions(fill_unknown(self.out.positions(), self.out))
         self.compare_rotary_signs()
         return self.out.build()
+
+    def report_other_programs(self) -> None:
+        """Name the main programs of the file behind the first one: other channels or jobs, which are not read."""
+        pattern = ARCHIVE_HEAD if self.siemens else PROGRAM_NUMBER
+        if not self.decimals_count or (self.flow is not None and not self.siemens):
+            return
+        named = [(n, found.group(1)) for n, t in enumerate(self.source.lines, 1) if (found := pattern.match(t))]
+        if len(named) > 1:
+            others = ", ".join(name for _, name in named[1:5])
+            self.out.warn(f"only the first program of the file is read; {others} would be read by itself", named[1][0])
 
     def present_call(self) -> object:
         return self.flow.calls[-1] if isinstance(self.flow, MacroFlow) and self.flow.calls else None
@@ -198,6 +211,8 @@ class GcodeReader(AuxiliaryWordReader):
                 raise self.source.build_error(str(problem), line) from problem
             if isinstance(self.flow, MacroFlow):
                 self.report_place(self.flow, line)
+            while isinstance(self.flow, SiemensFlow) and self.flow.notes:
+                self.out.warn_once(self.flow.notes.pop(), line)
 
     def report_place(self, flow: MacroFlow, line: int) -> None:
         """Give the present position to the expressions, and report the conventions that an expression depended on.
@@ -219,7 +234,17 @@ class GcodeReader(AuxiliaryWordReader):
             text: Text in upper case without comments.
         """
         if text.startswith("%"):
-            return  # the head of a program in an archive
+            if text == siemens_flow.SAVE_MODES:
+                self.save_for_call()
+            elif text.endswith(siemens_flow.RESTORE_MODES):
+                self.restore_after_call(line)
+            elif len(self.out) and self.flow is None:  # the head of the next program in an archive
+                self.ended = True
+            return
+        if text.endswith(siemens_flow.RESTORE_MODES):  # behind words in the block of the return
+            self.block(self.blocks.block(line, text.removesuffix(siemens_flow.RESTORE_MODES)))
+            self.restore_after_call(line)
+            return
         self.block(self.blocks.block(line, text))
 
     def clean(self, line: int, raw: str) -> tuple[str, list[str]] | None:
@@ -308,6 +333,12 @@ class GcodeReader(AuxiliaryWordReader):
                 if value > 1e5:
                     raise self.source.build_error(f"{letter}{value:g} is not a word of any control", b.line)
                 (g_words if letter == "G" else m_words).append(round(value * 10) if letter == "G" else round(value))
+            elif letter == "O" and len(self.out) and self.flow is None and not self.siemens and self.decimals_count:
+                raise self.source.build_error(
+                    f"O{value:g} begins another program, and the one before has no end (M30, M2 or M99): expected one "
+                    "program in the file, or an end before the next one",
+                    b.line,
+                )
             elif letter not in "NO":
                 if letter == "T" and "T" in words and "T" not in twice:
                     twice["T"] = value  # T01 T02 M06: the second one is for later

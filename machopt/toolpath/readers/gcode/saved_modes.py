@@ -1,4 +1,4 @@
-"""Modes that a program saves and restores: M70 to M73 of LinuxCNC."""
+"""Modes that a program saves and restores: M70 to M73 of LinuxCNC, PROC … SAVE of Sinumerik."""
 
 from __future__ import annotations
 
@@ -33,10 +33,51 @@ class ModeReader(SiemensCallReader):
     def __init__(self, source: SourceFile, options: ReadOptions, unit: str) -> None:
         super().__init__(source, options, unit)
         self.saved: list[SavedModes] = []
+        self.at_calls: list[tuple[SavedModes, int | None, object, object]] = []
 
     def present_call(self) -> object:
         """The call that is carried out, None in the main program."""
         return None
+
+    def save_for_call(self) -> None:
+        """Save the modes in front of a call of ``PROC … SAVE``."""
+        self.at_calls.append((self._modes(None), self.motion, self.setup.local, self.tilted_plane))
+
+    def restore_after_call(self, line: int) -> None:
+        """Restore the modes and the kind of motion that held before a call of ``PROC … SAVE``.
+
+        Args:
+            line: Line number in the file (1-based).
+
+        Raises:
+            InputError: the subprogram left another coordinate system.
+        """
+        modes, motion, local, tilted = self.at_calls.pop()
+        if self.setup.local is not local or self.tilted_plane is not tilted:
+            raise self.source.build_error(
+                "a subprogram with SAVE changes the coordinate system (TRANS, ROT …), which its return restores: not "
+                "followed; end the frame in the subprogram or expand the call",
+                line,
+            )
+        feed, feed_scale, rpm = self.feed, self.feed_scale, self.rpm  # no G functions: they stay
+        self.restore(modes, line)
+        self.feed, self.feed_scale, self.rpm, self.motion = feed, feed_scale, rpm, motion
+
+    def _modes(self, call: object) -> SavedModes:
+        return SavedModes(
+            call=call,
+            scale=self.scale,
+            feed_unit=self.feed_unit,
+            plane=self.plane,
+            incremental=self.incremental,
+            absolute_centres=self.centres.absolute,
+            feed_mode=self.feed_mode,
+            feed=self.feed,
+            feed_scale=self.feed_scale,
+            rpm=self.rpm,
+            work_offset=self.work_offset,
+            back_to_initial=self.back_to_initial,
+        )
 
     def saved_modes(self, m: int, line: int) -> None:
         """Carry out M70 to M73.
@@ -56,22 +97,7 @@ class ModeReader(SiemensCallReader):
         if m != 72:
             self.saved = [s for s in self.saved if s.call is not call]
         if m in (70, 73):
-            self.saved.append(
-                SavedModes(
-                    call=call,
-                    scale=self.scale,
-                    feed_unit=self.feed_unit,
-                    plane=self.plane,
-                    incremental=self.incremental,
-                    absolute_centres=self.centres.absolute,
-                    feed_mode=self.feed_mode,
-                    feed=self.feed,
-                    feed_scale=self.feed_scale,
-                    rpm=self.rpm,
-                    work_offset=self.work_offset,
-                    back_to_initial=self.back_to_initial,
-                )
-            )
+            self.saved.append(self._modes(call))
         if m == 72:
             found = next((s for s in self.saved if s.call is call), None)
             if found is None:

@@ -105,7 +105,7 @@ class SiemensCallReader(FrameWordReader):
         elif name in ("TOROT", "TOFRAME"):
             self.torot(name, line)
         elif SIEMENS.fullmatch(name):
-            self.modal_call = parse_siemens_cycle(name, args, self.scale)
+            self.modal_call = parse_siemens_cycle(name, args, self.scale, self.rpm)
             self.once = line
             if find_plane_axes(self.plane) != (0, 1):
                 self.out.warn_once(

@@ -31,6 +31,7 @@ class WorkOffsetReader(BlockMotionReader):
         self.work_offset: int | None = None
         self.first_offset: int | None = None
         self.named_offsets: set[str] = set()  # keys
+        self.effective_offsets: set[str] = set()  # keys of options that a place was computed from
         self.cell_offset = ""  # of the cell's, that points count from
         self.shifts: dict[str, list[float]] = {}  # G52, G92, CYCL DEF 7 in mm
         self.preset_unknown = [False] * 3  # G92 named the place of an axis where its place was not known
@@ -146,6 +147,8 @@ class WorkOffsetReader(BlockMotionReader):
         """
         key, given_origins = normalise_offset_name(name), dict(self.options.offsets)
         if key in given_origins:
+            if name != first:
+                self.effective_offsets |= {key, normalise_offset_name(first)}
             origin = np.array(given_origins[key]) - np.array(
                 given_origins.get(normalise_offset_name(first), (0.0, 0.0, 0.0))
             )
@@ -167,7 +170,7 @@ class WorkOffsetReader(BlockMotionReader):
         )
 
     def check_offsets_given(self) -> None:
-        """Refuse an ``--offset`` of a name that the program never uses.
+        """Refuse an ``--offset`` of a name that the program never uses, or of its first one without another.
 
         Raises:
             InputError: it has no effect.
@@ -177,6 +180,12 @@ class WorkOffsetReader(BlockMotionReader):
             named = ", ".join(sorted(self.named_offsets)) or "none"
             raise self.source.build_error(
                 f"--offset {unused[0]}: the program does not use that work offset; it uses {named}"
+            )
+        idle = [name for name, _ in self.options.offsets if name not in self.effective_offsets and name != "G53"]
+        if idle:
+            raise self.source.build_error(
+                f"--offset {idle[0]} has no effect: the points of the program count from {idle[0]}, its first work "
+                "offset, and that is the workpiece. Expected a call without it, or --offset of another work offset too"
             )
 
     # ---- G10

@@ -12,7 +12,7 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.file_formats.source_file import MM_PER_INCH, ReadOptions, SourceFile
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError
-from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleError
+from machopt.path_building.drilling_cycles import DrillingCycleError
 from machopt.path_building.point_collector import Vector
 from machopt.toolpath.readers import harmless_words
 from machopt.toolpath.readers.gcode.arc_moves import ProgrammedArc
@@ -31,7 +31,6 @@ from machopt.toolpath.readers.heidenhain.drilling_cycles import (
     SUPPORTED,
     build_old_cycle,
     build_q_cycle,
-    list_ignored_parameters,
 )
 from machopt.toolpath.readers.heidenhain.label_flow import LabelFlow
 
@@ -450,7 +449,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         if q.get(201) == 0.0:
             self.out.warn_once(f"cycle {self.cycle} with Q201=0 (no depth) is not carried out, as on the control", line)
             return
-        plan = self.build_cycle(line)
+        plan = build_q_cycle(self.cycle, self.q, self.scale, self.rpm)
         for x, y in places:
             self.holes(plan, {}, [x * s, y * s, self.p[2]], ProgramBlock(line=line, words=[]))
 
@@ -509,26 +508,19 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             )
         if number == 241:
             self.out.warn_once(
-                "cycle 241 is read as one stroke at Q206: feeds, speeds and the start of the pre-drilled part are not "
-                "carried out",
+                "cycle 241 is read as one stroke at Q206 from the pre-drilled depth Q379: speeds and the dwell on the "
+                "way are not carried out",
                 line,
             )
         if number == 204:
-            self.out.warn_once("cycle 204 (back boring) is read without its offset across the axis", line)
+            self.out.warn_once(
+                "cycle 204 (back boring): the spindle must stop at the angle Q336 while the tool is beside the axis; "
+                "that is no part of a path",
+                line,
+            )
         self.cycle, self.cycle_words = number, {}
         for name in [k for k in self.q if k >= 200]:
             del self.q[name]  # each cycle names its own
-
-    def build_cycle(self, line: int) -> DrillingCycle:
-        """Build the strokes of the cycle in force, and say which of its parameters are not carried out.
-
-        Args:
-            line: Line number in the file (1-based).
-        """
-        number = self.cycle or 0
-        for name in list_ignored_parameters(number, self.q):
-            self.out.warn_once(f"cycle {number}: {name} is not carried out: strokes and feeds are those without", line)
-        return build_q_cycle(number, self.q, self.scale, self.rpm)
 
     def drill_here(self, b: ProgramBlock) -> None:
         """Carry out M99, CYCL CALL or G79: one hole at the present position.
@@ -543,13 +535,14 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             raise DrillingCycleError("a cycle call (M99, CYCL CALL, G79) before any drilling cycle was defined")
         if np.isnan(self.p).any():
             raise DrillingCycleError("a drilling cycle where the tool's place is not known")
-        if self.cycle >= 200 and self.q.get(201) == 0.0:
+        depth = 249 if self.cycle == 204 else 201
+        if self.cycle >= 200 and self.q.get(depth) == 0.0:
             self.out.warn_once(
-                f"cycle {self.cycle} with Q201=0 (no depth) is not carried out, as on the control", b.line
+                f"cycle {self.cycle} with Q{depth}=0 (no depth) is not carried out, as on the control", b.line
             )
             return
         if self.cycle >= 200:
-            plan = self.build_cycle(b.line)
+            plan = build_q_cycle(self.cycle, self.q, self.scale, self.rpm)
         else:
             plan = build_old_cycle(self.cycle, self.cycle_words, self.p[2], self.scale, self.rpm)
         self.holes(plan, {}, None, b)

@@ -150,6 +150,10 @@ class DefinitionReader(SentenceReader):
         if number == 247:
             self.out.ignore(f"CYCL DEF {number}", line, understood=number in harmless_words.HEIDENHAIN_CYCLES)
             return True
+        if number == 12:
+            raise self.source.build_error(
+                "CYCL DEF 12 makes another program the cycle of M99: it is not in this file; expand it", line
+            )
         if number in MACHINE_CYCLES or number in BUILDER_CYCLES:
             self.machine_cycle(number, line)
             return True

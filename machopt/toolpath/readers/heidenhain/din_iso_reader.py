@@ -80,13 +80,19 @@ class _DinIsoReader(HeidenhainControlReader):
 
     def clean(self, line: int, raw: str) -> tuple[str, list[str]] | None:
         if raw.lstrip().startswith("%"):
-            return None
+            if HEIDENHAIN_ISO.match(raw) or not raw.strip("% \t*"):
+                return None
+            raw = "N0 " + raw.lstrip()
         found = super().clean(line, raw)
         if found is None:
             return None
         text = re.sub(r"^\s*N\s*\d+\s*", "", found[0])
         if re.match(r"%.*G7[01]", text):
             return "END", found[1]
+        if text.startswith("%"):
+            raise self.source.build_error(
+                f"{text.rstrip('* ')} calls a program that is not in this file; expand it into one program", line
+            )
         return text.rstrip("* ").strip(), found[1]
 
     def code(self, line: int, text: str) -> None:

@@ -1,15 +1,20 @@
 """Heidenhain's drilling cycles as stroke plans: 1, 2, 17, 200 to 209, 240 and 241.
 
-Heights are in mm over the program's z = 0.
+Heights are in mm over the program's z = 0. Pecks and chip breaks are those of Heidenhain's manual of cycles (TNC 640,
+"Cycles for drilling"): 203 and 205 with decrement Q212, 205 with chip breaks Q257 and a pre-drilled hole Q379, 209 with
+chip breaks Q257.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
+from machopt.path_building.back_boring import BackBoringCycle
 from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleError
 
-_IGNORED = {203: (212,), 205: (212, 257, 379), 209: (257,), 204: (254,)}  # shorter pecks, chip breaking, recessed start
+_RAPID = 99999.0  # MAX or FMAX as a feed
+_SIDES = {1: (-1.0, 0.0, 0.0), 2: (0.0, -1.0, 0.0), 3: (1.0, 0.0, 0.0), 4: (0.0, 1.0, 0.0)}  # Q214
 SUPPORTED = (1, 2, 17, 200, 201, 202, 203, 204, 205, 206, 207, 209, 240, 241)
 _OLD_WORDS = {
     "DIST": "SETUP",
@@ -99,7 +104,15 @@ def build_q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) ->
         feed = abs(q.get(239, math.nan)) * rpm
     if not feed > 0.0:
         feed = math.nan  # none, or a pitch of zero: the default feed is required
-    peck = q.get(202, 0.0) if number in (200, 203, 205) else 0.0
+    if q.get(395, 0.0) != 0.0:
+        raise DrillingCycleError(
+            f"cycle {number} with Q395=1 counts its depth without the tool's point, whose length is not in the file"
+        )
+    pitch = abs(q.get(239, 0.0))
+    back_feed = q.get(208)
+    feed_out = number in (201, 202, 206, 207, 209) or (number in (203, 205, 241) and back_feed is not None)
+    if back_feed is not None and back_feed >= _RAPID:
+        feed_out, back_feed = number in (206, 207, 209), None
     return DrillingCycle(
         name=f"CYCL {number}",
         bottom=top - abs(q[201]) * scale,
@@ -107,24 +120,45 @@ def build_q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) ->
         clear=clear,
         retract=max(top + q.get(204, q[200]) * scale, clear),
         feed=feed * scale,
-        first_peck=max(peck, 0.0) * scale,
-        chip_break=(number == 203 and q.get(213, 0.0) > 0.0) or number == 209,
-        gap=abs(q.get(256, 0.0)) * scale or 1.0,
-        feed_out=number in (201, 202, 206, 207, 209),
-        feed_back=q[208] * scale if number in (201, 202) and q.get(208, 0.0) > 0.0 else math.nan,
+        feed_out=feed_out,
+        feed_back=_compute_feed_back(number, feed, back_feed, q) * scale,
         dwell=q.get(211, 0.0),
-        peck_from=top,
+        synchronous=number == 209,
+        **_list_pecks(number, q, scale, top),
+        gap=abs(q.get(258 if number == 205 else 256, 0.0)) * (pitch if number == 209 else 1.0) * scale or 1.0,
+        gap_last=abs(q[259]) * scale if number == 205 and q.get(259) and q.get(258) else None,
     )
 
 
-def list_ignored_parameters(number: int, q: dict[int, float]) -> list[str]:
-    """Return the Q parameters of a cycle that are stated, change its strokes, and are not carried out.
+def _compute_feed_back(number: int, feed: float, back_feed: float | None, q: dict[int, float]) -> float:
+    """Feed of the way out, units/min; NaN: that of the way in."""
+    if number in (201, 202, 203, 205, 241) and back_feed is not None and back_feed > 0.0:
+        return back_feed
+    if number == 209 and q.get(403, 0.0) > 0.0:  # a factor for the speed of the way out
+        return feed * q[403]
+    return math.nan
 
-    Args:
-        number: Number of the cycle.
-        q: Q number → value.
-    """
-    return [f"Q{name}" for name in _IGNORED.get(number, ()) if q.get(name, 0.0) != 0.0]
+
+def _list_pecks(number: int, q: dict[int, float], scale: float, top: float) -> dict[str, Any]:
+    """Fields of the drilling cycle that say where it stops on its way down."""
+    fields: dict[str, Any] = {"peck_from": top}
+    if number in (205, 241) and q.get(379, 0.0) != 0.0:
+        start_feed = q.get(253, math.nan)
+        fields["start"] = fields["peck_from"] = top - abs(q[379]) * scale
+        fields["start_feed"] = start_feed * scale if 0.0 < start_feed < _RAPID else math.nan
+    if number in (200, 203, 205):
+        fields["first_peck"] = max(q.get(202, 0.0), 0.0) * scale
+    if number in (203, 205):
+        fields["decrement"] = max(q.get(212, 0.0), 0.0) * scale
+        fields["least_peck"] = max(q.get(205, 0.0), 0.0) * scale
+    if number == 203 and q.get(213, 0.0) > 0.0:
+        fields["chip_break"], fields["breaks_before_out"] = True, round(q[213])
+    if number == 205 and q.get(257, 0.0) > 0.0:
+        fields["break_every"] = q[257] * scale
+        fields["break_gap"] = abs(q.get(256, 0.0)) * scale
+    if number == 209 and q.get(257, 0.0) > 0.0:
+        fields["first_peck"], fields["chip_break"] = q[257] * scale, q.get(256, 0.0) != 0.0
+    return fields
 
 
 def _is_upward_depth(word: str, depth: float) -> str:
@@ -134,20 +168,31 @@ def _is_upward_depth(word: str, depth: float) -> str:
     )
 
 
-def _build_back_boring(q: dict[int, float], scale: float) -> DrillingCycle:
-    """Cycle 204 as the stroke down to below the part and the cut upwards; the lateral step is left out."""
-    if 200 not in q or 249 not in q:
-        raise DrillingCycleError("cycle 204 without Q200 (clearance) or Q249 (depth of the counterbore)")
+def _build_back_boring(q: dict[int, float], scale: float) -> BackBoringCycle:
+    """Cycle 204: Q249 depth, Q250 thickness of the part, Q251 off-centre distance, Q252 height of the edge.
+
+    The tool length counts to the lower end of the bar, Q252 below the edge.
+    """
+    missing = [f"Q{n}" for n in (200, 249, 250, 251, 252, 214) if n not in q]
+    if missing:
+        raise DrillingCycleError(f"cycle 204 without {', '.join(missing)}")
+    if not q[249] > 0.0:
+        raise DrillingCycleError(f"Q249={q[249]:g}: expected a depth above zero, which is bored upwards")
+    side = _SIDES.get(round(q[214]))
+    if side is None:
+        raise DrillingCycleError(f"Q214={q[214]:g}: expected 1 to 4, the direction off the axis")
     top = q.get(203, 0.0) * scale
     clear = top + q[200] * scale
-    below = top - (abs(q.get(250, 0.0)) + abs(q.get(252, 0.0)) + q[200]) * scale
-    return DrillingCycle(
+    lower = top - (abs(q[250]) + abs(q[252])) * scale  # of the bar while its edge is at the lower side of the part
+    feed, position = q.get(254, math.nan), q.get(253, math.nan)
+    return BackBoringCycle(
         name="CYCL 204",
-        bottom=below,
+        bottom=lower - q[200] * scale,
+        top=lower + q[249] * scale,
+        sideways=(side[0] * q[251] * scale, side[1] * q[251] * scale, 0.0),
         clear=clear,
         retract=max(top + q.get(204, q[200]) * scale, clear),
-        feed=(q.get(253, 0.0) or q.get(254, 0.0) or math.nan) * scale,
-        feed_out=True,
+        feed=feed * scale if feed > 0.0 else math.nan,
+        position_feed=position * scale if 0.0 < position < _RAPID else math.nan,
         dwell=q.get(255, 0.0),
-        peck_from=top,
     )

@@ -32,11 +32,14 @@ class LabelFlow:
         self.items = items
         self.q = SiemensVariables()
         self.labels: dict[str, int] = {}
-        self.calls: list[int] = []
+        self.calls: list[tuple[int, str]] = []  # place to go on at, label called
         self.repeats: dict[int, int] = {}
+        self.twice: set[str] = set()  # labels that are set more than once
         for k, (_, text, _) in enumerate(items):
             if (found := _LABEL.fullmatch(text)) and found.group(1) != "0":
-                self.labels.setdefault(found.group(1), k)
+                label = _normalise_label(found.group(1))
+                self.twice.update({label} & self.labels.keys())
+                self.labels.setdefault(label, k)
 
     def run(self) -> Iterator[FlowItem]:
         """Lines as they are carried out.
@@ -63,12 +66,25 @@ class LabelFlow:
 
     def _step(self, at: int, text: str) -> tuple[str, int]:
         if found := _LABEL.fullmatch(text):
-            if found.group(1) == "0" and self.calls:
-                return "", self.calls.pop()
+            if found.group(1).strip("0") == "" and self.calls:
+                return "", self.calls.pop()[0]
             return "", at + 1
+        if self.calls and text.startswith(("END PGM", "END")):
+            label = self.calls[-1][1]
+            raise ProgramFlowError(
+                f"the program ends inside of the subprogram LBL {label}, which has no LBL 0; add it", self.items[at][0]
+            )
+        if text.startswith("CALL") and not _CALL.fullmatch(text) and not text.startswith("CALL PGM"):
+            raise ProgramFlowError(
+                f"{text[:30]!r}: expected CALL LBL and a number or a name, and perhaps REP and a number; calls of "
+                "other programs and of labels in variables are not followed. Expand it",
+                self.items[at][0],
+            )
         if found := _CALL.fullmatch(text):
             again = found.group(2) or (found.group(4) if found.group(4) not in (None, "0") else None)
             return "", self._call(at, found.group(1) or found.group(3), again)
+        if re.match(r"D\d+\s+P\d", text):  # DIN/ISO
+            raise MacroExpressionError(f"{text.split(maxsplit=1)[0]} is not read; expand the program first")
         if "Q" not in text:
             return text, at + 1
         if found := _IF.fullmatch(text):
@@ -109,13 +125,22 @@ class LabelFlow:
             raise MacroExpressionError(f"FN {number} is not read; expand the program first")
 
     def _place(self, label: str, at: int) -> int:
-        if label not in self.labels:
+        name = _normalise_label(label)
+        if name not in self.labels:
             raise ProgramFlowError(f"label {label} is not in this file", self.items[at][0])
-        return self.labels[label] + 1
+        if name in self.twice:
+            raise ProgramFlowError(f"label {label} is set more than once in this file", self.items[at][0])
+        return self.labels[name] + 1
 
     def _call(self, at: int, label: str, repeat: str | None) -> int:
         start = self._place(label, at)
         if repeat is not None:  # repeats a part of the program without a return address
+            if start > at:
+                raise ProgramFlowError(
+                    f"CALL LBL {label} REP repeats the part between the label and the call, and the label is behind "
+                    f"the call. A subprogram is called without REP",
+                    self.items[at][0],
+                )
             left = self.repeats.get(at, int(repeat))
             if left <= 0:
                 self.repeats.pop(at, None)
@@ -126,8 +151,12 @@ class LabelFlow:
             raise ProgramFlowError(
                 f"more than {MAX_CALLS} nested calls: does a subprogram call itself?", self.items[at][0]
             )
-        self.calls.append(at + 1)
+        self.calls.append((at + 1, label))
         return start
+
+
+def _normalise_label(text: str) -> str:
+    return text if text.startswith('"') else str(int(text))
 
 
 def _split_operands(text: str, number: int) -> tuple[str, str, str]:

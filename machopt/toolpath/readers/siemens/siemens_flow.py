@@ -1,30 +1,49 @@
 """R parameters, variables, jumps and loops of Sinumerik programs, executed as far as the file contains them.
 
-Supported: DEF, assignments, IF … GOTOF/GOTOB label, IF/ELSE/ENDIF, FOR, WHILE, REPEAT/UNTIL, LOOP, labels, RET, and
-subprograms in the same file as ``%_N_NAME_SPF`` or ``PROC NAME``. Lines are returned in execution order, with every
-expression replaced by its number.
+Supported: DEF, assignments, IF … GOTOF/GOTOB label, CASE, IF/ELSE/ENDIF, FOR, WHILE, REPEAT/UNTIL, LOOP, REPEAT and
+REPEATB of a part, labels, RET, and subprograms in the same file as ``%_N_NAME_SPF`` or ``PROC NAME``, with parameters,
+repeats (``L100 P2``) and modal calls. Labels and block numbers count inside their own program. Lines are returned in
+execution order, with every expression replaced by its number.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError, StepGuard
 from machopt.toolpath.readers.program_flow.subroutines import MAX_CALLS, FlowItem
+from machopt.toolpath.readers.siemens.line_expressions import LineEvaluator
+from machopt.toolpath.readers.siemens.repeated_parts import MAX_REPEATS, REPEAT, RepeatedPart, find_part
 from machopt.toolpath.readers.siemens.siemens_expressions import SiemensVariables
+from machopt.toolpath.readers.siemens.subprograms import (
+    HEAD,
+    CallText,
+    Subprogram,
+    SubprogramCall,
+    bind_call,
+    compile_call_pattern,
+    enter_call,
+    hide_variable,
+    index_programs,
+    leave_call,
+    parse_call,
+)
 
 NEEDS_FLOW = re.compile(
-    r"\bR\[?\d+\]?\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BF]?|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR)\b|\bPROC\s|%_N_\w+_SPF",
+    r"\bR\[?\d+\]?\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BFCS]?|CASE|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR|CALL|PCALL|EXTERN)\b|\bPROC\s|%_N_\w+_SPF",
     re.IGNORECASE,
 )
-_HEAD = re.compile(r"%_N_(\w+?)_(?:SPF|MPF)\b.*|PROC\s+(\w+)\b.*")
+SAVE_MODES, RESTORE_MODES = "%SAVE", "%RESTORE"  # around a call of PROC … SAVE, for the reader
 _PREFIX = re.compile(r"(?:N\d+\s*)?(?:([A-Z_][A-Z0-9_]+)\s*:(?!=)\s*)?")
 _DEF = re.compile(r"DEF\s+(REAL|INT|BOOL)\b\s*(.*)")
-_IF_GOTO = re.compile(r"IF\s*(.*?)\s*(GOTO[BF]?)\s+(\w+)\s*")
-_GOTO = re.compile(r"(GOTO[BF]?)\s+(\w+)\s*")
-_REPEAT = re.compile(r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+([A-Z_]\w*))?(?:\s+P\s*=?\s*(\d+))?\s*")
+_IF_GOTO = re.compile(r"IF\s*(.*?)\s*(GOTO[BFC]?)\s+(\w+)\s*")
+_GOTO = re.compile(r"(GOTO[BFC]?)\s+(\w+)\s*|(GOTOS)\s*")
+_CASE = re.compile(r"CASE\s*(.+?)\s*\bOF\b\s*(.*)")
+_CASE_BRANCH = re.compile(r"\s*([-+]?\d+\.?\d*|DEFAULT)\s+(GOTO[BFC]?)\s+(\w+)")
+_END = re.compile(r"(?<![\w\"])(?:M0*2|M30)(?![\w\"(=])")  # of a program; in a subprogram a return
+_AXIS_WORD = re.compile(r"(?<![A-Z_])[XYZABC]\s*(?:=|[-+.\d])")
 _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.*)\bTO\b(.*)")
 _BLOCKS = {  # word → (closing word, words between)
     "IF": ("ENDIF", ("ELSE",)),
@@ -35,22 +54,9 @@ _BLOCKS = {  # word → (closing word, words between)
 }
 _WORD = re.compile(r"(IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP)\b\s*(.*)")
 _FLOW_WORD = re.compile(
-    r"(?:IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|ENDLOOP|GOTO[BF]?|DEF|RET|M17|M99)\b"
+    r"(?:IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|ENDLOOP|GOTO[BFCS]?|CASE|EXTERN|DEF|RET|M17|M99)\b"
 )
 _RETURN = re.compile(r"(?<![\w\"])(?:M17|M99|RET)(?![\w\"(=])")  # in a block with other words too
-_ASSIGN = re.compile(r"\s*([A-Z_]\w*(?:\[\s*\d+\s*\])?)\s*=(?!=)\s*")
-_MODE = re.compile(r"(AC|IC|DC|ACP|ACN)\s*\(")
-_ADDRESS = re.compile(
-    r"[A-Z]|CR|AR|RP|AP|TURN|[ABC][2-5]|[IJK]1|FA|SPOS|[XYZABC]\d|FR\w*|OMA\d|D[LT]?|RPL|RNDM?|CHF|CHR|ANG|FB|OVR|[MSHGT]\d?"
-)
-_MOVES_TOO = re.compile(r"\bG\d|\b[XYZ]\s*(?:=|[-+.\d])")
-_NOT_EVALUATED = re.compile(r"(?:MSG|SPOS|DISABLE|WRITE|EXTERN)\b")
-_ARRAY_R = re.compile(r"^R\[(\d+)\]$")
-_ONLY_PARAMETERS = re.compile(r"(?:R\d+=[-\d.]+\s*|N\d+\s*)*")
-_PARAMETER = re.compile(r"R\d+")
-_PLAIN_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
-_CALL = re.compile(r"[A-Z_]\w*\s*\(")
-_STEP = re.compile(r"\"[^\"]*\"?|[A-Z_]\w*|.", re.DOTALL)
 
 
 class SiemensFlow:
@@ -64,18 +70,18 @@ class SiemensFlow:
         self.raw = items
         self.variables = SiemensVariables()
         self.labels: dict[str, list[int]] = {}
-        self.programs: dict[str, int] = {}
+        self.programs, self.owners = index_programs(items)
+        self.call_pattern = compile_call_pattern(list(self.programs))
         self.partner: dict[int, int] = {}  # block word → the next one of its block
         self.loop_of: dict[int, int] = {}  # closing word → opening word
         self.limits: dict[int, float] = {}  # FOR → its end value
-        self.frames: list[int] = []  # where calls go back to
-        self.parts: list[list[int]] = []  # parts being repeated: first and last place, times left, where to go on
-        self._parts: dict[str, list[str | Callable[[], str]]] = {}  # lines split once
+        self.frames: list[SubprogramCall] = []
+        self.modal: tuple[CallText, Subprogram] | None = None  # MCALL
+        self.notes: list[str] = []  # readings that depend on the control, for the reader
+        self.parts: list[RepeatedPart] = []
         self.plain: set[int] = set()  # places of lines that only assign and move
         self.called = False
-        self.read = {  # names that some line reads: variables, not words of the control
-            name for _, _, code, _ in self.items for name in re.findall(r"[A-Z_]\w*", _ASSIGN.sub(" ", code))
-        }
+        self.lines = LineEvaluator(self.variables, [code for _, _, code, _ in self.items])
         self._index()
 
     @property
@@ -87,8 +93,6 @@ class SiemensFlow:
         for k, (line, label, code, _) in enumerate(self.items):
             if label:
                 self.labels.setdefault(label, []).append(k)
-            if found := _HEAD.match(self.raw[k][1]):
-                self.programs.setdefault((found.group(1) or found.group(2)).upper(), k)
             word = self._block_word(code)
             if word is None:
                 continue
@@ -106,9 +110,13 @@ class SiemensFlow:
             self.partner[latest] = k
             self.loop_of[k] = start
         for k, (_, _, code, _) in enumerate(self.items):
-            name = code.partition("(")[0].strip()
             if code and not (
-                _FLOW_WORD.match(code) or _RETURN.search(code) or _HEAD.match(self.raw[k][1]) or name in self.programs
+                _FLOW_WORD.match(code)
+                or _RETURN.search(code)
+                or HEAD.fullmatch(self.raw[k][1])
+                or parse_call(code, self.call_pattern)
+                or code.startswith("MCALL")
+                or (self.programs and _END.search(code))
             ):
                 self.plain.add(k)
         if opened:
@@ -130,13 +138,21 @@ class SiemensFlow:
         """
         at = 0
         guard = StepGuard(len(self.items))
-        while at < len(self.items):
-            line, _, code, comments = self.items[at]
+        if self.owners and self.owners[0].parameters:  # called from outside: with the defaults only
+            self.variables.values.update(
+                {p.name: self.variables.value(p.default) for p in self.owners[0].parameters if p.default}
+            )
+        while at < len(self.items) or self.frames:
+            before, frames = at, len(self.frames)
+            line, _, code, comments = self.items[at] if at < len(self.items) else (self.items[-1][0], None, "", [])
             guard.step(line)
-            before = at
             try:
-                text, at = self._step(at, code)
-                at = self._part_end(before, at)
+                if self.frames and not self.frames[-1].program.first <= at < self.frames[-1].program.last:
+                    self.notes.append("a subprogram without M17 or RET returns at its end")
+                    text, at = self._return()
+                else:
+                    text, at = self._step(at, code)
+                at = self._part_end(before, at, returned=len(self.frames) < frames)
             except MacroExpressionError as problem:
                 raise ProgramFlowError(str(problem), line) from problem
             guard.count_idle_lines(anything=bool(text), line=line)
@@ -144,8 +160,8 @@ class SiemensFlow:
                 state = (
                     tuple(self.variables.values.items()),
                     tuple(self.limits.items()),
-                    tuple(self.frames),
-                    tuple(map(tuple, self.parts)),
+                    tuple((call.back, call.repeats) for call in self.frames),
+                    tuple((part.first, part.left, part.back) for part in self.parts),
                 )
                 guard.check_backward_jump(at, state, line)
             if text or comments:
@@ -155,85 +171,159 @@ class SiemensFlow:
         line = self.items[at][0]
         value = self.variables.value
         if at in self.plain:
-            return self._replace_expressions(code), at + 1
+            text = self.lines.replace_expressions(code)
+            if self.modal is not None and _AXIS_WORD.search(code) and not any(call.modal for call in self.frames):
+                bound = bind_call(*self.modal, at + 1, line, self.variables)
+                bound.modal = True
+                return text, self._enter(bound)[1]
+            return text, at + 1
         if not code:
             return "", at + 1
-        if _HEAD.match(self.raw[at][1]):
-            if at in self.programs.values() and not self.frames and any(k < at for k in self.programs.values()):
+        if HEAD.fullmatch(self.raw[at][1]):
+            if not self.frames and self.owners[at] is not self.owners[0]:
                 return "M30", len(self.items)  # the main program ran to its end
             return "", at + 1
         if found := _IF_GOTO.fullmatch(code):
             return "", self._jump(found.group(2), found.group(3), at) if value(found.group(1)) else at + 1
         if found := _GOTO.fullmatch(code):
-            return "", self._jump(found.group(1), found.group(2), at)
+            return "", self.owners[at].first if found.group(3) else self._jump(found.group(1), found.group(2), at)
+        if found := _CASE.fullmatch(code):
+            return "", self._case(at, *found.groups())
         if found := _DEF.fullmatch(code):
             self._define(found.group(2))
             return "", at + 1
         word = self._block_word(code)
         if word is not None:
             return "", self._block(word, at, code)
-        if found := _REPEAT.fullmatch(code):
-            return "", self._repeat(at, *found.groups())
+        if found := REPEAT.fullmatch(code):
+            return "", self._repeat(at, found.groups())
         if code.startswith("REPEAT"):
             raise ProgramFlowError(f"{code[:30]!r}: expected REPEAT label [label] P=times", line)
+        if code.startswith("EXTERN"):
+            return "", at + 1  # declares a subprogram; its call is what counts
         if '"' not in code and (found := _RETURN.search(code)) and (self.frames or found.group() != "M99"):
-            text = self._replace_expressions(_RETURN.sub(" ", code))  # other words of the block come first
+            text = self.lines.replace_expressions(_RETURN.sub(" ", code))  # other words of the block come first
             if self.frames:
-                return text, self.frames.pop()
+                back, at = self._return()
+                return f"{text} {back}".strip(), at
             return f"{text} M30", len(self.items)
-        name = code.partition("(")[0].strip()
-        if name in self.programs:
-            if "(" in code and code.partition("(")[2].strip(" )"):
-                raise ProgramFlowError(f"{name} is called with values: not followed; expand the program first", line)
-            if len(self.frames) >= MAX_CALLS:
-                raise ProgramFlowError(f"more than {MAX_CALLS} nested calls: does a subprogram call itself?", line)
-            self.called = True
-            self.frames.append(at + 1)
-            return "", self.programs[name] + 1
-        return self._replace_expressions(code), at + 1
+        if self.frames and '"' not in code and _END.search(code):
+            self.notes.append("M2 or M30 in a subprogram is read as its return, like M17")
+            text = self.lines.replace_expressions(_END.sub(" ", code))
+            back, at = self._return()
+            return f"{text} {back}".strip(), at
+        if call := parse_call(code, self.call_pattern):
+            return self._call(at, call)
+        if code.startswith("MCALL"):
+            self.modal = None
+        return self.lines.replace_expressions(code), at + 1
 
-    def _repeat(self, at: int, block: str, first: str, last: str | None, times: str | None) -> int:
-        """REPEAT label [label] P=n, REPEATB label P=n: the part once more, n times."""
-        line, count = self.items[at][0], int(times or 1)
-        places = [self.labels.get(label, []) for label in (first, last) if label]
-        if any(len(found) != 1 for found in places):
-            raise ProgramFlowError(f"REPEAT {first}: each of its labels must occur once in this file", line)
-        start = places[0][0]
-        end = start if block else places[1][0] if last else at - 1
-        if end < start or start <= at <= end:
+    def _call(self, at: int, call: CallText) -> tuple[str, int]:
+        """Call a subprogram of this file, or (MCALL) have it called after each block that moves."""
+        line, program = self.items[at][0], self.programs[call.name]
+        if not call.alone:
             raise ProgramFlowError(
-                f"REPEAT {first}: a part that does not end before it is not followed; expand it", line
+                f"the call of {call.name} and other words in one block: which comes first is not stated. Expected the "
+                "call in a block of its own",
+                line,
             )
+        bound = bind_call(call, program, at + 1, line, self.variables)
+        if call.way == "MCALL":
+            values = ",".join(f"{v:.12f}" for v in bound.values.values())
+            if bound.returned or len(bound.values) < len(program.parameters):
+                raise ProgramFlowError(f"MCALL {call.name}: only parameters that are plain values are followed", line)
+            self.modal = CallText("", call.name, values, call.repeats, alone=True), program
+            return "MCALL", at + 1  # ends a modal drilling cycle
+        return self._enter(bound)
+
+    def _enter(self, call: SubprogramCall) -> tuple[str, int]:
+        if len(self.frames) >= MAX_CALLS:
+            raise ProgramFlowError(f"more than {MAX_CALLS} nested calls: does a subprogram call itself?", call.line)
+        self.called = True
+        self.frames.append(call)
+        enter_call(call, self.variables)
+        return SAVE_MODES if call.program.saves_modes else "", call.program.first
+
+    def _return(self) -> tuple[str, int]:
+        """Return from a subprogram, or begin its next pass; the text restores the modes where it saved them."""
+        call = self.frames.pop()
+        leave_call(call, self.variables)
+        self.parts = [part for part in self.parts if part.depth <= len(self.frames)]
+        text = RESTORE_MODES if call.program.saves_modes else ""
+        if call.repeats:
+            call.repeats -= 1
+            self.frames.append(call)
+            enter_call(call, self.variables)
+            return "", call.program.first
+        return text, call.back
+
+    def _places(self, label: str, at: int) -> list[int]:
+        """Places of a label or block number in the program of a line."""
+        if label.startswith("N") and label[1:].isdigit():
+            number = re.compile(rf"N0*{int(label[1:])}(?!\d)")
+            places = [k for k, (_, text, _) in enumerate(self.raw) if number.match(text)]
+        else:
+            places = self.labels.get(label, [])
+        return [k for k in places if self.owners[k] is self.owners[at]]
+
+    def _repeat(self, at: int, words: tuple[str | None, ...]) -> int:
+        """REPEAT label [label] P=n, REPEATB label P=n: the part once more, n times."""
+        block, first, second, formula, number = words
+        line = self.items[at][0]
+        assert first is not None
+        ends = self._places(second, at) if second else []
+        found: tuple[int, int] | str = f"{second} is not in this program"
+        if ends or not second:
+            found = find_part(bool(block), self._places(first, at), ends, self._places("ENDLABEL", at), at)
+        if isinstance(found, str):
+            raise ProgramFlowError(f"REPEAT{block} {first}: {found}", line)
+        count = self.variables.value(formula or number or "1")
+        if count != round(count) or not 0 <= count <= MAX_REPEATS:
+            raise ProgramFlowError(f"REPEAT{block} {first} P={count:g}: expected 0 to {MAX_REPEATS} repeats", line)
         if len(self.parts) >= MAX_CALLS:
             raise ProgramFlowError(f"more than {MAX_CALLS} nested repeats", line)
         if count < 1:
             return at + 1
-        self.parts.append([start, end, count - 1, at + 1])
-        return start
+        self.parts.append(RepeatedPart(*found, round(count) - 1, at + 1, len(self.frames)))
+        return found[0]
 
-    def _part_end(self, before: int, at: int) -> int:
+    def _part_end(self, before: int, at: int, *, returned: bool) -> int:
         """Where to go on after a line that may be the last one of a repeated part."""
-        while self.parts and before == self.parts[-1][1] and at == before + 1:
+        while self.parts:
             part = self.parts[-1]
-            if part[2] > 0:
-                part[2] -= 1
-                return part[0]
+            if at != part.last + 1 or len(self.frames) != part.depth or not (before == part.last or returned):
+                break
+            if part.left > 0:
+                part.left -= 1
+                return part.first
             self.parts.pop()
-            before, at = part[3] - 1, part[3]
+            before, at = part.back - 1, part.back
         return at
 
     def _jump(self, word: str, label: str, at: int) -> int:
-        places = self.labels.get(label, [])
-        if label.startswith("N") and label[1:].isdigit():
-            number = re.compile(rf"{label}(?!\d)")
-            places = [k for k, (_, text, _) in enumerate(self.raw) if number.match(text)]
+        places = self._places(label, at)
         ahead, behind = [k for k in places if k > at], [k for k in places if k <= at]
         order = {"GOTOF": ahead, "GOTOB": behind[::-1]}.get(word, ahead + behind[::-1])
         if not order:
+            if word == "GOTOC":  # without a target it goes on with the next block
+                return at + 1
             raise ProgramFlowError(
-                f"{word} {label}: no such label {'ahead' if word == 'GOTOF' else 'there'}", self.items[at][0]
+                f"{word} {label}: no such label {'ahead' if word == 'GOTOF' else 'there'} in this program",
+                self.items[at][0],
             )
+        self.parts = [p for p in self.parts if p.depth != len(self.frames) or p.first <= order[0] <= p.last]
         return order[0]
+
+    def _case(self, at: int, formula: str, branches: str) -> int:
+        """CASE value OF number GOTOF label … DEFAULT GOTOF label."""
+        found = list(_CASE_BRANCH.finditer(branches))
+        if not found or "".join(f.group() for f in found) != branches.rstrip():
+            raise ProgramFlowError("expected CASE value OF number GOTOF label … DEFAULT GOTOF label", self.items[at][0])
+        value = self.variables.value(formula)
+        for branch in found:
+            if branch.group(1) == "DEFAULT" or float(branch.group(1)) == value:
+                return self._jump(branch.group(2), branch.group(3), at)
+        return at + 1
 
     def _block(self, word: str, at: int, code: str) -> int:
         found = _WORD.fullmatch(code)
@@ -273,94 +363,6 @@ class SiemensFlow:
     def _define(self, text: str) -> None:
         for part in text.split(","):
             name, equals, value = part.partition("=")
+            if self.frames:
+                hide_variable(self.frames[-1], name.strip(), self.variables)
             self.variables.values[name.strip()] = self.variables.value(value) if equals else 0.0
-
-    def _replace_expressions(self, code: str) -> str:
-        """The line with assignments carried out and every address' expression as a number."""
-        parts = self._parts.get(code)
-        if parts is None:
-            parts = self._parts[code] = self._split_line(code)
-        out: list[str] = []
-        for part in parts:
-            out.append(part if isinstance(part, str) else part())
-        text = "".join(out).strip()
-        return "" if _ONLY_PARAMETERS.fullmatch(text) else text
-
-    def _split_line(self, code: str) -> list[str | Callable[[], str]]:
-        """Literal text, and the parts to be evaluated each time."""
-        parts: list[str | Callable[[], str]] = []
-        at = 0
-        while at < len(code):
-            found = _ASSIGN.match(code, at)
-            if found and code[found.end() : found.end() + 1] != '"':
-                one, at = self._assignment(code, found)
-                parts.append(one)
-                continue
-            call = _CALL.match(code, at)
-            if call and not _NOT_EVALUATED.match(code, at):
-                end = _find_closing_bracket(code, call.end())
-                parts.append(self._build_call(code[at : call.end()], _split_arguments(code[call.end() : end])))
-                at = end + 1
-                continue
-            step = _STEP.match(code, at)
-            assert step is not None
-            parts.append(step.group())
-            at = step.end()
-        return parts
-
-    def _build_call(self, head: str, arguments: list[str]) -> Callable[[], str]:
-        return lambda: head + ",".join(map(self._argument, arguments)) + ")"
-
-    def _assignment(self, code: str, found: re.Match[str]) -> tuple[Callable[[], str], int]:
-        """One ``name = expression`` and the place after it; what stays a word of the block comes back as text."""
-        name = _ARRAY_R.sub(r"R\1", found.group(1).replace(" ", ""))
-        parameter = _PARAMETER.fullmatch(name) is not None
-        address = _ADDRESS.fullmatch(name) is not None
-        mode = _MODE.match(code, found.end())
-        begin = found.end() if mode is None else mode.end()
-        end = self.variables.end_of(code, begin)
-        if mode is not None and code[end : end + 1] != ")":
-            raise MacroExpressionError(f"{mode.group(1)}( is not closed")
-
-        def carry_out() -> str:
-            value = self.variables.part(code, begin)[0]
-            if mode is not None:
-                return f" {name}={mode.group(1)}({value:.9f}) "
-            is_variable = parameter or address or name in self.variables.values
-            if not is_variable and (_MOVES_TOO.search(code) or name.partition("[")[0] not in self.read):
-                return f" {name}={value:.9f} "  # no variable: those are assigned in blocks of their own
-            if parameter or not address or name in self.variables.values:
-                self.variables.values[name] = value
-                return f" {name}={value:.9f} " if parameter else ""  # older drilling cycles take R2, R3, R10 as words
-            return f" {name}{value:.9f} " if len(name) == 1 else f" {name}={value:.9f} "
-
-        return carry_out, end if mode is None else end + 1
-
-    def _argument(self, text: str) -> str:
-        part = text.strip()
-        if not part or part.startswith('"') or _PLAIN_NUMBER.fullmatch(part):
-            return text
-        return f"{self.variables.value(part):.9f}"
-
-
-def _find_closing_bracket(text: str, at: int) -> int:
-    """The bracket that closes the one before ``at``; the end of the line where none does."""
-    depth = 1
-    for k in range(at, len(text)):
-        depth += (text[k] == "(") - (text[k] == ")")
-        if depth == 0:
-            return k
-    return len(text)
-
-
-def _split_arguments(text: str) -> list[str]:
-    """Arguments at commas outside of brackets and quotes."""
-    parts, depth, quoted = [""], 0, False
-    for c in text:
-        quoted ^= c == '"'
-        depth += (c == "(") - (c == ")")
-        if c == "," and depth == 0 and not quoted:
-            parts.append("")
-        else:
-            parts[-1] += c
-    return parts

@@ -29,7 +29,13 @@ from machopt.path_building.point_collector import PathBuilder
 from machopt.spelling_suggestions import suggest_word
 from machopt.toolpath.readers.tables.hole_rows import expand_hole_moves
 from machopt.toolpath.readers.tables.orientation_columns import ORIENTATION_FORMATS, UNIT_QUATERNION, compute_rotations
-from machopt.toolpath.readers.tables.row_kinds import find_hole_rows, read_hole_lengths, refuse_possible_holes
+from machopt.toolpath.readers.tables.row_kinds import (
+    find_hole_rows,
+    read_hole_lengths,
+    refuse_possible_holes,
+    refuse_ways_through_material,
+)
+from machopt.toolpath.readers.tables.table_layout import convert_layout, find_layout
 from machopt.toolpath.readers.tables.unknown_columns import is_point_moving_column
 from machopt.toolpath.readers.tables.xyzwpr_list import find_reference_column, read_xyzwpr
 
@@ -46,16 +52,12 @@ _MOVES = {m.word: m for m in MoveKind}
 
 
 def is_point_table(source: SourceFile) -> bool:
-    """Return whether the first data line is a header with x, y, z or a row of plain numbers.
+    """Return whether the file has a header with x, y, z or begins with a row of plain numbers.
 
     Args:
         source: Lines of the file, with its path and the builders of its errors.
     """
-    first = next((t for _, t in iterate_data_lines(source)), "")
-    cells = [c.strip().strip('"').lower() for c in first.replace(";", ",").split(",")]
-    if len(cells) < 3:
-        return False
-    return any(c.startswith("x") and c.rstrip("_minch") == "x" for c in cells) or all(map(is_number, cells))
+    return find_layout(source) is not None
 
 
 def read_csv(source: SourceFile, options: ReadOptions) -> Toolpath:
@@ -71,6 +73,10 @@ def read_csv(source: SourceFile, options: ReadOptions) -> Toolpath:
     Raises:
         InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
     """
+    layout = find_layout(source)
+    notes: list[tuple[str, int]] = []
+    if layout is not None:
+        source, notes = convert_layout(source, layout)
     data = iterate_data_lines(source)
     line, text = next(data, (0, ""))
     if not text:
@@ -78,14 +84,14 @@ def read_csv(source: SourceFile, options: ReadOptions) -> Toolpath:
     header = [c.strip() for c in split_cells(text)]
     if all(map(is_number, header)):
         return read_xyzwpr(source, options)
-    if len(header) == 1 and ";" in header[0]:
-        raise source.build_error("columns are separated by semicolons; expected commas", line)
     if next(data, None) is None:
         raise source.build_error("holds a header but no rows; expected one row a point", line)
     if len(set(header)) != len(header):
         twice = next(n for k, n in enumerate(header) if n in header[:k])
         raise source.build_error(f"column {twice!r} is given twice in the header", line)
     table = _PointTable(source, options, line, "csv")
+    for note, at in notes:
+        table.out.warn(note, at)
     table.sort_columns(header)
     table.columns = read_columns(source, header, table.list_number_columns(), table.list_word_columns())
     if not source.complete and len(table.columns.line) > 1:
@@ -295,6 +301,7 @@ class _PointTable:
             refuse_possible_holes(self, table, starts)
             return replace(path, surface_normal=normal)
         depth, approach = (read_hole_lengths(self, name, is_hole) * scale for name in _HOLE)
+        refuse_ways_through_material(self, table, is_hole, move, depth + approach)
         rows = expand_hole_moves(is_hole, move, depth, approach)
         first_of = np.searchsorted(rows.source, np.arange(n))  # of each row of the table
         for first, name in self.offsets(n):

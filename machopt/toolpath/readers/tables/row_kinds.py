@@ -48,6 +48,17 @@ class RowTable(Protocol):
         """
         ...
 
+    def tools(self, n: int) -> tuple[NDArray[np.int64], list[str]]:
+        """Return the tool of each row.
+
+        Args:
+            n: Number of rows.
+
+        Returns:
+            Index (N,) into the names, and the names.
+        """
+        ...
+
     def error(self, message: str, row: int, column: str) -> InputError:
         """Build the error of one cell.
 
@@ -155,3 +166,46 @@ def read_hole_lengths(table: RowTable, name: str, is_hole: NDArray[np.bool_]) ->
     if bad.any():
         raise table.error(f"the {name} of a hole is not above zero", int(np.argmax(bad)), table.names[name])
     return np.asarray(values)
+
+
+def refuse_ways_through_material(
+    table: RowTable, numbers: Array, is_hole: NDArray[np.bool_], move: NDArray[np.int32], clear: Array
+) -> None:
+    """Refuse straight ways between holes and a path that would lead through the material.
+
+    A path that begins after a hole is not cut to from there: its first row is a rapid, approach or link move. A hole
+    after a cut row begins above it: the cut row lies at the height where the feed of the hole starts, or higher. A
+    change of tool lifts the tool by itself.
+
+    Args:
+        table: its columns and options.
+        numbers: (N, 7) x y z i j k feed (mm, mm/min).
+        is_hole: (N,) rows that are the bottom of a hole.
+        move: (N,) Move codes.
+        clear: (N,) mm from a hole's row to where its feed starts.
+
+    Raises:
+        InputError: such a row.
+    """
+    cut = ~is_hole & (move == MoveKind.CUT)
+    entered = np.flatnonzero(cut[1:] & is_hole[:-1]) + 1
+    tool = table.tools(len(move))[0]
+    for at in (np.flatnonzero(is_hole[1:] & cut[:-1] & (tool[1:] == tool[:-1])) + 1).tolist():
+        axis = numbers[at, 3:6] / max(float(np.linalg.norm(numbers[at, 3:6])), 1e-12)
+        if float((numbers[at - 1, :3] - numbers[at, :3]) @ axis) < clear[at] - 1e-9:
+            if len(entered) and entered[0] < at:
+                break
+            raise table.error(
+                "a hole follows a cut row that lies below the height where the feed of the hole starts: the rapid to "
+                "it would lead through the material. Expected a row with move retract or rapid before it",
+                at,
+                table.names.get("kind", "kind"),
+            )
+    if len(entered):
+        at = int(entered[0])
+        raise table.error(
+            "a path begins here after a hole, and the row cuts: the tool would cut straight from the hole to it. "
+            "Expected a row with move rapid, approach or link before it (column move)",
+            at,
+            table.names.get("move", "move"),
+        )

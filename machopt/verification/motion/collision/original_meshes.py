@@ -35,6 +35,8 @@ def load_mesh(path: Path, scale: Array) -> Any:
     original = path.with_suffix("")
     if path.suffixes[-2:] == [".dae", ".stl"] and original.is_file():
         path, scale = original, np.asarray(scale) * _read_collada_unit(original)  # the copy is in m
+    elif path.suffix.lower() == ".dae":  # named by the cell itself
+        scale = np.asarray(scale) * _read_collada_unit(path)
     try:
         return coal.MeshLoader().load(str(path), np.asarray(scale, float))
     except (ValueError, RuntimeError) as problem:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader
+from machopt.toolpath.readers.gcode.syntax.dwell_units import find_control
 
 _TOKEN = re.compile(r"([A-Z])(\s*)([-+]?)\s*(\d+\.\d*|\.\d+|\d+)", re.ASCII)
 _DOUBTED = frozenset("XYZUVWIJR")  # lengths, whose numbers without a point are checked
@@ -49,14 +50,14 @@ def apply_decimals_option(
     """
     decimals = options.decimals
     if decimals is None:
-        if not siemens:
-            check_decimals(source, blocks)
-        return source, ""
+        return source, "" if siemens else check_decimals(source, blocks)
     if siemens:
         raise source.build_error(
             "--decimals is for G-code of the Fanuc kind; numbers of Sinumerik are read as they are"
         )
     if decimals == 0:
+        if not any(word.bare for word in _iterate_length_words(source, blocks)):
+            raise _build_idle_option_error(source)
         return source, ""
     return insert_decimal_points(source, decimals, blocks)
 
@@ -93,22 +94,26 @@ def _iterate_length_words(source: SourceFile, blocks: BlockReader) -> Iterator[_
                 yield _LengthWord(found.group(1), found.group(4), line, found.group().strip())
 
 
-def check_decimals(source: SourceFile, blocks: BlockReader) -> None:
+def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
     """Require the option for the decimals of a G-code file whose numbers are ambiguous.
 
     Ambiguous: numbers with leading zeros; any whole number in a file that marks most of its whole numbers (``X5.``);
-    large ones in a file whose other numbers have points; 1000 and more in a file without any points.
+    large ones in a file whose other numbers have points; 1000 and more in a file without any points. All others count
+    whole units, as on LinuxCNC and on controls whose parameter says so; beside words with a point that is stated.
 
     Args:
         source: Lines of the file, with its path and the builders of its errors.
         blocks: Parser of the lines.
+
+    Returns:
+        Description of the reading; empty where all lengths are written in one way.
 
     Raises:
         InputError: such a number occurs; the message names the first one.
     """
     _check_pecks(source, blocks)
     if source.find_line(_BARE) is None:
-        return
+        return ""
     marked = pointed = bare = 0
     zeros: _LengthWord | None = None
     first: _LengthWord | None = None
@@ -127,7 +132,7 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> None:
     if zeros is not None:
         raise _build_decimals_question(source, f"{zeros.text} has leading zeros and no decimal point", zeros.line)
     if source.find_line(_EXPRESSIONS) is not None:  # in expressions whole numbers are usual
-        return
+        return ""
     least = _LARGE if pointed and not marked else _LARGE_WITHOUT
     doubted = next((w for w in large if int(w.number) >= least), None)
     if doubted is not None:
@@ -142,6 +147,12 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> None:
             f"{first.text} has no decimal point ({marked} whole numbers have one, {bare} have none)",
             first.line,
         )
+    if first is None or not (marked or pointed) or find_control(source) == "linuxcnc":
+        return ""
+    return (
+        f"lengths without a decimal point count whole units (first {first.text}, line {first.line}); where a parameter "
+        "of the control counts thousandths, give --decimals"
+    )
 
 
 def _check_pecks(source: SourceFile, blocks: BlockReader) -> None:
@@ -217,8 +228,10 @@ def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader
         comments = "".join(f"({c})" for c in blocks.comments(raw)[1])
         lines.append("".join([*pieces, text[last:], comments]))
     if not changed:
-        raise source.build_error(
-            "--decimals: no coordinate of the file is without a decimal point; leave the option out"
-        )
+        raise _build_idle_option_error(source)
     note = f"--decimals {decimals}: {changed} coordinate words without a decimal point got one ({', '.join(examples)})"
     return dataclasses.replace(source, lines=lines), note
+
+
+def _build_idle_option_error(source: SourceFile) -> Exception:
+    return source.build_error("--decimals: no coordinate of the file is without a decimal point; leave the option out")

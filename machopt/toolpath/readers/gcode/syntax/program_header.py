@@ -12,7 +12,7 @@ from machopt.toolpath.readers.gcode.syntax.word_meanings import UNITS
 _SIEMENS = re.compile(
     r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+(?:REAL|INT)|(?:CR|AR|TURN|RND|RNDM|CHF|CHR|AP|RP|RPL|ANG)\s*="
     r"|R\d+\s*=|A3\s*=|[XYZABCIJK]1?\s*=\s*-?[A-Z\d.]|GOTO[BF]|(?<![-.<])A?(?:TRANS|ROT|SCALE|MIRROR)\b(?![-.>])|CIP\b|HOLES[12]\b"
-    r"|REPEATB?\s+[A-Z])"
+    r"|REPEATB?\s+[A-Z]|PROC\s+[A-Z_]\w*|CASE\b.*\bGOTO[BF])"
     r"|=\s*(?:AC|IC|DC|ACP|ACN)\b"
     r"|^\s*%_N_\w+_[MS]PF",
     re.IGNORECASE | re.MULTILINE,
@@ -26,6 +26,8 @@ _BRACKETS = re.compile(  # at the beginning of a block
 _MILLPLUS = re.compile(r"^\s*(?:N\d+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
 
 
+ARCHIVE_HEAD = re.compile(r"\s*%_N_(\w+?)_MPF\b", re.IGNORECASE)  # of a main program
+PROGRAM_NUMBER = re.compile(r"\s*([O:]\d+)(?!\s*(?:SUB|ENDSUB|CALL|IF|DO|WHILE|REPEAT)\b|\d)", re.IGNORECASE)
 _PERCENT = re.compile(r"^[ \t\x1a\f]*%", re.MULTILINE)
 _CODE = re.compile(r"(?:N\d+\s*)?[GMTSXYZ#]\s*[-+<.\d]", re.IGNORECASE)
 

@@ -40,7 +40,7 @@ REFUSED = {
     1500: "G150 mills a pocket",
     **dict.fromkeys((1470, 1480, 2470, 2480, 3470, 3480), "G147 to G348 come to and leave a contour by themselves"),
     650: "G65 calls a macro whose motion is not in the file",
-    660: "G66 calls a macro whose motion is not in the file",
+    660: "G66 calls a macro after every move that follows; write the calls (G65) themselves",
 }
 REFUSED_CALLS = {
     **dict.fromkeys(("LEAD", "TILT"), "the tool axis counts from the path and its surface; export tool vectors (A3=)"),
