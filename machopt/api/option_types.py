@@ -33,6 +33,7 @@ class PlanOptionValues(TypedDict, total=False):
     singularity_elbow_deg: float | None  # least angle from the stretched or folded arm, degrees
     singularity_shoulder_mm: float | None  # least distance of the wrist from axis 1, mm
     limit_margin_deg: float | None  # kept from the joint limits, degrees
+    min_stability_ratio: float | None  # least stable depth of cut over the planned depth, where milled; needs process.yaml with modes; left out: no limit
     clearance_full_mm: float | None  # distance from which more gains nothing, for weights.clearance
     clearance_mm: float | None  # kept between everything checked, mm
     collision_step_deg: float | None  # joint step between collision checks, degrees

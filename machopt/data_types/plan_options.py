@@ -150,6 +150,7 @@ class PlanOptions:
     singularity_elbow: float = radians(3.0)  # least angle from the stretched or folded arm
     singularity_shoulder: float = 0.05  # m, least distance of the wrist centre from axis 1
     limit_margin: float = radians(0.5)  # rad, distance kept from joint limits
+    min_stability_ratio: float | None = None  # least stable depth of cut over the planned one; None: no limit
     clearance: float = 0.002  # m, required between everything checked
     clearance_full: float = 0.05  # m, from which more gains nothing, where the objective counts it
     collision_step: float = radians(1.0)  # joint step between collision checks

@@ -122,6 +122,7 @@ OPTIONS = (
         lambda axes: {axis.joint: _format_external_options(axis) for axis in axes},
         always=False,
     ),
+    PlanOptionField("min_stability_ratio", "min_stability_ratio", lambda v: v, lambda v: v, always=False),
     _define_scaled_option("gouge_tolerance_mm", "gouge", _MM, always=False),
     _define_angle_option("preferred_rotation_deg", "preferred_rotation", always=False),
     PlanOptionField(

@@ -14,6 +14,7 @@ from machopt.data_types.process import CuttingProcess
 from machopt.data_types.steering_rules import refuse_narrow_zones, resolve_steering
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import CellError, suggest_nearest_word
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import load_robot
@@ -22,6 +23,7 @@ from machopt.planning.motion.trajectory_builder import MotionTimeline, build_tim
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.unit_check import compute_maximum_reach, explain_wrong_unit
+from machopt.planning.stability.depth_ratio import find_missing_input
 
 SAMPLES = 2e7  # 67 h at 12 ms: more indicates a feed in another unit
 
@@ -192,6 +194,29 @@ def check_plannable(toolpath: Toolpath, options: PlanOptions, process: CuttingPr
             file="options",
             where="compensate",
         )
+
+
+def check_stability_ratio(segments: Sequence[ToolSegment], options: PlanOptions) -> None:
+    """Refuse a least ratio of stability that cannot be computed anywhere.
+
+    Args:
+        segments: the job, divided at tool changes.
+        options: plan options.
+
+    Raises:
+        InputError: with what is missing.
+    """
+    if options.min_stability_ratio is None:
+        return
+    missing = [find_missing_input(s.cell, s.toolpath) for s in segments]
+    if all(missing):
+        needed = " or ".join(dict.fromkeys(missing))
+        raise CellError(
+            f"the stability of no cut can be computed: it needs {needed}", file="options", where="min_stability_ratio"
+        )
+    for s in segments:
+        if not find_missing_input(s.cell, s.toolpath):
+            load_dynamics(s.cell)
 
 
 def check_tilt(segments: Sequence[ToolSegment], options: PlanOptions) -> None:

@@ -21,10 +21,11 @@ from machopt.kinematics.inverse.solver import (
     shift_angles,
 )
 from machopt.kinematics.machine import Machine
-from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.array_types import Array, Bools, compute_any_last
 from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
 from machopt.planning.sampling.candidate_grid import CandidateGrid
+from machopt.planning.sampling.configuration_limit import ConfigurationLimit
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
@@ -46,6 +47,7 @@ class PlanningArm:
     origin: Array  # (6,) rad, candidates' joints are counted from it: in [origin, origin + 2π)
     windings: Array  # (T, 6) rad, whole turns that can bring these joints inside the limits
     margins: SingularityMargins
+    stability: ConfigurationLimit | None = None  # min_stability_ratio; None: no limit
 
     @classmethod
     def of(cls, cell: Cell, solver: InverseKinematicsSolver, machine: Machine, options: PlanOptions) -> PlanningArm:
@@ -243,18 +245,33 @@ def enumerate_candidates(
     q = grid.joints(list(blocks), branch)
     if not (left.all() and kept.all()):
         feasible = np.ascontiguousarray(feasible[:, :, kept][..., left])
+    reason = grid.reason if kept.all() else np.ascontiguousarray(grid.reason[:, :, kept])
+    _forbid_unstable(path, arm, q, reason, feasible)
     return CandidateGrid(
         phi=phi,
         branch=branch,
         q=q,
         turns=arm.windings[used[left]],
-        reason=grid.reason if kept.all() else np.ascontiguousarray(grid.reason[:, :, kept]),
+        reason=reason,
         feasible=feasible,
         stable=arm.solver.branch_stable,
         shortfall=grid.shortfall,
         nudge=grid.nudge,
         dropped=None if kept.all() else np.ascontiguousarray(grid.reason[:, :, ~kept]),
     )
+
+
+def _forbid_unstable(
+    path: PlanningPath, arm: PlanningArm, q: Array, reason: NDArray[np.uint8], feasible: NDArray[np.bool_]
+) -> None:
+    """Remove the vertices below the least ratio of stability from ``feasible``, with the reason."""
+    if arm.stability is None:
+        return
+    s, r, b = np.nonzero(compute_any_last(feasible))
+    bad = arm.stability.find_violations(arm, path, path.stations[s].astype(np.intp), q[s, r, b])
+    s, r, b = s[bad], r[bad], b[bad]
+    feasible[s, r, b] = False
+    reason[s, r, b] = InfeasibilityReason.UNSTABLE
 
 
 def solve_station(

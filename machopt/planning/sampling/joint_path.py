@@ -99,6 +99,10 @@ def _solved(
             margins[name][missed] = getattr(known_ones, name)[:, 0]
     inside = ((q >= arm.lower) & (q <= arm.upper)).all(axis=1)
     why[(why == InfeasibilityReason.OK) & ~inside] = InfeasibilityReason.LIMIT
+    if arm.stability is not None:
+        fine = np.flatnonzero(why == InfeasibilityReason.OK)
+        is_unstable = arm.stability.find_violations(arm, path, good[fine], q[fine])
+        why[fine[is_unstable]] = InfeasibilityReason.UNSTABLE
     return good, {"q": q, "branch": b, "reason": why, **margins}, known[bad]
 
 

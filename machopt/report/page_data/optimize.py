@@ -61,6 +61,7 @@ _REASON_TEXTS = {
     InfeasibilityReason.SINGULAR_WRIST: "wrist singularity",
     InfeasibilityReason.SINGULAR_ELBOW: "elbow singularity",
     InfeasibilityReason.SINGULAR_SHOULDER: "shoulder singularity",
+    InfeasibilityReason.UNSTABLE: "unstable cut",
     InfeasibilityReason.COLLIDING: "collision",
     InfeasibilityReason.BOUNDS: "outside the rotation range",
     InfeasibilityReason.NO_PATH: "no continuous way",

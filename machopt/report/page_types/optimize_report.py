@@ -25,6 +25,7 @@ STATUS_NAMES = (
     "collision",
     "not checked",
     "excluded by the rotation range, a pin or a zone",
+    "below min_stability_ratio",
 )
 """Meaning of the codes in :attr:`RotationMap.status`, by :class:`machopt.report.page_types.place_codes.PlaceCode`."""
 
