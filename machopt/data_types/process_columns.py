@@ -38,6 +38,13 @@ class ProcessColumns:
     chatter: tuple[str, ...]  # (N,)
     feed_max: Array  # (N,) m/s, largest feed that stays in tolerance
 
+    def compute_stability_ratios(self) -> Array:
+        """Return (N,) the stable depth of cut over the planned one; inf without a limit, NaN where it is not known."""
+        words = np.array(self.chatter, dtype=object)
+        known = (words != "") & (words != "unknown")
+        ratio = np.where(np.isfinite(self.depth_limit), self.depth_limit, np.inf) / self.ap
+        return np.where(known, ratio, np.nan)
+
     def count_outcomes(self) -> dict[str, int]:
         """Return how many points have each outcome."""
         words = np.array(self.outcome, dtype=object)

@@ -436,6 +436,17 @@ class StockSection(DocumentModel):
     finished: StockComparisonSection | None  # null without one closed mesh as workpiece
 
 
+class StabilitySection(DocumentModel):
+    """Stability of the milled points: stable depth of cut over the planned one."""
+
+    min_stability_ratio: Known  # as requested; null: no limit
+    least_ratio: Known  # null where no limit of the depth is near
+    least_point: Count | None
+    stable: Count  # points
+    unstable: Count
+    unknown: Count
+
+
 class ProcessSection(DocumentModel):
     """Tolerances of the job; errors at the feed that the motion reaches."""
 
@@ -446,6 +457,7 @@ class ProcessSection(DocumentModel):
     variance_shares: dict[Text, Number]  # stiffness, force, position: mean share of the variance of the error
     sources: dict[Text, Text]
     validity: tuple[Text, ...]
+    stability: StabilitySection | None = None  # null where nothing is milled
     stock: StockSection | None = None  # null where no engagement comes from the stock
 
 

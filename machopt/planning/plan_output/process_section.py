@@ -15,10 +15,14 @@ from machopt.data_types.process import CuttingProcess
 from machopt.data_types.process_columns import ProcessSummary, ToleranceSummary, merge_process_summaries
 from machopt.data_types.stock import StockComparison, StockSummary
 from machopt.planning.plan_output.point_table import PointResults
+from machopt.planning.plan_output.stability_section import build_stability_section
 
 
 def build_process_section(
-    process: CuttingProcess | None, points: PointResults, stock: StockSummary | None = None
+    process: CuttingProcess | None,
+    points: PointResults,
+    stock: StockSummary | None = None,
+    min_stability_ratio: float | None = None,
 ) -> ProcessSection | None:
     """Return the section; None where the cell has no process.
 
@@ -26,6 +30,7 @@ def build_process_section(
         process: Content of process.yaml.
         points: Results of the points.
         stock: What the job does to its stock; None where no engagement comes from there.
+        min_stability_ratio: As requested; None: no limit.
     """
     summary = merge_process_summaries(points.process)
     if process is None or summary is None:
@@ -42,6 +47,7 @@ def build_process_section(
         variance_shares=dict(summary.variance_shares),
         sources=dict(summary.sources),
         validity=summary.validity,
+        stability=build_stability_section(points.table.process, min_stability_ratio),
         stock=None if stock is None else _build_stock_section(stock),
     )
 

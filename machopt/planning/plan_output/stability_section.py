@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.data_types.documents.optimize_document import StabilitySection
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.process_columns import ProcessColumns
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.sampling.configurations import solve_station
@@ -44,3 +46,42 @@ def describe_best_ratio(plan: Plan, station: int) -> str:
     if found is None:
         return ""
     return f" (largest ratio of stable to planned depth: {found[0]:.3g} at gamma {np.degrees(found[1]):.0f}°)"
+
+
+def build_stability_section(
+    columns: ProcessColumns | None, min_stability_ratio: float | None
+) -> StabilitySection | None:
+    """Return the section; None where nothing is milled.
+
+    Args:
+        columns: Process columns of the job.
+        min_stability_ratio: As requested; None: no limit.
+    """
+    if columns is None or not any(columns.chatter):
+        return None
+    ratio = columns.compute_stability_ratios()
+    limited = np.flatnonzero(np.isfinite(ratio))
+    least = int(limited[np.argmin(ratio[limited])]) if len(limited) else None
+    stable, unknown = (sum(word == name for word in columns.chatter) for name in ("stable", "unknown"))
+    return StabilitySection(
+        min_stability_ratio=min_stability_ratio,
+        least_ratio=None if least is None else float(ratio[least]),
+        least_point=least,
+        stable=stable,
+        unstable=sum(word != "" for word in columns.chatter) - stable - unknown,
+        unknown=unknown,
+    )
+
+
+def describe_stability(found: StabilitySection) -> str:
+    """Return the stability of a job in one sentence.
+
+    Args:
+        found: Section of result.json.
+    """
+    total = found.stable + found.unstable + found.unknown
+    text = f"{found.stable} of {total} milled points stable"
+    text += f", {found.unknown} unknown" if found.unknown else ""
+    if found.least_ratio is not None:
+        text += f"; least ratio of stable to planned depth {found.least_ratio:.3g} at point {found.least_point}"
+    return text if found.min_stability_ratio is None else f"{text} (min_stability_ratio {found.min_stability_ratio:g})"

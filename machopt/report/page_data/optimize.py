@@ -144,7 +144,9 @@ def build_report_data(
         front=tuple(_build_trade_off_point(p) for p in evidence.front),
         timings=tuple(evidence.timings.items()),
         events=toolpath.events,
-        tolerances=build_tolerance_data(points, build_stability_map(plan, toolpath, s), evidence.stock),
+        tolerances=build_tolerance_data(
+            points, build_stability_map(plan, toolpath, s), evidence.stock, plan.options.min_stability_ratio
+        ),
     )
 
 

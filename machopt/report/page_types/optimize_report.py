@@ -336,6 +336,7 @@ class StabilityMap:
     rotation: Array  # (R,) rad
     ratio: Array  # (S, R) inf: no limit; NaN: no posture
     chosen: Array  # (S,) rad, NaN where there is none
+    least: float | None = None  # min_stability_ratio; None: not requested
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -352,6 +353,7 @@ class ToleranceData:
     validity: tuple[str, ...]
     series: ToleranceSeries | None = None
     stability: StabilityMap | None = None
+    stability_words: str = ""
     stock: tuple[tuple[str, str], ...] = ()  # what the job does to its stock
 
 

@@ -36,12 +36,37 @@ def check_process_section(t: ResultComparison) -> Iterable[str]:
         if sum(before.values()) != total:
             yield f"process.in_tolerance.{name} counts {sum(before.values())} points, points.csv has {total}"
     yield from _check_tolerances(t, found, words)
+    yield from _check_stability(t, found)
     if found.variance_shares:
         yield from check_close(
             "process.variance_shares", sum(found.variance_shares.values()), 1.0, SHARE_TOLERANCE, 0.0
         )
     if total and f"{counts['pass']} of " not in found.headline and len(found.tolerances) == 1:
         yield "process.headline does not state the number of points in tolerance"
+
+
+def _check_stability(t: ResultComparison, found: ProcessSection) -> Iterable[str]:
+    """Yield what in the stability does not follow from points.csv."""
+    words, stated = np.array(t.points.read_words("chatter"), dtype=object), found.stability
+    if stated is None or not any(words):
+        if (stated is None) == any(words):
+            yield "process.stability does not fit the column chatter of points.csv"
+        return
+    yield from check_equal(
+        "process.stability.min_stability_ratio", stated.min_stability_ratio, t.options.min_stability_ratio
+    )
+    counts = {name: int(np.sum(words == name)) for name in ("stable", "unknown")}
+    counts["unstable"] = int(np.sum(words != "")) - sum(counts.values())
+    for name, count in counts.items():
+        yield from check_equal(f"process.stability.{name}", getattr(stated, name), count)
+    limit, depth = (t.points.read_numbers(name, empty=True) for name in ("a_lim_mm", "ap_mm"))
+    ratio = np.where((words != "") & (words != "unknown"), limit / depth, np.nan)
+    if not np.isfinite(ratio).any() or stated.least_ratio is None or stated.least_point is None:
+        yield from check_equal("process.stability.least_ratio", stated.least_ratio, None)
+        return
+    yield from check_close("process.stability.least_ratio", stated.least_ratio, float(np.nanmin(ratio)), 0.0, 1e-4)
+    at = float(ratio[stated.least_point]) if 0 <= stated.least_point < len(ratio) else np.nan
+    yield from check_close("process.stability.least_point", stated.least_ratio, at, 0.0, 1e-4)
 
 
 def _check_tolerances(t: ResultComparison, found: ProcessSection, words: np.ndarray) -> Iterable[str]:
