@@ -246,6 +246,13 @@ class ReentryEntry(DocumentModel):
     worst_percent: Known  # change of the worst index
 
 
+class BestStabilityEntry(DocumentModel):
+    """The most stable configuration within limits and margins; collisions are not considered."""
+
+    ratio: Known  # stable depth of cut over the planned one; null without a limit
+    gamma_deg: Number
+
+
 class InfeasiblePointEntry(DocumentModel):
     """A point without a configuration."""
 
@@ -253,6 +260,7 @@ class InfeasiblePointEntry(DocumentModel):
     status: Text
     reason: Text
     help: Text
+    best_stability: BestStabilityEntry | None = None  # where min_stability_ratio excludes configurations
 
 
 class MotionBreakEntry(DocumentModel):

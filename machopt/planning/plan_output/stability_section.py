@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.data_types.documents.optimize_document import StabilitySection
+from machopt.data_types.documents.optimize_document import BestStabilityEntry, StabilitySection
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.process_columns import ProcessColumns
 from machopt.numerics.rigid_transforms import wrap_angle
@@ -35,6 +35,21 @@ def find_best_ratio(plan: Plan, station: int) -> tuple[float, float] | None:
     return float(ratio[best]), float(wrap_angle(gamma))
 
 
+def build_best_stability_entry(plan: Plan, point: int) -> BestStabilityEntry | None:
+    """Return the most stable configuration at a point; None where no configuration there is too unstable.
+
+    Args:
+        plan: plan of a job or of one tool.
+        point: planning point without a configuration.
+    """
+    plan, point = plan.at(point)
+    station = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
+    if not (plan.candidates.reason[station] == InfeasibilityReason.UNSTABLE).any():
+        return None
+    found = find_best_ratio(plan, station)
+    return None if found is None else BestStabilityEntry(ratio=found[0], gamma_deg=float(np.degrees(found[1])))
+
+
 def describe_best_ratio(plan: Plan, station: int) -> str:
     """Return the largest ratio of stability at a station and where it is, in words.
 
@@ -45,7 +60,7 @@ def describe_best_ratio(plan: Plan, station: int) -> str:
     found = find_best_ratio(plan, station)
     if found is None:
         return ""
-    return f" (largest ratio of stable to planned depth: {found[0]:.3g} at gamma {np.degrees(found[1]):.0f}°)"
+    return f" (largest ratio of stable to planned depth: {found[0]:.4g} at gamma {np.degrees(found[1]):.0f}°)"
 
 
 def build_stability_section(

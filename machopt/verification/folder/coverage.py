@@ -40,6 +40,7 @@ NOT_RECOMPUTED = (
     "compensation.operations",
     "tilt.bound",
     "process.stock",
+    "infeasible_points.best_stability",
     "reentry.reason",
     "reentry.objective_without",
     "reentry.mean_percent",
