@@ -39,6 +39,7 @@ class PlanOptionValues(TypedDict, total=False):
     collision_step_deg: float | None  # joint step between collision checks, degrees
     collision: bool | None  # false: no collision check; the result states it
     gouge_tolerance_mm: float | None  # workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; left out: not checked
+    advised_feed_share: float | None  # share of the holes and points too fast for their tolerance that are driven at the advised feed, those slowed least first; left out: the feeds of the file
     sample_ms: float | None  # step of trajectory.csv, ms
     path_tolerance_mm: float | None  # by which the motion may round corners, mm
     axis_tolerance_deg: float | None  # the same of the tool axis, degrees

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from machopt.data_types.manifest import add_scope_to_verdict
 from machopt.data_types.tolerance_prices import FAILED_POINT_PRICE, SHORTFALL_PRICE
-from machopt.planning.plan_output.stability_section import describe_stability
 
 if TYPE_CHECKING:
     from machopt.data_types.documents.optimize_document import (
@@ -116,7 +115,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
             lines.append("  another of these plans is at least as good in every criterion as the requested plan")
     lines += _format_worst_point(result)
     if result.process is not None and result.process.stability is not None:
-        lines.append(f"  {describe_stability(result.process.stability)}")
+        lines.append(f"  {result.process.stability.describe()}")
     shift = result.compensation
     if shift:
         lines.append(

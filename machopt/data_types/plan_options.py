@@ -156,6 +156,7 @@ class PlanOptions:
     collision_step: float = radians(1.0)  # joint step between collision checks
     collision: bool = True
     gouge: float | None = None  # m by which the cutter may be in the part, taken as finished; None: not looked for
+    advised_feed_share: float | None = None  # of the points too fast for their tolerance; None: the file's feeds
     sample: float = 0.012  # s
     path_tolerance: float = 15e-6  # m, corner rounding
     axis_tolerance: float = radians(0.03)  # rad

@@ -186,6 +186,13 @@ class OptionKeys(StrictSchema):
         description="workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; "
         "left out: not checked",
     )
+    advised_feed_share: float | None = Field(
+        default=None,
+        gt=0,
+        le=1,
+        description="share of the holes and points too fast for their tolerance that are driven at the advised feed, "
+        "those slowed least first; left out: the feeds of the file",
+    )
     sample_ms: float | None = Field(default=None, ge=0.5, le=100, description="step of trajectory.csv, ms")
     path_tolerance_mm: float | None = Field(
         default=None, gt=0, le=10, description="by which the motion may round corners, mm"

@@ -76,7 +76,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         joint=build_joint_section(the_plan),
         reentry=build_reentry_section(the_plan),
         position_error=build_position_error_section(the_plan),
-        process=build_process_section(cell.process, points, made.stock, made.plan.options.min_stability_ratio),
+        process=build_process_section(cell.process, points, made.stock, the_plan),
         infeasible_points=tuple(list_infeasible_entries(the_plan, points)),
         breaks=tuple(build_break_entry(b) for b in list_breaks(the_plan, stopped)),
         cycle_time_s=float(trajectory.time[-1]) if trajectory else None,

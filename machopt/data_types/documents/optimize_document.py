@@ -454,6 +454,25 @@ class StabilitySection(DocumentModel):
     unstable: Count
     unknown: Count
 
+    def describe(self) -> str:
+        """Return the stability of the job in one sentence."""
+        total = self.stable + self.unstable + self.unknown
+        text = f"{self.stable} of {total} milled points stable"
+        text += f", {self.unknown} unknown" if self.unknown else ""
+        if self.least_ratio is not None:
+            text += f"; least ratio of stable to planned depth {self.least_ratio:.3g} at point {self.least_point}"
+        least = self.min_stability_ratio
+        return text if least is None else f"{text} (min_stability_ratio {least:g})"
+
+
+class AdvisedFeedSection(DocumentModel):
+    """Feeds below those of the file, with `advised_feed_share`."""
+
+    share: Number
+    slowed: Count  # holes and milled points driven at an advice below the file's feed
+    needed: Count  # holes and milled points whose advice is below the file's feed
+    file_feed_s: Known  # cycle time at the feeds of the file
+
 
 class ProcessSection(DocumentModel):
     """Tolerances of the job; errors at the feed that the motion reaches."""
@@ -466,6 +485,7 @@ class ProcessSection(DocumentModel):
     sources: dict[Text, Text]
     validity: tuple[Text, ...]
     stability: StabilitySection | None = None  # null where nothing is milled
+    advised_feed: AdvisedFeedSection | None = None  # with `advised_feed_share`
     stock: StockSection | None = None  # null where no engagement comes from the stock
 
 

@@ -18,8 +18,8 @@ from machopt.numerics.array_types import Array
 from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
-from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import solve_joint_path
+from machopt.planning.sampling.planning_arm import PlanningArm
 
 ROUNDING = np.radians(
     1e-5

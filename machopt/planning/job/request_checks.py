@@ -129,20 +129,23 @@ def check_joint_method(process: CuttingProcess | None, options: PlanOptions) -> 
     Raises:
         InputError: what the method needs.
     """
-    if options.method != "joint":
+    if options.method != "joint" and options.advised_feed_share is None:
         return
+    what, where = "method joint finds the shortest time within", "method"
+    if options.method != "joint":
+        what, where = "advised_feed_share lowers feeds for", "advised_feed_share"
     if process is None or not any(one.tolerance.is_given for one in process.operations):
         found = "the cell states no process" if process is None else "no operation of the process states a tolerance"
         raise CellError(
-            f"method joint finds the shortest time within the tolerances of the process, and {found}; a process.yaml "
-            "with a tolerance (process: in cell.yaml, or --process), or method global, would work",
+            f"{what} the tolerances of the process, and {found}; a process.yaml with a tolerance (process: in "
+            "cell.yaml, or --process) would work",
             file="options",
-            where="method",
+            where=where,
         )
     if options.compensate:
         raise CellError(
-            "method joint drives the path of the file, not one shifted against the deflection; compensate: false, or "
-            "method global, would work",
+            f"{where} drives the path of the file, not one shifted against the deflection; compensate: false would "
+            "work",
             file="options",
             where="compensate",
         )

@@ -19,8 +19,8 @@ from machopt.planning.pipeline.collision_free_search import CollisionFreeSequenc
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import find_configuration_jumps
-from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import JointAssignment
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath
 

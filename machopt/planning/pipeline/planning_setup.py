@@ -21,8 +21,8 @@ from machopt.kinematics.robot import Robot, load_chain, load_masses
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.held_feed import ArmDrives
 from machopt.planning.cost.objective import PlanObjective
-from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import JointAssignment
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stability.stability_limit import StabilityLimit
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.stiffness.arm_stiffness import ArmElasticity

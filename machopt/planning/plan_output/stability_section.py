@@ -86,17 +86,3 @@ def build_stability_section(
         unstable=sum(word != "" for word in columns.chatter) - stable - unknown,
         unknown=unknown,
     )
-
-
-def describe_stability(found: StabilitySection) -> str:
-    """Return the stability of a job in one sentence.
-
-    Args:
-        found: Section of result.json.
-    """
-    total = found.stable + found.unstable + found.unknown
-    text = f"{found.stable} of {total} milled points stable"
-    text += f", {found.unknown} unknown" if found.unknown else ""
-    if found.least_ratio is not None:
-        text += f"; least ratio of stable to planned depth {found.least_ratio:.3g} at point {found.least_point}"
-    return text if found.min_stability_ratio is None else f"{text} (min_stability_ratio {found.min_stability_ratio:g})"

@@ -13,7 +13,7 @@ from machopt.kinematics.inverse.solver import compute_branch_reasons, refine_by_
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array, make_arrays_read_only
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
-from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
 CONVERGED = 1e-9  # m and rad, accuracy of every exported configuration

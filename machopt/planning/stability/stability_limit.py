@@ -13,7 +13,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array, Bools
 from machopt.planning.cost.stiffness_index import compute_load_directions
-from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stability.depth_ratio import StabilityModel
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 from machopt.stiffness.arm_stiffness import ArmElasticity

@@ -16,7 +16,7 @@ from machopt.data_types.process_columns import (
 from machopt.data_types.stock import StockSummary
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import format_headline
-from machopt.planning.plan_output.stability_section import build_stability_section, describe_stability
+from machopt.planning.plan_output.stability_section import build_stability_section
 from machopt.report.page_types import optimize_report as page
 
 MAX_ROWS = 200
@@ -57,7 +57,7 @@ def build_tolerance_data(
         validity=summary.validity,
         series=_build_series(columns),
         stability=stability,
-        stability_words="" if found is None else describe_stability(found),
+        stability_words="" if found is None else found.describe(),
         stock=() if stock is None else tuple(_list_stock_rows(stock)),
     )
 
