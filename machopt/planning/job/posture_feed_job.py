@@ -157,7 +157,13 @@ def drive_at_advised_feeds(
         start = apply_advised_feeds(restore_file_feeds(found, toolpath), advised)
         result = DrivenCandidate(*drive(start, again), advised)
         if result.plan.chosen.assignment is start.chosen.assignment:
-            break
+            if share is None or not np.isfinite(result.seconds):
+                break
+            slower = advised.lower_to(advise_feeds(result.driven, toolpath))
+            if slower is None:
+                break
+            advised = slower
+            continue
         found, advised = result.plan, advise(result.plan)
     return result
 

@@ -72,6 +72,15 @@ class AdvisedFeeds:
         feed = np.where(slower & np.isin(target, taken), self.feed, np.nan)
         return replace(self, feed=feed), count, len(places)
 
+    def lower_to(self, driven: AdvisedFeeds) -> AdvisedFeeds | None:
+        """Return the advice lowered where that for the driven postures is lower; None where it is nowhere.
+
+        Args:
+            driven: Advice for the driven postures.
+        """
+        lower = np.isfinite(self.feed) & (driven.feed > 0.0) & (driven.feed < (1.0 - 0.5 * ROUNDING) * self.feed)
+        return replace(self, feed=np.where(lower, driven.feed, self.feed)) if lower.any() else None
+
 
 def advise_feeds(plan: Plan, toolpath: Toolpath) -> AdvisedFeeds:
     """Return the feed advice for a plan's postures.
