@@ -45,6 +45,15 @@ class ProcessColumns:
         ratio = np.where(np.isfinite(self.depth_limit), self.depth_limit, np.inf) / self.ap
         return np.where(known, ratio, np.nan)
 
+    def compute_deciding_errors(self) -> Array:
+        """Return (N,) m the size of the nominal error of holes and points with an outcome; NaN elsewhere.
+
+        It is that normal to the surface of milled points, and that across the axis of holes.
+        """
+        normal, across = (np.abs(self.errors[name]) for name in ("normal", "across"))
+        has_outcome = np.array(self.outcome, dtype=object) != ""
+        return np.where(has_outcome, np.where(np.isfinite(normal), normal, across), np.nan)
+
     def count_outcomes(self) -> dict[str, int]:
         """Return how many points have each outcome."""
         words = np.array(self.outcome, dtype=object)

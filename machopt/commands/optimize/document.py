@@ -110,7 +110,7 @@ def _list_warnings(made: OptimizeJobResult) -> tuple[str, ...]:
         *made.cell.warnings,
         *made.toolpath.warnings,
         *find_options_without_effect(made.plan.options),
-        *describe_missing_plans(made.front, made.plan.options),
+        *describe_missing_plans(made.front, made.plan.options, [(s.stint.cell, s.stint.toolpath) for s in made.stints]),
         *describe_better_plans(made.front),
         *describe_low_feed(timeline.dips if timeline and timeline.trajectory else ()),
         *list_hints(made.plan),

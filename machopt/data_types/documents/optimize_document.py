@@ -137,6 +137,12 @@ class ParetoPlanEntry(DocumentModel):
     joint_travel_deg: Number
     clearance_mm: Known
     in_tolerance: Count | None = None  # holes and points that pass; null where nothing has a tolerance
+    marginal: Count | None = None
+    fail: Count | None = None
+    unknown: Count | None = None
+    mean_error_mm: Known = None  # nominal, of holes and points with a tolerance, at the driven feed
+    worst_error_mm: Known = None
+    least_stability_ratio: Known = None  # stable depth of cut over the planned one, at most 10; null: not known
     posture_changes: Count = 0  # branch changes and whole turns in rapid moves
     objective: Known
     dominated: Flag

@@ -120,7 +120,7 @@ def check_fixed_rotation_points(toolpath: Toolpath, options: PlanOptions) -> Non
 
 
 def check_joint_method(process: CuttingProcess | None, options: PlanOptions) -> None:
-    """Refuse method joint without a tolerance to keep, and with a path that is shifted against the deflection.
+    """Refuse method joint and ``advised_feed_share`` without a tolerance to keep, and with a shifted path.
 
     Args:
         process: process of the cell; None: it states none.
@@ -131,21 +131,20 @@ def check_joint_method(process: CuttingProcess | None, options: PlanOptions) -> 
     """
     if options.method != "joint" and options.advised_feed_share is None:
         return
-    what, where = "method joint finds the shortest time within", "method"
+    what, does, where = "method joint", "finds the shortest time within", "method"
     if options.method != "joint":
-        what, where = "advised_feed_share lowers feeds for", "advised_feed_share"
+        what, does, where = "advised_feed_share", "lowers feeds for", "advised_feed_share"
     if process is None or not any(one.tolerance.is_given for one in process.operations):
         found = "the cell states no process" if process is None else "no operation of the process states a tolerance"
         raise CellError(
-            f"{what} the tolerances of the process, and {found}; a process.yaml with a tolerance (process: in "
+            f"{what} {does} the tolerances of the process, and {found}; a process.yaml with a tolerance (process: in "
             "cell.yaml, or --process) would work",
             file="options",
             where=where,
         )
     if options.compensate:
         raise CellError(
-            f"{where} drives the path of the file, not one shifted against the deflection; compensate: false would "
-            "work",
+            f"{what} drives the path of the file, not one shifted against the deflection; compensate: false would work",
             file="options",
             where="compensate",
         )

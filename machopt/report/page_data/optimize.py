@@ -213,6 +213,10 @@ def _build_trade_off_point(p: FrontPlan) -> page.TradeOffPoint:
         travel=p.joint_travel_deg,
         clearance=p.clearance_mm,
         in_tolerance=p.in_tolerance,
+        others=None if p.in_tolerance is None else (p.marginal or 0, p.fail or 0, p.unknown or 0),
+        mean_error=p.mean_error_mm,
+        worst_error=p.worst_error_mm,
+        least_stability=p.least_stability_ratio,
         changes=p.posture_changes,
         dominated=p.dominated,
     )

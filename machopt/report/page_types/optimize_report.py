@@ -79,6 +79,10 @@ class TradeOffPoint:
     clearance: float | None  # mm, least at the points
     dominated: bool
     in_tolerance: int | None = None  # holes and points that pass
+    others: tuple[int, int, int] | None = None  # marginal, fail, unknown
+    mean_error: float | None = None  # mm, nominal, of holes and points with a tolerance
+    worst_error: float | None = None
+    least_stability: float | None = None  # stable depth of cut over the planned one
     changes: int = 0  # branch changes and whole turns in rapid moves
 
 

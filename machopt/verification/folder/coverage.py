@@ -40,6 +40,8 @@ NOT_RECOMPUTED = (
     "compensation.operations",
     "tilt.bound",
     "process.stock",
+    "process.advised_feed.needed",
+    "process.advised_feed.file_feed_s",
     "infeasible_points.best_stability",
     "reentry.reason",
     "reentry.objective_without",
