@@ -1,7 +1,7 @@
 """Stiffness or stability: what weight and least ratio of stability cost, on shipped milling jobs.
 
 Run: ``python benchmarks/stability_choice.py [toolpath…]``. Cell `kr500_milling` with its process.yaml (end mill of
-20 mm, 6 mm deep at 12,000 rpm, 7075, damping assumed at 3 %). Each job is planned for stiffness alone, with
+17 mm, 6 mm deep at 12,000 rpm, 7075, damping assumed at 3 %). Each job is planned for stiffness alone, with
 ``weights.stability`` 30, and with ``min_stability_ratio`` 1 and 1.2. Printed for each: mean and worst deflection, least
 stable depth over planned depth, unstable points, cycle time, verdict. Then, at points of the first job over the range
 of limits, the limit of the planner beside the exact one: modes by the code of the verification, and semi-discretization

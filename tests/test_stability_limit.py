@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from process.delay_reference import semi_discretization_radius
 from random_small_jobs import ROOT, choose_place_above_cut, random_job, write_job
+from stability_postures import build_delay_system, choose_rows
 
 from machopt.commands.optimize.request import OptimizeRequest
 from machopt.commands.optimize.run import run_optimize
@@ -159,3 +162,36 @@ def test_relaxing_the_limit_keeps_a_job_feasible(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seed", range(20, 26))
 def test_relaxing_the_limit_keeps_jobs_feasible(seed: int, tmp_path: Path) -> None:
     assert lost(seed, tmp_path) == []
+
+
+@pytest.mark.slow
+def test_limits_of_a_plan_against_semi_discretization(tmp_path: Path) -> None:
+    """Modes by the verification, 24 intervals a tooth period: the limit is at most the exact one, at least 85 % of it."""
+    job = ROOT / "toolpaths" / "plain.csv"
+    assert optimize(job, tmp_path / "out") == 0
+    for row, limit in choose_rows(tmp_path / "out", 4):
+        system = build_delay_system(CELL, PROCESS, job, tmp_path / "out", row)
+        assert semi_discretization_radius(system, 0.995 * limit, 24) < 1.0
+        assert semi_discretization_radius(system, limit / 0.85, 24) > 1.0
+
+
+@pytest.mark.slow
+def test_modes_of_the_tool_count_in_the_limit(tmp_path: Path) -> None:
+    """A soft spindle mode along the tool's x axis: the driven cut keeps the ratio of the smaller limit."""
+    shutil.copytree(CELL, tmp_path / "cell")
+    file = tmp_path / "cell" / "cell.yaml"
+    text = file.read_text(encoding="utf-8")
+    start = text.index("teeth:")
+    mode = "modes: [{f_Hz: 400, zeta: 0.04, k_N_um: 4, direction: [1, 0, 0]}], "
+    file.write_text(text[:start] + mode + text[start:], encoding="utf-8")
+    job = ROOT / "toolpaths" / "plain.csv"
+    words = {}
+    for name, overrides in (("free", ()), ("kept", ("min_stability_ratio=0.3",))):
+        request = OptimizeRequest(
+            cell=tmp_path / "cell", toolpath=job, out=tmp_path / name, overrides=(*COARSE, *overrides), process=PROCESS
+        )
+        assert run_optimize(request).exit_code == 0
+        words[name] = set(read_columns(tmp_path / name / "points.csv")["chatter"])
+    assert "spindle" in words["free"]
+    assert read_ratios(tmp_path / "kept").min() >= 0.3 * (1.0 - 1e-4)
+    assert read_ratios(tmp_path / "free").min() < 0.3

@@ -28,8 +28,8 @@ TRAVEL = 1.0  # deg of all axes together: below the rotation grid, and irrelevan
 COUNT = 0.5  # holes and points in tolerance: one more is a difference
 ERROR = 1e-3  # mm, last digit of errors in tables
 ADVISED_SHARES = (0.3, 0.6, 1.0)  # of the alternatives: a curve of tolerances against time has some points
-STABILITY_WEIGHT = 30.0  # of the alternative: with it no plan of the examples in docs/evidence.md gains more
-STABLE_RATIOS = (1.0, 1.2)  # of the alternatives: at the limit, and with the reserve that weights.stability counts
+STABILITY_WEIGHT = 30.0  # of the alternative: benchmarks/stability_choice.py
+STABLE_RATIOS = {"stable cuts": 1.0, "stable cuts with reserve": 1.2}  # the reserve is that of weights.stability
 LARGEST_RATIO = 10.0  # larger limits of the depth are not written
 RATIO = 0.01  # stable depth over planned depth
 CLEARANCE = 0.01  # mm: clearance is checked before corners are rounded, by up to path_tolerance_mm (0.015)
@@ -149,27 +149,45 @@ def list_process_variants(
     if not cells:
         return out
     process = cells[0][0].process
-    w, least = options.weights, options.min_stability_ratio
-    if process is not None and any(one.tolerance.is_given for one in process.operations):
-        first = replace(options, objective="tolerance")
-        if options.objective != "tolerance":
-            out.append(("tolerances first", "objective tolerance", first))
-        elif options.objective == "tolerance":
-            out.append(("index first", "objective index", replace(options, objective="index")))
-        for share in ADVISED_SHARES:
-            name = "feed advice" if share == 1.0 else f"{100 * share:g} % of the feed advice"
-            if options.advised_feed_share != share:
-                changed = f"objective tolerance, advised_feed_share {share:g}"
-                out.append((name, changed, replace(first, advised_feed_share=share)))
-        if options.advised_feed_share is not None:
-            out.append(("feeds of the file", "no advised_feed_share", replace(options, advised_feed_share=None)))
+    has_tolerances = process is not None and any(one.tolerance.is_given for one in process.operations)
+    if has_tolerances:
+        out += _list_tolerance_variants(options)
     if not all(find_missing_input(cell, toolpath) for cell, toolpath in cells):
-        weight = max(STABILITY_WEIGHT, 4.0 * w.stability)
-        counted = replace(options, weights=replace(w, stability=weight))
-        out.append(("stability counts", f"weights.stability {weight:g}", counted))
-        for ratio in (r for r in STABLE_RATIOS if least is None or r > least):
-            name = "stable cuts" if ratio == 1.0 else "stable cuts with reserve"
+        out += _list_stability_variants(options, has_tolerances)
+    return out
+
+
+def _list_tolerance_variants(options: PlanOptions) -> list[tuple[str, str, PlanOptions]]:
+    first = replace(options, objective="tolerance")
+    out = []
+    if options.objective == "tolerance":
+        out.append(("index first", "objective index", replace(options, objective="index")))
+    else:
+        out.append(("tolerances first", "objective tolerance", first))
+    for share in ADVISED_SHARES:
+        name = "feed advice" if share == 1.0 else f"{100 * share:g} % of the feed advice"
+        if options.advised_feed_share != share:
+            changed = f"objective tolerance, advised_feed_share {share:g}"
+            out.append((name, changed, replace(first, advised_feed_share=share)))
+    if options.advised_feed_share is not None:
+        out.append(("feeds of the file", "no advised_feed_share", replace(options, advised_feed_share=None)))
+    return out
+
+
+def _list_stability_variants(options: PlanOptions, has_tolerances: bool) -> list[tuple[str, str, PlanOptions]]:
+    w, least = options.weights, options.min_stability_ratio
+    weight = max(STABILITY_WEIGHT, 4.0 * w.stability)
+    counted = replace(options, weights=replace(w, stability=weight))
+    out = [("stability counts", f"weights.stability {weight:g}", counted)]
+    for name, ratio in STABLE_RATIOS.items():
+        if least is None or ratio > least:
             out.append((name, f"min_stability_ratio {ratio:g}", replace(options, min_stability_ratio=ratio)))
+    if has_tolerances:
+        ratio = max(1.0, least or 0.0)
+        changed = f"objective tolerance, advised_feed_share 1, min_stability_ratio {ratio:g}"
+        both = replace(options, objective="tolerance", advised_feed_share=1.0, min_stability_ratio=ratio)
+        if both not in (options, replace(options, objective="tolerance", advised_feed_share=1.0)):
+            out.append(("stable cuts, feed advice", changed, both))
     return out
 
 
