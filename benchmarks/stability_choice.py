@@ -67,7 +67,7 @@ def print_choice(name: str, result: OptimizeDocument) -> None:
 def compare_with_reference(job: str, out: Path) -> None:
     """Print the limits of some points of a plan beside the exact ones."""
     for row, limit in choose_rows(out, POSTURES):
-        system = build_delay_system(CELL, CELL / "process.yaml", ROOT / "toolpaths" / job, out, row)
+        system, _ = build_delay_system(CELL, CELL / "process.yaml", ROOT / "toolpaths" / job, out, row)
         exact = first_unstable(
             lambda depth, system=system: semi_discretization_radius(system, depth, INTERVALS),
             0.2 * limit,

@@ -12,7 +12,7 @@ from machopt.process.binding.operation_matching import attach_process
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
-from machopt.verification.motion.process.stability import ModeModel, find_given_arc
+from machopt.verification.motion.process.stability import DelayLaw, ModeModel, find_given_arc
 from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
 from machopt.verification.tables.csv_columns import read_columns
 
@@ -25,8 +25,8 @@ def choose_rows(out: Path, count: int) -> list[tuple[int, float]]:
     return [(known[k][1], known[k][0]) for k in np.linspace(0, len(known) - 1, count).round().astype(int)]
 
 
-def build_delay_system(cell_folder: Path, process: Path, job: Path, out: Path, row: int) -> DelaySystem:
-    """The delay equation at a toolpath point with a given radial depth of cut."""
+def build_delay_system(cell_folder: Path, process: Path, job: Path, out: Path, row: int) -> tuple[DelaySystem, float]:
+    """The delay equation at a toolpath point with a given radial depth of cut, and its second-order limit, m."""
     cell = load_cell(cell_folder, process=process)
     toolpath = attach_process(cell.process, read_toolpath(job))
     assert cell.process is not None
@@ -53,4 +53,6 @@ def build_delay_system(cell_folder: Path, process: Path, job: Path, out: Path, r
     teeth = cell.tool.cutter.teeth
     assert one.spindle_speed is not None
     K = (milling.Ktc_Pa, milling.Krc_Pa, milling.Kac_Pa)
-    return DelaySystem(modes.omega, zeta, modes.shape, teeth, start, end, K, 1.0 / (one.spindle_speed * teeth))
+    law = DelayLaw.build(cell, one, [(1.0, start, end)], modes, one.spindle_speed)
+    system = DelaySystem(modes.omega, zeta, modes.shape, teeth, start, end, K, 1.0 / (one.spindle_speed * teeth))
+    return system, law.find_limit()

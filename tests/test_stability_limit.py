@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from process.delay_reference import semi_discretization_radius
+from process.delay_reference import ChebyshevMap, semi_discretization_radius
 from random_small_jobs import ROOT, choose_place_above_cut, random_job, write_job
 from stability_postures import build_delay_system, choose_rows
 
@@ -166,13 +166,24 @@ def test_relaxing_the_limit_keeps_jobs_feasible(seed: int, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_limits_of_a_plan_against_semi_discretization(tmp_path: Path) -> None:
-    """Modes by the verification, 24 intervals a tooth period: the limit is at most the exact one, at least 85 % of it."""
+    """Modes by the verification, 24 intervals a tooth period, and collocation, whose own error is far smaller.
+
+    Where the law of second order governs, the limit is 85 to 103 % of the exact one: the highest mode of the arm has
+    ωT = 3.4 here, and the law never exceeds it only where all have ωT < 0.5. Elsewhere it is an estimate.
+    """
     job = ROOT / "toolpaths" / "plain.csv"
     assert optimize(job, tmp_path / "out") == 0
-    for row, limit in choose_rows(tmp_path / "out", 4):
-        system = build_delay_system(CELL, PROCESS, job, tmp_path / "out", row)
-        assert semi_discretization_radius(system, 0.995 * limit, 24) < 1.0
-        assert semi_discretization_radius(system, limit / 0.85, 24) > 1.0
+    governed = 0
+    for row, limit in choose_rows(tmp_path / "out", 5):
+        system, second_order = build_delay_system(CELL, PROCESS, job, tmp_path / "out", row)
+        is_governed = limit > 0.99 * second_order
+        below = (0.97 if is_governed else 0.95) * limit
+        assert semi_discretization_radius(system, below, 24) < 1.0
+        assert ChebyshevMap(system, 12).radius(below) < 1.0
+        if is_governed:
+            governed += 1
+            assert semi_discretization_radius(system, limit / 0.85, 24) > 1.0
+    assert governed >= 2
 
 
 @pytest.mark.slow
@@ -182,16 +193,16 @@ def test_modes_of_the_tool_count_in_the_limit(tmp_path: Path) -> None:
     file = tmp_path / "cell" / "cell.yaml"
     text = file.read_text(encoding="utf-8")
     start = text.index("teeth:")
-    mode = "modes: [{f_Hz: 400, zeta: 0.04, k_N_um: 4, direction: [1, 0, 0]}], "
+    mode = "modes: [{f_Hz: 400, zeta: 0.04, k_N_um: 0.3, direction: [1, 0, 0]}], "
     file.write_text(text[:start] + mode + text[start:], encoding="utf-8")
     job = ROOT / "toolpaths" / "plain.csv"
     words = {}
-    for name, overrides in (("free", ()), ("kept", ("min_stability_ratio=0.3",))):
+    for name, overrides in (("free", ()), ("kept", ("min_stability_ratio=0.76",))):
         request = OptimizeRequest(
             cell=tmp_path / "cell", toolpath=job, out=tmp_path / name, overrides=(*COARSE, *overrides), process=PROCESS
         )
         assert run_optimize(request).exit_code == 0
         words[name] = set(read_columns(tmp_path / name / "points.csv")["chatter"])
     assert "spindle" in words["free"]
-    assert read_ratios(tmp_path / "kept").min() >= 0.3 * (1.0 - 1e-4)
-    assert read_ratios(tmp_path / "free").min() < 0.3
+    assert read_ratios(tmp_path / "kept").min() >= 0.76 * (1.0 - 1e-4)
+    assert read_ratios(tmp_path / "free").min() < 0.76
