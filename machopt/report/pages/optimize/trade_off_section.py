@@ -61,11 +61,11 @@ def _build_rows(data: ReportData, unit: str) -> tuple[list[TableColumn], list[tu
         "in tolerance": lambda p: _format_known(p.in_tolerance, "d"),
         "marginal": lambda p: _format_known(p.others and p.others[0], "d"),
         "fail": lambda p: _format_known(p.others and p.others[1], "d"),
-        "unknown": lambda p: _format_known(p.others and p.others[2], "d"),
+        "unknown": lambda p: _format_known((p.others and p.others[2]) or None, "d"),
         "mean error (mm)": lambda p: _format_known(p.mean_error, ".3f"),
         "worst error (mm)": lambda p: _format_known(p.worst_error, ".3f"),
         "least stability ratio": lambda p: _format_known(p.least_stability, ".2f"),
-        "changes of posture": lambda p: str(p.changes),
+        "changes of posture": lambda p: _format_known(p.changes or None, "d"),
         "note": lambda p: "dominated" if p.dominated else "",
     }
     shown = [name for name, text in texts.items() if name in ALWAYS or any(text(p) != MISSING for p in data.front)]
@@ -108,7 +108,7 @@ def _build_picture(data: ReportData, unit: str, width: float, kind: str) -> Mark
         if len(names) > 1:
             continue
         words[(round(x / 6), round(y / 6))] = (x, y - 6)
-    lines = [_place_label(x, y, ", ".join(named[at]), width) for at, (x, y) in words.items()]
+    lines = [_place_label(x, y, _join_names(named[at], width), width) for at, (x, y) in words.items()]
     for x, y, anchor, text in _separate_labels(lines):
         inside.append(build_shape("text", text, class_="tick", x=x, y=y, text_anchor=anchor))
     return render_svg(
@@ -123,6 +123,15 @@ def _build_picture(data: ReportData, unit: str, width: float, kind: str) -> Mark
             inside=inside,
         )
     )
+
+
+def _join_names(names: list[str], width: float) -> str:
+    """Return the names of plans that are one dot, as many as half of the picture holds; at least the first."""
+    kept = 1
+    while kept < len(names) and CHARACTER_WIDTH * len(", ".join(names[: kept + 1])) < 0.5 * width:
+        kept += 1
+    more = f" and {len(names) - kept} more" if kept < len(names) else ""
+    return ", ".join(names[:kept]) + more
 
 
 def _place_label(x: float, y: float, text: str, width: float) -> tuple[float, float, str, str]:
