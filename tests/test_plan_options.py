@@ -71,6 +71,8 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         singularity_elbow=radians(8),
         singularity_shoulder=0.12,
         limit_margin=radians(2),
+        min_stability_ratio=1.25,
+        advised_feed_share=0.5,
         clearance=0.011,
         clearance_full=0.13,
         collision_step=radians(0.7),

@@ -8,8 +8,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from output_damage.damage_case import Job, copy_job, edit_json, update_manifest_hashes
 
-from machopt.commands.optimize.trade_off_front import FRONT_COLUMNS, write_trade_off_front
+from machopt.cell.cell_reader import load_cell
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
+from machopt.commands.optimize.trade_off_front import FRONT_COLUMNS, PROCESS_COLUMNS, write_trade_off_front
+from machopt.commands.verify import run_verify
 from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
 from machopt.errors import InputError
 from machopt.planning.cost.objective import PlanObjective, compute_total
@@ -19,11 +24,19 @@ from machopt.planning.job.pareto_front import (
     describe_better_plans,
     describe_missing_plans,
     list_front_variants,
+    list_process_variants,
     mark_dominated_plans,
 )
+from machopt.process.binding.operation_matching import attach_process
 from machopt.report.page_types.optimize_report import TradeOffPoint
+from machopt.report.pages.optimize.outcomes_over_time import draw_outcomes, list_best_steps
 from machopt.report.pages.optimize.trade_off_section import build_trade_off_section
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.verification.folder.options_in_force import VerifyRequest
+from machopt.verification.tables.csv_columns import read_columns
 
+ROOT = Path(__file__).resolve().parents[1]
+CELL = ROOT / "cells" / "kr500_milling"
 A = FrontPlan(
     plan="a", changed="", mean_index=0.4, worst_index=0.5, cycle_time_s=10.0, joint_travel_deg=1000.0, clearance_mm=20.0
 )
@@ -84,7 +97,7 @@ def test_clearance_is_asked_for_only_where_it_is_checked() -> None:
 def test_file_holds_what_is_not_dominated(tmp_path: Path) -> None:
     write_trade_off_front(tmp_path / "front.csv", mark_dominated_plans([A, replace(A, plan="b", clearance_mm=10.0)]))
     assert (tmp_path / "front.csv").read_text("utf-8").splitlines() == [
-        ",".join(name for name in FRONT_COLUMNS if name != "in_tolerance"),  # no tolerance, no column
+        ",".join(name for name in FRONT_COLUMNS if name not in PROCESS_COLUMNS),  # no tolerance, no column
         "a,,0.4,0.5,10,1000,20,0,",
     ]
 
@@ -161,3 +174,92 @@ def test_no_names_of_the_picture_lie_on_one_another_or_leave_it(kind: str, width
         assert 0.0 <= left < right <= width
         for (least, most), other in boxes[:n]:
             assert right < least or most < left or abs(y - other) > 11.0
+
+
+def test_tolerances_errors_and_stability_are_criteria() -> None:
+    own = replace(A, in_tolerance=40, mean_error_mm=0.2, least_stability_ratio=1.1)
+    points = [
+        own,
+        replace(own, plan="more in tolerance", in_tolerance=41, cycle_time_s=20.0),
+        replace(own, plan="slower alone", cycle_time_s=20.0),
+        replace(own, plan="more stable", least_stability_ratio=1.2, cycle_time_s=15.0),
+        replace(own, plan="less error", mean_error_mm=0.19, cycle_time_s=15.0),
+        replace(own, plan="no difference", mean_error_mm=0.1995, least_stability_ratio=1.105, cycle_time_s=15.0),
+    ]
+    assert [p.dominated for p in mark_dominated_plans(points)] == [False, False, True, False, False, True]
+
+
+def test_the_curve_goes_through_plans_with_more_in_tolerance_than_every_faster_one() -> None:
+    point = TradeOffPoint(
+        name="", changed="", mean=0.4, worst=0.5, cycle=0.0, travel=1.0, clearance=None, dominated=False
+    )
+    values = [(10.0, 5), (11.0, 4), (12.0, 9), (12.0, 8), (15.0, 9), (20.0, 10)]
+    plans = [replace(point, cycle=s, in_tolerance=n, others=(10 - n, 0, 0)) for s, n in values]
+    assert [(p.cycle, p.in_tolerance) for p in list_best_steps(plans)] == [(10.0, 5), (12.0, 9), (20.0, 10)]
+    assert "nan" not in str(draw_outcomes(plans))
+    assert "nan" not in str(draw_outcomes(plans[:1]))
+
+
+def test_process_variants_need_tolerances_and_stability() -> None:
+    cell = load_cell(CELL, process=CELL / "process.yaml")
+    toolpath = attach_process(cell.process, read_toolpath(ROOT / "toolpaths" / "plain.csv"))
+    known = [name for name, _, _ in list_process_variants([(cell, toolpath)], PlanOptions())]
+    assert {"tolerances first", "feed advice", "stability counts", "stable cuts"} <= set(known)
+    assert list_process_variants([(replace(cell, process=None), toolpath)], PlanOptions()) == []
+    assert cell.process is not None
+    silent = replace(cell, process=replace(cell.process, damping=None))
+    assert not [n for n, _, _ in list_process_variants([(silent, toolpath)], PlanOptions()) if "stab" in n]
+    strict = list_process_variants([(cell, toolpath)], PlanOptions(min_stability_ratio=1.2))
+    assert not [n for n, _, _ in strict if n.startswith("stable cuts")]
+
+
+@pytest.mark.slow
+def test_a_front_with_a_process_is_a_curve_and_is_verified(tmp_path: Path) -> None:
+    rows = (ROOT / "toolpaths" / "plain.csv").read_text(encoding="utf-8").splitlines()
+    rows = [line for line in rows if not line.startswith("#")]
+    (tmp_path / "part.csv").write_text("\n".join(rows[:36]) + "\n", encoding="utf-8")
+    out = tmp_path / "out"
+    request = OptimizeRequest(
+        cell=CELL,
+        toolpath=tmp_path / "part.csv",
+        out=out,
+        overrides=("rotation_step_deg=15",),
+        process=CELL / "process.yaml",
+        front=True,
+    )
+    found = run_optimize(request)
+    assert found.exit_code == 0
+    front = found.result.front
+    assert front is not None
+    own = front[0]
+    assert own.in_tolerance is not None
+    for p in front:
+        assert (p.in_tolerance or 0) + (p.marginal or 0) + (p.fail or 0) + (p.unknown or 0) == own.in_tolerance + (
+            own.marginal or 0
+        ) + (own.fail or 0) + (own.unknown or 0)
+        assert p.mean_error_mm is not None
+        assert p.worst_error_mm is not None
+        assert p.mean_error_mm <= p.worst_error_mm
+    by_name = {p.plan: p for p in front}
+    if "stable cuts" in by_name:
+        assert (by_name["stable cuts"].least_stability_ratio or 0.0) >= 1.0 - 1e-6
+    if "feed advice" in by_name:
+        assert (by_name["feed advice"].in_tolerance or 0) >= (by_name["tolerances first"].in_tolerance or 0)
+    header = (out / "front.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert set(header) == set(FRONT_COLUMNS)
+    for key, value in (("marginal", 999), ("mean_error_mm", 9.0), ("least_stability_ratio", 9.0)):
+        job = copy_job(Job(CELL, tmp_path / "part.csv", out), tmp_path / key)
+        with edit_json(job.out / "result.json") as result:
+            result["front"][0][key] = value
+        columns = read_columns(job.out / "front.csv")
+        columns[key][0] = str(value)
+        lines = [",".join(columns), *(",".join(_quote(v) for v in row) for row in zip(*columns.values(), strict=True))]
+        (job.out / "front.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        update_manifest_hashes(job.out)
+        wanted = VerifyRequest(cell=CELL, toolpath=request.toolpath, out=job.out, process=request.process)
+        failed = [str(c.check_name) for c in run_verify(wanted).verification.failed]
+        assert any("front" in name for name in failed), (key, failed)
+
+
+def _quote(text: str) -> str:
+    return f'"{text}"' if "," in text else text

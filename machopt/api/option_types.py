@@ -33,11 +33,13 @@ class PlanOptionValues(TypedDict, total=False):
     singularity_elbow_deg: float | None  # least angle from the stretched or folded arm, degrees
     singularity_shoulder_mm: float | None  # least distance of the wrist from axis 1, mm
     limit_margin_deg: float | None  # kept from the joint limits, degrees
+    min_stability_ratio: float | None  # least stable depth of cut over the planned depth, where milled; needs process.yaml with modes; left out: no limit
     clearance_full_mm: float | None  # distance from which more gains nothing, for weights.clearance
     clearance_mm: float | None  # kept between everything checked, mm
     collision_step_deg: float | None  # joint step between collision checks, degrees
     collision: bool | None  # false: no collision check; the result states it
     gouge_tolerance_mm: float | None  # workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; left out: not checked
+    advised_feed_share: float | None  # share of the holes and points too fast for their tolerance that are driven at the advised feed, those slowed least first; left out: the feeds of the file
     sample_ms: float | None  # step of trajectory.csv, ms
     path_tolerance_mm: float | None  # by which the motion may round corners, mm
     axis_tolerance_deg: float | None  # the same of the tool axis, degrees

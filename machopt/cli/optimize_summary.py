@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
         ExternalSearchBoundSection,
         MotionBreakEntry,
         OptimizeDocument,
+        ParetoPlanEntry,
     )
     from machopt.verification import VerificationCheck, VerificationInformation
 
@@ -91,6 +93,27 @@ def _format_worst_point(result: OptimizeDocument) -> list[str]:
     return lines
 
 
+def _format_front_table(plans: Sequence[ParetoPlanEntry]) -> list[str]:
+    """Return tolerances and stability of the plans of a front, the fastest first; empty where there are none."""
+    if all(p.in_tolerance is None and p.least_stability_ratio is None for p in plans):
+        return []
+    wide = max(len(p.plan) for p in plans)
+    lines = [f"    {'plan':{wide}}  cycle s  in tolerance  marginal  fail  mean error mm  worst  stability"]
+    for p in sorted(plans, key=lambda p: p.cycle_time_s):
+        counts = [_format_or_dash(value, "d") for value in (p.in_tolerance, p.marginal, p.fail)]
+        errors = [_format_or_dash(value, ".3f") for value in (p.mean_error_mm, p.worst_error_mm)]
+        stability = _format_or_dash(p.least_stability_ratio, ".2f")
+        lines.append(
+            f"    {p.plan:{wide}}  {p.cycle_time_s:7.1f}  {counts[0]:>12}  {counts[1]:>8}  {counts[2]:>4}  "
+            f"{errors[0]:>13}  {errors[1]:>5}  {stability:>9}"
+        )
+    return lines
+
+
+def _format_or_dash(value: float | None, form: str) -> str:
+    return "–" if value is None else format(value, form)
+
+
 def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]:
     """Return the summary of a result as lines.
 
@@ -113,7 +136,10 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         lines.append(f"  front of {len(free)} plan{'s' * (len(free) > 1)} in front.csv: {', '.join(free)}")
         if any(p.dominated and p.plan == "as asked" for p in result.front):
             lines.append("  another of these plans is at least as good in every criterion as the requested plan")
+        lines += _format_front_table([p for p in result.front if not p.dominated])
     lines += _format_worst_point(result)
+    if result.process is not None and result.process.stability is not None:
+        lines.append(f"  {result.process.stability.describe()}")
     shift = result.compensation
     if shift:
         lines.append(

@@ -14,12 +14,13 @@ class InfeasibilityReason(enum.IntEnum):
     SINGULAR_WRIST = 3
     SINGULAR_ELBOW = 4
     SINGULAR_SHOULDER = 5
-    COLLIDING = 6
-    BOUNDS = 7  # outside the user's rotation range
-    NO_PATH = 8  # feasible by itself, but not joined to its neighbours without a jump
-    GAP = 9  # feasible, but the cut to it is left out: it lies at a gap that the user allowed
-    SHIFT = 10  # feasible as programmed, but the shift against the deflection is refused
-    GOUGING = 11  # the CAM file itself drives the cutter into the finished part, whatever the robot does
+    UNSTABLE = 6  # the stable depth of cut over the planned one is below min_stability_ratio
+    COLLIDING = 7
+    BOUNDS = 8  # outside the user's rotation range
+    NO_PATH = 9  # feasible by itself, but not joined to its neighbours without a jump
+    GAP = 10  # feasible, but the cut to it is left out: it lies at a gap that the user allowed
+    SHIFT = 11  # feasible as programmed, but the shift against the deflection is refused
+    GOUGING = 12  # the CAM file itself drives the cutter into the finished part, whatever the robot does
 
     @property
     def word(self) -> str:

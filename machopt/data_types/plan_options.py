@@ -150,11 +150,13 @@ class PlanOptions:
     singularity_elbow: float = radians(3.0)  # least angle from the stretched or folded arm
     singularity_shoulder: float = 0.05  # m, least distance of the wrist centre from axis 1
     limit_margin: float = radians(0.5)  # rad, distance kept from joint limits
+    min_stability_ratio: float | None = None  # least stable depth of cut over the planned one; None: no limit
     clearance: float = 0.002  # m, required between everything checked
     clearance_full: float = 0.05  # m, from which more gains nothing, where the objective counts it
     collision_step: float = radians(1.0)  # joint step between collision checks
     collision: bool = True
     gouge: float | None = None  # m by which the cutter may be in the part, taken as finished; None: not looked for
+    advised_feed_share: float | None = None  # of the points too fast for their tolerance; None: the file's feeds
     sample: float = 0.012  # s
     path_tolerance: float = 15e-6  # m, corner rounding
     axis_tolerance: float = radians(0.03)  # rad

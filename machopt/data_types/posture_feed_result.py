@@ -1,4 +1,4 @@
-"""Result of the joint optimisation of posture and feed (``--method joint``) for one tool."""
+"""Feeds of one tool that differ from those of the file: ``advised_feed_share`` and ``--method joint``."""
 
 from __future__ import annotations
 
@@ -29,3 +29,14 @@ class PostureFeedResult:
     fixed_seconds: float  # cycle time with the path of the plan at its own advised feeds; NaN: it cannot be driven
     joint_seconds: float  # cycle time of the joint result; NaN: there is none
     windows: tuple[WindowOutcome, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdvisedFeedResult:
+    """Feeds that are driven with ``advised_feed_share``, and their price in time."""
+
+    feed: Array  # (N,) m/s of the move to each toolpath point: that of the file, or the advice where lower
+    share: float
+    slowed: int  # milled points and holes that are driven at an advice below the file's feed
+    needed: int  # milled points and holes whose advice is below the file's feed
+    file_feed_seconds: float  # cycle time at the feeds of the file; NaN: it cannot be driven

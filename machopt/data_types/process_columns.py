@@ -38,6 +38,22 @@ class ProcessColumns:
     chatter: tuple[str, ...]  # (N,)
     feed_max: Array  # (N,) m/s, largest feed that stays in tolerance
 
+    def compute_stability_ratios(self) -> Array:
+        """Return (N,) the stable depth of cut over the planned one; inf without a limit, NaN where it is not known."""
+        words = np.array(self.chatter, dtype=object)
+        known = (words != "") & (words != "unknown")
+        ratio = np.where(np.isfinite(self.depth_limit), self.depth_limit, np.inf) / self.ap
+        return np.where(known, ratio, np.nan)
+
+    def compute_deciding_errors(self) -> Array:
+        """Return (N,) m the size of the nominal error of holes and points with an outcome; NaN elsewhere.
+
+        It is that normal to the surface of milled points, and that across the axis of holes.
+        """
+        normal, across = (np.abs(self.errors[name]) for name in ("normal", "across"))
+        has_outcome = np.array(self.outcome, dtype=object) != ""
+        return np.where(has_outcome, np.where(np.isfinite(normal), normal, across), np.nan)
+
     def count_outcomes(self) -> dict[str, int]:
         """Return how many points have each outcome."""
         words = np.array(self.outcome, dtype=object)

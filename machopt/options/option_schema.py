@@ -10,6 +10,7 @@ from machopt.data_types.plan_options import ExternalMode, PlanMethod, PlanObject
 from machopt.file_formats.strict_yaml import StrictSchema
 from machopt.options.steering_schema import SteerKeys
 
+MAX_STABILITY_RATIO = 4.0  # larger ratios are not computed
 MAX_TILT_DEG = 45.0  # beyond it a lead is no longer a small change of what the CAM file programs
 
 
@@ -163,6 +164,13 @@ class OptionKeys(StrictSchema):
         default=None, ge=0, le=1000, description="least distance of the wrist from axis 1, mm"
     )
     limit_margin_deg: float | None = Field(default=None, ge=0, le=45, description="kept from the joint limits, degrees")
+    min_stability_ratio: float | None = Field(
+        default=None,
+        gt=0,
+        le=MAX_STABILITY_RATIO,
+        description="least stable depth of cut over the planned depth, where milled; needs process.yaml with modes; "
+        "left out: no limit",
+    )
     clearance_full_mm: float | None = Field(
         default=None, gt=0, le=500, description="distance from which more gains nothing, for weights.clearance"
     )
@@ -177,6 +185,13 @@ class OptionKeys(StrictSchema):
         le=50,
         description="workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; "
         "left out: not checked",
+    )
+    advised_feed_share: float | None = Field(
+        default=None,
+        gt=0,
+        le=1,
+        description="share of the holes and points too fast for their tolerance that are driven at the advised feed, "
+        "those slowed least first; left out: the feeds of the file",
     )
     sample_ms: float | None = Field(default=None, ge=0.5, le=100, description="step of trajectory.csv, ms")
     path_tolerance_mm: float | None = Field(

@@ -122,6 +122,8 @@ OPTIONS = (
         lambda axes: {axis.joint: _format_external_options(axis) for axis in axes},
         always=False,
     ),
+    PlanOptionField("advised_feed_share", "advised_feed_share", lambda v: v, lambda v: v, always=False),
+    PlanOptionField("min_stability_ratio", "min_stability_ratio", lambda v: v, lambda v: v, always=False),
     _define_scaled_option("gouge_tolerance_mm", "gouge", _MM, always=False),
     _define_angle_option("preferred_rotation_deg", "preferred_rotation", always=False),
     PlanOptionField(
@@ -203,6 +205,8 @@ def find_options_without_effect(options: PlanOptions) -> tuple[str, ...]:
         idle(("clearance_mm", "collision_step_deg"), "collision is false")
     if not options.compensate:
         idle(("compensation_max_mm",), "compensate is false")
+    if options.method == "joint":
+        idle(("advised_feed_share",), "method joint drives every advised feed")
     if not options.is_searched:
         why = f"method {options.method} chooses without"
         idle(("weights", "preferred_rotation_deg"), why)

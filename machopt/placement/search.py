@@ -407,5 +407,6 @@ _REASON_TEXTS = {
     InfeasibilityReason.SINGULAR_WRIST: "too near the wrist singularity",
     InfeasibilityReason.SINGULAR_ELBOW: "too near the elbow singularity",
     InfeasibilityReason.SINGULAR_SHOULDER: "too near the shoulder singularity",
+    InfeasibilityReason.UNSTABLE: "below min_stability_ratio",
     InfeasibilityReason.BOUNDS: "outside the rotations that are allowed",
 }

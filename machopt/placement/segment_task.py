@@ -26,7 +26,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings, fix_external_axes, prepare_planning
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.infeasibility_reasons import explain_points, list_breaks
-from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.path_subset import list_run_points
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 
@@ -49,7 +49,7 @@ class SegmentTask:
             options: plan options.
         """
         cell, path = stint.cell, build_planning_path(stint.toolpath)
-        setup = prepare_planning(cell, replace(options, collision=False))
+        setup = prepare_planning(cell, replace(options, collision=False), stint.toolpath)
         if not cell.external_joints:
             return cls(stint, setup, path, ())
         groups = build_operation_groups(cell, stint.toolpath, path, resolve_axis_options(cell, options))
@@ -79,6 +79,7 @@ class SegmentTask:
         """
         cell = move_cell(self.setup.driven, carried, shift)
         arm = PlanningArm.of(cell, self.setup.arm.solver, load_machine(cell, self.setup.robot), options)
+        arm = replace(arm, stability=self.setup.arm.stability)
         if self.has_free_external_joints:
             found = estimate_with_external_joints(self.setup, arm, self.path, options, self.groups)
         else:

@@ -17,8 +17,8 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
 from machopt.planning.cost.stiffness_index import LoadDirections, compute_configuration_cost
-from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import MARGINS, JointAssignment
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 from machopt.stiffness.arm_stiffness import ArmElasticity
 

@@ -31,7 +31,8 @@ def plan_milled_wall(folder: Path) -> Job:
     cell = folder / "cell" / "cell.yaml"
     cell.write_text(cell.read_text(encoding="utf-8") + "process: process.yaml\n", encoding="utf-8")
     out = folder / "out"
-    request = OptimizeRequest(cell=folder / "cell", toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",))
+    overrides = ("rotation_step_deg=15", "min_stability_ratio=0.5")
+    request = OptimizeRequest(cell=folder / "cell", toolpath=toolpath, out=out, overrides=overrides)
     assert run_optimize(request).exit_code == 0
     return Job(folder / "cell", toolpath, out)
 
@@ -99,6 +100,12 @@ def double_first_share(process: dict[str, Any]) -> None:
     shares[max(shares, key=shares.__getitem__)] *= 2.0
 
 
+def demand_stability(job: Job) -> None:
+    """A larger least ratio in manifest and result: the motion does not keep it."""
+    for file in ("manifest.json", "result.json"):
+        build_json_change(file, lambda told: told["options"].update(min_stability_ratio=3.9))(job)
+
+
 COLUMNS = (  # column, factor, check that finds it
     ("f_travel_N", 1.03, "points.csv f_travel_N"),
     ("f_normal_N", 1.03, "points.csv f_normal_N"),
@@ -146,6 +153,24 @@ DAMAGES = [
         build_table_change("points.csv", partial(replace_word, "outcome", "unknown")),
         "points.csv outcome",
         "process",
+    ),
+    Damage("least ratio stated", "0.5 → 3.9", demand_stability, "as asked: min_stability_ratio", "process"),
+    Damage(
+        "least ratio kept",
+        "0.5 → 3.9",
+        demand_stability,
+        "points.csv stability at min_stability_ratio",
+        "process",
+    ),
+    *(
+        Damage(
+            f"result.json stability {key}",
+            f"{value}",
+            in_process(lambda process, key=key, value=value: process["stability"].update({key: value})),
+            "result.json process",
+            "process",
+        )
+        for key, value in (("least_ratio", 9.0), ("least_point", 0), ("stable", 1), ("min_stability_ratio", 0.4))
     ),
     Damage("result.json outcome counts", "1 point", in_process(count_one_more), "result.json process", "process"),
     Damage("result.json variance share", "×2", in_process(double_first_share), "result.json process", "process"),

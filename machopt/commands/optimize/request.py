@@ -22,7 +22,13 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.job.pareto_front import check_front_options
-from machopt.planning.job.request_checks import add_reach_warning, check_length_unit, check_plannable, check_tilt
+from machopt.planning.job.request_checks import (
+    add_reach_warning,
+    check_length_unit,
+    check_plannable,
+    check_stability_ratio,
+    check_tilt,
+)
 from machopt.process.binding.job_binding import attach_forces, mark_forces
 from machopt.process.binding.operation_matching import attach_process
 from machopt.program_export.selected_posts import SelectedPost, is_post_file, select_posts
@@ -108,6 +114,7 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
         check_front_options(options)
     check_plannable(toolpath, options, cell.process)
     check_tilt(segments, options)
+    check_stability_ratio(segments, options)
     if not options.allow_gaps:
         check_length_unit(cell, toolpath, request.toolpath, stated="unit" in request.reading)
     files = JobFiles(

@@ -1,6 +1,7 @@
-"""``--front``: the cost of more stiffness in time, joint travel and clearance, as a small set of complete plans.
+"""``--front``: stiffness, tolerances and stability against time, as a small set of complete plans.
 
-Each plan has other weights or another clearance. Each gets a complete motion and the same checks as the main plan.
+Each plan has other weights, another clearance, other feeds or another least stability.
+Each gets a complete motion and the same checks as the main plan.
 Dominated plans are dropped.
 """
 
@@ -17,6 +18,7 @@ from machopt.planning.job.job_planner import plan_job
 from machopt.planning.job.pareto_front import (
     FrontPlan,
     list_front_variants,
+    list_process_variants,
     list_reentry_variants,
     mark_dominated_plans,
     measure_front_plan,
@@ -26,6 +28,17 @@ from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.verification.folder.folder_checks import check_contents
 
 FRONT_FILE = "front.csv"
+PROCESS_COLUMNS = {
+    "in_tolerance",
+    "marginal",
+    "fail",
+    "unknown",
+    "mean_error_mm",
+    "worst_error_mm",
+    "least_stability_ratio",
+}
+"""Columns without values are left out."""
+
 FRONT_COLUMNS = (
     "plan",
     "changed",
@@ -35,6 +48,12 @@ FRONT_COLUMNS = (
     "joint_travel_deg",
     "clearance_mm",
     "in_tolerance",
+    "marginal",
+    "fail",
+    "unknown",
+    "mean_error_mm",
+    "worst_error_mm",
+    "least_stability_ratio",
     "posture_changes",
     "objective",
 )
@@ -52,6 +71,7 @@ def compute_trade_off_front(given: OptimizeInputs, requested: Plan, own: FrontPl
     cell, toolpath = given.cell, given.toolpath
     for name, changed, other in (
         *list_front_variants(given.options),
+        *list_process_variants([(s.cell, s.toolpath) for s in given.stints], given.options),
         *list_reentry_variants(requested, toolpath, given.options),
     ):
         job = plan_job(given.stints, toolpath, other, StageTimings())
@@ -79,7 +99,7 @@ def write_trade_off_front(path: Path, points: list[FrontPlan]) -> None:
         path: The file to write.
         points: All plans of the front.
     """
-    columns = [c for c in FRONT_COLUMNS if c != "in_tolerance" or any(p.in_tolerance is not None for p in points)]
+    columns = [c for c in FRONT_COLUMNS if c not in PROCESS_COLUMNS or any(getattr(p, c) is not None for p in points)]
     lines = [",".join(columns)]
     lines += [",".join(_format_value(getattr(p, name)) for name in columns) for p in points if not p.dominated]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")

@@ -137,6 +137,12 @@ class ParetoPlanEntry(DocumentModel):
     joint_travel_deg: Number
     clearance_mm: Known
     in_tolerance: Count | None = None  # holes and points that pass; null where nothing has a tolerance
+    marginal: Count | None = None
+    fail: Count | None = None
+    unknown: Count | None = None
+    mean_error_mm: Known = None  # nominal, of holes and points with a tolerance, at the driven feed
+    worst_error_mm: Known = None
+    least_stability_ratio: Known = None  # stable depth of cut over the planned one, at most 10; null: not known
     posture_changes: Count = 0  # branch changes and whole turns in rapid moves
     objective: Known
     dominated: Flag
@@ -246,6 +252,13 @@ class ReentryEntry(DocumentModel):
     worst_percent: Known  # change of the worst index
 
 
+class BestStabilityEntry(DocumentModel):
+    """The most stable configuration within limits and margins; collisions are not considered."""
+
+    ratio: Known  # stable depth of cut over the planned one; null without a limit
+    gamma_deg: Number
+
+
 class InfeasiblePointEntry(DocumentModel):
     """A point without a configuration."""
 
@@ -253,6 +266,7 @@ class InfeasiblePointEntry(DocumentModel):
     status: Text
     reason: Text
     help: Text
+    best_stability: BestStabilityEntry | None = None  # where min_stability_ratio excludes configurations
 
 
 class MotionBreakEntry(DocumentModel):
@@ -436,6 +450,36 @@ class StockSection(DocumentModel):
     finished: StockComparisonSection | None  # null without one closed mesh as workpiece
 
 
+class StabilitySection(DocumentModel):
+    """Stability of the milled points: stable depth of cut over the planned one."""
+
+    min_stability_ratio: Known  # as requested; null: no limit
+    least_ratio: Known  # null where no limit of the depth is near
+    least_point: Count | None
+    stable: Count  # points
+    unstable: Count
+    unknown: Count
+
+    def describe(self) -> str:
+        """Return the stability of the job in one sentence."""
+        total = self.stable + self.unstable + self.unknown
+        text = f"{self.stable} of {total} milled points stable"
+        text += f", {self.unknown} unknown" if self.unknown else ""
+        if self.least_ratio is not None:
+            text += f"; least ratio of stable to planned depth {self.least_ratio:.3g} at point {self.least_point}"
+        least = self.min_stability_ratio
+        return text if least is None else f"{text} (min_stability_ratio {least:g})"
+
+
+class AdvisedFeedSection(DocumentModel):
+    """Feeds below those of the file, with `advised_feed_share`."""
+
+    share: Number
+    slowed: Count  # holes and milled points driven at an advice below the file's feed
+    needed: Count  # holes and milled points whose advice is below the file's feed
+    file_feed_s: Known  # cycle time at the feeds of the file
+
+
 class ProcessSection(DocumentModel):
     """Tolerances of the job; errors at the feed that the motion reaches."""
 
@@ -446,6 +490,8 @@ class ProcessSection(DocumentModel):
     variance_shares: dict[Text, Number]  # stiffness, force, position: mean share of the variance of the error
     sources: dict[Text, Text]
     validity: tuple[Text, ...]
+    stability: StabilitySection | None = None  # null where nothing is milled
+    advised_feed: AdvisedFeedSection | None = None  # with `advised_feed_share`
     stock: StockSection | None = None  # null where no engagement comes from the stock
 
 

@@ -14,8 +14,8 @@ from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import build_transform, compute_tool_rotation, normalise_vectors
 from machopt.planning.cache import compute_cached
-from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import CONVERGED, SAME_BRANCH
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath
 
 NEAR = np.radians(3.0)  # joint step up to which the move between two points is interpolated in joint space

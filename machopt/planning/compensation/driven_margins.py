@@ -18,13 +18,17 @@ from machopt.numerics.array_types import Array
 from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
-from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import solve_joint_path
+from machopt.planning.sampling.planning_arm import PlanningArm
 
 ROUNDING = np.radians(
     1e-5
 )  # of joint angles; requested_choices.MARGIN_TOLERANCE_DEG of the verification allows 2e-5° for it
 FACTOR, LEAST = 2.0, np.radians(0.001)  # added margin: multiple of the violation, and its minimum
+_MARGIN_NAMES = {
+    InfeasibilityReason.LIMIT: "limit_margin_deg",
+    InfeasibilityReason.UNSTABLE: "min_stability_ratio",
+}
 
 
 def apply_driven_rotation(plan: Plan, phi: Array) -> Plan:
@@ -55,16 +59,13 @@ def find_lost_margin(planned: Plan, driven: Plan) -> SequenceBreak | None:
     if not len(rows):
         return None
     at = float(planned.path.index[rows[0]])
-    which = (
-        "limit_margin_deg"
-        if driven.chosen.assignment.reason[rows[0]] == InfeasibilityReason.LIMIT
-        else "a singularity margin"
-    )
+    why = InfeasibilityReason(int(driven.chosen.assignment.reason[rows[0]]))
+    which = _MARGIN_NAMES.get(why, "a singularity margin")
     return SequenceBreak(
         before=at,
         after=at,
         code="not_driven",
-        text=f"the rotation, rounded where it bends, stands nearer than {which} allows",
+        text=f"the rotation, rounded where it bends, does not keep {which}",
         help=f"a smaller value of {which}, or one rotation for all of the operation (steer), would help",
     )
 
@@ -94,8 +95,13 @@ def add_margin_reserve(options: PlanOptions, planned: Plan, driven: Plan) -> Pla
         worst = float(np.nan_to_num(short, nan=0.0).max(initial=0.0))
         return FACTOR * worst + LEAST if worst > 0 else 0.0
 
+    least = options.min_stability_ratio
+    if least is not None and arm.stability is not None:
+        ratio = arm.stability.compute_ratios(arm, driven.path, rows, q)
+        least += more(arm.stability.ratio - ratio)
     return replace(
         options,
+        min_stability_ratio=least,
         limit_margin=options.limit_margin + more(np.maximum(arm.lower - q, q - arm.upper)),
         singularity_wrist=options.singularity_wrist + more(m.wrist - a.wrist[rows]),
         singularity_elbow=options.singularity_elbow + more(m.elbow - a.elbow[rows]),

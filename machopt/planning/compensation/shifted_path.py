@@ -36,8 +36,8 @@ from machopt.planning.cost.stiffness_index import compute_configuration_cost
 from machopt.planning.pipeline.place_pricing import price_places
 from machopt.planning.pipeline.plan import PathCompensation, Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup
-from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import ARM, PlanningPath
 
 NOTHING = 1e-6  # m; a smaller shift is not refused

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import spsolve
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
 from machopt.planning.continuous_refinement.offset_curves import OffsetCurves
-from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
 LEAST_RIDGE = 1e-12  # ridge of the normal equations, for a curve with more basis functions than points

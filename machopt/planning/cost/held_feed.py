@@ -34,7 +34,7 @@ from machopt.planning.cost.objective import AXIS_SPEED
 from machopt.planning.retiming.joint_derivatives import differentiate
 from machopt.planning.retiming.time_law import ACCELERATION_SHARE, JERK_SHARE
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath
 
 CHUNK = 8_192  # configurations at a time

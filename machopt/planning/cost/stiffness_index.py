@@ -30,7 +30,7 @@ from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.cost.process_force_direction import compute_process_force, compute_sideways_directions
 from machopt.planning.cost.rapid_time import RapidPricing
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState, compute_joint_stiffness
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance

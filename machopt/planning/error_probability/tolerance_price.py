@@ -34,7 +34,7 @@ from machopt.planning.error_probability.targets import (
     list_surface_targets,
 )
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.process.binding.job_binding import compute_loads
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear

@@ -246,7 +246,7 @@ def _coarse_to_fine(request: _Asked) -> list[Plan]:
     request = replace(request, options=resolve_steering(request.options, request.toolpath))
     options, before = request.options, request.before
     with request.clock.stage("prepare"):
-        setup = prepare_planning(request.cell, options) if before is None else before.setup
+        setup = prepare_planning(request.cell, options, request.toolpath) if before is None else before.setup
         path = build_planning_path(request.toolpath, list_constrained_points(options))
         groups = build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer)
     if _locked(groups):

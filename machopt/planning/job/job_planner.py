@@ -25,7 +25,7 @@ from machopt.planning.job.constraint_conflicts import is_complete as is_whole
 from machopt.planning.job.joined_motion import DrivenToolSegment, join_point_tables, join_timelines
 from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_shares, join_plans
 from machopt.planning.job.locked_axes import add_locked_axes_note, has_trajectory, iterate_locked_subsets
-from machopt.planning.job.posture_feed_job import drive_posture_and_feed
+from machopt.planning.job.posture_feed_job import drive_posture_and_feed, drive_share_of_advice
 from machopt.planning.job.rapid_rerouting import reroute_blocked_rapids
 from machopt.planning.job.request_checks import plan_motion
 from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools
@@ -175,6 +175,10 @@ def _done(
     if options.method == "joint":
         the_plan, as_told, timeline = drive_posture_and_feed(
             stint, the_plan, timings, lambda plan, other: drive(plan, again=other), again, refused
+        )
+    elif options.advised_feed_share is not None:
+        the_plan, as_told, timeline = drive_share_of_advice(
+            stint, the_plan, options.advised_feed_share, lambda plan, other: drive(plan, again=other), again
         )
     else:
         the_plan, as_told, timeline = drive(the_plan, again=again)

@@ -1,27 +1,37 @@
-"""Alternative plans that trade stiffness against time, joint travel and clearance, and their Pareto front."""
+"""Alternative plans that trade stiffness, tolerances and stability against time, and their Pareto front."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.process_columns import merge_process_summaries
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import CellError
-from machopt.planning.cost.objective import compute_total
+from machopt.planning.cost.objective import PlanObjective, compute_total
 from machopt.planning.cost.rapid_time import count_changes
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.reentry.closed_contours import find_reentry_points
 from machopt.planning.sequence_search.worst_value_constraint import GAP
+from machopt.planning.stability.depth_ratio import find_missing_input
 
 INDEX = GAP  # relative: accuracy of the objective of the choice, so smaller differences are not significant
 TIME = 0.1  # s: eight control samples; the time a controller adds at stops varies by more between runs
 TRAVEL = 1.0  # deg of all axes together: below the rotation grid, and irrelevant for wear and heating
+COUNT = 0.5  # holes and points in tolerance: one more is a difference
+ERROR = 1e-3  # mm, last digit of errors in tables
+ADVISED_SHARES = (0.3, 0.6, 1.0)  # of the alternatives: a curve of tolerances against time has some points
+STABILITY_WEIGHT = 30.0  # of the alternative: benchmarks/stability_choice.py
+STABLE_RATIOS = {"stable cuts": 1.0, "stable cuts with reserve": 1.2}  # the reserve is that of weights.stability
+LARGEST_RATIO = 10.0  # larger limits of the depth are not written
+RATIO = 0.01  # stable depth over planned depth
 CLEARANCE = 0.01  # mm: clearance is checked before corners are rounded, by up to path_tolerance_mm (0.015)
 SAME = 1.0 + 1e-6  # factor of such a difference: round-off of 0.1 s
 
@@ -38,6 +48,12 @@ class FrontPlan:
     joint_travel_deg: float  # of all axes together, over the whole motion
     clearance_mm: float | None  # least at the points; None where collisions are not checked
     in_tolerance: int | None = None  # holes and points that pass; None where nothing has a tolerance
+    marginal: int | None = None
+    fail: int | None = None
+    unknown: int | None = None
+    mean_error_mm: float | None = None  # nominal, of holes and points with a tolerance, at the driven feed
+    worst_error_mm: float | None = None
+    least_stability_ratio: float | None = None  # stable depth over planned depth, at most LARGEST_RATIO
     posture_changes: int = 0  # branch changes and whole turns in rapid moves
     objective: float | None = None  # J by the active weights, in units of the requested plan
     dominated: bool = False  # another plan is better in one of these, worst_index aside, and worse in none
@@ -58,7 +74,11 @@ class FrontPlan:
         if self.clearance_mm is not None and other.clearance_mm is not None:
             pairs.append((other.clearance_mm, self.clearance_mm, CLEARANCE))
         if self.in_tolerance is not None and other.in_tolerance is not None:
-            pairs.append((other.in_tolerance, self.in_tolerance, 1.0))
+            pairs.append((other.in_tolerance, self.in_tolerance, COUNT))
+        if self.mean_error_mm is not None and other.mean_error_mm is not None:
+            pairs.append((self.mean_error_mm, other.mean_error_mm, ERROR))
+        if self.least_stability_ratio is not None and other.least_stability_ratio is not None:
+            pairs.append((other.least_stability_ratio, self.least_stability_ratio, RATIO))
         return tuple((a - b) / unit if unit else 0.0 for a, b, unit in pairs)
 
 
@@ -116,6 +136,61 @@ def list_front_variants(options: PlanOptions) -> list[tuple[str, str, PlanOption
     return out
 
 
+def list_process_variants(
+    cells: Sequence[tuple[Cell, Toolpath]], options: PlanOptions
+) -> list[tuple[str, str, PlanOptions]]:
+    """Return the alternatives about tolerances and stability, where the process states them.
+
+    Args:
+        cells: the cell and the toolpath of each tool.
+        options: plan options.
+    """
+    out: list[tuple[str, str, PlanOptions]] = []
+    if not cells:
+        return out
+    process = cells[0][0].process
+    has_tolerances = process is not None and any(one.tolerance.is_given for one in process.operations)
+    if has_tolerances:
+        out += _list_tolerance_variants(options)
+    if not all(find_missing_input(cell, toolpath) for cell, toolpath in cells):
+        out += _list_stability_variants(options, has_tolerances)
+    return out
+
+
+def _list_tolerance_variants(options: PlanOptions) -> list[tuple[str, str, PlanOptions]]:
+    first = replace(options, objective="tolerance")
+    out = []
+    if options.objective == "tolerance":
+        out.append(("index first", "objective index", replace(options, objective="index")))
+    else:
+        out.append(("tolerances first", "objective tolerance", first))
+    for share in ADVISED_SHARES:
+        name = "feed advice" if share == 1.0 else f"{100 * share:g} % of the feed advice"
+        if options.advised_feed_share != share:
+            changed = f"objective tolerance, advised_feed_share {share:g}"
+            out.append((name, changed, replace(first, advised_feed_share=share)))
+    if options.advised_feed_share is not None:
+        out.append(("feeds of the file", "no advised_feed_share", replace(options, advised_feed_share=None)))
+    return out
+
+
+def _list_stability_variants(options: PlanOptions, has_tolerances: bool) -> list[tuple[str, str, PlanOptions]]:
+    w, least = options.weights, options.min_stability_ratio
+    weight = max(STABILITY_WEIGHT, 4.0 * w.stability)
+    counted = replace(options, weights=replace(w, stability=weight))
+    out = [("stability counts", f"weights.stability {weight:g}", counted)]
+    for name, ratio in STABLE_RATIOS.items():
+        if least is None or ratio > least:
+            out.append((name, f"min_stability_ratio {ratio:g}", replace(options, min_stability_ratio=ratio)))
+    if has_tolerances:
+        ratio = max(1.0, least or 0.0)
+        changed = f"objective tolerance, advised_feed_share 1, min_stability_ratio {ratio:g}"
+        both = replace(options, objective="tolerance", advised_feed_share=1.0, min_stability_ratio=ratio)
+        if both not in (options, replace(options, objective="tolerance", advised_feed_share=1.0)):
+            out.append(("stable cuts, feed advice", changed, both))
+    return out
+
+
 def list_reentry_variants(
     requested: Plan, toolpath: Toolpath, options: PlanOptions
 ) -> list[tuple[str, str, PlanOptions]]:
@@ -137,15 +212,19 @@ def list_reentry_variants(
     ]
 
 
-def describe_missing_plans(points: Sequence[FrontPlan], options: PlanOptions) -> tuple[str, ...]:
+def describe_missing_plans(
+    points: Sequence[FrontPlan], options: PlanOptions, cells: Sequence[tuple[Cell, Toolpath]] = ()
+) -> tuple[str, ...]:
     """Return one sentence where alternative plans are missing from a front; none where no front was requested.
 
     Args:
         points: plans of the front.
         options: plan options.
+        cells: the cell and the toolpath of each tool.
     """
     present = {p.plan for p in points}
-    missing = [name for name, _, _ in list_front_variants(options) if name not in present]
+    tried = [*list_front_variants(options), *list_process_variants(cells, options)]
+    missing = [name for name, _, _ in tried if name not in present]
     if not points or not missing:
         return ()
     return (f"--front: {', '.join(missing)} left out: no motion was found, or it failed the checks",)
@@ -193,7 +272,7 @@ def measure_front_plan(
     if motion is None:
         raise ValueError("a plan without a motion is no point of the front")
     unit, share = 1e3 * the_plan.scores.scale, the_plan.scores.scale / requested_plan.scores.scale
-    in_its_units = replace(o, mean=share * o.mean, worst=share * o.worst)
+    in_its_units = _convert_prices(replace(o, mean=share * o.mean, worst=share * o.worst), the_plan, requested_plan)
     clearance = points.table.clearance
     return FrontPlan(
         plan=name,
@@ -203,18 +282,45 @@ def measure_front_plan(
         cycle_time_s=float(motion.time[-1]),
         joint_travel_deg=float(np.degrees(np.abs(np.diff(motion.q, axis=0)).sum())),
         clearance_mm=1e3 * float(np.nanmin(clearance)) if np.isfinite(clearance).any() else None,
-        in_tolerance=_count_passes(points),
+        **_measure_process(points),
         posture_changes=count_changes(
             the_plan.path, the_plan.chosen.assignment.q, the_plan.chosen.assignment.branch, the_plan.candidates.stable
         ),
-        objective=compute_total(in_its_units, requested_plan.options.weights),
+        objective=None if in_its_units is None else compute_total(in_its_units, requested_plan.options.weights),
     )
 
 
-def _count_passes(points: PointResults) -> int | None:
-    """Return how many holes and points are in tolerance; None where nothing has a tolerance."""
-    summary = merge_process_summaries(points.process)
-    return None if summary is None or not summary.tolerances else summary.after["pass"]
+def _convert_prices(parts: PlanObjective, plan: Plan, requested: Plan) -> PlanObjective | None:
+    """Return the parts with the prices that the requested plan counts; None where they are not known."""
+    own, wanted = plan.options, requested.options
+    if own.advised_feed_share != wanted.advised_feed_share:
+        return None
+    tolerance, stability = parts.tolerance, parts.stability
+    if own.objective != wanted.objective:
+        tolerance = 0.0 if wanted.objective == "index" else np.nan
+    if own.weights.stability != wanted.weights.stability:
+        share = wanted.weights.stability / own.weights.stability if own.weights.stability else np.nan
+        stability = share * stability if wanted.weights.stability else 0.0
+    is_known = np.isfinite(tolerance) and np.isfinite(stability)
+    return replace(parts, tolerance=tolerance, stability=stability) if is_known else None
+
+
+def _measure_process(points: PointResults) -> dict[str, Any]:
+    """Return outcomes, errors and least stability of a plan; nothing where the cell has no process."""
+    summary, columns = merge_process_summaries(points.process), points.table.process
+    if summary is None or columns is None:
+        return {}
+    found: dict[str, Any] = {}
+    ratio = columns.compute_stability_ratios()
+    if np.isfinite(columns.ap).any() and not np.isnan(ratio).all() and "unknown" not in columns.chatter:
+        found["least_stability_ratio"] = min(float(np.nanmin(ratio)), LARGEST_RATIO)
+    if summary.tolerances:
+        counts = summary.after
+        found |= {"in_tolerance": counts["pass"], **{name: counts[name] for name in ("marginal", "fail", "unknown")}}
+        error = 1e3 * columns.compute_deciding_errors()
+        if np.isfinite(error).any():
+            found |= {"mean_error_mm": float(np.nanmean(error)), "worst_error_mm": float(np.nanmax(error))}
+    return found
 
 
 def mark_dominated_plans(points: list[FrontPlan]) -> list[FrontPlan]:

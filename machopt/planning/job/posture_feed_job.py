@@ -1,4 +1,6 @@
-"""Motion of one tool with method joint: fixed path or joint result, each at its own advised feeds.
+"""Motion of one tool at advised feeds: ``advised_feed_share``, and method joint.
+
+With method joint: fixed path or joint result, each at its own advised feeds.
 
 The joint result is driven where its whole motion, rapid moves included, is shorter, and where no fewer points are in
 tolerance at the feeds that the motion reaches. Otherwise the path of the plan is driven, at its own advised feeds.
@@ -12,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
-from machopt.data_types.posture_feed_result import PostureFeedResult, WindowOutcome
+from machopt.data_types.posture_feed_result import AdvisedFeedResult, PostureFeedResult, WindowOutcome
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.motion.trajectory_builder import MotionTimeline
@@ -66,7 +68,7 @@ def drive_posture_and_feed(
         refused: Why the joint result is not to be driven; empty: it is tried.
     """
     toolpath = stint.toolpath
-    fixed = _drive_at_advised_feeds(the_plan, toolpath, drive, again)
+    fixed = drive_at_advised_feeds(the_plan, toolpath, drive, again)
     if not np.isfinite(fixed.seconds):
         return _conclude(fixed, toolpath, np.nan, "the plan has no motion", ())
     if not fixed.advised.is_known or refused:
@@ -79,7 +81,7 @@ def drive_posture_and_feed(
     if not any(window.is_accepted for window in windows):
         reason = "no window is accepted" if windows else "no run of the toolpath is cut along a path with a tolerance"
         return _conclude(fixed, toolpath, np.nan, reason, windows)
-    joint = _drive_at_advised_feeds(better, toolpath, drive, lambda _: better)
+    joint = drive_at_advised_feeds(better, toolpath, drive, lambda _: better)
     reason = _find_reason_against(fixed, joint, better, toolpath)
     return _conclude(fixed if reason else joint, toolpath, joint.seconds, reason, windows, fixed.seconds)
 
@@ -99,18 +101,70 @@ def _find_reason_against(fixed: DrivenCandidate, joint: DrivenCandidate, wanted:
     return ""
 
 
-def _drive_at_advised_feeds(
-    plan: Plan, toolpath: Toolpath, drive: Drive, again: Callable[[PlanOptions], Plan]
+def drive_share_of_advice(
+    stint: ToolSegment, the_plan: Plan, share: float, drive: Drive, again: Callable[[PlanOptions], Plan]
+) -> tuple[Plan, Plan, MotionTimeline | None]:
+    """Return the plan, the plan as driven, and its motion at some of the advised feeds.
+
+    Args:
+        stint: Toolpath of one tool.
+        the_plan: Its plan.
+        share: ``advised_feed_share``.
+        drive: Computes the motion of a plan; its second argument plans anew with other options.
+        again: Plans the same with other options for the whole job.
+    """
+    toolpath = stint.toolpath
+    at_file_feed = DrivenCandidate(*drive(the_plan, again), AdvisedFeeds(np.full(len(toolpath), np.nan), 0))
+    if not np.isfinite(at_file_feed.seconds):
+        return at_file_feed.plan, at_file_feed.driven, at_file_feed.timeline
+    found = drive_at_advised_feeds(at_file_feed.plan, toolpath, drive, again, share)
+    _, slowed, needed = advise_feeds(found.plan, toolpath).select_share(toolpath.feed, share)
+    result = AdvisedFeedResult(
+        feed=np.where(np.isnan(toolpath.feed), np.nan, np.fmin(toolpath.feed, found.advised.limit_feeds())),
+        share=share,
+        slowed=slowed,
+        needed=needed,
+        file_feed_seconds=at_file_feed.seconds,
+    )
+    plan, driven = (replace(one, advised_feed=result) for one in (found.plan, found.driven))
+    return plan, driven, found.timeline
+
+
+def drive_at_advised_feeds(
+    plan: Plan,
+    toolpath: Toolpath,
+    drive: Drive,
+    again: Callable[[PlanOptions], Plan],
+    share: float | None = None,
 ) -> DrivenCandidate:
-    """Return a plan driven at the advice for its postures, which another plan in its place has, too."""
-    advised = advise_feeds(plan, toolpath)
+    """Return a plan driven at the advice for its postures, which another plan in its place has, too.
+
+    Args:
+        plan: Plan of one tool.
+        toolpath: Its toolpath.
+        drive: Computes the motion of a plan; its second argument plans anew with other options.
+        again: Plans the same with other options for the whole job.
+        share: Of the points too fast for their tolerance; None: every advice holds.
+    """
+
+    def advise(one: Plan) -> AdvisedFeeds:
+        whole = advise_feeds(one, toolpath)
+        return whole if share is None else whole.select_share(toolpath.feed, share)[0]
+
+    advised = advise(plan)
     found = plan
     for _ in range(TRIES):
         start = apply_advised_feeds(restore_file_feeds(found, toolpath), advised)
         result = DrivenCandidate(*drive(start, again), advised)
         if result.plan.chosen.assignment is start.chosen.assignment:
-            break
-        found, advised = result.plan, advise_feeds(result.plan, toolpath)
+            if share is None or not np.isfinite(result.seconds):
+                break
+            slower = advised.lower_to(advise_feeds(result.driven, toolpath))
+            if slower is None:
+                break
+            advised = slower
+            continue
+        found, advised = result.plan, advise(result.plan)
     return result
 
 

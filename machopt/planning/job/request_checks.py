@@ -14,6 +14,7 @@ from machopt.data_types.process import CuttingProcess
 from machopt.data_types.steering_rules import refuse_narrow_zones, resolve_steering
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import CellError, suggest_nearest_word
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import load_robot
@@ -22,6 +23,7 @@ from machopt.planning.motion.trajectory_builder import MotionTimeline, build_tim
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.unit_check import compute_maximum_reach, explain_wrong_unit
+from machopt.planning.stability.depth_ratio import find_missing_input
 
 SAMPLES = 2e7  # 67 h at 12 ms: more indicates a feed in another unit
 
@@ -138,7 +140,7 @@ def check_fixed_rotation_points(toolpath: Toolpath, options: PlanOptions) -> Non
 
 
 def check_joint_method(process: CuttingProcess | None, options: PlanOptions) -> None:
-    """Refuse method joint without a tolerance to keep, and with a path that is shifted against the deflection.
+    """Refuse method joint and ``advised_feed_share`` without a tolerance to keep, and with a shifted path.
 
     Args:
         process: process of the cell; None: it states none.
@@ -147,20 +149,22 @@ def check_joint_method(process: CuttingProcess | None, options: PlanOptions) -> 
     Raises:
         InputError: what the method needs.
     """
-    if options.method != "joint":
+    if options.method != "joint" and options.advised_feed_share is None:
         return
+    what, does, where = "method joint", "finds the shortest time within", "method"
+    if options.method != "joint":
+        what, does, where = "advised_feed_share", "lowers feeds for", "advised_feed_share"
     if process is None or not any(one.tolerance.is_given for one in process.operations):
         found = "the cell states no process" if process is None else "no operation of the process states a tolerance"
         raise CellError(
-            f"method joint finds the shortest time within the tolerances of the process, and {found}; a process.yaml "
-            "with a tolerance (process: in cell.yaml, or --process), or method global, would work",
+            f"{what} {does} the tolerances of the process, and {found}; a process.yaml with a tolerance (process: in "
+            "cell.yaml, or --process) would work",
             file="options",
-            where="method",
+            where=where,
         )
     if options.compensate:
         raise CellError(
-            "method joint drives the path of the file, not one shifted against the deflection; compensate: false, or "
-            "method global, would work",
+            f"{what} drives the path of the file, not one shifted against the deflection; compensate: false would work",
             file="options",
             where="compensate",
         )
@@ -212,6 +216,29 @@ def check_plannable(toolpath: Toolpath, options: PlanOptions, process: CuttingPr
             file="options",
             where="compensate",
         )
+
+
+def check_stability_ratio(segments: Sequence[ToolSegment], options: PlanOptions) -> None:
+    """Refuse a least ratio of stability that cannot be computed anywhere.
+
+    Args:
+        segments: the job, divided at tool changes.
+        options: plan options.
+
+    Raises:
+        InputError: with what is missing.
+    """
+    if options.min_stability_ratio is None:
+        return
+    missing = [find_missing_input(s.cell, s.toolpath) for s in segments]
+    if all(missing):
+        needed = " or ".join(dict.fromkeys(missing))
+        raise CellError(
+            f"the stability of no cut can be computed: it needs {needed}", file="options", where="min_stability_ratio"
+        )
+    for s in segments:
+        if not find_missing_input(s.cell, s.toolpath):
+            load_dynamics(s.cell)
 
 
 def check_tilt(segments: Sequence[ToolSegment], options: PlanOptions) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.steering_rules import is_inside_zone, select_steered_rows
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.baselines import plan_cam_default, plan_jiao2022
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
@@ -20,6 +20,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import find_configuration_jumps
 from machopt.planning.sampling.joint_path import JointAssignment
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath
 
@@ -84,7 +85,11 @@ def select_baseline(
 ) -> SelectedAssignment:
     """Return the baseline that the method of the options names, with its contacts."""
     chosen, source = (paper, PAPER) if options.method == "jiao2022" else (default, DEFAULT)
+    unstable = find_unstable_points(chosen.assignment, path, setup.arm)
     a = chosen.assignment
+    if unstable.any():
+        a = a.marked(unstable, InfeasibilityReason.UNSTABLE)
+        chosen = replace(chosen, assignment=a)
     checker = PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, options)
     q = np.where((a.reason == InfeasibilityReason.OK)[:, None], a.q, np.nan)
     return SelectedAssignment(chosen, source, checker.whole(a.phi, q))
@@ -96,14 +101,31 @@ def select_best_assignment(
     others: Sequence[ScoredAssignment],
     path: PlanningPath,
     options: PlanOptions,
+    arm: PlanningArm,
 ) -> SelectedAssignment:
     """Return the result of a search, or a baseline that is better: the paper's first, then the CAM file's."""
     best = SelectedAssignment(scored(found.assignment), found.source, found.check, searched=True)
     for other, name in zip(others, (PAPER, DEFAULT), strict=False):
         is_allowed = is_rotation_allowed(other.assignment.phi, path, options)
+        is_allowed &= not find_unstable_points(other.assignment, path, arm).any()
         if is_allowed and other.objective.total < best.chosen.objective.total and _is_complete(other, path):
             best = SelectedAssignment(other, name, None)
     return best
+
+
+def find_unstable_points(a: JointAssignment, path: PlanningPath, arm: PlanningArm) -> Bools:
+    """Return (P,) feasible points of a baseline below the least ratio of stability, which baselines do not consider.
+
+    Args:
+        a: rotation and joints.
+        path: planning points.
+        arm: arm model with the limit.
+    """
+    out = np.zeros(len(a.reason), bool)
+    if arm.stability is not None:
+        known = np.flatnonzero(a.reason == InfeasibilityReason.OK)
+        out[known] = arm.stability.find_violations(arm, path, known, a.q[known])
+    return out
 
 
 def _is_complete(scored: ScoredAssignment, path: PlanningPath) -> bool:

@@ -105,7 +105,7 @@ def plan_path(
     options = resolve_steering(options, toolpath)
     setup = before.setup if before is not None and setup is None else setup
     with clock.stage("prepare"):
-        setup = prepare_planning(cell, options) if setup is None else setup
+        setup = prepare_planning(cell, options, toolpath) if setup is None else setup
         paths = _build_paths(setup, toolpath, options, variant)
     gouges = None
     if options.gouge is not None:
@@ -120,7 +120,7 @@ def plan_path(
         found = problem.find_sequence(search, clock)
         with clock.stage("compare"):
             others = (paper, default) if paths.same else ()
-            selected = select_best_assignment(found, problem.score, others, problem.path, options)
+            selected = select_best_assignment(found, problem.score, others, problem.path, options, setup.arm)
         return _build_searched_plan(problem, found, _MarkedAssignments.build(selected, default, paper, gouges))
     velocity = setup.cell.limits.velocity[:6]
     choice = choose_sequence(problem.path, problem.candidates, problem.scores, velocity, options)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
-from machopt.data_types.posture_feed_result import PostureFeedResult
+from machopt.data_types.posture_feed_result import AdvisedFeedResult, PostureFeedResult
 from machopt.data_types.reentry_result import ReentryResult
 from machopt.numerics.array_types import Array
 from machopt.planning.collision_handling.path_check import PathCollisions
@@ -115,6 +115,7 @@ class Plan:
     over_external: ExternalAxisBound | None = None  # None: no external joint was free, or not requested
     tilt_bound: TiltBound | None = None  # None: the tool axis is that of the CAM file everywhere
     posture_feed: PostureFeedResult | None = None  # with method joint
+    advised_feed: AdvisedFeedResult | None = None  # with advised_feed_share
     reentry: ReentryResult | None = None  # where re-entries were permitted
     bound: float | None = None  # lower bound of J of such a job over the grids of its parts; None: not known
 

@@ -12,6 +12,7 @@ import numpy as np
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import Toolpath
 from machopt.errors import CellError
 from machopt.kinematics.encoder_corrections import EncoderCorrection, build_encoder_correction
 from machopt.kinematics.inverse.solver import build_solver
@@ -20,8 +21,9 @@ from machopt.kinematics.robot import Robot, load_chain, load_masses
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.held_feed import ArmDrives
 from machopt.planning.cost.objective import PlanObjective
-from machopt.planning.sampling.configurations import PlanningArm
 from machopt.planning.sampling.joint_path import JointAssignment
+from machopt.planning.sampling.planning_arm import PlanningArm
+from machopt.planning.stability.stability_limit import StabilityLimit
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
@@ -130,12 +132,13 @@ class StageTimings:
         self._current, self._since = name, now
 
 
-def prepare_planning(cell: Cell, options: PlanOptions) -> PlanningSetup:
+def prepare_planning(cell: Cell, options: PlanOptions, toolpath: Toolpath | None = None) -> PlanningSetup:
     """Build robot, inverse kinematics, stiffness and collision model of a cell.
 
     Args:
         cell: robot cell.
         options: plan options.
+        toolpath: toolpath of one tool, for ``min_stability_ratio``; None: no limit of stability.
 
     Raises:
         InputError: the cell lacks what planning needs (a stiffness), or uses what is not supported.
@@ -161,6 +164,9 @@ def prepare_planning(cell: Cell, options: PlanOptions) -> PlanningSetup:
         load_masses(cell),
         counted=True,
     )
+    if toolpath is not None:
+        stability = StabilityLimit.build(cell, toolpath, arm, robot, elasticity, options)
+        arm = replace(arm, stability=stability)
     collision = CollisionModel(driven, robot, shapes, options.clearance) if options.collision else None
     return PlanningSetup(
         cell=cell, robot=robot, arm=arm, elasticity=elasticity, collision=collision, correction=correction

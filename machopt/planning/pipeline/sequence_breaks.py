@@ -29,6 +29,7 @@ Code = Literal[
     "joint_jump",
     "joint_limit",
     "singularity",
+    "stability",
     "collision",
     "no_pose",
     "rotation",
@@ -93,6 +94,7 @@ _HELP: dict[str, str] = {
     "joint_limit": "a wider range of that joint, a wider rotation_range_deg, a retract or rapid move before it (the "
     "arm may unwind there) or another pose of part or tool",
     "singularity": "a smaller singularity margin, another pose of part or tool, or a retract between them",
+    "stability": "a smaller min_stability_ratio, another spindle speed or depth of cut, or a retract between them",
     "collision": "a finer rotation_step_deg, a wider rotation_range_deg, a smaller clearance_mm, another pose of part "
     "or tool, or moving what is in the way",
     "no_pose": "a finer rotation_step_deg, or more points between them",
@@ -206,6 +208,8 @@ def _break(
             return made("joint_limit", text, joint + 1, v, x)
         if most == "singular":
             return made("singularity", f"the arm would come too near a singularity ({of})")
+        if most == "unstable":
+            return made("stability", f"the stable depth of cut would fall below min_stability_ratio ({of})")
         pair = _name(setup, tally.pair.most_common(1)[0][0] if tally.pair else found.banned.get(s, -1))
         if pair:
             return made("collision", f"{pair} touch or come nearer than the clearance on the way ({of})", pair=pair)
@@ -233,6 +237,7 @@ def _break(
 _SENTENCE = {
     "limit": "break a joint limit",
     "singular": "come too near a singularity",
+    "unstable": "lie below min_stability_ratio",
     "collision": "collide",
     "way": "collide or have no pose on the way",
 }
@@ -287,6 +292,8 @@ def _judge(tally: _Tally, lower: Array, upper: Array, q: Array, why: Infeasibili
         j = int(over[n].argmax())
         if over[n, j] < tally.over[0]:
             tally.over = (float(over[n, j]), j, float(q[n, j]), float(lower[j] if q[n, j] < lower[j] else upper[j]))
+    elif why == InfeasibilityReason.UNSTABLE:
+        tally.why["unstable"] += 1
     elif why == InfeasibilityReason.COLLIDING:
         tally.why["collision"] += 1
         tally.pair[pair] += 1

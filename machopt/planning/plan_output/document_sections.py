@@ -20,6 +20,7 @@ from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.deflection_components import split_deflection
 from machopt.planning.plan_output.infeasibility_reasons import describe_remedy
 from machopt.planning.plan_output.point_table import PointResults, find_reason
+from machopt.planning.plan_output.stability_section import build_best_stability_entry
 from machopt.planning.retiming.slowdowns import FeedSlowdown
 from machopt.planning.uncertainty.position_error import predict_position_error
 from machopt.planning.uncertainty.stiffness_uncertainty import IndexGain
@@ -40,6 +41,7 @@ def list_infeasible_entries(the_plan: Plan, points: PointResults) -> Iterator[op
                 status=find_reason(the_plan, p).word,
                 reason=points.table.reason[row],
                 help=describe_remedy(the_plan, p),
+                best_stability=build_best_stability_entry(the_plan, p),
             )
 
 

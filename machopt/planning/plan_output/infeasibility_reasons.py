@@ -13,6 +13,7 @@ from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.external_axis_reasons import explain_external_axes, list_overruled_pins
 from machopt.planning.plan_output.reach_advice import compute_reach_shift
 from machopt.planning.plan_output.reentry_section import list_reentry_points
+from machopt.planning.plan_output.stability_section import describe_best_ratio
 from machopt.planning.plan_output.unit_check import compute_maximum_reach
 from machopt.planning.sampling.configurations import solve_station
 from machopt.planning.uncertainty.external_axis_settlement import describe_settlement
@@ -176,6 +177,7 @@ def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> st
             InfeasibilityReason.SINGULAR_WRIST,
             InfeasibilityReason.SINGULAR_ELBOW,
             InfeasibilityReason.SINGULAR_SHOULDER,
+            InfeasibilityReason.UNSTABLE,
         )
         own = f" ({_SHIFTED[reason]})" if reason in known else ""
         if reason == InfeasibilityReason.COLLIDING:
@@ -206,7 +208,14 @@ def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> st
         )
     parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]
     joint = _limiting_joint(plan, s) if (rotations == InfeasibilityReason.LIMIT).any() else ""
-    return f"no rotation works{positions}: of {len(rotations)} tried, " + ", ".join(parts) + joint + _touching(plan, s)
+    best = describe_best_ratio(plan, s) if (rotations == InfeasibilityReason.UNSTABLE).any() else ""
+    return (
+        f"no rotation works{positions}: of {len(rotations)} tried, "
+        + ", ".join(parts)
+        + joint
+        + _touching(plan, s)
+        + best
+    )
 
 
 def _touching(plan: Plan, s: int) -> str:
@@ -238,6 +247,7 @@ _SHIFTED = {
     InfeasibilityReason.SINGULAR_WRIST: "it comes too near the wrist singularity",
     InfeasibilityReason.SINGULAR_ELBOW: "it comes too near the stretched arm (elbow singularity)",
     InfeasibilityReason.SINGULAR_SHOULDER: "it comes too near the shoulder singularity",
+    InfeasibilityReason.UNSTABLE: "the stable depth of cut is below min_stability_ratio",
     InfeasibilityReason.COLLIDING: "the way there collides",
 }
 _WORDS = {
@@ -246,6 +256,7 @@ _WORDS = {
     InfeasibilityReason.SINGULAR_WRIST: "are too near the wrist singularity",
     InfeasibilityReason.SINGULAR_ELBOW: "are too near the stretched arm (elbow singularity)",
     InfeasibilityReason.SINGULAR_SHOULDER: "are too near the shoulder singularity",
+    InfeasibilityReason.UNSTABLE: "lie below min_stability_ratio",
     InfeasibilityReason.COLLIDING: "collide",
     InfeasibilityReason.BOUNDS: "lie outside the given rotation range or the steering rules",
     InfeasibilityReason.NO_PATH: "cannot be joined to their neighbours",
@@ -257,6 +268,7 @@ _HELP = {
     InfeasibilityReason.SINGULAR_WRIST: "a smaller singularity_wrist_deg",
     InfeasibilityReason.SINGULAR_ELBOW: "a smaller singularity_elbow_deg",
     InfeasibilityReason.SINGULAR_SHOULDER: "a smaller singularity_shoulder_mm",
+    InfeasibilityReason.UNSTABLE: "a smaller min_stability_ratio, another spindle speed or a smaller depth of cut",
     InfeasibilityReason.COLLIDING: "moving part, tool or what is in the way, a smaller clearance_mm",
     InfeasibilityReason.BOUNDS: "a wider rotation_range_deg, another fixed rotation or other steering rules (steer)",
     InfeasibilityReason.NO_PATH: "a retract before it",
@@ -273,6 +285,7 @@ _HELP_SHIFTED = {
     "shift",
     InfeasibilityReason.SINGULAR_SHOULDER: "a larger singularity_shoulder_mm, so that more of the range "
     "remains for the shift",
+    InfeasibilityReason.UNSTABLE: "a larger min_stability_ratio, so that more of it remains for the shift",
     InfeasibilityReason.UNREACHABLE: "moving the part nearer to the robot",
 }
 

@@ -103,7 +103,7 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         compensation=None if plan.compensation is None else plan.compensation.offset[rows],
         lead=_of_reached(plan, plan.path.lead, rows),
         side=_of_reached(plan, plan.path.side, rows),
-        feed_advised=None if plan.posture_feed is None else plan.posture_feed.feed,
+        feed_advised=_get_advised_feeds(plan),
     )
     return PointResults(table, rows, pairs)
 
@@ -230,3 +230,9 @@ def _carriers(plan: Plan, at: NDArray[np.intp], q: Array, *, along_axis: bool) -
     elif d.unsure is not None:
         out[at] = np.linalg.norm(compute_carrier_sensitivity(plan.setup.elasticity, d, at, q, "deflection"), axis=1)
     return out
+
+
+def _get_advised_feeds(plan: Plan) -> Array | None:
+    """Return (N,) m/s the feeds that replace those of the file; None where those of the file are driven."""
+    given = plan.posture_feed or plan.advised_feed
+    return None if given is None else given.feed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from machopt.data_types.documents.optimize_document import (
+    AdvisedFeedSection,
     OutcomeCountsSection,
     ProcessSection,
     StockComparisonSection,
@@ -14,11 +15,16 @@ from machopt.data_types.documents.optimize_document import (
 from machopt.data_types.process import CuttingProcess
 from machopt.data_types.process_columns import ProcessSummary, ToleranceSummary, merge_process_summaries
 from machopt.data_types.stock import StockComparison, StockSummary
+from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.point_table import PointResults
+from machopt.planning.plan_output.stability_section import build_stability_section
 
 
 def build_process_section(
-    process: CuttingProcess | None, points: PointResults, stock: StockSummary | None = None
+    process: CuttingProcess | None,
+    points: PointResults,
+    stock: StockSummary | None = None,
+    plan: Plan | None = None,
 ) -> ProcessSection | None:
     """Return the section; None where the cell has no process.
 
@@ -26,6 +32,7 @@ def build_process_section(
         process: Content of process.yaml.
         points: Results of the points.
         stock: What the job does to its stock; None where no engagement comes from there.
+        plan: The plan, for what its options request; None: nothing is requested.
     """
     summary = merge_process_summaries(points.process)
     if process is None or summary is None:
@@ -42,7 +49,25 @@ def build_process_section(
         variance_shares=dict(summary.variance_shares),
         sources=dict(summary.sources),
         validity=summary.validity,
+        stability=build_stability_section(
+            points.table.process, None if plan is None else plan.options.min_stability_ratio
+        ),
+        advised_feed=None if plan is None else _build_advised_feed_section(plan),
         stock=None if stock is None else _build_stock_section(stock),
+    )
+
+
+def _build_advised_feed_section(plan: Plan) -> AdvisedFeedSection | None:
+    """Return the feeds below those of the file, of all tools together; None where they are those of the file."""
+    plans = [part.plan for part in plan.parts] if plan.parts else [plan]
+    known = [one.advised_feed for one in plans if one.advised_feed is not None]
+    if not known:
+        return None
+    return AdvisedFeedSection(
+        share=known[0].share,
+        slowed=sum(one.slowed for one in known),
+        needed=sum(one.needed for one in known),
+        file_feed_s=sum(one.file_feed_seconds for one in known),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,7 @@ class AdvisedFeeds:
     feed: Array  # (N,) m/s; 0: no feed suffices; NaN: no tolerance, or the probability is not known
     unstable: int  # points at which chatter is predicted
     unknown_because: str = ""  # why no point has an advice
+    target: NDArray[np.intp] | None = None  # (N,) point that states the tolerance: of a hole the deepest; None: itself
 
     @property
     def failing(self) -> int:
@@ -48,6 +50,37 @@ class AdvisedFeeds:
         least = float(self.feed[known].min()) if known.any() else np.inf
         return np.where(known, (1.0 - ROUNDING) * self.feed, np.where(self.feed == 0.0, least, np.inf))
 
+    def select_share(self, programmed: Array, share: float) -> tuple[AdvisedFeeds, int, int]:
+        """Return the advice of some of the points that are too fast, those that it slows least.
+
+        Points that no feed brings into tolerance have no advice then.
+
+        Args:
+            programmed: (N,) m/s, feeds of the file.
+            share: Of the milled points and holes that are too fast.
+
+        Returns:
+            The advice, and how many of how many milled points and holes have it.
+        """
+        target = np.arange(len(self.feed)) if self.target is None else self.target
+        slower = np.isfinite(self.feed) & (self.feed > 0.0) & (self.feed < programmed)
+        slowing = np.where(slower, programmed / np.where(slower, self.feed, 1.0), 0.0)
+        places = np.unique(target[slower])
+        worst = np.array([slowing[target == place].max() for place in places])
+        count = math.ceil(share * len(places) - 1e-9)
+        taken = places[np.argsort(worst, kind="stable")[:count]]
+        feed = np.where(slower & np.isin(target, taken), self.feed, np.nan)
+        return replace(self, feed=feed), count, len(places)
+
+    def lower_to(self, driven: AdvisedFeeds) -> AdvisedFeeds | None:
+        """Return the advice lowered where that for the driven postures is lower; None where it is nowhere.
+
+        Args:
+            driven: Advice for the driven postures.
+        """
+        lower = np.isfinite(self.feed) & (driven.feed > 0.0) & (driven.feed < (1.0 - 0.5 * ROUNDING) * self.feed)
+        return replace(self, feed=np.where(lower, driven.feed, self.feed)) if lower.any() else None
+
 
 def advise_feeds(plan: Plan, toolpath: Toolpath) -> AdvisedFeeds:
     """Return the feed advice for a plan's postures.
@@ -65,7 +98,11 @@ def advise_feeds(plan: Plan, toolpath: Toolpath) -> AdvisedFeeds:
     found = compute_point_errors(cam_plan, toolpath, loads, wall_force=dynamics.wall_force, is_full=True)
     unstable = sum(1 for word in dynamics.chatter if word and word not in ("stable", "unknown"))
     why = next(iter(found.unknown_because.values()), "no operation states a tolerance")
-    return AdvisedFeeds(found.feed_max, unstable, why)
+    feed, target = found.feed_max.copy(), np.arange(len(toolpath))
+    for hole in loads.holes:
+        rows = hole.rows[hole.is_cutting]
+        feed[rows], target[rows] = feed[hole.deepest], hole.deepest
+    return AdvisedFeeds(feed, unstable, why, target)
 
 
 def apply_advised_feeds(plan: Plan, advised: AdvisedFeeds) -> Plan:

@@ -65,7 +65,8 @@ class LimitSources:
             out[known, 0] = self._measure_distances(x, path.may_touch[points[known]])
         if self.stability is not None:
             ratio = self.stability.compute_ratios(points[known], q[known])
-            out[known, 4] = np.where(np.isfinite(ratio), (ratio - 1.0) / RATIO_SIZE, np.nan)
+            least = max(1.0, plan.options.min_stability_ratio or 0.0)
+            out[known, 4] = np.where(np.isfinite(ratio), (ratio - least) / RATIO_SIZE, np.nan)
         return out
 
     def _measure_distances(self, x: Array, cutting: Bools) -> Array:

@@ -7,122 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.cell import Cell
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.steering_rules import format_steering_rule, is_inside_zone, select_steered_rows
 from machopt.errors import CellError
 from machopt.kinematics.inverse.solver import (
-    InverseKinematicsSolver,
-    SingularityMargins,
     check_branches,
-    choose_angle_origin,
-    list_whole_turns,
     shift_angles,
 )
-from machopt.kinematics.machine import Machine
-from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.array_types import Array, Bools, compute_any_last
 from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
 from machopt.planning.sampling.candidate_grid import CandidateGrid
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
 CHUNK = 4_096  # poses per block of the closed form: intermediate results fit a core's cache
 MET = 1e-6  # rad: nearer than this a vertex has the rotation that the user fixed
 TRACKED = 16_384  # poses per block of the general solver, which labels branches by continuity
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanningArm:
-    """Kinematics of the cell for the planning steps."""
-
-    solver: InverseKinematicsSolver
-    machine: Machine  # pose of the workpiece in base_link, by the external joints
-    T_flange_tcp: Array  # (4, 4)
-    lower: Array  # (6,) rad, reduced by the limit margin
-    upper: Array  # (6,)
-    turns: Array  # (K, 6) rad, whole turns that can bring joints in (−π, π] inside the limits
-    origin: Array  # (6,) rad, candidates' joints are counted from it: in [origin, origin + 2π)
-    windings: Array  # (T, 6) rad, whole turns that can bring these joints inside the limits
-    margins: SingularityMargins
-
-    @classmethod
-    def of(cls, cell: Cell, solver: InverseKinematicsSolver, machine: Machine, options: PlanOptions) -> PlanningArm:
-        """Return the arm model of a cell with the margins of the options.
-
-        Args:
-            cell: robot cell with true angles.
-            solver: inverse kinematics.
-            machine: kinematics of the external joints.
-            options: plan options with margins.
-        """
-        lower = cell.limits.lower[:6] + options.limit_margin
-        upper = cell.limits.upper[:6] - options.limit_margin
-        origin, windings = choose_angle_origin(lower, upper)
-        return cls(
-            solver=solver,
-            origin=origin,
-            windings=windings,
-            machine=machine,
-            T_flange_tcp=cell.tool.T_flange_tcp,
-            lower=lower,
-            upper=upper,
-            turns=list_whole_turns(lower, upper),
-            margins=SingularityMargins(
-                options.singularity_wrist, options.singularity_elbow, options.singularity_shoulder, options.limit_margin
-            ),
-        )
-
-    def in_base(self, external: Array, poses: Array) -> Array:
-        """Return poses converted from the workpiece frame to base_link.
-
-        Args:
-            external: (n, E) m or rad, external joints.
-            poses: (n, …, 4, 4) in the workpiece frame.
-        """
-        T = self._stands(external)
-        return np.asarray(T.reshape(*T.shape[:-2], *(1,) * (poses.ndim - T.ndim), 4, 4) @ poses)
-
-    def directions(self, external: Array, v: Array) -> Array:
-        """Return directions (n, 3) converted from the workpiece frame to base_link.
-
-        Args:
-            external: (n, E) m or rad, external joints.
-            v: (n, 3) in the workpiece frame.
-        """
-        return _turned(self._stands(external)[..., :3, :3], v)
-
-    def back(self, external: Array, v: Array) -> Array:
-        """Return directions (n, 3) converted from base_link to the workpiece frame.
-
-        Args:
-            external: (n, E) m or rad, external joints.
-            v: (n, 3) in base_link.
-        """
-        return _turned(np.swapaxes(self._stands(external)[..., :3, :3], -1, -2), v)
-
-    def places(self, external: Array, p: Array) -> Array:
-        """Return points (n, 3) in m converted from the workpiece frame to base_link.
-
-        Args:
-            external: (n, E) m or rad, external joints.
-            p: (n, 3) m in the workpiece frame.
-        """
-        T = self._stands(external)
-        return np.asarray(_turned(T[..., :3, :3], p) + T[..., :3, 3])
-
-    def _stands(self, external: Array) -> Array:
-        """T_base_workpiece (n, 4, 4), or (4, 4) where no joint moves it."""
-        return (
-            self.machine.compute_T_base_workpiece(external)
-            if self.machine.external_count
-            else self.machine.T_base_workpiece_zero
-        )
-
-
-def _turned(R: Array, v: Array) -> Array:
-    return np.asarray(v @ R.T if R.ndim == 2 else np.einsum("nij,nj->ni", R, v))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,18 +148,33 @@ def enumerate_candidates(
     q = grid.joints(blocks, branch)
     if not (left.all() and kept.all()):
         feasible = np.ascontiguousarray(feasible[:, :, kept][..., left])
+    reason = grid.reason if kept.all() else np.ascontiguousarray(grid.reason[:, :, kept])
+    _forbid_unstable(path, arm, q, reason, feasible)
     return CandidateGrid(
         phi=phi,
         branch=branch,
         q=q,
         turns=arm.windings[used[left]],
-        reason=grid.reason if kept.all() else np.ascontiguousarray(grid.reason[:, :, kept]),
+        reason=reason,
         feasible=feasible,
         stable=arm.solver.branch_stable,
         shortfall=grid.shortfall,
         nudge=grid.nudge,
         dropped=None if kept.all() else np.ascontiguousarray(grid.reason[:, :, ~kept]),
     )
+
+
+def _forbid_unstable(
+    path: PlanningPath, arm: PlanningArm, q: Array, reason: NDArray[np.uint8], feasible: NDArray[np.bool_]
+) -> None:
+    """Remove the vertices below the least ratio of stability from ``feasible``, with the reason."""
+    if arm.stability is None:
+        return
+    s, r, b = np.nonzero(compute_any_last(feasible))
+    bad = arm.stability.find_violations(arm, path, path.stations[s].astype(np.intp), q[s, r, b])
+    s, r, b = s[bad], r[bad], b[bad]
+    feasible[s, r, b] = False
+    reason[s, r, b] = InfeasibilityReason.UNSTABLE
 
 
 def solve_station(

@@ -13,7 +13,7 @@ from machopt.kinematics.inverse.solver import compute_branch_reasons, refine_by_
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array, make_arrays_read_only
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
-from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
 
 CONVERGED = 1e-9  # m and rad, accuracy of every exported configuration
@@ -99,6 +99,10 @@ def _solved(
             margins[name][missed] = getattr(known_ones, name)[:, 0]
     inside = ((q >= arm.lower) & (q <= arm.upper)).all(axis=1)
     why[(why == InfeasibilityReason.OK) & ~inside] = InfeasibilityReason.LIMIT
+    if arm.stability is not None:
+        fine = np.flatnonzero(why == InfeasibilityReason.OK)
+        is_unstable = arm.stability.find_violations(arm, path, good[fine], q[fine])
+        why[fine[is_unstable]] = InfeasibilityReason.UNSTABLE
     return good, {"q": q, "branch": b, "reason": why, **margins}, known[bad]
 
 

@@ -20,7 +20,8 @@ from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import LoadDirections
-from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm
+from machopt.planning.stability.tool_limit import compute_tool_limit
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.job_binding import compute_loads
@@ -74,12 +75,10 @@ class StabilityModel:
             robot: Kinematic model.
             directions: Directions and force per planning point.
         """
-        process, cutter = cell.process, cell.tool.cutter
-        loads = compute_loads(cell, toolpath, toolpath.feed)
-        if loads is None or process is None or process.damping is None or toolpath.process_operation is None:
+        process, loads = cell.process, compute_loads(cell, toolpath, toolpath.feed)
+        if find_missing_input(cell, toolpath) or loads is None or process is None:
             return None
-        if cutter is None or cutter.corner > 0 or robot.coupling is not None:
-            return None
+        assert toolpath.process_operation is not None
         row, is_milled = _find_milled_points(process, toolpath.process_operation, path)
         if not is_milled.any():
             return None
@@ -147,14 +146,37 @@ class StabilityModel:
             H = compute_directional_matrix(coefficients, cutter, cut, arc)
         axis, travel = self.directions.axial[points], self.travel[points]
         axes = np.stack([travel, np.cross(axis, travel), axis], axis=1)
-        J = axes @ self.robot.compute_fk_jacobian(q, self.cell.tool.T_flange_tcp)[1][:, :3]
+        T, J_base = self.robot.compute_fk_jacobian(q, self.cell.tool.T_flange_tcp)
+        J = axes @ J_base[:, :3]
         ratios = self.process.damping.ratios
         damping = ratios[0] if len(ratios) == 1 else ratios[:6]
         modes = compute_arm_modes(self.dynamics.compute_mass_matrix(q), 1.0 / self.directions.k[points], J, damping)
         depth = self.loads.ap[rows]
         period = compute_tooth_period(60.0 * self.loads.spindle_speed[rows], cutter.teeth)
-        found = compute_depth_limit(modes, H, period, largest=WIDEST * float(depth.max()))
-        return np.where(np.isnan(found.depth), np.inf, found.depth / depth)
+        limit = compute_depth_limit(modes, H, period, largest=WIDEST * float(depth.max())).depth
+        tool = compute_tool_limit(self.cell.tool.cutter, H, period, axes, T[:, :3, :3])
+        limit = limit if tool is None else np.fmin(limit, tool)
+        return np.where(np.isnan(limit), np.inf, limit / depth)
+
+
+def find_missing_input(cell: Cell, toolpath: Toolpath) -> str:
+    """Return what the stability of one tool's cuts lacks; empty where it can be computed.
+
+    Args:
+        cell: The cell with the tool and the process.
+        toolpath: Toolpath of one tool.
+    """
+    process, cutter, operation = cell.process, cell.tool.cutter, toolpath.process_operation
+    if process is None or operation is None:
+        return "a process.yaml"
+    kinds = np.array([*(one.kind == "milling" for one in process.operations), False])
+    if not (kinds[operation] & toolpath.cutting).any():
+        return "an operation of kind milling"
+    if process.damping is None or 1 < len(process.damping.ratios) < 6:
+        return "modes.damping_percent of process.yaml, one value or six"
+    if cutter is None or cutter.corner > 0:
+        return "a flat end mill"
+    return "an arm whose joints mimic no others" if cell.mimics else ""
 
 
 def _build_contact_matrices(

@@ -17,6 +17,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.dynamics.rigid_body import MissingInertiaError, RigidBodyDynamics, load_dynamics
 from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan
+from machopt.planning.stability.tool_limit import compute_tool_limit
 from machopt.planning.tolerance.error_columns import TargetPoses, locate_poses
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
@@ -27,10 +28,10 @@ from machopt.process.milling.instantaneous_force import (
     find_peak_force,
 )
 from machopt.process.milling.milling_cut import CutSide, MillingCut
-from machopt.process.stability.depth_limit import DelayLaw, compute_depth_limit, compute_tooth_period
+from machopt.process.stability.depth_limit import compute_depth_limit, compute_tooth_period
 from machopt.process.stability.directional_matrix import compute_directional_matrix
 from machopt.process.stability.resonance import find_resonances
-from machopt.process.stability.structural_modes import StructuralModes, build_tool_modes, compute_arm_modes
+from machopt.process.stability.structural_modes import StructuralModes, compute_arm_modes
 from machopt.process.stock.contact_load import compute_contact_matrix
 from machopt.process.stock.contact_waveform import compute_contact_peaks, compute_contact_wall_forces
 
@@ -241,21 +242,9 @@ class _DynamicsTable:
 
     def _compute_tool_limit(self, H: Array, period: Array, poses: TargetPoses, mine: NDArray[np.intp]) -> Array | None:
         """Return the limit of the modes of tool and spindle; None where none are stated."""
-        cutter = self.plan.setup.cell.tool.cutter
-        assert cutter is not None
-        if not cutter.modes:
-            return None
-        tool_axes = self._list_tool_axes(poses, mine)
         path_axes = np.stack([poses.travel, poses.normal, poses.axis], axis=1)[mine]
-        given = np.array([mode.direction for mode in cutter.modes])
-        direction = np.einsum("mij,mjk,nk->mni", path_axes, tool_axes, given)
-        tool = build_tool_modes(
-            [mode.frequency for mode in cutter.modes],
-            [mode.damping for mode in cutter.modes],
-            [mode.stiffness for mode in cutter.modes],
-            direction,
-        )
-        return compute_depth_limit(tool, H, period, DelayLaw.ZEROTH_ORDER).depth
+        cutter = self.plan.setup.cell.tool.cutter
+        return compute_tool_limit(cutter, H, period, path_axes, self._list_tool_axes(poses, mine))
 
     def _list_tool_axes(self, poses: TargetPoses, mine: NDArray[np.intp]) -> Array:
         """Return (m, 3, 3) the TCP axes in base_link as columns."""

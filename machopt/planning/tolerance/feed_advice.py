@@ -42,6 +42,7 @@ from machopt.process.stock.contact_load import compute_contact_load
 DRAWS = 256
 STEPS = 24  # of the search from above; the programmed feed is one of them
 HALVINGS = 8
+CORRECTED = 0.8  # least share of a feed that remains after the correction by all draws
 WIDEST = 3.0  # times the programmed feed
 _SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 
@@ -61,9 +62,8 @@ def find_hole_feeds(plan: Plan, model: HoleErrorModel, loads: PointLoads, draws:
         plan: Plan of one tool.
         model: Error model of the holes.
         loads: Loads of the toolpath.
-        draws: Draws, of which the first ``DRAWS`` count.
+        draws: Draws; the first ``DRAWS`` find a feed, all of them correct it.
     """
-    some = draws.take_first(DRAWS)
     targets = model.targets
     feeds = np.full(len(targets.row), np.nan)
     depth_by_row = {hole.deepest: hole.depth for hole in loads.holes}
@@ -74,7 +74,7 @@ def find_hole_feeds(plan: Plan, model: HoleErrorModel, loads: PointLoads, draws:
         k = int(targets.operation[h])
         if model.process.operations[k].kind == "force":
             continue
-        scale = _find_load_scale(model, h, some)
+        scale = _find_load_scale(model, h, draws)
         groups.setdefault((k, depth_by_row[int(targets.row[h])]), []).append((h, scale))
     for (k, depth), found in groups.items():
         holes = np.array([h for h, _ in found], np.intp)
@@ -86,19 +86,28 @@ def find_hole_feeds(plan: Plan, model: HoleErrorModel, loads: PointLoads, draws:
 def _find_load_scale(model: HoleErrorModel, h: int, draws: UncertaintyDraws) -> float:
     """Return by which factor thrust and torque may grow; 0 where the clamp alone is too much."""
 
-    terms = draw_hole_terms(model, h, draws, position=True)
+    terms = draw_hole_terms(model, h, draws.take_first(DRAWS), position=True)
+    target = model.process.quantile
 
     def passes(scale: float) -> bool:
-        return compute_hole_probability(model, h, terms.compute_errors(scale)) >= model.process.quantile
+        return compute_hole_probability(model, h, terms.compute_errors(scale)) >= target
 
     scales = [WIDEST * n / STEPS for n in range(STEPS + 1)]
     n = next((n for n in range(STEPS, -1, -1) if passes(scales[n])), -1)
     if n < 0 or n == STEPS:
         return scales[n] if n > 0 else 0.0
     low, high = scales[n], scales[n + 1]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if passes(middle) else (low, middle)
+    for _ in range(2):
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if passes(middle) else (low, middle)
+        few = compute_hole_probability(model, h, terms.compute_errors(low))
+        every = draw_hole_terms(model, h, draws, position=True).compute_errors(low)
+        excess = few - compute_hole_probability(model, h, every)
+        if excess <= 0.0 or target > model.process.quantile:
+            return low
+        target, high = model.process.quantile + excess, low
+        low = CORRECTED * low
     return low
 
 
@@ -130,9 +139,8 @@ def find_surface_feeds(
         model: Error model of the points.
         loads: Loads of the toolpath.
         spread: Random part of the stiffness.
-        draws: Draws, of which the first ``DRAWS`` count.
+        draws: Draws; the first ``DRAWS`` find a feed, all of them correct it.
     """
-    some = draws.take_first(DRAWS)
     rows = model.targets.row
     feeds = np.full(len(rows), np.nan)
     for k in np.unique(model.targets.operation):
@@ -145,7 +153,7 @@ def find_surface_feeds(
             for first in range(0, len(mine), BLOCK):
                 block = mine[first : first + BLOCK]
                 cut = MillingCut(side, one.spindle)
-                feeds[block] = _find_milling_feeds(plan, model, loads, some, one, cut, block, spread)
+                feeds[block] = _find_milling_feeds(plan, model, loads, draws, one, cut, block, spread)
     return FeedLimits(rows, feeds)
 
 
@@ -171,25 +179,39 @@ def _find_milling_feeds(
     low, high = np.full(len(rows), least), np.minimum(np.full(len(rows), largest), WIDEST * bite)
     high = np.maximum(high, low)
 
-    factor = compute_load_factors(own, slice(None), draws)
     std = np.nan_to_num(own.scatter.std)
     limit = np.full(len(rows), one.tolerance.surface)
+    few, target = draws.take_first(DRAWS), np.full(len(rows), model.process.quantile)
+    factors = {id(some): compute_load_factors(own, slice(None), some) for some in (few, draws)}
 
-    def passes(feed: Array) -> NDArray[np.bool_]:
+    def compute_probability(feed: Array, some: UncertaintyDraws) -> Array:
         columns = per_load[0] + per_load[1] * feed[:, None]
         other = replace(own, columns=columns, tool=own.tool * feed / bite)
-        errors = draw_surface_errors(other, slice(None), draws, factor, position=True)
-        return np.asarray(compute_surface_probability(errors, limit, std) >= model.process.quantile)
+        errors = draw_surface_errors(other, slice(None), some, factors[id(some)], position=True)
+        return compute_surface_probability(errors, limit, std)
+
+    def passes(feed: Array) -> NDArray[np.bool_]:
+        return np.asarray(compute_probability(feed, few) >= target)
 
     ok, widest = passes(low), passes(high)
     low, high, some = _bracket_feeds(low, high, passes)
     ok |= some
+    low = _halve_feeds(low, high, passes)
+    excess = compute_probability(low, few) - compute_probability(low, draws)
+    target = target + np.maximum(excess, 0.0)
+    low = np.where(excess > 0.0, _halve_feeds(np.maximum(CORRECTED * low, least), low, passes), low)
+    ok &= (low > least) | (compute_probability(low, draws) >= model.process.quantile)
+    found = np.where(widest, np.minimum(np.full(len(rows), largest), WIDEST * bite), low)
+    return np.where(ok, found * loads.spindle_speed[rows] * cutter.teeth, 0.0)
+
+
+def _halve_feeds(low: Array, high: Array, passes: Callable[[Array], NDArray[np.bool_]]) -> Array:
+    """Return (n,) the largest feeds that pass, by halving from feeds that pass to feeds that do not."""
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         good = passes(middle)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
-    found = np.where(widest, np.minimum(np.full(len(rows), largest), WIDEST * bite), low)
-    return np.where(ok, found * loads.spindle_speed[rows] * cutter.teeth, 0.0)
+    return low
 
 
 def _compute_load_parts(

@@ -26,6 +26,7 @@ const PATTERN = {
   5: (x, y) => (x % 10 < 2 || y % 10 < 2 ? INK : WHITE),
   6: (x, y) => ((x - y + 100000) % 10 < 4 ? [126, 34, 40] : [222, 178, 178]),
   8: (x, y) => ((x + y) % 12 < 2 || (x - y + 1200) % 12 < 2 ? INK : WHITE), // excluded by the user
+  9: (x, y) => ((x - y + 120000) % 12 < 3 ? INK : WHITE), // below min_stability_ratio
   [NOT_CHECKED]: (x, y) => (x % 12 < 2 && y % 12 < 2 ? INK : WHITE),
 };
 

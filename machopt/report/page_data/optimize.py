@@ -61,6 +61,7 @@ _REASON_TEXTS = {
     InfeasibilityReason.SINGULAR_WRIST: "wrist singularity",
     InfeasibilityReason.SINGULAR_ELBOW: "elbow singularity",
     InfeasibilityReason.SINGULAR_SHOULDER: "shoulder singularity",
+    InfeasibilityReason.UNSTABLE: "unstable cut",
     InfeasibilityReason.COLLIDING: "collision",
     InfeasibilityReason.BOUNDS: "outside the rotation range",
     InfeasibilityReason.NO_PATH: "no continuous way",
@@ -143,7 +144,9 @@ def build_report_data(
         front=tuple(_build_trade_off_point(p) for p in evidence.front),
         timings=tuple(evidence.timings.items()),
         events=toolpath.events,
-        tolerances=build_tolerance_data(points, build_stability_map(plan, toolpath, s), evidence.stock),
+        tolerances=build_tolerance_data(
+            points, build_stability_map(plan, toolpath, s), evidence.stock, plan.options.min_stability_ratio
+        ),
     )
 
 
@@ -210,6 +213,10 @@ def _build_trade_off_point(p: FrontPlan) -> page.TradeOffPoint:
         travel=p.joint_travel_deg,
         clearance=p.clearance_mm,
         in_tolerance=p.in_tolerance,
+        others=None if p.in_tolerance is None else (p.marginal or 0, p.fail or 0, p.unknown or 0),
+        mean_error=p.mean_error_mm,
+        worst_error=p.worst_error_mm,
+        least_stability=p.least_stability_ratio,
         changes=p.posture_changes,
         dominated=p.dominated,
     )

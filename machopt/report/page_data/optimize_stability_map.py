@@ -36,7 +36,8 @@ def build_stability_map(plan: Plan, toolpath: Toolpath, s: Array) -> page.Stabil
     number = plan.chosen.assignment.branch[path.stations[shown]]
     branch = np.minimum(np.searchsorted(c.branch, number), len(c.branch) - 1)
     q = np.array([solve_station(path, setup.arm, c, s)[0][:, max(b, 0)] for s, b in zip(shown, number, strict=True)])
-    usable = c.usable[shown[:, None], np.arange(c.q.shape[1])[None], branch[:, None]]
+    reached = c.usable | (c.reason == InfeasibilityReason.UNSTABLE)
+    usable = reached[shown[:, None], np.arange(c.q.shape[1])[None], branch[:, None]]
     usable &= (c.branch[branch] == number)[:, None]
     n, r = np.nonzero(usable)
     ratio = np.full(usable.shape, np.nan)
@@ -48,4 +49,5 @@ def build_stability_map(plan: Plan, toolpath: Toolpath, s: Array) -> page.Stabil
         rotation=np.asarray(c.phi),
         ratio=ratio,
         chosen=np.asarray(wrap_angle(phi)),
+        least=plan.options.min_stability_ratio,
     )

@@ -16,6 +16,7 @@ from machopt.data_types.process_columns import (
 from machopt.data_types.stock import StockSummary
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import format_headline
+from machopt.planning.plan_output.stability_section import build_stability_section
 from machopt.report.page_types import optimize_report as page
 
 MAX_ROWS = 200
@@ -23,7 +24,10 @@ _LIMIT_NAMES = {"position_mm": "position", "axis_deg": "axis", "depth_mm": "dept
 
 
 def build_tolerance_data(
-    points: PointResults, stability: page.StabilityMap | None, stock: StockSummary | None = None
+    points: PointResults,
+    stability: page.StabilityMap | None,
+    stock: StockSummary | None = None,
+    least: float | None = None,
 ) -> page.ToleranceData | None:
     """Return the data of the tolerances; None where the cell has no process.
 
@@ -31,11 +35,13 @@ def build_tolerance_data(
         points: Results at the toolpath's points.
         stability: The stability map; None where there is none.
         stock: What the job does to its stock; None where no engagement comes from there.
+        least: ``min_stability_ratio``; None: not requested.
     """
     summary, columns = merge_process_summaries(points.process), points.table.process
     if summary is None or columns is None:
         return None
     rows = _list_rows(points.table, columns, summary)
+    found = build_stability_section(columns, least)
     total = sum(summary.after.values())
     return page.ToleranceData(
         headline=format_headline(summary),
@@ -51,6 +57,7 @@ def build_tolerance_data(
         validity=summary.validity,
         series=_build_series(columns),
         stability=stability,
+        stability_words="" if found is None else found.describe(),
         stock=() if stock is None else tuple(_list_stock_rows(stock)),
     )
 

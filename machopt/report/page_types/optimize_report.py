@@ -25,6 +25,7 @@ STATUS_NAMES = (
     "collision",
     "not checked",
     "excluded by the rotation range, a pin or a zone",
+    "below min_stability_ratio",
 )
 """Meaning of the codes in :attr:`RotationMap.status`, by :class:`machopt.report.page_types.place_codes.PlaceCode`."""
 
@@ -78,6 +79,10 @@ class TradeOffPoint:
     clearance: float | None  # mm, least at the points
     dominated: bool
     in_tolerance: int | None = None  # holes and points that pass
+    others: tuple[int, int, int] | None = None  # marginal, fail, unknown
+    mean_error: float | None = None  # mm, nominal, of holes and points with a tolerance
+    worst_error: float | None = None
+    least_stability: float | None = None  # stable depth of cut over the planned one
     changes: int = 0  # branch changes and whole turns in rapid moves
 
 
@@ -335,6 +340,7 @@ class StabilityMap:
     rotation: Array  # (R,) rad
     ratio: Array  # (S, R) inf: no limit; NaN: no posture
     chosen: Array  # (S,) rad, NaN where there is none
+    least: float | None = None  # min_stability_ratio; None: not requested
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -351,6 +357,7 @@ class ToleranceData:
     validity: tuple[str, ...]
     series: ToleranceSeries | None = None
     stability: StabilityMap | None = None
+    stability_words: str = ""
     stock: tuple[tuple[str, str], ...] = ()  # what the job does to its stock
 
 

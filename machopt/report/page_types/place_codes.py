@@ -23,7 +23,8 @@ class PlaceCode(enum.IntEnum):
     COLLIDING = 6
     NOT_CHECKED = 7  # feasible, but not checked for collisions
     BOUNDS = 8
-    NO_PATH = 9
+    UNSTABLE = 9
+    NO_PATH = 10
 
     @property
     def reason(self) -> InfeasibilityReason | None:

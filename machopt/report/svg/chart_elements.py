@@ -179,6 +179,7 @@ def compute_hatching(code: int, x: NDArray[np.intp], y: NDArray[np.intp]) -> Pix
         PlaceCode.SINGULAR_ELBOW: x % 9 < 2,
         PlaceCode.SINGULAR_SHOULDER: (x % 10 < 2) | (y % 10 < 2),
         PlaceCode.COLLIDING: (x - y) % 10 < 4,
+        PlaceCode.UNSTABLE: (x - y) % 12 < 3,
         PlaceCode.BOUNDS: ((x + y) % 12 < 2) | ((x - y) % 12 < 2),
     }
     red = (np.array([126, 34, 40], np.uint8), np.array([222, 178, 178], np.uint8))

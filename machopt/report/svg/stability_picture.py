@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 WIDTH, HEIGHT, MARGIN = 980.0, 330.0, 56.0
-UNSTABLE, SMALL_RESERVE, STABLE, FREE, MISSING = (
+UNSTABLE, FORBIDDEN, SMALL_RESERVE, STABLE, FREE, MISSING = (
     (179, 38, 30),
+    (226, 120, 60),
     (217, 163, 13),
     (140, 196, 120),
     (32, 110, 70),
@@ -42,7 +43,7 @@ def draw_stability_map(found: StabilityMap) -> Markup:
         found: Data of the map.
     """
     wide, high = WIDTH - MARGIN - 26.0, HEIGHT - 84.0
-    pixels = _colour(found.ratio)[:, ::-1].transpose(1, 0, 2)  # rotation upwards
+    pixels = _colour(found.ratio, found.least)[:, ::-1].transpose(1, 0, 2)  # rotation upwards
     url = f"data:image/png;base64,{base64.b64encode(encode_png(pixels)).decode()}"
     inside: list[SvgShape] = [
         build_shape(
@@ -70,7 +71,7 @@ def draw_stability_map(found: StabilityMap) -> Markup:
         build_shape("text", "path length (mm)", class_="label", x=MARGIN + wide / 2, y=high + 44, text_anchor="middle")
     )
     inside += _draw_chosen(found.chosen, (low, top), (wide, high))
-    inside += _draw_legend(high + 62)
+    inside += _draw_legend(high + 62, found.least)
     return render_svg(
         build_shape(
             "svg",
@@ -103,21 +104,28 @@ def _draw_chosen(chosen: Array, span: tuple[float, float], size: tuple[float, fl
     ]
 
 
-def _draw_legend(y: float) -> list[SvgShape]:
+def _draw_legend(y: float, least: float | None) -> list[SvgShape]:
     out, x = [], MARGIN
-    for colour, text in LEGEND:
+    entries = list(LEGEND)
+    if least is not None and least > LEVELS[0]:
+        entries.insert(1, (FORBIDDEN, f"below the least ratio {least:g}"))
+    if least is not None and least >= LEVELS[1]:
+        entries.remove((SMALL_RESERVE, "reserve below 20 %"))
+    for colour, text in entries:
         out.append(build_shape("rect", x=x, y=y, width=12.0, height=12.0, fill="#{:02x}{:02x}{:02x}".format(*colour)))
         out.append(build_shape("text", text, class_="tick", x=x + 17, y=y + 10))
         x += 34.0 + 6.6 * len(text)
     return out
 
 
-def _colour(ratio: Array) -> np.ndarray:
+def _colour(ratio: Array, least: float | None) -> np.ndarray:
     """Return (S, R, 3) bytes."""
     out = np.empty((*ratio.shape, 3), np.uint8)
     fade = np.clip((np.nan_to_num(ratio, posinf=LEVELS[2]) - LEVELS[1]) / (LEVELS[2] - LEVELS[1]), 0.0, 1.0)[..., None]
     out[:] = np.round((1.0 - fade) * np.array(STABLE) + fade * np.array(FREE))
     out[ratio < LEVELS[1]] = SMALL_RESERVE
+    if least is not None:
+        out[ratio < least] = FORBIDDEN
     out[ratio <= LEVELS[0]] = UNSTABLE
     out[np.isnan(ratio)] = MISSING
     return out

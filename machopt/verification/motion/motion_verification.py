@@ -256,7 +256,7 @@ class _VerifiedTool:
         of_points = [
             *table.check_all(motion, self.locations),
             *_check_clearance(table, self.points, self.bodies, pairs, options),
-            *check_process_columns(cell, toolpath, points, motion, arm),
+            *check_process_columns(cell, toolpath, points, motion, arm, options),
             *check_advised_feeds(toolpath, points, options),
         ]
         checks += [replace(c, file="points.csv") for c in of_points]

@@ -1,4 +1,4 @@
-"""Feeds of points.csv that the programs of method joint have in place of those of the file."""
+"""Feeds of points.csv that the programs have in place of those of the file: method joint, ``advised_feed_share``."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def apply_exported_feeds(toolpath: Toolpath, advised: Array | None, points: NDAr
 
 
 def check_advised_feeds(toolpath: Toolpath, points: ExportedPoints, options: PlanOptions) -> list[VerificationCheck]:
-    """Return the check of the column: with method joint alone, above zero and at most the file's feed.
+    """Return the check of the column: above zero and at most the file's feed; there where the options ask for it.
 
     Whether the feed keeps the tolerance is checked by ``p_in``, which is that of the driven feed.
 
@@ -46,9 +46,10 @@ def check_advised_feeds(toolpath: Toolpath, points: ExportedPoints, options: Pla
     """
     stated = points.numbers.get(ADVISED)
     name = f"points.csv {ADVISED}"
+    is_expected = options.method == "joint" or options.advised_feed_share is not None
     if stated is None:
-        return [build_count_check(name, ["there is no such column"])] if options.method == "joint" else []
-    if options.method != "joint":
+        return [build_count_check(name, ["there is no such column"])] if is_expected else []
+    if not is_expected:
         return [build_count_check(name, [f"method {options.method} has no such column"])]
     inside = (points.point >= 0) & (points.point < len(toolpath))
     programmed = np.full(len(stated), np.nan)

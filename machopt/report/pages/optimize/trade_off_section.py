@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from machopt.report.charts.isolines import choose_round_levels
 from machopt.report.page_shell import build_section
-from machopt.report.page_types.optimize_report import ReportData
+from machopt.report.page_types.optimize_report import ReportData, TradeOffPoint
+from machopt.report.pages.optimize.outcomes_over_time import draw_outcomes
 from machopt.report.pages.report_tables import TableColumn, build_table
 from machopt.report.svg.shapes import Style, SvgShape, build_shape, render_svg
+from machopt.report.template_rendering import render_part
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -19,6 +22,7 @@ WIDE_WIDTH, NARROW_WIDTH, HEIGHT, MARGIN = (
     320.0,
     62.0,
 )  # px; the narrow one for pages that would shrink the broad
+MISSING, ALWAYS, WORDS = "–", ("clearance (mm)", "in tolerance"), ("plan", "changed", "note")
 CHARACTER_WIDTH, LINE_HEIGHT = 6.5, 13.0  # px, of a tick's words: the most that a letter takes on average, and a line
 
 
@@ -31,40 +35,46 @@ def build_trade_off_section(data: ReportData) -> Markup | str:
     if not data.front:
         return ""
     unit = "deflection (mm)" if data.summary.quantity == "deflection" else "compliance (mm/N)"
-    columns = [
-        TableColumn("plan"),
-        TableColumn("changed"),
-        TableColumn(f"mean {unit}", "n"),
-        TableColumn(f"worst {unit}", "n"),
-        TableColumn("cycle (s)", "n"),
-        TableColumn("joint travel (deg)", "n"),
-        TableColumn("clearance (mm)", "n"),
-        TableColumn("in tolerance", "n"),
-        TableColumn("changes of posture", "n"),
-        TableColumn("note"),
-    ]
-    rows = [
-        (
-            p.name,
-            p.changed,
-            f"{p.mean:.3g}",
-            f"{p.worst:.3g}",
-            f"{p.cycle:.1f}",
-            f"{p.travel:.0f}",
-            "–" if p.clearance is None else f"{p.clearance:.1f}",
-            "–" if p.in_tolerance is None else str(p.in_tolerance),
-            str(p.changes),
-            "dominated" if p.dominated else "",
-        )
-        for p in data.front
-    ]
+    columns, rows = _build_rows(data, unit)
     lead = (
-        "Whole plans with other weights or another clearance, each driven and checked. A plan is dominated where "
-        "another is nowhere worse in mean, time, travel and clearance (hollow in the picture); 0.1 % of the mean, "
-        "0.1 s, 1 deg and 0.01 mm are no difference. Names say what counted more, not what came of it."
+        "Whole plans with other options, each driven and checked. A plan is dominated where another is nowhere worse "
+        "in mean, time, travel, clearance, tolerances, mean error and stability (hollow in the picture); 0.1 % of the "
+        "mean, 0.1 s, 1 deg, 0.01 mm of clearance, 0.001 mm of error and 0.01 of the ratio are no difference. Names "
+        "say what counted more, not what came of it."
     )
     pictures = _build_picture(data, unit, WIDE_WIDTH, "broad") + _build_picture(data, unit, NARROW_WIDTH, "narrow")
+    if any(p.in_tolerance is not None for p in data.front):
+        pictures += render_part("heading", "In tolerance against cycle time") + draw_outcomes(data.front)
     return build_section("front", "Trade-off front", lead, pictures + build_table(columns, rows))
+
+
+def _build_rows(data: ReportData, unit: str) -> tuple[list[TableColumn], list[tuple[str, ...]]]:
+    """Return the columns that have values, and their texts."""
+    texts: dict[str, Callable[[TradeOffPoint], str]] = {
+        "plan": lambda p: p.name,
+        "changed": lambda p: p.changed,
+        f"mean {unit}": lambda p: f"{p.mean:.3g}",
+        f"worst {unit}": lambda p: f"{p.worst:.3g}",
+        "cycle (s)": lambda p: f"{p.cycle:.1f}",
+        "joint travel (deg)": lambda p: f"{p.travel:.0f}",
+        "clearance (mm)": lambda p: _format_known(p.clearance, ".1f"),
+        "in tolerance": lambda p: _format_known(p.in_tolerance, "d"),
+        "marginal": lambda p: _format_known(p.others and p.others[0], "d"),
+        "fail": lambda p: _format_known(p.others and p.others[1], "d"),
+        "unknown": lambda p: _format_known((p.others and p.others[2]) or None, "d"),
+        "mean error (mm)": lambda p: _format_known(p.mean_error, ".3f"),
+        "worst error (mm)": lambda p: _format_known(p.worst_error, ".3f"),
+        "least stability ratio": lambda p: _format_known(p.least_stability, ".2f"),
+        "changes of posture": lambda p: _format_known(p.changes or None, "d"),
+        "note": lambda p: "dominated" if p.dominated else "",
+    }
+    shown = [name for name, text in texts.items() if name in ALWAYS or any(text(p) != MISSING for p in data.front)]
+    columns = [TableColumn(name) if name in WORDS else TableColumn(name, "n") for name in shown]
+    return columns, [tuple(texts[name](p) for name in shown) for p in data.front]
+
+
+def _format_known(value: float | None, form: str) -> str:
+    return MISSING if value is None else format(value, form)
 
 
 def _build_picture(data: ReportData, unit: str, width: float, kind: str) -> Markup:
@@ -98,7 +108,7 @@ def _build_picture(data: ReportData, unit: str, width: float, kind: str) -> Mark
         if len(names) > 1:
             continue
         words[(round(x / 6), round(y / 6))] = (x, y - 6)
-    lines = [_place_label(x, y, ", ".join(named[at]), width) for at, (x, y) in words.items()]
+    lines = [_place_label(x, y, _join_names(named[at], width), width) for at, (x, y) in words.items()]
     for x, y, anchor, text in _separate_labels(lines):
         inside.append(build_shape("text", text, class_="tick", x=x, y=y, text_anchor=anchor))
     return render_svg(
@@ -113,6 +123,15 @@ def _build_picture(data: ReportData, unit: str, width: float, kind: str) -> Mark
             inside=inside,
         )
     )
+
+
+def _join_names(names: list[str], width: float) -> str:
+    """Return the names of plans that are one dot, as many as half of the picture holds; at least the first."""
+    kept = 1
+    while kept < len(names) and CHARACTER_WIDTH * len(", ".join(names[: kept + 1])) < 0.5 * width:
+        kept += 1
+    more = f" and {len(names) - kept} more" if kept < len(names) else ""
+    return ", ".join(names[:kept]) + more
 
 
 def _place_label(x: float, y: float, text: str, width: float) -> tuple[float, float, str, str]:

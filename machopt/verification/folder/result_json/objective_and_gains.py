@@ -12,6 +12,7 @@ from machopt.data_types.documents.optimize_document import (
     MeanGainEntry,
     ObjectivePartsSection,
     ObjectivesSection,
+    ParetoPlanEntry,
     SearchBoundSection,
 )
 from machopt.numerics.array_types import Array, Bools
@@ -35,6 +36,8 @@ POINT_TO_NEIGHBOUR_FACTOR = 1.5  # nor than this times the worst of near toolpat
 Z_90_PERCENT = 1.6448536269514722  # standard deviations of a 90 % interval
 NEARNESS_TOLERANCE = 0.2  # of the nearness: places between two points may be nearer or farther than both
 MIN_GAIN_PERCENT = 0.01  # a smaller difference of the means is no gain
+PRINTED_DEPTH = 1e-4  # mm, last decimal of a_lim_mm
+LARGEST_RATIO = 10.0  # of the stable depth of cut over the planned one in a front
 ROUND_OFF = 1e-12  # relative: bound and plan may be sums of the same terms in another order
 
 
@@ -244,11 +247,11 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
                 yield f"front.csv: {name} of {p.plan} is {word!r}, result.json has {format_json_value(found)}"
             elif word:
                 yield from check_close(f"front.csv: {name} of {p.plan}", float(word), found, 1e-8, 0.0)
-    keys = ("mean_index", "cycle_time_s", "joint_travel_deg", "clearance_mm", "in_tolerance")
-    known_of = [[(k, getattr(p, k)) for k in keys if getattr(p, k) is not None] for p in stated]
-    less = [[(-1.0 if k in ("clearance_mm", "in_tolerance") else 1.0) * v for k, v in row] for row in known_of]
+    signs = {"mean_index": 1.0, "cycle_time_s": 1.0, "joint_travel_deg": 1.0, "mean_error_mm": 1.0}
+    signs |= {"clearance_mm": -1.0, "in_tolerance": -1.0, "least_stability_ratio": -1.0}
+    less = [{k: sign * getattr(p, k) for k, sign in signs.items() if getattr(p, k) is not None} for p in stated]
     for p, a in zip(stated, less, strict=True):
-        pairs = [list(zip(a, b, strict=True)) for b in less]
+        pairs = [[(a[k], b[k]) for k in signs if k in a and k in b] for b in less]
         under = any(all(y <= x for x, y in c) and any(y < x - 1e-5 * abs(x) for x, y in c) for c in pairs)
         if under and not p.dominated:
             yield f"front: {p.plan} is not marked as dominated, but another plan is at least as good in every criterion"
@@ -274,6 +277,30 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
         yield from check_close(
             "front: clearance_mm", own.clearance_mm, float(np.nanmin(least)), PRINTED_TOLERANCE, 1e-3
         )
+    yield from _check_process_of_front(t, own)
+
+
+def _check_process_of_front(t: ResultComparison, own: ParetoPlanEntry) -> Iterable[str]:
+    """Yield what of outcomes, errors and stability of the first plan does not follow from points.csv."""
+    if "outcome" not in t.points:
+        return
+    words, chatter = (np.array(t.points.read_words(name), dtype=object) for name in ("outcome", "chatter"))
+    counts = {"in_tolerance": "pass", "marginal": "marginal", "fail": "fail", "unknown": "unknown"}
+    for key, word in counts.items():
+        if own.in_tolerance is not None or (words == word).any():
+            yield from check_equal(f"front: {key}", getattr(own, key), int(np.sum(words == word)))
+    normal, across = (np.abs(t.points.read_numbers(f"error_{n}_mm", empty=True)) for n in ("normal", "across"))
+    error = np.where(np.isfinite(normal), normal, across)[words != ""]
+    if np.isfinite(error).any():
+        yield from check_close("front: mean_error_mm", own.mean_error_mm, float(np.nanmean(error)), 0.0, 1e-5)
+        yield from check_close("front: worst_error_mm", own.worst_error_mm, float(np.nanmax(error)), 0.0, 1e-5)
+    if not (chatter != "").any() or (chatter == "unknown").any():
+        yield from check_equal("front: least_stability_ratio", own.least_stability_ratio, None)
+        return
+    limit, depth = (t.points.read_numbers(name, empty=True)[chatter != ""] for name in ("a_lim_mm", "ap_mm"))
+    ratio = min(float(np.min(np.where(np.isfinite(limit), limit, np.inf) / depth)), LARGEST_RATIO)
+    rounding = PRINTED_DEPTH / float(depth.min())
+    yield from check_close("front: least_stability_ratio", own.least_stability_ratio, ratio, 0.0, rounding)
 
 
 def is_within_ranges(values: Array, ranges: Array) -> Bools:

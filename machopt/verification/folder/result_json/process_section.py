@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -11,6 +12,7 @@ from machopt.verification.folder.result_json.comparison_inputs import ResultComp
 
 OUTCOMES = ("pass", "marginal", "fail", "unknown")
 SHARE_TOLERANCE = 1e-6
+PRINTED_DEPTH = 1e-4  # mm, last decimal of a_lim_mm
 
 
 def check_process_section(t: ResultComparison) -> Iterable[str]:
@@ -36,12 +38,55 @@ def check_process_section(t: ResultComparison) -> Iterable[str]:
         if sum(before.values()) != total:
             yield f"process.in_tolerance.{name} counts {sum(before.values())} points, points.csv has {total}"
     yield from _check_tolerances(t, found, words)
+    yield from _check_stability(t, found)
+    yield from _check_advised_feed(t, found)
     if found.variance_shares:
         yield from check_close(
             "process.variance_shares", sum(found.variance_shares.values()), 1.0, SHARE_TOLERANCE, 0.0
         )
     if total and f"{counts['pass']} of " not in found.headline and len(found.tolerances) == 1:
         yield "process.headline does not state the number of points in tolerance"
+
+
+def _check_stability(t: ResultComparison, found: ProcessSection) -> Iterable[str]:
+    """Yield what in the stability does not follow from points.csv."""
+    words, stated = np.array(t.points.read_words("chatter"), dtype=object), found.stability
+    if stated is None or not any(words):
+        if (stated is None) == any(words):
+            yield "process.stability does not fit the column chatter of points.csv"
+        return
+    yield from check_equal(
+        "process.stability.min_stability_ratio", stated.min_stability_ratio, t.options.min_stability_ratio
+    )
+    counts = {name: int(np.sum(words == name)) for name in ("stable", "unknown")}
+    counts["unstable"] = int(np.sum(words != "")) - sum(counts.values())
+    for name, count in counts.items():
+        yield from check_equal(f"process.stability.{name}", getattr(stated, name), count)
+    limit, depth = (t.points.read_numbers(name, empty=True) for name in ("a_lim_mm", "ap_mm"))
+    ratio = np.where((words != "") & (words != "unknown"), limit / depth, np.nan)
+    if not np.isfinite(ratio).any() or stated.least_ratio is None or stated.least_point is None:
+        yield from check_equal("process.stability.least_ratio", stated.least_ratio, None)
+        return
+    rounding = PRINTED_DEPTH / float(np.nanmin(depth))
+    yield from check_close("process.stability.least_ratio", stated.least_ratio, float(np.nanmin(ratio)), 0.0, rounding)
+    at = float(ratio[stated.least_point]) if 0 <= stated.least_point < len(ratio) else np.nan
+    yield from check_close("process.stability.least_point", stated.least_ratio, at, 0.0, rounding)
+
+
+def _check_advised_feed(t: ResultComparison, found: ProcessSection) -> Iterable[str]:
+    """Yield what in the feeds below those of the file does not follow from options and points.csv."""
+    stated, share = found.advised_feed, t.options.advised_feed_share
+    if stated is None or share is None or t.options.method == "joint":
+        is_expected = share is not None and t.options.method != "joint" and t.contents is not None
+        if is_expected != (stated is not None):
+            yield "process.advised_feed does not fit advised_feed_share of the options"
+        return
+    yield from check_equal("process.advised_feed.share", stated.share, share)
+    slower = t.points.read_numbers("feed_advised_mm_min", empty=True) < t.points.read_numbers("feed_mm_min", empty=True)
+    if not min(stated.slowed, 1) <= int(slower.sum()):
+        yield f"process.advised_feed.slowed is {stated.slowed}, points.csv lowers {int(slower.sum())} feeds"
+    if stated.slowed != math.ceil(share * stated.needed - 1e-9):
+        yield f"process.advised_feed.slowed is {stated.slowed} of {stated.needed}, the share is {share:g}"
 
 
 def _check_tolerances(t: ResultComparison, found: ProcessSection, words: np.ndarray) -> Iterable[str]:

@@ -7,8 +7,7 @@ f_travel_N, f_normal_N, f_axial_N,        :mod:`machopt.verification.motion.proc
 m_axial_Nm                                of the samples on the way to the point
 error_*                                   C w of :mod:`machopt.verification.motion.stiffness.arm_compliance` at the
                                           joints of the motion, part and compensation counted in
-f1_Hz, a_lim_mm, chatter                  :mod:`machopt.verification.motion.process.stability` at 40 points: a limit
-                                          is not above that of a second law below ωT = 1
+f1_Hz, a_lim_mm, chatter                  :mod:`machopt.verification.motion.checks.stability_columns`
 p_in, outcome                             20,000 plain random draws (:mod:`machopt.verification.motion.process.draws`)
 ========================================  =========================================================================
 """
@@ -20,7 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.process import CutSide, CuttingProcess, ProcessOperation
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import (
@@ -29,19 +29,13 @@ from machopt.verification.checks import (
     build_skipped_check,
     build_worst_value_check,
 )
+from machopt.verification.motion.checks.stability_columns import StabilityTables, check_stability
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
-from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
 from machopt.verification.motion.process.contact_load import find_slice_shapes
 from machopt.verification.motion.process.draws import find_unsupported_draws
 from machopt.verification.motion.process.point_loads import RecomputedLoads, recompute_loads
 from machopt.verification.motion.process.predicted_errors import PredictedErrors, predict_errors
-from machopt.verification.motion.process.stability import (
-    ModeModel,
-    compute_depth_limit,
-    find_contact_arcs,
-    find_given_arc,
-)
 from machopt.verification.motion.stiffness import arm_compliance
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
@@ -49,20 +43,18 @@ from machopt.verification.tables.exported_tables import ExportedMotion, Exported
 FORCE_SHARE, FORCE_N = 2e-3, 0.05  # numerical integration, and feeds that are printed to 1e-3 mm/min
 ERROR_SHARE, ERROR_MM, ERROR_DEG = 5e-3, 5e-4, 5e-4  # joints between planning points are interpolated
 PROBABILITY = 0.02
-STABILITY_POINTS = 40
-MODE_HZ, MODE_SHARE, LIMIT_SHARE = (
-    1e-3,
-    1e-5,
-    5e-3,
-)  # three decimals; of the frequency; by which a limit may be above that of the second law
-_SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 CONTACT_COLUMNS, CONTACT_LIMIT = ("ae_mm", "ap_mm", "phi_in_deg", "phi_out_deg"), 2e-3  # printed decimals
 FORCE_COLUMNS = ("f_travel_N", "f_normal_N", "f_axial_N", "m_axial_Nm")
 PRINTED_PROBABILITY = 5e-6  # half of the last printed decimal: on it either outcome may follow
 
 
 def check_process_columns(
-    cell: Cell, toolpath: Toolpath, points: ExportedPoints, motion: ExportedMotion, arm: UrdfKinematics
+    cell: Cell,
+    toolpath: Toolpath,
+    points: ExportedPoints,
+    motion: ExportedMotion,
+    arm: UrdfKinematics,
+    options: PlanOptions,
 ) -> list[VerificationCheck]:
     """Return the checks of the process columns; none where the cell has no process.
 
@@ -72,6 +64,7 @@ def check_process_columns(
         points: Rows of points.csv.
         motion: The exported motion.
         arm: Kinematics of the arm.
+        options: The planning options.
     """
     if cell.process is None or toolpath.process_operation is None:
         extra = [name for name in FORCE_COLUMNS if name in points.numbers]
@@ -91,7 +84,8 @@ def check_process_columns(
     true_motion = replace(motion, q=compute_true_angles(cell.kinematics, motion.q))
     true_points = replace(points, q=compute_true_angles(cell.kinematics, points.q))
     found = predict_errors(cell, toolpath, loads, true_motion, true_points, arm, law)
-    checks += [*_check_errors(points, found), *_check_stability(cell, toolpath, loads, true_points, arm, law)]
+    tables = StabilityTables(cell=cell, toolpath=toolpath, loads=loads, points=true_points, arm=arm, law=law)
+    checks += [*_check_errors(points, found), *check_stability(tables, options.min_stability_ratio)]
     checks.append(_check_tolerances(cell, toolpath, points))
     return [*checks, *_check_probabilities(cell, points, found), _check_unknown(cell, toolpath, points, found)]
 
@@ -172,63 +166,6 @@ def _check_probabilities(cell: Cell, points: ExportedPoints, found: PredictedErr
             "points.csv p_in", "1", np.where(known & np.isnan(found.p_in), 1.0, off), PROBABILITY, "point {}".format
         ),
     ]
-
-
-def _check_stability(
-    cell: Cell,
-    toolpath: Toolpath,
-    loads: RecomputedLoads,
-    points: ExportedPoints,
-    arm: UrdfKinematics,
-    law: arm_compliance.ComplianceModel,
-) -> list[VerificationCheck]:
-    """Check f1_Hz, a_lim_mm and chatter at up to ``STABILITY_POINTS`` points."""
-    assert cell.process is not None
-    f1, limit = points.numbers["f1_Hz"], points.numbers["a_lim_mm"]
-    depth, words = points.numbers["ap_mm"], points.words["chatter"]
-    wrong = [
-        f"point {p}: {word}, limit {a:.4g} mm at {ap:.4g} mm"
-        for p, word, a, ap in zip(points.point, words, limit, depth, strict=True)
-        if word and np.isfinite(a) and (word == "stable") != (ap < a)
-    ]
-    checks = [build_count_check("points.csv chatter", wrong, "rows")]
-    model = ModeModel(cell, arm)
-    rows = np.flatnonzero(np.isfinite(f1) & points.ok)
-    if not len(rows) or not model.has_inertia or cell.mimics:
-        return checks
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), STABILITY_POINTS)).round().astype(int))]
-    external = points.external[rows]
-    T = arm.T_base_workpiece(external)
-    place = np.einsum("nij,nj->ni", T[:, :3, :3], toolpath.position[rows]) + T[:, :3, 3]
-    state = law.evaluate(arm.compute_configuration(points.q[rows], external), place)
-    travel = compute_sideways_directions(toolpath)[rows]
-    off, above, at = np.zeros(len(rows)), np.zeros(len(rows)), points.point[rows]
-    for n, row in enumerate(rows.tolist()):
-        axis = toolpath.axis[row]
-        frame = np.stack([travel[n], np.cross(axis, travel[n]), axis]) @ T[n, :3, :3].T
-        modes = model.compute_modes(points.q[row], external[n], state.gear[n], state.J[n], frame)
-        off[n] = abs(f1[row] - modes.lowest_hz) / (MODE_HZ + MODE_SHARE * modes.lowest_hz)
-        one = cell.process.operations[loads.operation[row]]
-        if one.kind == "milling" and np.isfinite(limit[row]):
-            arcs = _list_arcs(cell, toolpath, loads, points, row)
-            own = compute_depth_limit(cell, one, arcs, modes, float(loads.speed[row]))
-            above[n] = max(1e-3 * float(limit[row]) / own - 1.0, 0.0) if own > 0 else np.inf
-    return [
-        *checks,
-        build_worst_value_check("points.csv f1_Hz", "of its limit", off, 1.0, lambda n: f"point {at[n]}"),
-        build_worst_value_check("points.csv a_lim_mm", "1 above", above, LIMIT_SHARE, lambda n: f"point {at[n]}"),
-    ]
-
-
-def _list_arcs(
-    cell: Cell, toolpath: Toolpath, loads: RecomputedLoads, points: ExportedPoints, row: int
-) -> list[tuple[float, float, float]]:
-    """Return share of the height, start and end of each arc of contact of a milled point."""
-    if toolpath.engagement is not None and toolpath.engagement.is_computed[row]:
-        own = toolpath.engagement.take_range(row, row + 1)
-        return find_contact_arcs(own, float(np.max(own.high, initial=0.0) - np.min(own.low, initial=np.inf)))
-    ae = 1e-3 * float(points.numbers["ae_mm"][row])
-    return [find_given_arc(cell, _SIDES[int(loads.side[row])], ae)]
 
 
 def _check_tolerances(cell: Cell, toolpath: Toolpath, points: ExportedPoints) -> VerificationCheck:

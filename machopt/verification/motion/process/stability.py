@@ -25,7 +25,7 @@ from machopt.data_types.stock import StockEngagement
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
-ANGLES, HALVINGS = 2000, 40
+ANGLES, HALVINGS, DEPTHS = 2000, 40, 12
 LARGEST_M = 1.0
 
 
@@ -82,48 +82,80 @@ class ModeModel:
         return PointModes(np.sqrt(values), (axes @ J[:3] @ vectors).T)
 
 
-def compute_depth_limit(
-    cell: Cell, one: ProcessOperation, arcs: Sequence[tuple[float, float, float]], modes: PointModes, speed: float
-) -> float:
-    """Return the largest stable depth by the delay to second order, m; inf where that law does not hold or has none.
+@dataclass(frozen=True)
+class DelayLaw:
+    """Modes at one point with the delay to second order; NaN where the damping of a mode is unknown."""
 
-    Args:
-        cell: The cell with tool and process.
-        one: The operation.
-        arcs: Share of the height, start and end rad of each arc of contact.
-        modes: Modes at the point.
-        speed: rev/s.
-    """
-    cutter, process = cell.tool.cutter, cell.process
-    assert cutter is not None
-    assert cutter.teeth is not None
-    assert process is not None
-    assert process.damping is not None
-    zeta = np.array([process.damping.get_ratio(n) for n in range(6)], float)
-    if np.isnan(zeta).any():
-        return math.nan
-    H = np.sum([share * _average_directional_matrix(cell, one, start, end) for share, start, end in arcs], axis=0)
-    T = 1.0 / (speed * cutter.teeth)
-    G = modes.shape @ H @ modes.shape.T
+    zeta: Array  # (6,)
+    omega: Array  # (6,) rad/s
+    G: Array  # (6, 6) 1/(kg·m·s²): modal gain per depth
+    T: float  # s, time between two teeth
 
-    def find_eigenvalue(a: float) -> complex:
-        mass = np.eye(6) + 0.5 * a * T**2 * G
-        damping = np.diag(2.0 * zeta * modes.omega) - a * T * G
+    @classmethod
+    def build(
+        cls,
+        cell: Cell,
+        one: ProcessOperation,
+        arcs: Sequence[tuple[float, float, float]],
+        modes: PointModes,
+        speed: float,
+    ) -> DelayLaw:
+        """Return the law of a point.
+
+        Args:
+            cell: The cell with tool and process.
+            one: The operation.
+            arcs: Share of the height, start and end rad of each arc of contact.
+            modes: Modes at the point.
+            speed: rev/s.
+        """
+        cutter, process = cell.tool.cutter, cell.process
+        assert cutter is not None
+        assert cutter.teeth is not None
+        assert process is not None
+        assert process.damping is not None
+        zeta = np.array([process.damping.get_ratio(n) for n in range(6)], float)
+        H = np.sum([share * _average_directional_matrix(cell, one, start, end) for share, start, end in arcs], axis=0)
+        return cls(zeta, modes.omega, modes.shape @ H @ modes.shape.T, 1.0 / (speed * cutter.teeth))
+
+    def find_eigenvalue(self, a: float) -> complex:
+        """Return the eigenvalue with the largest real part, 1/s.
+
+        Args:
+            a: m, depth of cut.
+        """
+        mass = np.eye(6) + 0.5 * a * self.T**2 * self.G
+        damping = np.diag(2.0 * self.zeta * self.omega) - a * self.T * self.G
         inverse = np.linalg.inv(mass)
-        A = np.block([[np.zeros((6, 6)), np.eye(6)], [-inverse * modes.omega**2, -inverse @ damping]])
+        A = np.block([[np.zeros((6, 6)), np.eye(6)], [-inverse * self.omega**2, -inverse @ damping]])
         values = np.linalg.eigvals(A)
         return complex(values[np.argmax(values.real)])
 
-    high = 1e-5
-    while find_eigenvalue(high).real < 0.0:
-        high *= 1.05
-        if high > LARGEST_M:
-            return math.inf
-    low = high / 1.05
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if find_eigenvalue(middle).real < 0.0 else (low, middle)
-    return low if abs(find_eigenvalue(high).imag) * T < 1.0 else math.inf
+    def find_limit(self) -> float:
+        """Return the largest stable depth, m; inf where the law does not hold there or has none."""
+        if np.isnan(self.zeta).any():
+            return math.nan
+        high = 1e-5
+        while self.find_eigenvalue(high).real < 0.0:
+            high *= 1.05
+            if high > LARGEST_M:
+                return math.inf
+        low = high / 1.05
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.find_eigenvalue(middle).real < 0.0 else (low, middle)
+        return low if abs(self.find_eigenvalue(high).imag) * self.T < 1.0 else math.inf
+
+    def is_stable_to(self, depth: float) -> bool:
+        """Return whether no eigenvalue grows at any of DEPTHS depths up to one, below ωT = 1 where the law holds.
+
+        Args:
+            depth: m, depth of cut.
+        """
+        if np.isnan(self.zeta).any():
+            return False
+        found = [self.find_eigenvalue(depth * n / DEPTHS) for n in range(1, DEPTHS + 1)]
+        return not any(value.real >= 0.0 and abs(value.imag) * self.T < 1.0 for value in found)
 
 
 def find_given_arc(cell: Cell, side: CutSide, ae: float) -> tuple[float, float, float]:

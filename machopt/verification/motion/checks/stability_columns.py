@@ -1,0 +1,194 @@
+"""Check of f1_Hz, a_lim_mm and chatter of points.csv, and of ``min_stability_ratio``, by a second law.
+
+========================  ==========================================================================================
+check                     condition
+========================  ==========================================================================================
+chatter                   the word follows from a_lim_mm and ap_mm
+f1_Hz                     is that of :mod:`machopt.verification.motion.process.stability`, at 40 points
+a_lim_mm                  is not above the limit of the second law below ωT = 1, at 40 points
+min_stability_ratio       a_lim_mm over ap_mm is not below it, at all milled points
+second law                the cut stays stable up to that ratio, at 40 points with the least a_lim_mm and 160 others
+========================  ==========================================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.process import CutSide, ProcessOperation
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
+from machopt.verification.motion.process.point_loads import RecomputedLoads
+from machopt.verification.motion.process.stability import (
+    DelayLaw,
+    ModeModel,
+    PointModes,
+    find_contact_arcs,
+    find_given_arc,
+)
+from machopt.verification.motion.stiffness import arm_compliance
+from machopt.verification.tables.exported_tables import ExportedPoints
+
+STABILITY_POINTS, LEAST_POINTS, SPREAD_POINTS = 40, 40, 160
+MODE_HZ, MODE_SHARE, LIMIT_SHARE = (
+    1e-3,
+    1e-5,
+    5e-3,
+)  # three decimals; of the frequency; by which a limit may be above that of the second law
+RATIO_SHARE = 1e-3  # four decimals of a_lim_mm; joints are interpolated between planning points
+_SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilityTables:
+    """What the stability of the points follows from."""
+
+    cell: Cell  # with the tool of this part of the job
+    toolpath: Toolpath
+    loads: RecomputedLoads
+    points: ExportedPoints  # true angles
+    arm: UrdfKinematics
+    law: arm_compliance.ComplianceModel
+
+    def find_milled_rows(self) -> Rows:
+        """Return the rows that state a verdict on stability other than unknown."""
+        words = np.array(self.points.words["chatter"], dtype=object)
+        return np.flatnonzero((words != "") & (words != "unknown") & self.points.ok)
+
+    def compute_ratios(self, rows: Rows) -> Array:
+        """Return (n,) the stated limit over the stated depth; inf where no limit is stated.
+
+        Args:
+            rows: Milled rows.
+        """
+        limit, depth = (self.points.numbers[name][rows] for name in ("a_lim_mm", "ap_mm"))
+        return np.where(np.isfinite(limit), limit / depth, np.inf)
+
+    def compute_modes(self, model: ModeModel, rows: Rows) -> list[PointModes]:
+        """Return the modes at some rows.
+
+        Args:
+            model: Mass matrix of the arm.
+            rows: (n,) rows.
+        """
+        points, toolpath, arm = self.points, self.toolpath, self.arm
+        external = points.external[rows]
+        T = arm.T_base_workpiece(external)
+        place = np.einsum("nij,nj->ni", T[:, :3, :3], toolpath.position[rows]) + T[:, :3, 3]
+        state = self.law.evaluate(arm.compute_configuration(points.q[rows], external), place)
+        travel = compute_sideways_directions(toolpath)[rows]
+        out = []
+        for n, row in enumerate(rows.tolist()):
+            axis = toolpath.axis[row]
+            frame = np.stack([travel[n], np.cross(axis, travel[n]), axis]) @ T[n, :3, :3].T
+            out.append(model.compute_modes(points.q[row], external[n], state.gear[n], state.J[n], frame))
+        return out
+
+    def build_law(self, row: int, modes: PointModes) -> DelayLaw:
+        """Return the second law at a milled row.
+
+        Args:
+            row: The row.
+            modes: Modes there.
+        """
+        return DelayLaw.build(self.cell, self.find_operation(row), self._list_arcs(row), modes, self.loads.speed[row])
+
+    def find_operation(self, row: int) -> ProcessOperation:
+        """Return the operation of process.yaml of a row.
+
+        Args:
+            row: The row.
+        """
+        assert self.cell.process is not None
+        return self.cell.process.operations[int(self.loads.operation[row])]
+
+    def _list_arcs(self, row: int) -> list[tuple[float, float, float]]:
+        """Return share of the height, start and end of each arc of contact of a milled point."""
+        engagement = self.toolpath.engagement
+        if engagement is not None and engagement.is_computed[row]:
+            own = engagement.take_range(row, row + 1)
+            return find_contact_arcs(own, float(np.max(own.high, initial=0.0) - np.min(own.low, initial=np.inf)))
+        ae = 1e-3 * float(self.points.numbers["ae_mm"][row])
+        return [find_given_arc(self.cell, _SIDES[int(self.loads.side[row])], ae)]
+
+
+def check_stability(tables: StabilityTables, least: float | None) -> list[VerificationCheck]:
+    """Return the checks of the stability columns, and of the least ratio where one is requested.
+
+    Args:
+        tables: What the stability of the points follows from.
+        least: ``min_stability_ratio``; None: none is requested.
+    """
+    points, cell = tables.points, tables.cell
+    checks = [_check_words(points)]
+    if least is not None:
+        checks.append(_check_stated_ratios(tables, least))
+    model = ModeModel(cell, tables.arm)
+    rows = np.flatnonzero(np.isfinite(points.numbers["f1_Hz"]) & points.ok)
+    if not len(rows) or not model.has_inertia or cell.mimics:
+        return checks
+    checks += _check_limits(tables, model, _spread(rows, STABILITY_POINTS))
+    if least is not None:
+        checks.append(_check_second_law(tables, model, least))
+    return checks
+
+
+def _check_words(points: ExportedPoints) -> VerificationCheck:
+    columns = (points.numbers["a_lim_mm"], points.numbers["ap_mm"])
+    wrong = [
+        f"point {p}: {word}, limit {a:.4g} mm at {ap:.4g} mm"
+        for p, word, a, ap in zip(points.point, points.words["chatter"], *columns, strict=True)
+        if word and np.isfinite(a) and (word == "stable") != (ap < a)
+    ]
+    return build_count_check("points.csv chatter", wrong, "rows")
+
+
+def _check_stated_ratios(tables: StabilityTables, least: float) -> VerificationCheck:
+    rows = tables.find_milled_rows()
+    name = "as asked: min_stability_ratio"
+    if not len(rows):
+        return build_count_check(name, ["no point states its stability"], "points")
+    ratio, at = tables.compute_ratios(rows), tables.points.point[rows]
+    short = np.maximum(least - ratio, 0.0)
+    return build_worst_value_check(name, "1 below", short, RATIO_SHARE * least, lambda n: f"point {at[n]}")
+
+
+def _check_limits(tables: StabilityTables, model: ModeModel, rows: Rows) -> list[VerificationCheck]:
+    """Check f1_Hz and a_lim_mm at some rows."""
+    f1, limit = tables.points.numbers["f1_Hz"], tables.points.numbers["a_lim_mm"]
+    off, above, at = np.zeros(len(rows)), np.zeros(len(rows)), tables.points.point[rows]
+    for n, (row, modes) in enumerate(zip(rows.tolist(), tables.compute_modes(model, rows), strict=True)):
+        off[n] = abs(f1[row] - modes.lowest_hz) / (MODE_HZ + MODE_SHARE * modes.lowest_hz)
+        if tables.find_operation(row).kind == "milling" and np.isfinite(limit[row]):
+            own = tables.build_law(row, modes).find_limit()
+            above[n] = max(1e-3 * float(limit[row]) / own - 1.0, 0.0) if own > 0 else np.inf
+    return [
+        build_worst_value_check("points.csv f1_Hz", "of its limit", off, 1.0, lambda n: f"point {at[n]}"),
+        build_worst_value_check("points.csv a_lim_mm", "1 above", above, LIMIT_SHARE, lambda n: f"point {at[n]}"),
+    ]
+
+
+def _check_second_law(tables: StabilityTables, model: ModeModel, least: float) -> VerificationCheck:
+    """Find points that the second law calls unstable at or below the requested ratio."""
+    milled = tables.find_milled_rows()
+    order = np.argsort(tables.compute_ratios(milled), kind="stable")
+    rows = np.union1d(milled[order[:LEAST_POINTS]], _spread(milled, SPREAD_POINTS)).astype(np.intp)
+    wrong = []
+    for row, modes in zip(rows.tolist(), tables.compute_modes(model, rows), strict=True):
+        depth = 1e-3 * float(tables.points.numbers["ap_mm"][row])
+        if not tables.build_law(row, modes).is_stable_to(least * depth * (1.0 - LIMIT_SHARE)):
+            wrong.append(f"point {tables.points.point[row]}: unstable below {least:g} times its depth")
+    return build_count_check("points.csv stability at min_stability_ratio", wrong, "points")
+
+
+def _spread(rows: Rows, most: int) -> Rows:
+    picked = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), most)).round().astype(int))
+    return np.asarray(rows[picked])
