@@ -169,6 +169,8 @@ def _list_move_end_rows(legs: tuple[MotionSegment, ...]) -> Array:
         last = len(leg.q) - 1
         if leg.name == "run" and len(leg.q) > 1 and leg.index[-1] > leg.index[0]:
             rows = np.interp(leg.waypoint_index, leg.index, np.arange(last + 1))
+        elif leg.waypoint_row is not None:
+            rows = leg.waypoint_row.astype(float)
         elif len(leg.waypoints) > 1:  # a rapid move around something: each way point is a sample
             rows = np.array([np.abs(leg.q - w).max(axis=1).argmin() for w in leg.waypoints], float)
         else:
