@@ -118,7 +118,10 @@ def measure(folder: Path, cell: Cell) -> RapidFigures:
         need = np.abs(x[end] - x[begin])
         with np.errstate(divide="ignore"):
             direct += compute_rest_time(
-                *(float((need / (SCALE * np.asarray(v))).max()) for v in (limits.velocity, limits.acceleration, limits.jerk))
+                *(
+                    float((need / (SCALE * np.asarray(v))).max())
+                    for v in (limits.velocity, limits.acceleration, limits.jerk)
+                )
             )
         up = -tcp[begin, :3, 2]
         height = (tcp[begin : end + 1, :3, 3] - tcp[begin, :3, 3]) @ up

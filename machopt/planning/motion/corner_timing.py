@@ -143,7 +143,9 @@ def _duration(rate: Array, steps: Array, limits: Array, most: Array) -> float:
     total = 0.0
     for n in range(count + 1):
         for i in range(axes):
-            change[i] = (rate[n] * steps[n, i] if n < count else 0.0) - (rate[n - 1] * steps[n - 1, i] if n > 0 else 0.0)
+            change[i] = (rate[n] * steps[n, i] if n < count else 0.0) - (
+                rate[n - 1] * steps[n - 1, i] if n > 0 else 0.0
+            )
         whole = _curve(change, limits)[0]
         if n > 0:
             if 1.0 / rate[n - 1] < 0.5 * (before + whole) - SLACK:

@@ -60,7 +60,9 @@ class _Chain:
     of: list[tuple[int, int]]  # leg and way point that each step leads to
     most: Array  # (K − 1,) largest share at each corner; 0: a stop
     timings: dict[tuple[int, int], CornerTiming | None] = field(default_factory=dict)  # of its groups
-    nearest: dict[int, float] = field(default_factory=dict)  # s of its group's time, where the tool is nearest to a node
+    nearest: dict[int, float] = field(
+        default_factory=dict
+    )  # s of its group's time, where the tool is nearest to a node
 
     def list_groups(self) -> list[tuple[int, int]]:
         """Return first and last node of the steps between two stops."""
