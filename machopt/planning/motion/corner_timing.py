@@ -1,23 +1,23 @@
 """Motion over straight legs from rest to rest that rounds the corners between them instead of stopping there.
 
-Leg k over the step d_k has a cruising rate V_k (share of the leg per second). At node n the velocity changes from V_n d_n
-to V_n+1 d_n+1 by one S-curve σ for all joints, which takes
+The rate of a leg is the share of it driven per second. At a corner the rate falls from r⁻ on the leg before, over the
+step d, and rises to r⁺ on the leg behind, over the step e, both by one S-curve σ. Along a leg the rate changes by S-curves
+from r⁺ of its first corner to a peak and from there to r⁻ of its last one; it is 0 where the motion begins and ends. A
+change Δv of the joint velocities takes
 
-    D_n = 1/A + A/J  where J ≥ A², else 2/√J,      A = min_i a_i/|Δv_i|,  J = min_i j_i/|Δv_i|                   (1)
+    D = 1/A + A/J  where J ≥ A², else 2/√J,      A = min_i a_i/|Δv_i|,  J = min_i j_i/|Δv_i|                      (1)
 
-with the limits a_i, j_i of acceleration and jerk and the change of velocity Δv. The velocity is a mean of both during
-that time, so that the speed limits hold where V_k ≤ min_i v_i/|d_k,i|. A leg needs the time 1/V_k plus what its ends
-leave of the S-curves; with K legs
+with the limits a_i, j_i of acceleration and jerk; at a corner Δv = r⁺ e − r⁻ d. The velocity is a mean of both in the
+meantime, so that the speed limits hold where each rate keeps those of its leg. S-curves are symmetric: the corner is
+rounded over the shares r⁻ D/2 and r⁺ D/2 of its legs, and a change along a leg from r to s covers (r + s) D/2 of it.
+The peak is the highest that fits between the corners. The rates at the corners minimise the time of the whole motion, with
+these shares at most ``most``.
 
-    T = D_0/2 + Σ_k 1/V_k + D_K/2,      1/V_k ≥ (D_k-1 + D_k)/2,                                                  (2)
+Without corners this is the fastest jerk-limited motion from rest to rest. The curve at a corner lies in the triangle of
+the corner and the places on its legs where the rounding begins and ends.
 
-and the curve leaves leg k by the share V_k D_k/2 before its end, and the same for its begin. The curve is in the triangle
-of corner and both of these places. The rates minimise T with that share at most ``most`` of each corner.
-
-With exact stops (2) is the fastest jerk-limited motion from rest to rest.
-
-Source: own derivation; linear moves with blends of constant acceleration: Paul 1981, Robot Manipulators, chapter 5; here
-with limited jerk.
+Source: own derivation; linear moves with blends of constant acceleration: Paul 1981, Robot Manipulators, chapter 5;
+here with limited jerk.
 """
 
 from __future__ import annotations
@@ -30,68 +30,59 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 
-FIRST, LAST = 0.25, 0.004  # relative change of a rate: first and last tried
-STARTS = (1.0, 0.8, 0.6, 0.4)  # of the rates with stops, from which the search begins
-WINDOW = 3  # legs whose rates are changed together
-HALVINGS = 60
+FIRST, LAST = 0.4, 0.01  # relative change of a rate: first and last tried
+STARTS = (0.8, 0.4, 0.15)  # rates at the corners from which the search begins, as shares of the peaks with stops
+WINDOW = 2  # rates that are changed together
+HALVINGS = 40
 SLACK = 1e-12
 NO_TIME = 1e30  # s: not possible
 
 
 @dataclass(frozen=True)
 class CornerTiming:
-    """Times of K legs from rest to rest."""
+    """Times of K legs from rest to rest; M S-curves in order."""
 
-    rate: Array  # (K,) 1/s, share of the leg per second while cruising
-    change: Array  # (K + 1,) s, D: how long the velocity changes at each node
-    acceleration: Array  # (K + 1,) 1/s, A of the unit S-curve
-    jerk: Array  # (K + 1,) 1/s², J of it
+    start: Array  # (M,) s
+    length: Array  # (M,) s, D
+    acceleration: Array  # (M,) 1/s, A of the S-curve from 0 to 1
+    jerk: Array  # (M,) 1/s², J of it
+    weight: Array  # (K, M) 1/s, by which each changes the rate of each leg
+    duration: float  # s, of the whole motion
 
-    @property
-    def start(self) -> Array:
-        """(K + 1,) s, when each change begins."""
-        lengths = 1.0 / self.rate + (self.change[:-1] - self.change[1:]) / 2.0
-        return np.concatenate([[0.0], np.cumsum(lengths)])
+    def get_curve(self, corner: int) -> int:
+        """Return the number of the S-curve of a corner.
 
-    @property
-    def duration(self) -> float:
-        """Time of the whole motion in s."""
-        return float(self.change[0] / 2.0 + (1.0 / self.rate).sum() + self.change[-1] / 2.0)
+        Args:
+            corner: 1 … K − 1.
+        """
+        return 3 * corner - 1
 
     def get_rounded_shares(self, corner: int) -> tuple[float, float]:
-        """Return the shares of the legs before and after an inner node over which the corner is rounded.
+        """Return the shares of the legs before and behind a corner over which it is rounded.
 
         Args:
-            corner: node, 1 … K − 1.
+            corner: 1 … K − 1.
         """
-        half = 0.5 * float(self.change[corner])
-        return float(self.rate[corner - 1]) * half, float(self.rate[corner]) * half
-
-    def get_middle(self, corner: int) -> float:
-        """Return the time in s at which the change at a node is half done.
-
-        Args:
-            corner: node, 0 … K.
-        """
-        return float(self.start[corner] + self.change[corner] / 2.0)
+        m = self.get_curve(corner)
+        half = 0.5 * float(self.length[m])
+        return -float(self.weight[corner - 1, m]) * half, float(self.weight[corner, m]) * half
 
     def compute_shares(self, time: Array) -> Array:
         """Return (S, K) shares of the legs driven at times (S,) s."""
-        passed = np.stack([self._integrate(n, time) for n in range(len(self.change))], axis=1)
-        shares: Array = np.clip(self.rate * (passed[:, :-1] - passed[:, 1:]), 0.0, 1.0)
-        return shares
+        passed = np.stack([self._integrate(m, time) for m in range(len(self.start))], axis=1)
+        return np.asarray(np.clip(passed @ self.weight.T, 0.0, 1.0))
 
-    def _integrate(self, n: int, time: Array) -> Array:
-        """(S,) s, integral of the S-curve of a node up to the times."""
-        a, j, whole = float(self.acceleration[n]), float(self.jerk[n]), float(self.change[n])
-        t = time - self.start[n]
+    def _integrate(self, m: int, time: Array) -> Array:
+        """(S,) s, integral of an S-curve up to the times."""
+        a, j, whole = float(self.acceleration[m]), float(self.jerk[m]), float(self.length[m])
+        t = time - self.start[m]
         if whole <= 0.0:
             return np.asarray(np.maximum(t, 0.0))
         rise = min(a / j, whole / 2.0)
         x = np.clip(t, 0.0, whole)
         first = _integrate_half(np.minimum(x, whole - x), rise, j)
         mirrored = x - whole / 2.0 + first  # σ(D − t) = 1 − σ(t)
-        return np.where(x <= whole / 2.0, first, mirrored) + np.maximum(t - whole, 0.0)
+        return np.asarray(np.where(x <= whole / 2.0, first, mirrored) + np.maximum(t - whole, 0.0))
 
 
 def _integrate_half(x: Array, rise: float, j: float) -> Array:
@@ -110,15 +101,52 @@ def time_legs(steps: Array, limits: Array, most: Array) -> CornerTiming | None:
         limits: (3, n) speed, acceleration and jerk.
         most: (K − 1,) largest share of a leg over which each corner may be rounded, above 0, at most 0.5.
     """
-    rate, stopping = _find_rates(np.ascontiguousarray(steps), np.ascontiguousarray(limits), np.ascontiguousarray(most))
-    found = _build_timing(rate, steps, limits)
-    return found if found.duration < stopping else None
+    steps, limits = np.ascontiguousarray(steps), np.ascontiguousarray(limits)
+    rate, time, stopping = _find_rates(steps, limits, np.ascontiguousarray(most))
+    return _build_timing(rate, steps, limits) if time < stopping else None
+
+
+def measure_fastest_time(steps: Array, limits: Array, rounded: bool) -> float:
+    """Return the time in s of consecutive legs, with every corner rounded as far as it may, or with stops.
+
+    Args:
+        steps: (K, n) rad or m, each with a joint that moves.
+        limits: (3, n) speed, acceleration and jerk.
+        rounded: whether corners may be rounded over half of their legs.
+    """
+    steps, limits = np.ascontiguousarray(steps), np.ascontiguousarray(limits)
+    _, time, stopping = _find_rates(steps, limits, np.full(len(steps) - 1, 0.5))
+    return float(min(time, stopping) if rounded and len(steps) > 1 else stopping)
 
 
 def _build_timing(rate: Array, steps: Array, limits: Array) -> CornerTiming:
-    velocity = np.vstack([np.zeros_like(steps[:1]), rate[:, None] * steps, np.zeros_like(steps[:1])])
-    curves = np.array([_curve(change, limits) for change in np.diff(velocity, axis=0)])
-    return CornerTiming(rate, curves[:, 0], curves[:, 1], curves[:, 2])
+    """Return the S-curves of the rates at the corners, (2K,) as :func:`_find_rates` has them."""
+    count = len(steps)
+    line = np.array([_measure_line(step, limits) for step in steps])
+    curves, weight, start = [], np.zeros((count, 3 * count - 1)), 0.0
+    rounded = [0.0] * (count + 1)
+    turns: list[Any] = [None] * (count + 1)
+    for k in range(1, count):
+        turns[k] = _curve(rate[2 * k] * steps[k] - rate[2 * k - 1] * steps[k - 1], limits)
+        rounded[k] = 0.5 * turns[k][0]
+    for k in range(count):
+        begin, end = rate[2 * k], rate[2 * k + 1]
+        room = 1.0 - begin * rounded[k] - end * rounded[k + 1]
+        peak = _find_peak(begin, end, room, line[k])
+        rise, fall = (_change(peak - r, line[k]) for r in (begin, end))
+        way = 0.5 * (begin + peak) * rise + 0.5 * (peak + end) * fall
+        for m, (size, length) in enumerate(((peak - begin, rise), (end - peak, fall))):
+            of = abs(size) if size else 1.0
+            curves.append((start, length, line[k, 1] / of, line[k, 2] / of))
+            weight[k, 3 * k + m] = size
+            start += length + (max(room - way, 0.0) / peak if m == 0 else 0.0)
+        if k + 1 < count:
+            length, a, j = turns[k + 1]
+            curves.append((start, length, a, j))
+            weight[k, 3 * k + 2], weight[k + 1, 3 * k + 2] = -end, rate[2 * k + 2]
+            start += length
+    table = np.array(curves)
+    return CornerTiming(table[:, 0], table[:, 1], table[:, 2], table[:, 3], weight, start)
 
 
 @jit_compile
@@ -135,43 +163,42 @@ def _curve(change: Array, limits: Array) -> Any:
 
 
 @jit_compile
-def _duration(rate: Array, steps: Array, limits: Array, most: Array) -> float:
-    """Duration (2) in s; NO_TIME where the rates are not possible."""
-    count, axes = steps.shape
-    change = np.empty(axes)
-    before = 0.0
-    total = 0.0
-    for n in range(count + 1):
-        for i in range(axes):
-            change[i] = (rate[n] * steps[n, i] if n < count else 0.0) - (
-                rate[n - 1] * steps[n - 1, i] if n > 0 else 0.0
-            )
-        whole = _curve(change, limits)[0]
-        if n > 0:
-            if 1.0 / rate[n - 1] < 0.5 * (before + whole) - SLACK:
-                return NO_TIME
-            total += 1.0 / rate[n - 1]
-        if 0 < n < count and 0.5 * whole * max(rate[n - 1], rate[n]) > most[n - 1] + SLACK:
-            return NO_TIME
-        if n == 0 or n == count:
-            total += 0.5 * whole
-        before = whole
-    return total
+def _measure_line(step: Array, limits: Array) -> Any:
+    """Return the limits of the rate of a leg and its derivatives."""
+    v, a, j = np.inf, np.inf, np.inf
+    for i in range(len(step)):
+        size = abs(step[i])
+        if size > 0.0:
+            v, a, j = min(v, limits[0, i] / size), min(a, limits[1, i] / size), min(j, limits[2, i] / size)
+    return v, a, j
 
 
 @jit_compile
-def _find_stopping_rate(step: Array, limits: Array) -> float:
-    """Rate of a leg between two stops: the largest with time for both S-curves."""
-    top = np.inf
-    for i in range(len(step)):
-        if abs(step[i]) > 0.0:
-            top = min(top, limits[0, i] / abs(step[i]))
-    if 1.0 / top >= _curve(top * step, limits)[0]:
-        return float(top)
-    low, high = 0.0, top
+def _change(size: float, line: Any) -> Any:
+    """Time of a change of the rate along a leg, equation (1)."""
+    if size <= 0.0:
+        return 0.0
+    a, j = line[1], line[2]
+    return size / a + a / j if size * j >= a * a else 2.0 * np.sqrt(size / j)
+
+
+@jit_compile
+def _find_peak(begin: float, end: float, room: float, line: Any) -> float:
+    """Highest rate between two rates over a share of a leg; below 0 where not even the change between them fits."""
+    low = max(begin, end)
+    if 0.5 * (begin + end) * _change(abs(end - begin), line) > room + SLACK:
+        return -1.0
+    high = line[0]
+    if low > high:
+        return -1.0
+    if 0.5 * (begin + high) * _change(high - begin, line) + 0.5 * (high + end) * _change(high - end, line) <= room:
+        return float(high)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        if 1.0 / middle >= _curve(middle * step, limits)[0]:
+        way = 0.5 * (begin + middle) * _change(middle - begin, line) + 0.5 * (middle + end) * _change(
+            middle - end, line
+        )
+        if way <= room:
             low = middle
         else:
             high = middle
@@ -179,41 +206,87 @@ def _find_stopping_rate(step: Array, limits: Array) -> float:
 
 
 @jit_compile
-def _find_rates(steps: Array, limits: Array, most: Array) -> Any:
-    """Return the rates (K,) 1/s of the shortest motion found, and the time in s with a stop at every corner.
+def _fit_corner(rate: Array, k: int, steps: Array, limits: Array, most: float) -> float:
+    """Lower both rates at the corner behind leg k, by the same factor, until it is rounded over no more than ``most``
+    of either leg; return the duration of its change in s.
+    """
+    change = rate[2 * k + 2] * steps[k + 1] - rate[2 * k + 1] * steps[k]
+    _, a, j = _curve(change, limits)
+    largest = max(rate[2 * k + 1], rate[2 * k + 2])
+    turn = 1.0 / a + a / j if j >= a * a else 2.0 / np.sqrt(j)
+    if 0.5 * turn * largest <= most:
+        return float(turn)
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        f = 0.5 * (low + high)
+        turn = f / a + a / j if j * f >= a * a else 2.0 * np.sqrt(f / j)
+        if 0.5 * turn * f * largest <= most:
+            low = f
+        else:
+            high = f
+    rate[2 * k + 1] *= low
+    rate[2 * k + 2] *= low
+    return float(low / a + a / j if j * low >= a * a else 2.0 * np.sqrt(low / j))
 
-    The search lowers, keeps or raises the rates of a few neighbouring legs by a factor, in every combination, as long as
-    that is faster, and then by a smaller factor.
+
+@jit_compile
+def _duration(rate: Array, steps: Array, lines: Array, limits: Array, most: Array) -> float:
+    """Time in s with some rates at the corners; NO_TIME where they are not possible.
+
+    Rates are lowered where a corner would be rounded too far.
     """
     count = len(steps)
-    window = min(count, WINDOW)
-    stopping, top = np.empty(count), np.empty(count)
-    with_stops = 0.0
+    total, before = 0.0, 0.0
     for k in range(count):
-        stopping[k] = _find_stopping_rate(steps[k], limits)
-        with_stops += 1.0 / stopping[k] + _curve(stopping[k] * steps[k], limits)[0]
-        top[k] = np.inf
-        for i in range(steps.shape[1]):
-            if abs(steps[k, i]) > 0.0:
-                top[k] = min(top[k], limits[0, i] / abs(steps[k, i]))
-    best, best_time = stopping * 1e-3, NO_TIME
+        turn = _fit_corner(rate, k, steps, limits, most[k]) if k + 1 < count else 0.0
+        begin, end = rate[2 * k], rate[2 * k + 1]
+        room = 1.0 - 0.5 * begin * before - 0.5 * end * turn
+        peak = _find_peak(begin, end, room, lines[k])
+        if peak <= 0.0:
+            return NO_TIME
+        rise, fall = _change(peak - begin, lines[k]), _change(peak - end, lines[k])
+        way = 0.5 * (begin + peak) * rise + 0.5 * (peak + end) * fall
+        total += rise + fall + max(room - way, 0.0) / peak + turn
+        before = turn
+    return total
+
+
+@jit_compile
+def _find_rates(steps: Array, limits: Array, most: Array) -> Any:
+    """Return the rates at begin and end of each leg, (2K,) 1/s, of the shortest motion found, its time in s, and the
+    time with a stop at every corner.
+
+    The search lowers, keeps or raises neighbouring rates by a factor, in every combination, as long as that is faster,
+    and then by a smaller factor.
+    """
+    count = len(steps)
+    lines = np.empty((count, 3))
+    peaks, stopping = np.empty(count), 0.0
+    for k in range(count):
+        lines[k, 0], lines[k, 1], lines[k, 2] = _measure_line(steps[k], limits)
+        peaks[k] = _find_peak(0.0, 0.0, 1.0, lines[k])
+        rise = _change(peaks[k], lines[k])
+        stopping += 2.0 * rise + (1.0 - peaks[k] * rise) / peaks[k]
+    best, best_time = np.zeros(2 * count), NO_TIME
     for share in STARTS:
-        rate = stopping * share
-        time = _duration(rate, steps, limits, most)
+        rate = np.zeros(2 * count)
+        for k in range(1, 2 * count - 1):
+            rate[k] = share * peaks[k // 2]
+        time = _duration(rate, steps, lines, limits, most)
         size = FIRST
         while size > LAST:
             better = False
-            for first in range(count - window + 1):
-                for code in range(3**window):
+            for first in range(1, 2 * count - 1 - WINDOW + 1):
+                for code in range(3**WINDOW):
                     trial, rest = rate.copy(), code
-                    for k in range(first, first + window):
-                        trial[k] = min(trial[k] * (1.0 + size) ** (rest % 3 - 1), top[k])
+                    for k in range(first, first + WINDOW):
+                        trial[k] = min(trial[k] * (1.0 + size) ** (rest % 3 - 1), lines[k // 2, 0])
                         rest //= 3
-                    taken = _duration(trial, steps, limits, most)
+                    taken = _duration(trial, steps, lines, limits, most)
                     if taken < time - SLACK:
                         rate, time, better = trial, taken, True
             if not better:
                 size *= 0.5
         if time < best_time:
             best, best_time = rate, time
-    return best, with_stops
+    return best, best_time, stopping

@@ -34,7 +34,7 @@ HALF = 0.5  # of a leg, at most, is rounded at either end: no controller begins 
 LEAST_SHARE = 0.02  # of a leg; a corner rounded over less is a stop
 SMALLER = 0.6  # of the share, where the corner collides
 ROUNDS = 8  # of checking and timing
-CURVE_PLACES = 17  # of the curve of a corner, between which it is checked as straight
+CURVE_PLACES, CURVE_STEP = 17, 2  # of the curve of a corner; every second one is checked, and between them straight
 FAN_M, FAN_RAD = 5e-3, float(np.radians(2.5))  # distance of the chords over the triangle, at the tool and in the joints
 SILENT = "comment"  # events of this kind act on nothing
 
@@ -136,7 +136,7 @@ def _find_chains(legs: Sequence[MotionSegment], toolpath: Toolpath) -> list[_Cha
         if not of:
             nodes.append(x[0])
         stands = count_standing_rows(leg)
-        place = leg.index[0]
+        place = legs[k - 1].index[-1] if k else np.nan
         joined = bool(of) and not stands[0] and np.isfinite(place) and round(float(place)) not in acting
         for n, target in enumerate(targets):
             most.append(HALF if n or joined else 0.0)
@@ -173,25 +173,35 @@ def _time_chain(chain: _Chain, space: CornerSpace) -> None:
         if last - first < 2:
             continue
         found = time_legs(steps[first:last], limits, chain.most[first : last - 1])
-        if found is not None and min(1.0 / found.rate) > 2.0 * timing.sample:  # rows for each of its corners
+        if found is not None and _has_rows(found, timing.sample):
             chain.timings[first, last] = found
 
 
+def _has_rows(timing: CornerTiming, sample: float) -> bool:
+    """Whether the corners are so far apart that each has a row of its own."""
+    rows = _find_rows(timing, sample, [])
+    return all(b > a for a, b in itertools.pairwise(rows))
+
+
 def _find_rows(timing: CornerTiming, sample: float, nearest: Sequence[float]) -> list[int]:
-    """Return the row of each node: the nearest to the given times in s of the inner ones, and in order."""
+    """Return the row of each node, the nearest to the given times in s of the corners.
+
+    Where these rows are not in order, those in the middle of the corners.
+    """
     count = max(int(np.ceil(timing.duration / sample - 1e-9)), 1)
     slower = count * sample / timing.duration
-    for times in (nearest, [timing.get_middle(n) for n in range(1, len(timing.change) - 1)]):
-        rows = [0, *(round(time * slower / sample) for time in times), count]
-        if all(b > a for a, b in itertools.pairwise(rows)):
-            break
+    curves = [timing.get_curve(n) for n in range(1, len(timing.weight))]
+    middles = [float(timing.start[m] + timing.length[m] / 2.0) for m in curves]
+    rows = [0, *(round(time * slower / sample) for time in nearest), count]
+    if not nearest or not all(b > a for a, b in itertools.pairwise(rows)):
+        rows = [0, *(round(time * slower / sample) for time in middles), count]
     return rows
 
 
 def _list_corners(chain: _Chain, space: CornerSpace) -> list[_Corner]:
     out = []
     for (first, _), timing in chain.timings.items():
-        for n in range(1, len(timing.change) - 1) if timing is not None else ():
+        for n in range(1, len(timing.weight)) if timing is not None else ():
             out.append(_build_corner(chain, first + n, timing, n, space))  # type: ignore[arg-type]  # not None here
     return out
 
@@ -199,7 +209,8 @@ def _list_corners(chain: _Chain, space: CornerSpace) -> list[_Corner]:
 def _build_corner(chain: _Chain, node: int, timing: CornerTiming, n: int, space: CornerSpace) -> _Corner:
     w, before, after = chain.nodes[node], chain.nodes[node - 1], chain.nodes[node + 1]
     shares = timing.get_rounded_shares(n)
-    times = timing.start[n] + np.linspace(0.0, timing.change[n], CURVE_PLACES)
+    m = timing.get_curve(n)
+    times = timing.start[m] + np.linspace(0.0, timing.length[m], CURVE_PLACES)
     driven = timing.compute_shares(times)[:, n - 1 : n + 1]
     curve = w - (1.0 - driven[:, :1]) * (w - before) + driven[:, 1:] * (after - w)
     ends = np.array([w - shares[0] * (w - before), w + shares[1] * (after - w)])
@@ -208,7 +219,7 @@ def _build_corner(chain: _Chain, node: int, timing: CornerTiming, n: int, space:
     chain.nearest[node] = float(times[int(np.argmin(off[3:]))])
     height = measure_height(place[:3], 1.0 / FAN_M), measure_height(np.vstack([w, ends])[:, :6], 1.0 / FAN_RAD)
     count = max(int(np.ceil(max(height))), 1)
-    rows = [curve]
+    rows = [curve[::CURVE_STEP]]
     for k in range(count, 0, -1):  # to and fro, so that the steps between the chords are short
         chord = w + k / count * (ends - w)
         rows.append(chord[::-1] if (count - k) % 2 == 0 else chord)

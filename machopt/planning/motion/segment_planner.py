@@ -80,7 +80,12 @@ class SegmentPlanner:
         move = plan_rapid(
             a.x,
             b.x,
-            timing=RapidTiming(self.plan.setup.driven.limits, self.options.rapid_scale, self.options.sample),
+            timing=RapidTiming(
+                self.plan.setup.driven.limits,
+                self.options.rapid_scale,
+                self.options.sample,
+                self.options.rapid_blend > 0.0,
+            ),
             space=FreeSpace(
                 collision=self.plan.setup.collision,
                 step=self.options.collision_step,

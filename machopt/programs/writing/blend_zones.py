@@ -57,8 +57,9 @@ class BlendZones:
 def compute_blend_zones(program: RobotProgram, moves_per_part: int | None = None) -> BlendZones:
     """Zones of a program.
 
-    A joint move that runs on into another one is rounded as the plan has checked it. A cutting LIN that runs on into another of the same operation without an event between is rounded; every other
-    end is an exact stop, also where a part of the program ends.
+    A joint move that runs on into another one is rounded as the plan has checked it. A cutting LIN that runs on into
+    another of the same operation without an event between is rounded. Every other end is an exact stop, also where a
+    part of the program ends.
 
     Args:
         program: ``blend`` is the tolerance ε.

@@ -6,8 +6,8 @@ where it leaves that distance, stays in the triangle if no place of either move 
 
     d = min( min_{t ≥ α} |p(w + t Δ_a) − p(w)|,  min_{t ≥ β} |p(w + t Δ_b) − p(w)| ),      t ≤ 1,
 
-with the tool's place p. It is at most half of the way of the tool along either move, because zones must not overlap. Where
-an external axis moves, the distances of rail, table and tool are not comparable, and d is 0.
+with the tool's place p. It is at most half of the way of the tool along either move, because zones must not overlap.
+Where an external axis moves, the distances of rail, table and tool are not comparable, and d is 0.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Rounded corners between rapid moves: rapid_corners.csv against the motion, the points, the CAM file and the cell.
 
-Between the two neighbouring nodes of a corner w (the row where the move to it begins, and the row where the move from it
-ends, which are corners or stops), with the steps Δ_a to it and Δ_b from it, every sample is
+Between the two neighbouring nodes of a corner w (the row where the move to it begins, and the row where the move from
+it ends, which are corners or stops), with the steps Δ_a to it and Δ_b from it, every sample is
 
     q = w − u Δ_a + v Δ_b,      u, v ≥ 0,      u/α + v/β ≤ 1  or  u = 0  or  v = 0,
 
-with the shares α and β of the table: on one of the two straight moves, or in the triangle that the table states. u and v
+with the shares α and β of the table: on one of the two straight moves, or in the triangle that the table states. u, v
 are found by least squares. A controller that rounds the corner within these shares stays in the same triangle. So the
 whole triangle is searched for contacts, along chords parallel to its base.
 """
@@ -268,6 +268,8 @@ class RapidZoneTable:
             arm: Kinematics as the controller reckons.
         """
         triangles = list_corner_triangles(corners, np.hstack([motion.q, motion.external]))
+        if not triangles:
+            return cls(np.zeros(0), np.zeros(0), np.zeros(0))
         distance = compute_rapid_zone_limits(
             corners.x,
             (np.array([t.start for t in triangles]), np.array([t.end for t in triangles])),
@@ -282,6 +284,8 @@ class RapidZoneTable:
         Args:
             rows: (M,) fractional rows of the motion at which the targets lie.
         """
+        if not len(self.sample):
+            return np.zeros(len(rows)), np.zeros(len(rows))
         nearest = np.abs(rows[:, None] - self.sample).argmin(axis=1)
         same = np.abs(rows - self.sample[nearest]) < SAME_ROW
         return np.where(same, self.share[nearest], 0.0), np.where(same, self.distance[nearest], 0.0)
