@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import tempfile
 import time
 from dataclasses import dataclass
@@ -143,7 +144,7 @@ def split_moves(point: Array, size: Array) -> tuple[list[tuple[int, int]], int]:
     ends = [k for k in range(1, n - 1) if whole[k] and not (whole[k - 1] and point[k] == point[k - 1])]
     stops = sum(size[k - 1] + size[k] < SLOW * size[max(k - 4, 0) : k + 4].max() for k in ends)
     rows = [0, *ends, n - 1]
-    return [*zip(rows[:-1], rows[1:], strict=True)], stops
+    return [*itertools.pairwise(rows)], stops
 
 
 def is_straight(x: Array) -> bool:

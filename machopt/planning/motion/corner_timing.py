@@ -1,23 +1,22 @@
 """Motion over straight legs from rest to rest that rounds the corners between them instead of stopping there.
 
 The rate of a leg is the share of it driven per second. At a corner the rate falls from r⁻ on the leg before, over the
-step d, and rises to r⁺ on the leg behind, over the step e, both by one S-curve σ. Along a leg the rate changes by S-curves
-from r⁺ of its first corner to a peak and from there to r⁻ of its last one; it is 0 where the motion begins and ends. A
-change Δv of the joint velocities takes
+step d, and rises to r⁺ on the leg behind, over the step e, both by one S-curve σ. Along a leg the rate changes by
+S-curves from r⁺ of its first corner to a peak and from there to r⁻ of its last one; it is 0 where the motion begins and
+ends. A change Δv of the joint velocities takes
 
     D = 1/A + A/J  where J ≥ A², else 2/√J,      A = min_i a_i/|Δv_i|,  J = min_i j_i/|Δv_i|                      (1)
 
 with the limits a_i, j_i of acceleration and jerk; at a corner Δv = r⁺ e − r⁻ d. The velocity is a mean of both in the
 meantime, so that the speed limits hold where each rate keeps those of its leg. S-curves are symmetric: the corner is
 rounded over the shares r⁻ D/2 and r⁺ D/2 of its legs, and a change along a leg from r to s covers (r + s) D/2 of it.
-The peak is the highest that fits between the corners. The rates at the corners minimise the time of the whole motion, with
-these shares at most ``most``.
+The peak is the highest that fits between the corners. The rates at the corners minimise the time of the whole motion,
+with these shares at most ``most``.
 
 Without corners this is the fastest jerk-limited motion from rest to rest. The curve at a corner lies in the triangle of
 the corner and the places on its legs where the rounding begins and ends.
 
-Source: own derivation; linear moves with blends of constant acceleration: Paul 1981, Robot Manipulators, chapter 5;
-here with limited jerk.
+Source: own derivation from limits of speed, acceleration and jerk.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ SLACK = 1e-12
 NO_TIME = 1e30  # s: not possible
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CornerTiming:
     """Times of K legs from rest to rest; M S-curves in order."""
 
@@ -146,7 +145,14 @@ def _build_timing(rate: Array, steps: Array, limits: Array) -> CornerTiming:
             weight[k, 3 * k + 2], weight[k + 1, 3 * k + 2] = -end, rate[2 * k + 2]
             start += length
     table = np.array(curves)
-    return CornerTiming(table[:, 0], table[:, 1], table[:, 2], table[:, 3], weight, start)
+    return CornerTiming(
+        start=table[:, 0],
+        length=table[:, 1],
+        acceleration=table[:, 2],
+        jerk=table[:, 3],
+        weight=weight,
+        duration=start,
+    )
 
 
 @jit_compile

@@ -17,6 +17,7 @@ from machopt.verification.checks import VerificationCheck, build_file_check
 TOLERANCE_FACTOR = 1.2  # of the tolerance: coordinates are printed, so a zone may fall to its neighbour
 PRINTED_DISTANCE_M = 1e-6  # m, of a distance
 PRINTED_SHARE = 1e-6  # of a joint move
+FAR = 1e3  # m, farther than any zone
 
 
 def check_blend_zones(
@@ -52,7 +53,8 @@ def check_blend_zones(
         bad = find_wrong_zones(ZoneCase(parsed, program, law, controller, printed))
     else:
         stops = replace(law, distance=np.zeros(len(program)), room=np.zeros(len(program)))
-        shares = np.array([] if list_shares is None else list_shares(parsed.configuration), float)
+        stated = list_shares is not None and law.rapid is not None and bool((law.rapid > 0.0).any())
+        shares = np.array(list_shares(parsed.configuration) if stated and list_shares is not None else [], float)
         bad = _check_distances(parsed, program, law if zones else stops, own, shares)
     named = [f"move {k + 1}, line {int(parsed.line[k])}: {text}" for k, text in bad]
     return [
@@ -76,7 +78,7 @@ def _check_distances(
     rapid = np.zeros(len(d)) if law.rapid is None else law.rapid
     if len(shares) and program.rapid_share is not None:  # a share in place of a distance: as if it were all of it
         stated = np.isfinite(shares)
-        d = np.where(stated, np.where(shares <= program.rapid_share + PRINTED_SHARE, rapid, np.inf), d)
+        d = np.where(stated, np.where(shares <= program.rapid_share + PRINTED_SHARE, rapid, FAR), d)
     inside = np.isfinite(law.turn)
     most = np.where(inside, law.room / HALF * 0.5 + PRINTED_DISTANCE_M, 0.0)
     most = np.where(rapid > 0.0, rapid + PRINTED_DISTANCE_M, most)

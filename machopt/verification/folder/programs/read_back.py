@@ -34,6 +34,7 @@ from machopt.programs.program_reader import ParsedProgram, is_program_file, read
 from machopt.programs.reading.joint_conversion import compute_urdf_joints
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.verification.checks import CheckName, VerificationCheck, VerificationInformation, build_file_check
+from machopt.verification.folder.programs.exported_motion_tables import read_program_tables
 from machopt.verification.folder.programs.frames_and_axes import (
     compute_toolpath_index,
     compute_workpiece_frame,
@@ -43,6 +44,7 @@ from machopt.verification.folder.programs.frames_and_axes import (
 )
 from machopt.verification.folder.programs.post_lookup import select_listed_controller
 from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
+from machopt.verification.folder.programs.rapid_zone_table import RapidZoneTable
 from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
 from machopt.verification.folder.programs.target_corrections import (
     compute_corrections,
@@ -51,7 +53,7 @@ from machopt.verification.folder.programs.target_corrections import (
     turn_targets_back,
 )
 from machopt.verification.motion.checks.compensation_shift import compute_commanded_corners
-from machopt.verification.motion.checks.rapid_corners import RapidZoneTable, unround_motion
+from machopt.verification.motion.checks.rapid_corners import unround_motion
 from machopt.verification.motion.checks.reentries import find_reentry_points
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.motion_verification import ExportedTables
@@ -64,14 +66,7 @@ from machopt.verification.programs.cam_comparison import ExpectedCuts, compare_w
 from machopt.verification.programs.motion_comparison import compare_with_motion
 from machopt.verification.programs.target_matching import TargetTolerances
 from machopt.verification.tables.advised_feeds import ADVISED, apply_exported_feeds
-from machopt.verification.tables.exported_tables import (
-    ExportedMotion,
-    read_compensation,
-    read_motion,
-    read_points,
-    read_rapid_corners,
-    read_tilt,
-)
+from machopt.verification.tables.exported_tables import ExportedMotion
 
 ENCODER_TOLERANCE_PULSES = 3.0  # of an encoder: joints may be off by that much, by rounding and by coupling
 REACH_M = 5.0  # m: what a joint's last digit is worth there
@@ -119,7 +114,7 @@ def check_programs(
     if not posted:
         return ()
     if not isinstance(tables, ExportedTables):
-        tables = _read_tables(cell, out, tables)
+        tables = read_program_tables(cell, out, tables)
     given = cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}"
     ground = straight = _ComparisonContext.build(*given, tables)
     if tables.corners is not None:  # targets of joint moves are where the motion would have stopped
@@ -127,19 +122,6 @@ def check_programs(
             *given, replace(tables, motion=unround_motion(tables.motion, tables.corners))
         )
     return tuple(ground.compare_program(one, straight) for one in posted)
-
-
-def _read_tables(cell: Cell, out: Path, motion: ExportedMotion | None) -> ExportedTables:
-    """Return the tables of a folder; raise InputError where one cannot be read."""
-    motion = motion or read_motion(out / "trajectory.csv", cell)
-    points = read_points(out / "points.csv", cell)
-    return ExportedTables(
-        motion,
-        points,
-        read_compensation(out / "compensation.csv") if points.shift is not None else None,
-        read_tilt(out / "tilt.csv") if points.lead is not None else None,
-        read_rapid_corners(out / "rapid_corners.csv", cell) if (out / "rapid_corners.csv").exists() else None,
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
