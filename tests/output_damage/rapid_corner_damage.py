@@ -93,7 +93,14 @@ DAMAGES = [
     Damage("a smaller corner", "5 %", put("after_percent", "5"), "rapid corners as driven", "two cuts"),
     Damage("a rapid move off its line", "0.01°", build_table_change(MOTION, _bend_motion), "rapid corners", "two cuts"),
     Damage("a corner not listed", "1 of 4", build_table_change(CORNERS, _forget_corner), "rapid points", "two cuts"),
-    Damage("a ball at a corner", "24 mm", _obstruct, "rapid corners clear", "two cuts"),
+    Damage(
+        "a ball at a corner",
+        "24 mm",
+        _obstruct,
+        "rapid corners clear",
+        "two cuts",
+        as_is="made from these inputs",
+    ),
     Damage("$APO.CPTP", "100", swap("krl/*.src", r"CPTP=\d+", "CPTP=100"), "krl/pass_csv.src: zones", "two cuts"),
     Damage(
         "the zone of MoveAbsJ",
