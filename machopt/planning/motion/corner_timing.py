@@ -29,8 +29,8 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 
-FIRST, LAST = 0.4, 0.01  # relative change of a rate: first and last tried
-STARTS = (0.8, 0.4, 0.15)  # rates at the corners from which the search begins, as shares of the peaks with stops
+FIRST, LAST = 0.4, 0.02  # relative change of a rate: first and last tried
+STARTS = (0.6, 0.2)  # rates at the corners from which the search begins, as shares of the peaks with stops
 WINDOW = 2  # rates that are changed together
 HALVINGS = 40
 SLACK = 1e-12

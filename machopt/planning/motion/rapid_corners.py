@@ -220,7 +220,7 @@ def _build_corner(chain: _Chain, node: int, timing: CornerTiming, n: int, space:
     height = measure_height(place[:3], 1.0 / FAN_M), measure_height(np.vstack([w, ends])[:, :6], 1.0 / FAN_RAD)
     count = max(int(np.ceil(max(height))), 1)
     rows = [curve[::CURVE_STEP]]
-    for k in range(count, 0, -1):  # to and fro, so that the steps between the chords are short
+    for k in [2] if count == 2 else range(count, 0, -1):  # of two chords the curve is about the inner one
         chord = w + k / count * (ends - w)
         rows.append(chord[::-1] if (count - k) % 2 == 0 else chord)
     return _Corner(chain, node, space.compute_true(np.vstack(rows)), float(off[3:].min()))
