@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from machopt.data_types.toolpath import Toolpath
-from machopt.output.tables.plan_tables import write_points_csv, write_trajectory_csv
+from machopt.output.tables.plan_tables import write_points_csv, write_rapid_corners_csv, write_trajectory_csv
 from machopt.planning.compensation.driven_margins import apply_driven_rotation
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
@@ -34,6 +34,8 @@ def write_and_compare_program(
     cell = plan.setup.cell
     labels = [o.label for o in toolpath.operations]
     write_trajectory_csv(out / "trajectory.csv", timeline.trajectory, labels, cell.external_prismatic)
+    if timeline.trajectory.corners is not None:
+        write_rapid_corners_csv(out / "rapid_corners.csv", timeline.trajectory.corners, cell.external_prismatic)
     files = write_program(
         out, format_program_name(toolpath.source, post), made.program, post, select_controller(cell, post)
     )

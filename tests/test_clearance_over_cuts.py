@@ -172,7 +172,7 @@ def test_moves_from_and_to_home_are_held(monkeypatch: pytest.MonkeyPatch) -> Non
     maker._under = lambda x: bool((x[:, 0] > 1.0).any())
     setup = SimpleNamespace(driven=SimpleNamespace(limits=limits()), collision=None, per_rad=np.ones(6))
     maker.plan = SimpleNamespace(setup=setup)
-    maker.options = SimpleNamespace(rapid_scale=0.8, sample=0.012, collision_step=0.02)
+    maker.options = SimpleNamespace(rapid_scale=0.8, rapid_blend=0.0, sample=0.012, collision_step=0.02)
     low, high, point = (
         segment_planner.RestPose(np.full(6, x), index, 0) for x, index in ((2.0, np.nan), (0.0, np.nan), (2.0, 3.0))
     )

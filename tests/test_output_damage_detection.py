@@ -24,7 +24,7 @@ from machopt.verification.tables.exported_tables import ExportedMotion
 PARTS = sorted(
     p.stem for p in (Path(__file__).parent / "output_damage").glob("*.py") if p.stem not in ("__init__", "damage_case")
 )
-TABLES = ("points.csv", "trajectory.csv", "compensation.csv", "tilt.csv", "engagement.csv")
+TABLES = ("points.csv", "trajectory.csv", "compensation.csv", "tilt.csv", "rapid_corners.csv", "engagement.csv")
 DAMAGES: list[Damage] = [d for part in PARTS for d in import_module(f"output_damage.{part}").DAMAGES]
 
 

@@ -83,6 +83,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         axis_tolerance=radians(0.21),
         approach_feed=0.07,
         rapid_scale=0.31,
+        rapid_blend=0.007,
         limit_scale=0.47,
         allow_gaps=True,
         max_reentries=2,

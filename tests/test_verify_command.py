@@ -209,6 +209,7 @@ def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch
     assert {f.name for f in out.iterdir()} == {
         "manifest.json",
         "points.csv",
+        "rapid_corners.csv",
         "report.html",
         "result.json",
         "trajectory.csv",

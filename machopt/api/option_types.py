@@ -45,6 +45,7 @@ class PlanOptionValues(TypedDict, total=False):
     axis_tolerance_deg: float | None  # the same of the tool axis, degrees
     approach_feed_mm_min: float | None  # of approach, retract and link moves that carry no feed, mm/min
     rapid_scale: float | None  # share of the joint velocity limits used in rapid moves
+    rapid_blend_mm: float | None  # by which the tool may pass a point where a corner between rapid moves is rounded, mm; 0: it stops
     limit_scale: float | None  # share of the joint limits used while cutting
     allow_gaps: bool | None  # true: cuts to points out of reach are left out and listed
     max_reentries: int | None  # lifts inside of closed contours, to enter again in another posture; each leaves a mark

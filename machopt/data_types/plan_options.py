@@ -162,6 +162,7 @@ class PlanOptions:
     axis_tolerance: float = radians(0.03)  # rad
     approach_feed: float = 0.05  # m/s for approach, retract and link moves that carry no feed
     rapid_scale: float = 0.8  # share of the joint velocity limits used in rapid moves
+    rapid_blend: float = 0.02  # m by which a rounded corner of rapid moves may pass its point; 0: stops
     limit_scale: float = 0.97  # share of the velocity, acceleration and jerk limits used while cutting
     allow_gaps: bool = False
     max_reentries: int = 0  # lifts inside of closed contours, each followed by a new entry at the same point

@@ -107,6 +107,8 @@ class RobotProgram:
     T_carrier_workpiece: Array | None = None  # (4, 4) in the positioner's link, else, on a rail alone, in world
     events: tuple[ToolpathEvent, ...] = ()  # ``index`` is the move that the event comes before
     ptp_speed: float = 0.8  # share of the axis velocity limits on PTP moves
+    rapid_share: Array | None = None  # (M,) of the joint moves to and from a target over which it may be rounded
+    rapid_zone: Array | None = None  # (M,) m, the same as a distance of the tool from the target; 0: a stop
     blend: float = 0.0  # m by which rounded corners may pass a point between cutting moves; 0 stops exactly at each
     source: str = ""  # what it was made from, for the head comment
     move: NDArray[np.int8] | None = None  # (M,) Move codes; by default rapid, cut or link from kind and cutting

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.rapid_corners import RapidCorners
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 
@@ -26,6 +27,7 @@ class Trajectory:
     tool: NDArray[np.int32] | None = None  # (S,) which stint of the job, where it changes tools
     lead: Array | None = None  # (S,) rad, tilt of the tool against the CAM axis; NaN in rapid moves; None: no tilt
     side: Array | None = None  # (S,) rad
+    corners: RapidCorners | None = None  # between rapid moves, where the motion does not stop; None: it has none
 
     def find_links(self) -> NDArray[np.bool_]:
         """Return (S,) rapid moves of re-entries: after a retract and before an approach at one and the same point."""

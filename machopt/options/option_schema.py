@@ -206,6 +206,12 @@ class OptionKeys(StrictSchema):
     rapid_scale: float | None = Field(
         default=None, gt=0, le=1, description="share of the joint velocity limits used in rapid moves"
     )
+    rapid_blend_mm: float | None = Field(
+        default=None,
+        ge=0,
+        le=500,
+        description="by which the tool may pass a point where a corner between rapid moves is rounded, mm; 0: it stops",
+    )
     limit_scale: float | None = Field(
         default=None, gt=0, le=1, description="share of the joint limits used while cutting"
     )

@@ -102,6 +102,7 @@ OPTIONS = (
     _define_angle_option("axis_tolerance_deg", "axis_tolerance"),
     _define_scaled_option("approach_feed_mm_min", "approach_feed", _MM_PER_MIN),
     _define_unscaled_option("rapid_scale"),
+    _define_scaled_option("rapid_blend_mm", "rapid_blend", _MM),
     _define_unscaled_option("limit_scale"),
     _define_unscaled_option("allow_gaps"),
     _define_unscaled_option("max_reentries"),

@@ -7,6 +7,7 @@ ROLES = {
     "trajectory.csv": "trajectory",
     "compensation.csv": "compensation",
     "tilt.csv": "tilt",
+    "rapid_corners.csv": "corners",
     "engagement.csv": "engagement",
     "front.csv": "front",
     "result.json": "result",

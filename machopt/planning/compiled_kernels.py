@@ -45,6 +45,11 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
         f"{_F2},{_F2},{_F2},{_F2},{_F2},{_F3},{_F2},{_I1},{_F2},{_F1}",
     ),
     ("planning.cost.rapid_time", "compute_rest_time", "f8,f8,f8"),
+    ("planning.motion.corner_timing", "_find_rates", f"{_F2},{_F2},{_F1}"),
+    ("planning.motion.corner_timing", "_curve", f"{_F1},{_F2}"),
+    ("planning.motion.corner_timing", "_measure_line", f"{_F1},{_F2}"),
+    ("planning.motion.corner_timing", "_find_peak", f"f8,f8,f8,{_F1}"),
+    ("planning.motion.corner_timing", "_change", f"f8,{_F1}"),
     (
         "planning.sequence_search.search_kernels",
         "find_cheapest_sequence",

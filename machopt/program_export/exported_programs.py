@@ -34,6 +34,7 @@ OWN_FILES = (
     "trajectory.csv",
     "compensation.csv",
     "tilt.csv",
+    "rapid_corners.csv",
     "engagement.csv",
     "result.json",
     "manifest.json",

@@ -16,6 +16,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.motion.segments import MotionSegment
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
+from machopt.programs.writing.rapid_zones import compute_rapid_zone_limits
 from machopt.programs.writing.target_insertion import ProgramTolerance, insert_targets
 from machopt.programs.writing.target_thinning import find_needed_targets
 from machopt.verification.folder.programs.post_lookup import (
@@ -64,6 +65,7 @@ def build_robot_program(
         np.int8
     )
     drawn = np.concatenate([[False], *(np.full(len(leg.waypoints), _is_tool_retracted(leg)) for leg in legs)])
+    share, zone = _compute_rapid_zones(plan, X, legs)
     at = _list_move_end_rows(legs)
     needed = find_needed_targets(
         _compute_tcp_poses(plan, X),
@@ -73,7 +75,7 @@ def build_robot_program(
         tolerance or ProgramTolerance(),
     )
     X, index, feed, at = X[needed], index[needed], feed[needed], at[needed]
-    move, drawn = move[needed], drawn[needed]
+    move, drawn, share, zone = move[needed], drawn[needed], share[needed], zone[needed]
     driven = np.hstack([trajectory.q, trajectory.external])
     added = _find_inserted_targets(plan, driven, X, at, np.isfinite(feed), tolerance or ProgramTolerance())
     if len(added):
@@ -82,10 +84,25 @@ def build_robot_program(
         index, feed = np.insert(index, place, trajectory.point[added]), np.insert(feed, place, feed[place])
         move, at = np.insert(move, place, move[place]), np.insert(at, place, added)
         drawn = np.insert(drawn, place, drawn[place])
+        share, zone = np.insert(share, place, 0.0), np.insert(zone, place, 0.0)
     kind = np.where(np.isfinite(feed), LIN, PTP).astype(np.int8)
     operation = np.where(np.isfinite(index), toolpath.operation[_find_toolpath_points(index)], -1).astype(np.int32)
     made = _build_base_program(plan, X, kind, feed, move, operation, toolpath, _place_events(toolpath, index, drawn))
-    return MotionProgram(replace(made, blend=(tolerance or ProgramTolerance()).position), at, len(added))
+    made = replace(made, blend=(tolerance or ProgramTolerance()).position, rapid_share=share, rapid_zone=zone)
+    return MotionProgram(made, at, len(added))
+
+
+def _compute_rapid_zones(plan: Plan, x: Array, legs: tuple[MotionSegment, ...]) -> tuple[Array, Array]:
+    """Return the share (M,) of the joint moves over which each target may be rounded, and the same as m (M,)."""
+    shares = np.vstack(
+        [np.zeros((1, 2)), *(np.zeros((len(leg.waypoints), 2)) if leg.rounded is None else leg.rounded for leg in legs)]
+    )
+    at = np.flatnonzero(shares.min(axis=1) > 0.0)
+    zone = np.zeros(len(x))
+    zone[at] = compute_rapid_zone_limits(
+        x[at], (x[at - 1], x[at + 1]), shares[at], lambda q: _compute_tcp_poses(plan, q)[:, :3, 3]
+    )
+    return shares.min(axis=1), zone
 
 
 def _find_inserted_targets(
@@ -169,6 +186,8 @@ def _list_move_end_rows(legs: tuple[MotionSegment, ...]) -> Array:
         last = len(leg.q) - 1
         if leg.name == "run" and len(leg.q) > 1 and leg.index[-1] > leg.index[0]:
             rows = np.interp(leg.waypoint_index, leg.index, np.arange(last + 1))
+        elif leg.waypoint_row is not None:
+            rows = leg.waypoint_row.astype(float)
         elif len(leg.waypoints) > 1:  # a rapid move around something: each way point is a sample
             rows = np.array([np.abs(leg.q - w).max(axis=1).argmin() for w in leg.waypoints], float)
         else:

@@ -236,6 +236,15 @@ def _list_assumptions(job: PostJob, used: frozenset[str], dialect: MakerRules) -
     return [*list_common_assumptions(job), *external, *dialect.assumptions(job, used)]
 
 
+def _list_rapid_notes(job: PostJob, dialect: MakerRules, samples: bool) -> list[str]:
+    if samples or job.zone.rapid is None or not (job.zone.rapid > 0.0).any():
+        return []
+    reason = dialect.rapid_stops(job)
+    if reason:
+        return [f"rapid moves stop at every point: {reason}"]
+    return ["rapid moves run on where the plan rounds their corners, inside of what it has checked"]
+
+
 def list_unstarted_events(
     post: PostTemplate | str | Path, program: RobotProgram, controller: RobotController
 ) -> tuple[str, ...]:
@@ -284,6 +293,7 @@ def _build_engine(
     values = {**build_program_fields(job), **dialect.values(job)}
     notes = [
         *list_common_notes(job, used, post.keys.samples),
+        *_list_rapid_notes(job, dialect, post.keys.samples),
         *_list_assumptions(job, used, dialect),
         *list_unstarted_events(post, program, controller),
         *dialect.notes(job, used),

@@ -17,6 +17,7 @@ from machopt.output.tables.plan_tables import (
     write_compensation_csv,
     write_engagement_csv,
     write_points_csv,
+    write_rapid_corners_csv,
     write_tilt_csv,
     write_trajectory_csv,
 )
@@ -70,7 +71,8 @@ def write_plan_tables(
     timeline: MotionTimeline | None,
     engagement: StockEngagement | None = None,
 ) -> None:
-    """Write points.csv, and trajectory.csv, compensation.csv and tilt.csv where there is a motion.
+    """Write points.csv, and where there is a motion trajectory.csv, and compensation.csv, tilt.csv and
+    rapid_corners.csv as far as it has any.
 
     Args:
         folder: The output folder.
@@ -92,6 +94,8 @@ def write_plan_tables(
         write_compensation_csv(folder / "compensation.csv", plan.path.index, c.offset, c.force)
     if plan.path.lead is not None and plan.path.side is not None:
         write_tilt_csv(folder / "tilt.csv", plan.path.index, plan.path.lead, plan.path.side)
+    if timeline.trajectory.corners is not None:
+        write_rapid_corners_csv(folder / "rapid_corners.csv", timeline.trajectory.corners, cell.external_prismatic)
 
 
 def list_tool_names(plan: Plan) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.process_columns import ERROR_NAMES, ProcessColumns
+from machopt.data_types.rapid_corners import RapidCorners
 from machopt.data_types.stock import StockEngagement
 from machopt.data_types.toolpath import MoveKind
 from machopt.data_types.trajectory import Trajectory
@@ -80,7 +81,7 @@ def write_trajectory_csv(
 
 
 def _select_rows(t: Trajectory, rows: slice) -> Trajectory:
-    every = ((f.name, getattr(t, f.name)) for f in fields(t))
+    every = ((f.name, getattr(t, f.name)) for f in fields(t) if f.name != "corners")
     some: dict[str, Any] = {name: value[rows] for name, value in every if value is not None}
     return replace(t, **some)
 
@@ -265,6 +266,30 @@ def write_tilt_csv(path: Path, index: Array, lead: Array, side: Array) -> None:
         side: (P,) rad.
     """
     _write_csv(path, [_build_optional_column("point", index, 9), *_build_tilt_columns(lead, side, 9)])
+
+
+def write_rapid_corners_csv(path: Path, corners: RapidCorners, prismatic: Sequence[bool]) -> None:
+    """Write ``rapid_corners.csv``: the corners between rapid moves that are rounded, one row a corner.
+
+    Args:
+        path: the file.
+        corners: rounded corners of the motion.
+        prismatic: which external joints slide.
+    """
+    columns = [
+        _build_optional_column(name, values.astype(float), 0)
+        for name, values in (
+            ("sample", corners.sample),
+            ("from_sample", corners.before),
+            ("to_sample", corners.after),
+        )
+    ]
+    columns += _build_joint_columns(corners.q, corners.external, prismatic)
+    columns += [
+        _build_optional_column(f"{name}_percent", 100.0 * corners.share[:, n], 9)
+        for n, name in enumerate(("before", "after"))
+    ]
+    _write_csv(path, columns)
 
 
 def write_engagement_csv(path: Path, engagement: StockEngagement) -> None:

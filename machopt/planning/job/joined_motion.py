@@ -12,6 +12,7 @@ import numpy as np
 
 from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.process_columns import join_process_columns, shift_summary
+from machopt.data_types.rapid_corners import join_rapid_corners
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.data_types.trajectory import Trajectory
 from machopt.numerics.array_types import Array
@@ -109,7 +110,8 @@ def join_timelines(parts: Sequence[DrivenToolSegment]) -> MotionTimeline | None:
 def _one_after_the_other(parts: Sequence[DrivenToolSegment], motions: Sequence[Trajectory]) -> Trajectory:
     """Concatenate all rows; the last of one and the first of the next are at the same place with another tool."""
     sample = float(motions[0].time[1] - motions[0].time[0])
-    count = sum(len(m.time) for m in motions)
+    lengths = [len(m.time) for m in motions]
+    count = sum(lengths)
     columns = {
         name: np.concatenate([getattr(m, name) for m in motions])
         for name in ("q", "external", "move", "operation", "gamma", "feed")
@@ -119,6 +121,9 @@ def _one_after_the_other(parts: Sequence[DrivenToolSegment], motions: Sequence[T
         time=np.arange(count, dtype=float) * sample,
         point=np.concatenate([m.point + p.stretch.first for m, p in zip(motions, parts, strict=True)]),
         tool=np.concatenate([np.full(len(m.time), k, np.int32) for k, m in enumerate(motions)]),
+        corners=join_rapid_corners(
+            [(m.corners, first) for m, first in zip(motions, np.cumsum([0, *lengths[:-1]]).tolist(), strict=True)]
+        ),
         **columns,
         **_join_tilts(motions),
     )

@@ -1,7 +1,8 @@
 """Rapid moves: from rest to rest through free space, straight in joint space or around obstacles.
 
 Tried in this order: the straight line, the caller's detours (retract, move across, approach), and a random tree
-from both ends (RRT-Connect: Kuffner and LaValle 2000) with its corners cut. Each leg is a straight line in joint
+from both ends (RRT-Connect: Kuffner and LaValle 2000) with its corners cut. A detour is then shortened
+(:mod:`machopt.planning.motion.rapid_shortcuts`). Each leg is a straight line in joint
 space, and the checked line is the driven line: one jerk-limited profile times the place along
 it (Ruckig with one degree of freedom), which keeps all joints in phase by construction.
 """
@@ -18,6 +19,7 @@ import numpy as np
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import JointLimits
 from machopt.numerics.array_types import Array
+from machopt.planning.motion.rapid_shortcuts import shorten_detour
 from machopt.planning.motion.search_budget import allow_extensions, count_in_vain
 
 STILL = 1e-9  # rad, joints that differ by less do not move
@@ -56,6 +58,7 @@ class RapidTiming:
     limits: JointLimits  # position, velocity, acceleration, jerk
     scale: float  # share of the velocity, acceleration and jerk limits to use
     sample: float  # s, control sample
+    rounded: bool = False  # whether corners will be rounded afterwards, which decides which detour is the fastest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,8 +135,21 @@ def _find_detour(
         if inside and space.is_free(waypoints):
             around = _time_move(waypoints, "retract", timing)
             if space.allows(around):
-                return around
+                return _shorten(around, timing, space)
     return None
+
+
+def _shorten(move: RapidMove, timing: RapidTiming, space: FreeSpace) -> RapidMove:
+    """Return a detour with its corners cut where that is free and faster."""
+    axes = move.waypoints.shape[1]
+    bounds = (timing.limits.velocity, timing.limits.acceleration, timing.limits.jerk)
+    limits = timing.scale * np.array([np.asarray(bound)[:axes] for bound in bounds])
+
+    def is_free(waypoints: Array) -> bool:
+        return space.is_free(waypoints) and space.allows(_time_move(waypoints, move.kind, timing))
+
+    shorter = shorten_detour(move.waypoints, limits, timing.rounded, is_free)
+    return move if shorter is move.waypoints else _time_move(shorter, move.kind, timing)
 
 
 def _find_sampled_move(
@@ -155,7 +171,7 @@ def _find_sampled_move(
     for waypoints in (_shortcut(tree_space, path, rng), path):  # between samples the shortened path may be barred
         sampled = _time_move(waypoints, "sampled", timing)
         if space.allows(sampled):
-            return sampled
+            return _shorten(sampled, timing, space)
     return BlockedRapid(UNDER, direct[0], 0.0, "way")
 
 

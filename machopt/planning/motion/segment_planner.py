@@ -15,6 +15,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.cache import compute_cached
 from machopt.planning.motion.clearance_over_cuts import BELOW, CutSurface
+from machopt.planning.motion.rapid_corners import CornerSpace
 from machopt.planning.motion.rapid_moves import (
     UNDER,
     BlockedRapid,
@@ -79,7 +80,12 @@ class SegmentPlanner:
         move = plan_rapid(
             a.x,
             b.x,
-            timing=RapidTiming(self.plan.setup.driven.limits, self.options.rapid_scale, self.options.sample),
+            timing=RapidTiming(
+                self.plan.setup.driven.limits,
+                self.options.rapid_scale,
+                self.options.sample,
+                self.options.rapid_blend > 0.0,
+            ),
             space=FreeSpace(
                 collision=self.plan.setup.collision,
                 step=self.options.collision_step,
@@ -132,6 +138,23 @@ class SegmentPlanner:
         assert self.level is not None  # called only then
         arm = self.plan.setup.arm
         return self.level.under(arm.machine.compute_fk(x, arm.T_flange_tcp)) > self.graze
+
+    def build_corner_space(self) -> CornerSpace:
+        """Return what the rounded corners of rapid moves have to keep."""
+        setup, options = self.plan.setup, self.options
+        correction = setup.correction
+        limits = setup.driven.limits if correction is None else setup.cell.limits
+        return CornerSpace(
+            timing=RapidTiming(limits, options.rapid_scale, options.sample),
+            collision=setup.collision,
+            step=options.collision_step,
+            deviation=options.rapid_blend,
+            compute_tcp=lambda x: setup.arm.machine.compute_fk(x, setup.arm.T_flange_tcp),
+            compute_true=lambda x: (
+                x if correction is None else np.hstack([correction.compute_true_angles(x[:, :6]), x[:, 6:]])
+            ),
+            barred=None if self.level is None else self._under,
+        )
 
     def _shifted(self) -> float:
         """Return the distance in m of the commanded cuts from those of the file: a free move begins where a shifted

@@ -41,6 +41,8 @@ class MotionSegment:
     waypoint_feed: Array  # (W,) m/s of the straight move that ends there, NaN in rapid moves
     external: Array  # (S, E) m or rad
     waypoint_external: Array  # (W, E)
+    waypoint_row: NDArray[np.int64] | None = None  # (W,) sample at or nearest to each target; None: it is searched
+    rounded: Array | None = None  # (W, 2) shares of the moves to and from each target that round the corner; None: 0
 
     def standing(self, row: int, count: int) -> MotionSegment:
         """Return the leg with one row repeated, so that the machine rests there.
@@ -61,6 +63,7 @@ class MotionSegment:
             operation=np.repeat(self.operation, times),
             gamma=np.repeat(self.gamma, times),
             external=np.repeat(self.external, times, axis=0),
+            waypoint_row=None if self.waypoint_row is None else np.cumsum(times)[self.waypoint_row] - 1,
         )
 
 

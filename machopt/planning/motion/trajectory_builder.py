@@ -1,7 +1,8 @@
 """The whole motion in time: home → rapid → run → rapid → … → home, one row per control sample.
 
-Runs are retimed at the programmed feed (:mod:`machopt.planning.retiming.run_retiming`). Rapid moves go from rest to
-rest in joint space (:mod:`machopt.planning.motion.rapid_moves`) and are checked for collisions like everything else.
+Runs are retimed at the programmed feed (:mod:`machopt.planning.retiming.run_retiming`). Rapid moves go straight in
+joint space (:mod:`machopt.planning.motion.rapid_moves`), round the corners between them where that is free
+(:mod:`machopt.planning.motion.rapid_corners`), and are checked for collisions like everything else.
 Where points were dropped (``allow_gaps``) the tool lifts along its axis, crosses the gap by a rapid move and
 approaches again. Where the CAM file leaves or enters the workpiece in a rapid move (a drill retracted, a cut without
 approach), the tool moves straight along its axis at a feed until it is out, and only then in rapid. Where the file
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.data_types.trajectory import Trajectory
 from machopt.numerics.array_types import Array
+from machopt.planning.motion.rapid_corners import list_rounded_corners, round_rapid_corners
 from machopt.planning.motion.retract_moves import RetractMoves, compute_rest_poses
 from machopt.planning.motion.segment_planner import RestPose, SegmentPlanner
 from machopt.planning.motion.segments import BEFORE_ALL, MotionSegment
@@ -125,6 +127,8 @@ class _Builder:
             )
         if not find_uncut_points(self.path, []).sum() > find_uncut_points(self.path, self.driven).sum():
             self.obstructions += [b for b in self.in_the_way if b not in self.obstructions]  # no cut remains
+        if not self.obstructions and self.options.rapid_blend > 0.0:
+            self.legs = round_rapid_corners(self.legs, self.toolpath, self.made.build_corner_space())
         trajectory = None if self.obstructions else self._joined()
         held_share = self.made.held_time / self.made.cut_time if self.made.cut_time > 0 else 1.0
         return MotionTimeline(
@@ -306,6 +310,7 @@ class _Builder:
             feed=speed,
             lead=lead,
             side=side,
+            corners=list_rounded_corners(self.legs),
         )
 
     def _measure_tilts(self, index: Array, move: NDArray[np.int8], rotation: Array) -> tuple[SampleTilts, Array]:

@@ -64,6 +64,9 @@ class ProgramChecks:
     """Whether the words of a move that name its configuration are those of its joints, one for each known word."""
     find_wrong_zones: Callable[[ZoneCase], list[tuple[int, str]]] | None = None
     """(move, what is wrong) where zones are words; None: they are distances, which all makers share."""
+    list_rounded_shares: Callable[[Sequence[Words]], Sequence[float]] | None = None
+    """Shares of the joint moves to and from each target over which it is rounded, where the program gives shares and no
+    distances; NaN where it does not."""
     copy_printed_columns: Callable[[Sequence[Words]], dict[str, Sequence[object]]] = _copy_nothing
     """Columns as the program has them whose last digit depends on rounding; their rule is checked separately."""
 

@@ -47,7 +47,7 @@ def _find_wrong_zones(case: ZoneCase) -> list[tuple[int, str]]:
     parsed, program, law = case.parsed, case.program, case.law
     said = np.array([read_whole_number(w, "cnt") for w in parsed.configuration], dtype=np.float64)
     feed = np.round(np.nan_to_num(program.feed, nan=1.0), 4)
-    rows = np.flatnonzero(law.distance > 0.0)
+    rows = np.flatnonzero((law.distance > 0.0) & np.isfinite(law.turn))
     bounds = []
     for a in _compute_acceleration_bounds(parsed, program):
         n = np.zeros(len(said))

@@ -49,7 +49,7 @@ def compute_cnt_values(job: PostJob) -> Array:
     a = compute_line_acceleration(p)
     n = np.zeros(len(p))
     if a is not None:
-        rows = np.flatnonzero(zone.distance > 0.0)
+        rows = np.flatnonzero((zone.distance > 0.0) & np.isfinite(zone.turn))
         speed = np.sqrt(2.0 * np.minimum(a[rows], a[rows + 1]) * zone.distance[rows])
         n[rows] = np.floor(100.0 * np.minimum(speed / np.maximum(p.feed[rows], SLOWEST), 1.0))
     n[zone.free] = 100.0
@@ -136,5 +136,6 @@ DIALECT = MakerRules(
     assumptions=_list_assumptions,
     check=_check_job,
     passing=_compute_passing,
+    rapid_stops=lambda _: "CNT does not say how far before it the robot begins to round",
     coupled=True,
 )

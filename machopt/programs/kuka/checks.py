@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from machopt.programs.checking.program_checks import ArmPosture, ProgramChecks, Words
 
 
@@ -16,4 +18,13 @@ def _compare_words(said: Words, posture: ArmPosture) -> list[bool]:
     return out
 
 
-CHECKS = ProgramChecks(compare_words=_compare_words)
+def _list_percents(words: Sequence[Words]) -> list[float]:
+    stated = (w.get("cptp") for w in words)
+    return [float(value) if isinstance(value, int | float) else float("nan") for value in stated]
+
+
+CHECKS = ProgramChecks(
+    compare_words=_compare_words,
+    copy_printed_columns=lambda words: {"cptp": _list_percents(words)},
+    list_rounded_shares=lambda words: [percent / 200.0 for percent in _list_percents(words)],
+)

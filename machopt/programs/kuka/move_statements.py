@@ -24,6 +24,7 @@ class KrlMoves:
         self.out, self.memory = out, memory
         self.targets = KrlTargets(memory)
         self.corner = 0.0  # m, $APO.CDIS
+        self.joint_corner = 0.0  # % of half a move, $APO.CPTP
 
     def move(self, word: str, rest: str, line: int) -> None:
         """Carry out a motion.
@@ -67,12 +68,18 @@ class KrlMoves:
             feed = value if isinstance(value, float) and kind == LINEAR else feed
         target = targets[-1]
         if any(a in target for a in AXES):
-            given = MoveAttributes(feed=feed, blend=blend, external=list_external_values(target))
+            part = {"cptp": self.joint_corner} if kind == JOINT and "C_PTP" in flags else {}
+            external = list_external_values(target)
+            given = MoveAttributes(feed=feed, blend=blend, external=external, configuration=part)
             self.out.joint(self.targets.joints(target), line, given, kind=kind)
             return
         via = self.targets.full(targets[0]) if len(targets) == 2 else None
         full = self.targets.full(target)
-        bits = {w: int(get_numeric_component(target, w)) for w in ("S", "T") if isinstance(target.get(w), float)}
+        bits: dict[str, float] = {
+            w: int(get_numeric_component(target, w)) for w in ("S", "T") if isinstance(target.get(w), float)
+        }
+        if kind == JOINT and "C_PTP" in flags:
+            bits["cptp"] = self.joint_corner
         T = build_pose(full)
         given = MoveAttributes(feed=feed, blend=blend, external=list_external_values(target), configuration=bits)
         if via is not None:

@@ -354,6 +354,8 @@ class _KrlReader:
             self.out.feed = speed if isinstance(speed, float) else math.nan
         elif word == "$APO" and fields == ["CDIS"]:
             self.moves.corner = value * 1e-3 if isinstance(value, float) else math.nan
+        elif word == "$APO" and fields == ["CPTP"]:
+            self.moves.joint_corner = value if isinstance(value, float) else math.nan
         elif word in EVENTFUL:
             self.out.event(f"{left.strip()}={right.strip()}", "comment")
         elif word.startswith("$"):

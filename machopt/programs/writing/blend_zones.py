@@ -13,6 +13,9 @@ the halves because no controller begins to round before the middle of a line, an
 down to a preferred number, so that a program needs few different zones. A d below 0.02 mm is a stop, and so is a turn
 of more than 120°.
 
+The end of a joint move is rounded where the plan has checked the corner to the next joint move; its largest distance is
+given (:mod:`machopt.programs.writing.rapid_zones`) and cut down in the same way.
+
 Source: geometry of tangent arcs, derived here; that makers' zones end at half a line is general knowledge.
 Invalid for: orientation, which the zones lead over the same stretch of path; curves that the controller draws (SPL).
 """
@@ -43,6 +46,7 @@ class BlendZones:
     free: NDArray[np.bool_]  # (M,) even a zone of half the line keeps to the tolerance
     turn: Array  # (M,) rad between this line and the next, NaN where the robot has to stop
     room: Array  # (M,) m, half of the shorter of the two lines
+    rapid: Array | None = None  # (M,) m, largest distance at the end of a joint move; None: all of them are stops
 
     @property
     def deviation(self) -> Array:
@@ -53,8 +57,9 @@ class BlendZones:
 def compute_blend_zones(program: RobotProgram, moves_per_part: int | None = None) -> BlendZones:
     """Zones of a program.
 
-    A cutting LIN that runs on into another of the same operation without an event between is rounded; every other
-    end is an exact stop, also where a part of the program ends.
+    A joint move that runs on into another one is rounded as the plan has checked it. A cutting LIN that runs on into
+    another of the same operation without an event between is rounded. Every other end is an exact stop, also where a
+    part of the program ends.
 
     Args:
         program: ``blend`` is the tolerance ε.
@@ -84,7 +89,21 @@ def compute_blend_zones(program: RobotProgram, moves_per_part: int | None = None
         reach = program.blend / np.tan(np.maximum(np.nan_to_num(turn[:-1]), STRAIGHT) / 4.0)
         free[:-1] = on & (reach >= room[:-1])
         out[:-1] = np.where(on, _round_to_preferred_number(np.minimum(reach, room[:-1])), 0.0)
-    return BlendZones(out, free, turn, room)
+    rapid = _list_rapid_zones(program, moves_per_part)
+    return BlendZones(np.where(rapid > 0.0, _round_to_preferred_number(rapid), out), free, turn, room, rapid)
+
+
+def _list_rapid_zones(program: RobotProgram, moves_per_part: int | None) -> Array:
+    """(M,) m, the largest zone of each joint move's end; 0 beside a line, an event or the end of a part."""
+    out = np.zeros(len(program))
+    if program.rapid_zone is None:
+        return out
+    joint = program.kind != LIN
+    out[:-1] = np.where(joint[:-1] & joint[1:], program.rapid_zone[:-1], 0.0)
+    out[[e.index - 1 for e in program.events if 0 < e.index < len(program)]] = 0.0
+    if moves_per_part is not None:
+        out[moves_per_part - 1 :: moves_per_part] = 0.0
+    return np.where(out >= SHORTEST, out, 0.0)
 
 
 def _round_to_preferred_number(distance: Array) -> Array:

@@ -51,4 +51,6 @@ class MakerRules:
     absent: Mapping[str, str] = field(default_factory=dict)
     """Why a field may have no value, and what would work; said where a template cannot do without it."""
     coupled: bool = False  # the controller itself computes the tool's place with rail and positioner
+    rapid_stops: Callable[[PostJob], str] = lambda _: ""
+    """Why rapid moves stop at each point, where no bound is known of the maker's rounding; empty where they run on."""
     maker: bool = True  # False: angles are the URDF's, independent of the cell's joint map

@@ -27,6 +27,7 @@ ITEMS = (
     "speed",
     "zone",
     "corner",
+    "via",
     "operation",
     "move",
     "ptp_change",

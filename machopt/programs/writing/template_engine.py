@@ -32,6 +32,7 @@ PART_FIELDS = (
     "speeds_count",
     "zones_count",
     "corners_count",
+    "vias_count",
     "positions",
     "line_count",
 )
@@ -43,6 +44,7 @@ MOVE_FIELDS = (
     "zone_number",
     "corner",
     "corner_number",
+    "via",
 )  # in addition to the columns
 ITEM_FIELDS = ("number", "text", "value")  # of items that are no moves
 SPEED_FIELDS = ("speed", "number", "feed_m_s", "feed_mm_s", "feed_mm_min")
@@ -51,6 +53,7 @@ TABLES: Mapping[str, Sequence[str]] = {
     "speed": SPEED_FIELDS,
     "zone": ZONE_FIELDS,
     "corner": ("corner", *SPEED_FIELDS[1:], *ZONE_FIELDS[1:]),
+    "via": ("via", *ZONE_FIELDS),
 }
 FEED_DIGITS = 7  # of m/s: feeds that print alike are one speed
 OF_MOVES = ("ptp", "lin", "run", "ptp_change", "lin_change")
@@ -97,6 +100,10 @@ class TemplateEngine:
         self.distinct = {s: k for k, s in enumerate(dict.fromkeys(s for s in speeds if s))}
         self.zones = {z: k for k, z in enumerate(dict.fromkeys(z for z in zones if z))}
         self.corners = {c: k for k, c in enumerate(dict.fromkeys(c for c in corners if c[0]))}
+        joint = (self.job.program.kind != LIN).tolist()
+        vias = [z if via else "" for z, via in zip(zones, joint, strict=True)]  # zones of joint moves
+        self.vias = {z: k for k, z in enumerate(dict.fromkeys(z for z in vias if z))}
+        self.via_of = [self.vias.get(z, -1) for z in vias]
         self.speed_of = [self.distinct.get(s, -1) for s in speeds]
         self.zone_of = [self.zones.get(z, -1) for z in zones]
         self.corner_of = [self.corners.get(c, -1) for c in corners]
@@ -121,6 +128,7 @@ class TemplateEngine:
             "speeds_count": max(len(self.distinct), 1),
             "zones_count": max(len(self.zones), 1),
             "corners_count": max(len(self.corners), 1),
+            "vias_count": len(self.vias) if self.vias else float("nan"),
             "line_count": "@{line_count}",
         }
 
@@ -186,7 +194,11 @@ class TemplateEngine:
             texts = [self._safe(t) for note in self.notes for t in textwrap.wrap(note, width)]
             lines = [items["note"].one({**self.values, "text": t}) for t in texts]
         elif table := next((name for name in TABLES if name in items), ""):
-            rows = {"speed": [(s, "") for s in self.distinct], "zone": [("", z) for z in self.zones]}
+            rows = {
+                "speed": [(s, "") for s in self.distinct],
+                "zone": [("", z) for z in self.zones],
+                "via": [("", z) for z in self.vias],
+            }
             lines = [
                 items[table].one(
                     {**self.values, "number": k + 1, table: k, **_parse_feed_fields(s), **_parse_zone_fields(z)}
@@ -277,6 +289,7 @@ class TemplateEngine:
             "zone_number": lambda: np.asarray(self.zone_of) + 1,
             "corner": lambda: np.asarray(self.corner_of),
             "corner_number": lambda: np.asarray(self.corner_of) + 1,
+            "via": lambda: np.asarray(self.via_of),
             "operation": lambda: [labels[o] for o in self.job.program.operation.tolist()],
         }
         return LazyColumns({**fixed, **makers, **more})

@@ -153,6 +153,7 @@ def build_move_columns(job: PostJob) -> dict[str, Callable[[], TemplateColumn]]:
         "blend_m": lambda: job.blend,
         "blend_mm": lambda: job.blend * MM,
         "rounded": (job.blend > 0.0).tolist,
+        "cptp": lambda: compute_rounded_percent(job),
         "move": lambda: [words[m] for m in p.moves.tolist()],
         "kind": lambda: ["lin" if k == LIN else "ptp" for k in p.kind.tolist()],
         "operation": lambda: [labels[o] for o in p.operation.tolist()],
@@ -160,6 +161,19 @@ def build_move_columns(job: PostJob) -> dict[str, Callable[[], TemplateColumn]]:
         "step": lambda: np.full(n, np.nan) if p.time is None else np.diff(p.time, prepend=np.nan),
     }
     return out
+
+
+def compute_rounded_percent(job: PostJob) -> Array:
+    """Compute the percentage of half a joint move at which its end may be rounded, (M,); NaN for an exact stop.
+
+    Args:
+        job: Program, controller, axis values and blend zones.
+    """
+    p = job.program
+    if p.rapid_share is None:
+        return np.full(len(p), np.nan)
+    percent = np.floor(200.0 * p.rapid_share + 1e-6)
+    return np.where((p.kind != LIN) & (job.blend > 0.0) & (percent >= 1.0), percent, np.nan)
 
 
 def build_program_fields(job: PostJob) -> dict[str, TemplateValue]:
@@ -172,7 +186,7 @@ def build_program_fields(job: PostJob) -> dict[str, TemplateValue]:
         Field → value.
     """
     p, c = job.program, job.controller
-    largest = float(job.blend.max(initial=0.0))
+    largest = float(job.blend[p.kind == LIN].max(initial=0.0))
     out: dict[str, TemplateValue] = {
         "total": len(p),
         "source": p.source,

@@ -62,6 +62,11 @@ def _find_wrong_zones(case: ZoneCase) -> list[tuple[int, str]]:
         level = read_whole_number(words, "pl")
         if (level == 0 and not law.free[k]) or unsure[k]:
             continue
+        if level and law.rapid is not None and law.rapid[k] > 0.0:
+            known = stated is not None and level <= len(stated)
+            if not (known and stated[level - 1] <= law.rapid[k] + case.printed):  # type: ignore[index]  # known
+                out.append((k, f"PL={level} where the checked corner begins {1e3 * law.rapid[k]:.2f} mm before it"))
+            continue
         room, reach = float(law.room[k]), float(law.distance[k])
         if not np.isfinite(law.turn[k]):
             out += [(k, f"PL={level} where the robot has to stop")] if level else []
@@ -80,6 +85,7 @@ def _find_wrong_zones(case: ZoneCase) -> list[tuple[int, str]]:
 def _copy_printed_columns(words: Sequence[Words]) -> dict[str, Sequence[object]]:
     rconf = [w.get("rconf") for w in words]
     return {
+        "rapid_pl": [float(read_whole_number(w, "pl") or "nan") for w in words],
         "pl": [read_whole_number(w, "pl") for w in words],
         "rconf": [",".join(map(str, r)) if isinstance(r, tuple) else "" for r in rconf],
     }

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.numerics.array_types import Array
 from machopt.programs.writing.coarse_feeds import check_slowest_feed
 from machopt.programs.writing.external_axes import build_external_fields
 from machopt.programs.writing.maker_rules import CornerPassing, MakerRules
@@ -47,6 +48,19 @@ def compute_position_levels(job: PostJob) -> NDArray[np.int64]:
         return zone.free.astype(np.int64)
     limit = np.where(np.isfinite(zone.turn), np.where(zone.free, np.inf, zone.distance), 0.0)
     return np.asarray(np.searchsorted(stated, limit * (1.0 + 1e-9), side="right"), np.int64)
+
+
+def _compute_rapid_levels(job: PostJob) -> Array:
+    """(M,) PL of the joint moves whose ends are rounded, NaN where none is written."""
+    limit, stated = job.zone.rapid, job.controller.position_levels
+    if limit is None or stated is None:
+        return np.full(len(job.program), np.nan)
+    level = np.searchsorted(stated, limit * (1.0 + 1e-9), side="right")
+    return np.where((job.blend > 0.0) & (limit > 0.0) & (level > 0), level, np.nan)
+
+
+def _find_reason_to_stop(job: PostJob) -> str:
+    return "" if job.controller.position_levels is not None else "no controller.position_levels_mm in the cell"
 
 
 def _compute_passing(job: PostJob, used: frozenset[str]) -> CornerPassing:
@@ -88,7 +102,11 @@ def _check_job(job: PostJob, used: frozenset[str]) -> None:
 
 
 DIALECT = MakerRules(
-    columns=lambda job: {"rconf": lambda: _list_rconf_words(job), "pl": lambda: compute_position_levels(job)},
+    columns=lambda job: {
+        "rconf": lambda: _list_rconf_words(job),
+        "pl": lambda: compute_position_levels(job),
+        "rapid_pl": lambda: _compute_rapid_levels(job),
+    },
     values=lambda job: {
         "tool": job.controller.tool_number or 0,
         "user": job.controller.base_number or 1,
@@ -98,5 +116,6 @@ DIALECT = MakerRules(
     assumptions=_list_assumptions,
     check=_check_job,
     passing=_compute_passing,
+    rapid_stops=_find_reason_to_stop,
     coupled=True,
 )

@@ -21,13 +21,21 @@ from machopt.programs.writing.post_file import ALIASES, list_post_names
 
 MOST_UNLISTED_BYTES = 256 << 20  # of a file whose size no manifest states: as much as result.json may have
 SPARE_BYTES = 64 << 20  # that a changed file may have beyond the size listed and still be read, to say what changed
-PARQUET_COPIES = ("points.parquet", "trajectory.parquet", "compensation.parquet", "tilt.parquet", "front.parquet")
+PARQUET_COPIES = (
+    "points.parquet",
+    "trajectory.parquet",
+    "compensation.parquet",
+    "tilt.parquet",
+    "rapid_corners.parquet",
+    "front.parquet",
+)
 _RESULT_FILES = (
     *PARQUET_COPIES,
     "points.csv",
     "trajectory.csv",
     "compensation.csv",
     "tilt.csv",
+    "rapid_corners.csv",
     "engagement.csv",
     "front.csv",
     "result.json",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.rapid_corners import RapidCorners
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.numerics.array_types import Array
@@ -35,6 +36,11 @@ from machopt.verification.motion.checks.move_labels import check_move_labels
 from machopt.verification.motion.checks.path_following import check_path
 from machopt.verification.motion.checks.points_columns import BLOCK_ROWS, PointsTableCheck
 from machopt.verification.motion.checks.process_columns import check_process_columns
+from machopt.verification.motion.checks.rapid_corners import (
+    check_corner_contacts,
+    check_rapid_corners,
+    measure_passing_distance,
+)
 from machopt.verification.motion.checks.reentries import check_reentries
 from machopt.verification.motion.checks.requested_choices import check_requested_choices
 from machopt.verification.motion.checks.tilt_columns import TiltTables, check_tilt
@@ -72,6 +78,7 @@ from machopt.verification.tables.exported_tables import (
     read_compensation,
     read_motion,
     read_points,
+    read_rapid_corners,
     read_tilt,
 )
 
@@ -80,12 +87,13 @@ COLLISION_CHECKS_OFF = "collision checks are switched off (collision: false)"
 
 @dataclass(frozen=True)
 class ExportedTables:
-    """trajectory.csv, points.csv, compensation.csv and tilt.csv as they were read."""
+    """trajectory.csv, points.csv, compensation.csv, tilt.csv and rapid_corners.csv as they were read."""
 
     motion: ExportedMotion
     points: ExportedPoints
     shift: ExportedShift | None
     tilt: ExportedTilt | None = None
+    corners: RapidCorners | None = None  # rapid_corners.csv
 
 
 def read_tables(cell: Cell, out: Path, motion: ExportedMotion | None = None) -> ExportedTables | Verification:
@@ -104,6 +112,7 @@ def read_tables(cell: Cell, out: Path, motion: ExportedMotion | None = None) -> 
             points,
             read_compensation(out / "compensation.csv") if points.shift is not None else None,
             read_tilt(out / "tilt.csv") if _has_tilt(motion, points, out) else None,
+            read_rapid_corners(out / "rapid_corners.csv", cell) if (out / "rapid_corners.csv").exists() else None,
         )
     except InputError as error:
         name = Path(str(error.file)).name if error.file is not None else "tables"
@@ -224,8 +233,13 @@ class _VerifiedTool:
     def check_motion(self) -> list[VerificationRow]:
         """Return the checks of path, labels, feed and stops of the motion."""
         motion, points, on = self.tables.motion, self.tables.points, self.locations
+        corners, beyond = self.tables.corners, np.full(len(self.toolpath), np.inf)
+        if corners is not None:
+            passed = measure_passing_distance(motion, corners, on.tool, self.toolpath)
+            beyond = np.maximum(passed - self.options.rapid_blend, 0.0)
         return [
-            *check_path(motion, self.toolpath, points, on, self.options.allow_gaps),
+            *check_path(motion, self.toolpath, points, on, self.options.allow_gaps, beyond),
+            *([] if corners is None else check_rapid_corners(motion, self.toolpath, points, corners)),
             *check_move_labels(motion, self.toolpath, points, on, self.options.allow_gaps),
             *check_reentries(motion, self.toolpath, self.options),
             *check_feed(motion, self.toolpath, on, self.options, self.cell),
@@ -278,6 +292,10 @@ class _VerifiedTool:
         checks += check_gouges(motion, self.toolpath, on, arm, bodies, self.options, self.tables.shift is not None)
         if not self.options.collision:
             return [*checks, build_skipped_check(CheckName.CONTACTS, COLLISION_CHECKS_OFF)]
+        if self.tables.corners is not None:
+            corners = self.tables.corners
+            corners = replace(corners, q=compute_true_angles(self.cell.kinematics, corners.q))
+            checks.append(check_corner_contacts(arm, pairs, motion, corners))
         contacts = find_contacts(arm, pairs, motion.q, motion.external, on.is_free)
         return [
             *checks,

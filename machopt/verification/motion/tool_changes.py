@@ -122,6 +122,7 @@ def split_tables(tables: ExportedTables, segments: Sequence[ToolSegment]) -> lis
             _slice_points(points, segment),
             None if shift is None else _slice_shift(shift, segment),
             None if tables.tilt is None else _slice_tilt(tables.tilt, segment),
+            None if tables.corners is None else tables.corners.select(a, b),
         )
         for a, b, segment in zip(starts, [*starts[1:], len(motion.time)], segments, strict=True)
     ]

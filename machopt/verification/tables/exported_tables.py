@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
+from machopt.data_types.rapid_corners import RapidCorners
 from machopt.data_types.stock import StockEngagement
 from machopt.data_types.toolpath import MoveKind
 from machopt.errors import OutputFolderError
@@ -62,6 +63,7 @@ OPTIONAL_COLUMNS = (
     *("tolerance_mm", "p_in", "p_in_deflection_only", "outcome", "cause", "f1_Hz", "a_lim_mm", "chatter"),
     "feed_max_mm_min",
 )
+CORNER_COLUMNS = ("sample", "from_sample", "to_sample", "before_percent", "after_percent")
 MAX_POINT_NUMBER = 2**31  # a point number beyond is none
 MOVE_WORDS = tuple(move.word for move in MoveKind)
 
@@ -253,6 +255,35 @@ def read_tilt(file: Path) -> ExportedTilt:
     return ExportedTilt(index, lead, side)
 
 
+def read_rapid_corners(file: Path, cell: Cell) -> RapidCorners:
+    """Read rapid_corners.csv.
+
+    Args:
+        file: Path of the file.
+        cell: The robot cell.
+
+    Raises:
+        InputError: the file, a column or a number is missing, or the samples are no numbers of rows in order.
+    """
+    table = read_table(file)
+    _check_names(table, (*CORNER_COLUMNS, *JOINT_COLUMNS, *_list_external_names(cell)), ())
+    rows = [table.read_numbers(name) for name in CORNER_COLUMNS[:3]]
+    before, sample, after = rows[1], rows[0], rows[2]
+    whole = all((values == np.round(values)).all() and (np.abs(values) < MAX_POINT_NUMBER).all() for values in rows)
+    if not (whole and (before >= 0).all() and (before < sample).all() and (sample < after).all()):
+        raise OutputFolderError("from_sample < sample < to_sample does not hold in every row", file=table.file)
+    if (np.diff(sample) <= 0).any():
+        raise OutputFolderError("the samples do not rise", file=table.file, where="sample")
+    return RapidCorners(
+        sample=sample.astype(np.int64),
+        before=before.astype(np.int64),
+        after=after.astype(np.int64),
+        q=_read_joints(table, empty=False),
+        external=_read_external(table, cell, empty=False, first=CORNER_COLUMNS[0]),
+        share=np.column_stack([table.read_numbers(name) for name in CORNER_COLUMNS[3:]]) / 100.0,
+    )
+
+
 def read_engagement(file: Path, points: int) -> StockEngagement:
     """Read engagement.csv; which points it is known at, and what they remove, are left empty.
 
@@ -367,8 +398,8 @@ def _list_external_names(cell: Cell) -> list[str]:
     return [f"e{n}_mm" if slides else f"e{n}_deg" for n, slides in enumerate(cell.external_prismatic, start=1)]
 
 
-def _read_external(table: ColumnTable, cell: Cell, *, empty: bool) -> Array:
-    """(rows, E) rad or m."""
+def _read_external(table: ColumnTable, cell: Cell, *, empty: bool, first: str = JOINT_COLUMNS[0]) -> Array:
+    """(rows, E) rad or m; ``first``: a column that the table has in any case."""
     names = _list_external_names(cell)
     columns = [table.read_numbers(n, empty=empty) * (1e-3 if n.endswith("mm") else np.pi / 180.0) for n in names]
-    return np.array(columns).T.reshape(len(table.read_words("move")), -1)
+    return np.array(columns).T.reshape(len(table.read_numbers(first, empty=True)), -1)

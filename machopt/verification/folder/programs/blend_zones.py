@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.data_types.robot_program import RobotController, RobotProgram
-from machopt.numerics.array_types import Bools
+from machopt.numerics.array_types import Array, Bools
 from machopt.programs.checking.program_checks import ZONE_STEP_RATIO, ZoneCase
 from machopt.programs.maker_registry import find_language, load_checks
 from machopt.programs.program_reader import ParsedProgram
@@ -16,6 +16,8 @@ from machopt.verification.checks import VerificationCheck, build_file_check
 
 TOLERANCE_FACTOR = 1.2  # of the tolerance: coordinates are printed, so a zone may fall to its neighbour
 PRINTED_DISTANCE_M = 1e-6  # m, of a distance
+PRINTED_SHARE = 1e-6  # of a joint move
+FAR = 1e3  # m, farther than any zone
 
 
 def check_blend_zones(
@@ -43,12 +45,17 @@ def check_blend_zones(
     """
     if not find_language(parsed.dialect).has_zones:
         return []
-    find_wrong_zones = load_checks(parsed.dialect).find_wrong_zones
+    find_wrong_zones, list_shares = (
+        load_checks(parsed.dialect).find_wrong_zones,
+        load_checks(parsed.dialect).list_rounded_shares,
+    )
     if find_wrong_zones is not None:
         bad = find_wrong_zones(ZoneCase(parsed, program, law, controller, printed))
     else:
         stops = replace(law, distance=np.zeros(len(program)), room=np.zeros(len(program)))
-        bad = _check_distances(parsed, program, law if zones else stops, own)
+        stated = list_shares is not None and law.rapid is not None and bool((law.rapid > 0.0).any())
+        shares = np.array(list_shares(parsed.configuration) if stated and list_shares is not None else [], float)
+        bad = _check_distances(parsed, program, law if zones else stops, own, shares)
     named = [f"move {k + 1}, line {int(parsed.line[k])}: {text}" for k, text in bad]
     return [
         build_file_check(
@@ -63,16 +70,26 @@ def check_blend_zones(
     ]
 
 
-def _check_distances(parsed: ParsedProgram, program: RobotProgram, law: BlendZones, own: bool) -> list[tuple[int, str]]:
+def _check_distances(
+    parsed: ParsedProgram, program: RobotProgram, law: BlendZones, own: bool, shares: Array
+) -> list[tuple[int, str]]:
+    """Return number and fault of each wrong zone; ``shares`` (M,) where the program states some, else empty."""
     d, out = parsed.blend, []
+    rapid = np.zeros(len(d)) if law.rapid is None else law.rapid
+    if len(shares) and program.rapid_share is not None:  # a share in place of a distance: as if it were all of it
+        stated = np.isfinite(shares)
+        d = np.where(stated, np.where(shares <= program.rapid_share + PRINTED_SHARE, rapid, FAR), d)
     inside = np.isfinite(law.turn)
     most = np.where(inside, law.room / HALF * 0.5 + PRINTED_DISTANCE_M, 0.0)
+    most = np.where(rapid > 0.0, rapid + PRINTED_DISTANCE_M, most)
     passed = np.where(inside, d * np.tan(np.nan_to_num(law.turn) / 4.0), 0.0)
     unknown = np.isnan(d) & (not own)
     brakes = (d * ZONE_STEP_RATIO**2 < law.distance) & ~((d == 0.0) & _is_barely_fitting(program.blend, law))
     for k in np.flatnonzero(unknown | (d > most) | (passed > TOLERANCE_FACTOR * program.blend) | brakes):
         if unknown[k]:
             text = "no distance is known of its zone"
+        elif rapid[k] > 0.0 and d[k] > most[k]:
+            text = f"rounded over more than the {1e3 * rapid[k]:.3f} mm before it that the plan has checked"
         elif not inside[k] or d[k] > most[k]:
             text = f"rounded over {1e3 * d[k]:.3f} mm where {1e3 * most[k]:.3f} are allowed"
         elif passed[k] > TOLERANCE_FACTOR * program.blend:

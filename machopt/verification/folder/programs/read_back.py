@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,7 @@ from machopt.programs.program_reader import ParsedProgram, is_program_file, read
 from machopt.programs.reading.joint_conversion import compute_urdf_joints
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.verification.checks import CheckName, VerificationCheck, VerificationInformation, build_file_check
+from machopt.verification.folder.programs.exported_motion_tables import read_program_tables
 from machopt.verification.folder.programs.frames_and_axes import (
     compute_toolpath_index,
     compute_workpiece_frame,
@@ -43,6 +44,7 @@ from machopt.verification.folder.programs.frames_and_axes import (
 )
 from machopt.verification.folder.programs.post_lookup import select_listed_controller
 from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
+from machopt.verification.folder.programs.rapid_zone_table import RapidZoneTable
 from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
 from machopt.verification.folder.programs.target_corrections import (
     compute_corrections,
@@ -51,6 +53,7 @@ from machopt.verification.folder.programs.target_corrections import (
     turn_targets_back,
 )
 from machopt.verification.motion.checks.compensation_shift import compute_commanded_corners
+from machopt.verification.motion.checks.rapid_corners import unround_motion
 from machopt.verification.motion.checks.reentries import find_reentry_points
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.motion_verification import ExportedTables
@@ -63,13 +66,7 @@ from machopt.verification.programs.cam_comparison import ExpectedCuts, compare_w
 from machopt.verification.programs.motion_comparison import compare_with_motion
 from machopt.verification.programs.target_matching import TargetTolerances
 from machopt.verification.tables.advised_feeds import ADVISED, apply_exported_feeds
-from machopt.verification.tables.exported_tables import (
-    ExportedMotion,
-    read_compensation,
-    read_motion,
-    read_points,
-    read_tilt,
-)
+from machopt.verification.tables.exported_tables import ExportedMotion
 
 ENCODER_TOLERANCE_PULSES = 3.0  # of an encoder: joints may be off by that much, by rounding and by coupling
 REACH_M = 5.0  # m: what a joint's last digit is worth there
@@ -117,23 +114,14 @@ def check_programs(
     if not posted:
         return ()
     if not isinstance(tables, ExportedTables):
-        tables = _read_tables(cell, out, tables)
-    ground = _ComparisonContext.build(
-        cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", tables
-    )
-    return tuple(ground.compare_program(one) for one in posted)
-
-
-def _read_tables(cell: Cell, out: Path, motion: ExportedMotion | None) -> ExportedTables:
-    """Return the tables of a folder; raise InputError where one cannot be read."""
-    motion = motion or read_motion(out / "trajectory.csv", cell)
-    points = read_points(out / "points.csv", cell)
-    return ExportedTables(
-        motion,
-        points,
-        read_compensation(out / "compensation.csv") if points.shift is not None else None,
-        read_tilt(out / "tilt.csv") if points.lead is not None else None,
-    )
+        tables = read_program_tables(cell, out, tables)
+    given = cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}"
+    ground = straight = _ComparisonContext.build(*given, tables)
+    if tables.corners is not None:  # targets of joint moves are where the motion would have stopped
+        straight = _ComparisonContext.build(
+            *given, replace(tables, motion=unround_motion(tables.motion, tables.corners))
+        )
+    return tuple(ground.compare_program(one, straight) for one in posted)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,6 +142,7 @@ class _ComparisonContext:
     cam_points: NDArray[np.bool_]  # (N,)
     corners: tuple[Array, Array]
     tool_tilt: ToolTilt | None  # of the tool against the CAM axes; None: there is none
+    rapid: RapidZoneTable | None  # where joint moves may be rounded; None: nowhere
 
     @classmethod
     def build(
@@ -196,13 +185,15 @@ class _ComparisonContext:
             cam_points=wanted,
             corners=line,
             tool_tilt=None if stated is None else ToolTilt.build(cell, toolpath, stated, line),
+            rapid=None if tables.corners is None else RapidZoneTable.build(motion, tables.corners, arm),
         )
 
-    def compare_program(self, posted: ListedProgram) -> ProgramComparison:
+    def compare_program(self, posted: ListedProgram, straight: _ComparisonContext) -> ProgramComparison:
         """Read one program back and compare it with motion, CAM file and post.
 
         Args:
             posted: The program as the manifest lists it.
+            straight: The same with rapid moves straight as far as their corners, for programs that state targets.
         """
         name = posted.files[0]
         missing = [f for f in posted.files if not (self.out / f).is_file()]
@@ -225,9 +216,10 @@ class _ComparisonContext:
                 len(said),
                 (build_failed_program_check(name, "readable", "a target has neither place nor joints"),),
             )
-        checks, rows = self._compare_with_motion_and_cam(said)
-        checks += self._check_frames_and_words(name, parsed, said, controller, rows)
-        checks += self._check_wording(posted, parsed, said, controller, rows)
+        context = self if said.is_streamed else straight
+        checks, rows = context._compare_with_motion_and_cam(said)
+        checks += context._check_frames_and_words(name, parsed, said, controller, rows)
+        checks += context._check_wording(posted, parsed, said, controller, rows)
         read = VerificationInformation(
             name=f"{name}: {CheckName.MOVES}",
             value=float(len(said)),
@@ -309,6 +301,7 @@ class _ComparisonContext:
             options=self.options,
             tolerance=self.tolerance,
             source=self.source,
+            rapid=None if self.rapid is None else self.rapid.select(rows),
         )
         external = self._compute_external_joints(said, rows)
         q = self._get_joints(said, self._interpolate_joints(said, rows), external, load_robot(self.cell).nominal_robot)

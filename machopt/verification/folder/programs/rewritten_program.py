@@ -44,6 +44,7 @@ class RewrittenProgram:
     options: PlanOptions
     tolerance: ProgramTolerance
     source: str  # what the program's head says it is from
+    rapid: tuple[Array, Array] | None = None  # (M,) share and (M,) m over which joint moves may be rounded
 
     def check_text(
         self,
@@ -152,6 +153,8 @@ class RewrittenProgram:
             ptp_speed=self.options.rapid_scale,
             events=events,
             blend=0.0 if said.is_streamed else self.tolerance.position,
+            rapid_share=None if self.rapid is None else self.rapid[0],
+            rapid_zone=None if self.rapid is None else self.rapid[1],
             source=self.source,
             joint_names=cell.arm_joints,
             time=np.arange(n, dtype=float) if said.is_streamed else None,

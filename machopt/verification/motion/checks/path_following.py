@@ -6,7 +6,7 @@ import numpy as np
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.toolpath import MoveKind, Toolpath
-from machopt.numerics.array_types import Bools
+from machopt.numerics.array_types import Array, Bools
 from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.path_geometry.reference_direction import (
     INDEX_TOLERANCE as VERIFICATION_INDEX_TOLERANCE,
@@ -15,13 +15,18 @@ from machopt.verification.motion.path_geometry.sample_location import SampleLoca
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
 END_TOLERANCE, NEAR_M = 2.0, 1e-5  # ways of a sample that a cut may lack, one at either end; m, rounding of the index
-RAPID_POINT_TOLERANCE_MM = 0.02  # a rapid point, which the motion rests at: no corner is rounded there
+RAPID_POINT_TOLERANCE_MM = 0.02  # a rapid point, which the motion rests at, or passes by as far as it may
 GAP_STATUS = InfeasibilityReason.GAP.word
 INDEX_TOLERANCE = 3e-6  # of an index with six decimals, of second differences
 
 
 def check_path(
-    motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, locations: SampleLocations, allow_gaps: bool
+    motion: ExportedMotion,
+    toolpath: Toolpath,
+    points: ExportedPoints,
+    locations: SampleLocations,
+    allow_gaps: bool,
+    beyond: Array,
 ) -> list[VerificationCheck]:
     """Check that the motion follows the toolpath through every point and move, in order and without gaps.
 
@@ -31,6 +36,8 @@ def check_path(
         points: The exported points (points.csv), SI.
         locations: Position of each motion sample relative to the toolpath.
         allow_gaps: Points that points.csv gives up need not be visited.
+        beyond: (N,) m by which the tool passes a point at a rounded corner farther than it may; inf where no corner is
+            rounded.
     """
     wanted = toolpath.cutting.copy()
     given_up = np.zeros(len(toolpath), bool)
@@ -50,7 +57,7 @@ def check_path(
             locations.on_feed_move | locations.on_retract_move,
             (toolpath.move != MoveKind.RAPID) & ~(given_up & allow_gaps),
         ),
-        _check_rapid_points(motion, toolpath, locations, given_up & allow_gaps),
+        _check_rapid_points(motion, toolpath, locations, given_up & allow_gaps, beyond),
         _check_order(motion),
         _check_skipped_points(motion, locations, points),
     ]
@@ -199,9 +206,11 @@ def _check_moves_complete(
 
 
 def _check_rapid_points(
-    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, given_up: Bools
+    motion: ExportedMotion, toolpath: Toolpath, locations: SampleLocations, given_up: Bools, beyond: Array
 ) -> VerificationCheck:
-    """The points that rapid moves lead to are where the file has them; one given up may be passed by."""
+    """The points that rapid moves lead to are where the file has them, or rounded corners pass them by no more than
+    they may; one given up may be passed by.
+    """
     rows = np.flatnonzero(
         np.isfinite(motion.point) & (np.abs(motion.point - np.round(motion.point)) <= VERIFICATION_INDEX_TOLERANCE)
     )
@@ -209,6 +218,7 @@ def _check_rapid_points(
     k = np.round(motion.point[rows]).astype(int)
     inside = (k >= 0) & (k < len(toolpath))
     np.minimum.at(nearest, k[inside], locations.off_index[rows[inside]])
+    nearest = np.where(np.isfinite(beyond), beyond, nearest)
     asked = np.flatnonzero((toolpath.move == MoveKind.RAPID) & ~given_up)
     if not len(asked):
         return VerificationCheck(

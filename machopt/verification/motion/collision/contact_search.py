@@ -8,7 +8,7 @@ samples, then between two samples, linear in the joints.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +70,28 @@ def find_contacts(
         for (a, b), found in zip(wanted, hits, strict=True)
         if found
     ]
+
+
+def find_polyline_contacts(
+    arm: UrdfKinematics, wanted: list[tuple[CoalBody, CoalBody]], polylines: Sequence[Array]
+) -> list[tuple[str, int]]:
+    """Return every pair of bodies that touches along some ways, with the number of the first such way.
+
+    Args:
+        arm: Kinematics of the URDF with the cell's tool.
+        wanted: Pairs to check, from :func:`machopt.verification.motion.collision.bodies.list_checked_pairs`.
+        polylines: (R, 6 + E) rad or m each, straight in the joints between rows.
+    """
+    divided = [_divide_steps(way)[1] for way in polylines]
+    if not divided:
+        return []
+    rows = np.vstack(divided)
+    owner = np.repeat(np.arange(len(divided)), [len(way) for way in divided])
+    asked = owner[1:] == owner[:-1]
+    scene = PlacedBodies(arm, [b for pair in wanted for b in pair], rows)
+    stops = np.arange(len(rows))
+    found = [(f"{a.name} ~ {b.name}", scene.find_contact_rows(a, b, stops, asked)) for a, b in wanted]
+    return [(pair, int(owner[hits[0]])) for pair, hits in found if hits]
 
 
 def _divide_steps(joints: Array) -> tuple[Array, Array]:

@@ -1,0 +1,123 @@
+"""Damages of a plan that rounds the corners between rapid moves: the table, the motion, and the zones of programs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from output_damage.damage_case import CELLS, JOBS, Damage, Job, build_table_change, plan_table
+
+CORNERS, MOTION = "rapid_corners.csv", "trajectory.csv"
+JOINTS = [f"q{n}_deg" for n in range(1, 7)]
+Rows = list[dict[str, str]]
+# two short cuts, from one to the other by three rapid moves with corners at points 6 and 7
+TWO_CUTS: tuple[tuple[float, float, float, str, str], ...] = (
+    (-100, 0, 60, "rapid", ""),
+    (-100, 0, 5, "rapid", ""),
+    (-100, 0, -0.5, "cut", "1000"),
+    (-92, 0, -0.5, "cut", "1500"),
+    (-92, 0, 5, "retract", "1000"),
+    (-92, 0, 60, "rapid", ""),
+    (40, 30, 60, "rapid", ""),
+    (40, 30, 5, "rapid", ""),
+    (40, 30, -0.5, "cut", "1000"),
+    (48, 30, -0.5, "cut", "1500"),
+    (48, 30, 5, "retract", "1000"),
+    (48, 30, 60, "rapid", ""),
+)
+
+
+def plan_two_cuts(folder: Path) -> Job:
+    """Two cuts, with programs whose zones are shares and distances."""
+    return plan_table(folder, CELLS / "kr500_milling", TWO_CUTS, posts=("krl", "rapid", "urscript", "val3"))
+
+
+JOBS["two cuts"] = plan_two_cuts
+
+
+def put(column: str, value: str, row: int = 1) -> Callable[[Job], None]:
+    """One value of the table of corners."""
+
+    def change(rows: Rows) -> None:
+        rows[row][column] = value
+
+    return build_table_change(CORNERS, change)
+
+
+def _turn_corner(rows: Rows) -> None:
+    rows[1]["q1_deg"] = f"{float(rows[1]['q1_deg']) + 0.01:.9f}"
+
+
+def _forget_corner(rows: Rows) -> None:
+    del rows[1]
+
+
+def _bend_motion(rows: Rows) -> None:
+    """Samples of a rapid move half way between two points, off the line by a hundredth of a degree at most."""
+    inside = [
+        n for n, row in enumerate(rows) if row["move"] == "rapid" and row["point"] and 5 < float(row["point"]) < 6
+    ]
+    for n, share in zip(inside, np.linspace(0.0, np.pi, len(inside)), strict=True):
+        rows[n]["q1_deg"] = f"{float(rows[n]['q1_deg']) + 0.01 * np.sin(share) ** 4:.9f}"
+
+
+def _obstruct(job: Job) -> None:
+    """A ball beside the second corner, where the tool is when it rounds it."""
+    file = job.cell / "cell.yaml"
+    text = file.read_text(encoding="utf-8")
+    ball = "obstacles:\n  - {name: ball, sphere_mm: 12, xyz_mm: [2140.7, -115.5, 860]}\n"
+    file.write_text(text.replace("obstacles:\n", ball, 1), encoding="utf-8")
+
+
+def swap(file: str, pattern: str, by: str | Callable[[re.Match[str]], str]) -> Callable[[Job], None]:
+    """The first match in a file of the programs."""
+
+    def apply(job: Job) -> None:
+        path = next(job.out.glob(file))
+        text = path.read_text(encoding="utf-8")
+        assert re.search(pattern, text), path
+        path.write_text(re.sub(pattern, by, text, count=1), encoding="utf-8", newline="")
+
+    return apply
+
+
+DAMAGES = [
+    Damage("a corner's share of its move", "51 %", put("before_percent", "51"), "rapid corners between", "two cuts"),
+    Damage("a corner's row", "beside a cut", put("from_sample", "1"), "rapid corners between", "two cuts"),
+    Damage(
+        "a corner's joints", "0.01°", build_table_change(CORNERS, _turn_corner), "rapid corners as driven", "two cuts"
+    ),
+    Damage("a smaller corner", "5 %", put("after_percent", "5"), "rapid corners as driven", "two cuts"),
+    Damage("a rapid move off its line", "0.01°", build_table_change(MOTION, _bend_motion), "rapid corners", "two cuts"),
+    Damage("a corner not listed", "1 of 4", build_table_change(CORNERS, _forget_corner), "rapid points", "two cuts"),
+    Damage(
+        "a ball at a corner",
+        "24 mm",
+        _obstruct,
+        "rapid corners clear",
+        "two cuts",
+        as_is="made from these inputs",
+    ),
+    Damage("$APO.CPTP", "100", swap("krl/*.src", r"CPTP=\d+", "CPTP=100"), "krl/pass_csv.src: zones", "two cuts"),
+    Damage(
+        "the zone of MoveAbsJ",
+        "x 10",
+        swap(
+            "rapid/*.mod",
+            r"zonedata z1_(\w+):=\[FALSE,([\d.]+)",
+            lambda m: f"zonedata z1_{m[1]}:=[FALSE,{10 * float(m[2]):.3f}",
+        ),
+        "rapid/pass_csv.mod: zones",
+        "two cuts",
+    ),
+    Damage(
+        "r of movej",
+        "0.2 m",
+        swap("urscript/*.script", r"(movej.*r=)0\.\d+", r"\g<1>0.200000"),
+        "urscript/pass_csv.script: zones",
+        "two cuts",
+    ),
+]

@@ -1,0 +1,279 @@
+"""Rounded corners of rapid moves: their timing, what they keep clear of, and what a controller may make of them."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from machopt.data_types.cell import JointLimits
+from machopt.data_types.toolpath import MoveKind, ToolpathEvent
+from machopt.numerics.array_types import Array
+from machopt.planning.cost.rapid_time import compute_rest_time
+from machopt.planning.motion.corner_timing import measure_fastest_time, time_legs
+from machopt.planning.motion.rapid_corners import CornerSpace, list_rounded_corners, round_rapid_corners
+from machopt.planning.motion.rapid_moves import RapidTiming, retime_straight_segments
+from machopt.planning.motion.rapid_shortcuts import shorten_detour
+from machopt.planning.motion.segments import MotionSegment
+from machopt.programs.writing.rapid_zones import compute_rapid_zone_limits
+from machopt.verification.motion.checks.rapid_corners import CornerTriangle, list_corner_triangles
+
+LIMITS = np.radians(
+    [[105, 101, 107, 136, 129, 206], [300, 289, 306, 389, 369, 589], [2143, 2061, 2184, 2776, 2633, 4204]]
+)
+SAMPLE = 0.012
+TIMING = RapidTiming(JointLimits(np.full(6, -9.0), np.full(6, 9.0), *LIMITS), 0.8, SAMPLE)
+NODES = np.array(
+    [np.zeros(6), [0.0, -0.1, 0.05, 0.0, 0.05, 0.0], [0.4, -0.1, 0.06, 0.1, 0.05, 0.2], [0.4, 0, 0, 0.1, 0, 0.2]]
+)
+
+
+def steps_of(count: int, seed: int) -> Array:
+    """Random steps, some joints of which stand still."""
+    rng = np.random.default_rng(seed)
+    steps = rng.normal(size=(count, 6)) * rng.uniform(0.01, 1.0, size=(count, 1))
+    steps[rng.random((count, 6)) < 0.2] = 0.0
+    steps[:, 0] += 1e-3
+    return np.asarray(steps)
+
+
+@pytest.mark.parametrize(("count", "seed"), list(itertools.product((2, 3, 5), range(6))))
+def test_the_sum_of_all_motions_keeps_every_limit(count: int, seed: int) -> None:
+    steps, most = steps_of(count, seed), np.full(count - 1, 0.5)
+    timing = time_legs(steps, LIMITS, most)
+    assert timing is not None
+    time = np.linspace(0.0, timing.duration, 20_001)
+    x = timing.compute_shares(time) @ steps
+    np.testing.assert_allclose(x[-1], steps.sum(axis=0), atol=1e-9)
+    for order, limit in enumerate(LIMITS, start=1):  # a difference is a mean of the derivative
+        ratio = np.abs(np.diff(x, n=order, axis=0)) / time[1] ** order / limit
+        assert ratio.max() <= 1.0 + 1e-3  # third differences of 20,000 places lose six digits
+
+
+@pytest.mark.parametrize(("count", "seed"), list(itertools.product((2, 3, 5), range(6))))
+def test_rounding_takes_less_time_than_stops_and_half_of_a_leg_at_most(count: int, seed: int) -> None:
+    steps, most = steps_of(count, seed), np.full(count - 1, 0.5)
+    timing = time_legs(steps, LIMITS, most)
+    assert timing is not None
+    assert timing.duration < measure_fastest_time(steps, LIMITS, False)
+    for corner in range(1, count):
+        assert all(0.0 < share <= 0.5 + 1e-9 for share in timing.get_rounded_shares(corner))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_stops_take_the_time_of_jerk_limited_lines(seed: int) -> None:
+    """The closed form of the objective, which is Ruckig's time of each line."""
+    steps = steps_of(3, seed)
+    lines = sum(compute_rest_time(*(np.abs(step) / LIMITS).max(axis=1)) for step in steps)
+    assert measure_fastest_time(steps, LIMITS, False) == pytest.approx(lines, rel=1e-9)
+
+
+@pytest.mark.parametrize("most", [0.5, 0.35, 0.2])
+def test_the_curve_stays_in_the_stated_triangle(most: float) -> None:
+    steps = np.diff(NODES, axis=0)
+    timing = time_legs(steps, LIMITS, np.full(2, most))
+    assert timing is not None
+    x = NODES[0] + timing.compute_shares(np.linspace(0.0, timing.duration, 5_001)) @ steps
+    triangles = [
+        CornerTriangle(NODES[n], NODES[n - 1], NODES[n + 1], np.array(timing.get_rounded_shares(n))) for n in (1, 2)
+    ]
+    off = np.min([triangle.measure_deviation(x) for triangle in triangles], axis=0)
+    assert off.max() < 1e-12
+
+
+def build_legs(nodes: Array = NODES, *, rest: int = 0) -> list[MotionSegment]:
+    """A cut, a rapid move to each further node (points 1, 2, …), and a cut."""
+    legs = []
+    for n, (a, b) in enumerate(itertools.pairwise(nodes)):
+        x = retime_straight_segments(np.array([a, b]), TIMING.limits, TIMING.scale, SAMPLE)
+        legs.append(
+            MotionSegment(
+                name="rapid",
+                q=x,
+                index=np.linspace(n, n + 1, len(x)),
+                move=np.full(len(x), MoveKind.RAPID, np.int8),
+                operation=np.zeros(len(x), np.int32),
+                gamma=np.full(len(x), np.nan),
+                waypoints=b[None],
+                waypoint_index=np.array([n + 1.0]),
+                waypoint_feed=np.array([np.nan]),
+                external=np.empty((len(x), 0)),
+                waypoint_external=np.empty((1, 0)),
+            )
+        )
+    legs[0] = legs[0].standing(-1, rest)
+    return legs
+
+
+class Wall:
+    """Collides where the joints' distance from the corner, along its bisector, is above a limit."""
+
+    def __init__(self, corner: Array, most: float) -> None:
+        self.corner, self.most = corner, most
+
+    def is_hit(self, x: Array) -> Any:
+        """(S,) whether the first two joints are inside of the corner by more than the limit."""
+        return (x[:, 0] > 1e-6) & (x[:, 1] - self.corner[1] > self.most)
+
+    def check_motion(self, q: Array, cutting: object, step: float, **_: object) -> SimpleNamespace:
+        """Contacts at places along the way, a hundred a step."""
+        hit = np.zeros(len(q), bool)
+        for n in range(1, len(q)):
+            hit[n] = self.is_hit(q[n - 1] + np.linspace(0.0, 1.0, 101)[:, None] * (q[n] - q[n - 1])).any()
+        return SimpleNamespace(hit=hit)
+
+    def check_configurations(self, q: Array, cutting: object) -> SimpleNamespace:
+        """Contacts at places."""
+        return SimpleNamespace(hit=self.is_hit(q))
+
+
+def space(collision: object = None, deviation: float = 1.0, barred: Any = None) -> CornerSpace:
+    """The tool is where the first three joints are, in metres."""
+
+    def compute_tcp(x: Array) -> Array:
+        T = np.tile(np.eye(4), (len(x), 1, 1))
+        T[:, :3, 3] = x[:, :3]
+        return T
+
+    return CornerSpace(
+        timing=TIMING,
+        collision=cast(Any, collision),
+        step=0.01,
+        deviation=deviation,
+        compute_tcp=compute_tcp,
+        compute_true=lambda x: x,
+        barred=barred,
+    )
+
+
+def no_events(*events: ToolpathEvent) -> Any:
+    """A toolpath of which only the events count."""
+    return SimpleNamespace(events=events)
+
+
+def duration(legs: list[MotionSegment]) -> int:
+    return sum(len(leg.q) - 1 for leg in legs)
+
+
+def test_legs_are_rounded_and_their_corners_listed() -> None:
+    before = build_legs()
+    after = round_rapid_corners(before, no_events(), space())
+    corners = list_rounded_corners(after)
+    assert duration(after) < 0.9 * duration(before)
+    assert corners is not None
+    np.testing.assert_array_equal(corners.q, NODES[1:3])
+    x = np.concatenate([after[0].q, *(leg.q[1:] for leg in after[1:])])
+    np.testing.assert_array_equal(x[[0, -1]], NODES[[0, -1]])
+    triangles = list_corner_triangles(corners, x)
+    assert np.min([triangle.measure_deviation(x) for triangle in triangles], axis=0).max() < 1e-12
+    for order, limit in enumerate(LIMITS, start=1):
+        padded = np.pad(x, ((3, 3), (0, 0)), mode="edge")
+        assert (np.abs(np.diff(padded, n=order, axis=0)) / SAMPLE**order / limit).max() <= 0.8 + 1e-9
+
+
+@pytest.mark.parametrize("kind", ["dwell", "stop", "spindle", "coolant", "tool"])
+def test_where_the_file_acts_the_machine_stops(kind: Any) -> None:
+    events = [ToolpathEvent(2, kind, "M0")]
+    corners = list_rounded_corners(round_rapid_corners(build_legs(), no_events(*events), space()))
+    assert corners is not None
+    np.testing.assert_array_equal(corners.q, NODES[2:3])
+
+
+def test_a_comment_stops_nothing() -> None:
+    corners = list_rounded_corners(
+        round_rapid_corners(build_legs(), no_events(ToolpathEvent(2, "comment", "PAINT")), space())
+    )
+    assert corners is not None
+    assert len(corners) == 2
+
+
+def test_where_the_machine_rests_it_stops() -> None:
+    legs = round_rapid_corners(build_legs(rest=5), no_events(), space())
+    corners = list_rounded_corners(legs)
+    assert corners is not None
+    assert len(corners) == 1
+    assert (legs[0].q[-6:] == NODES[1]).all()
+
+
+@pytest.mark.parametrize("most", [0.02, 0.004])
+def test_the_tool_passes_the_corner_within_its_limit(most: float) -> None:
+    legs = round_rapid_corners(build_legs(), no_events(), space(deviation=most))
+    x = np.concatenate([leg.q for leg in legs])
+    fine = np.concatenate([a + np.linspace(0, 1, 9)[:, None] * (b - a) for a, b in itertools.pairwise(x)])
+    for node in NODES[1:3]:
+        assert np.linalg.norm(fine[:, :3] - node[:3], axis=1).min() <= most + 1e-5  # chords of samples
+    assert list_rounded_corners(legs) is not None
+
+
+@pytest.mark.parametrize("room", [0.03, 0.02])
+def test_a_corner_with_little_room_is_rounded_over_less(room: float) -> None:
+    """The whole triangle keeps clear, and both ends of the rounding are nearer to the corner than without the wall."""
+    nodes = NODES[:3]
+    wall = Wall(nodes[1], room)
+    free, tight = (
+        list_rounded_corners(round_rapid_corners(build_legs(nodes), no_events(), space(collision)))
+        for collision in (None, wall)
+    )
+    assert free is not None
+    assert tight is not None
+    assert (tight.share < free.share).any()
+    ends = [nodes[1] + share * (end - nodes[1]) for share, end in zip(tight.share[0], nodes[[0, 2]], strict=True)]
+    for f in np.linspace(0.0, 1.0, 50):
+        chord = nodes[1] + f * (np.array(ends) - nodes[1])
+        assert not wall.is_hit(chord[0] + np.linspace(0, 1, 50)[:, None] * (chord[1] - chord[0])).any()
+
+
+def test_where_a_corner_would_be_rounded_over_too_little_the_machine_stops() -> None:
+    """To slow down to a low speed first takes longer than to stop: an S-curve more."""
+    assert time_legs(np.diff(NODES, axis=0), LIMITS, np.full(2, 0.01)) is None
+
+
+def test_without_any_room_the_motion_is_as_before() -> None:
+    before = build_legs()
+    blocked = replace(space(), barred=lambda _: True)
+    after = round_rapid_corners(before, no_events(), blocked)
+    assert all(a is b for a, b in zip(before, after, strict=True))
+
+
+def test_shortcuts_leave_out_or_cut_off_way_points() -> None:
+    way = np.array([np.zeros(6), [0, -0.4, 0, 0, 0, 0], [0.6, -0.4, 0, 0, 0, 0], [0.6, 0, 0, 0, 0, 0]], float)
+    time = measure_fastest_time(np.diff(way, axis=0), LIMITS, True)
+    anywhere = shorten_detour(way, LIMITS, True, lambda _: True)
+    np.testing.assert_array_equal(anywhere, way[[0, -1]])
+    assert shorten_detour(way, LIMITS, True, lambda _: False) is way
+
+    def is_free(trial: Array) -> bool:  # an obstacle between the ends, 0.3 high
+        fine = np.concatenate([a + np.linspace(0, 1, 51)[:, None] * (b - a) for a, b in itertools.pairwise(trial)])
+        return not ((np.abs(fine[:, 0] - 0.3) < 0.1) & (fine[:, 1] > -0.3)).any()
+
+    around = shorten_detour(way, LIMITS, True, is_free)
+    assert is_free(around)
+    assert measure_fastest_time(np.diff(around, axis=0), LIMITS, True) <= time
+    stopping = shorten_detour(way, LIMITS, False, is_free)
+    assert len(stopping) <= len(way)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_place_outside_of_the_triangle_is_in_the_zone(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    corner, start, end = rng.normal(size=(3, 1, 6))
+    share = rng.uniform(0.05, 0.5, size=(1, 2))
+
+    def place(x: Array) -> Array:  # curved
+        return np.column_stack([np.cos(x[:, 0]) + x[:, 3], np.sin(x[:, 1]) + 0.2 * x[:, 4], x[:, 2] ** 2])
+
+    zone = float(compute_rapid_zone_limits(corner, (start, end), share, place)[0])
+    for n, other in enumerate((start, end)):
+        t = np.linspace(share[0, n], 1.0, 400)[:, None]
+        away = np.linalg.norm(place(corner + t * (other - corner)) - place(corner), axis=1)
+        assert away.min() >= zone * (1 - 2e-2)  # 33 places of a curve
+        assert zone <= 0.5 * away[-1]
+
+
+def test_with_a_moving_external_axis_no_distance_bounds_the_corner() -> None:
+    corner, start, end = np.zeros((1, 7)), np.ones((1, 7)), -np.ones((1, 7))
+    assert compute_rapid_zone_limits(corner, (start, end), np.full((1, 2), 0.5), lambda x: x[:, :3])[0] == 0.0
