@@ -218,6 +218,10 @@ def test_command_is_verified_and_never_slower(toolpath_file: Path) -> None:
     assert outcome.result.cycle_time_s <= entry.fixed_path_s + 1e-9
     assert entry.accepted or entry.reason
     assert all(window.accepted or window.reason for window in entry.windows)
+    page = (toolpath_file.parent / "out" / "report.html").read_text(encoding="utf-8")
+    section = page.partition("<section id=joint>")[2].partition("</section>")[0]
+    assert f"{entry.fixed_path_s:.1f}" in section
+    assert all(window.window in section for window in entry.windows)
 
 
 def test_a_result_that_fails_verification_gives_way_to_the_fixed_path(

@@ -92,3 +92,30 @@ def test_corners_of_the_tool_axis_are_verified_in_every_post(cell: str, tmp_path
     wrong = {n: code for n, code in codes.items() if code not in (0, 3)}
     assert wrong == {}
     assert sum(code == 0 for code in codes.values()) >= 0.8 * len(codes)  # a few lie beyond an arm's joint limits
+
+
+def run_cuts_along_rail(seed: int, folder: Path) -> int:
+    """Plan two to five short cuts anywhere along the rail of the shipped cell; the exit code."""
+    rng = np.random.default_rng(seed)
+    rows: list[Row] = []
+    for _ in range(rng.integers(2, 6)):
+        place = np.array([rng.uniform(-120, 120), rng.uniform(-900, 900), 0.0])
+        length, angle = rng.uniform(30, 150), rng.uniform(0, 2 * np.pi)
+        end = place + length * np.array([np.cos(angle), np.sin(angle), 0.0])
+        rows += [Row(place + 80 * UP, UP, "rapid", None), Row(place + 6 * UP, UP, "rapid", None)]
+        rows += [Row(place - UP, UP, "cut", 1000.0), Row(end - UP, UP, "cut", 3000.0)]
+        rows.append(Row(end + 80 * UP, UP, "rapid", None))
+    file = write_job(folder / "cuts.csv", rows, np.zeros(3), UP)
+    request = OptimizeRequest(cell=ROOT / "cells" / "kr500_rail", toolpath=file, out=folder / "out", posts=("krl",))
+    return run_optimize(request).exit_code
+
+
+@pytest.mark.slow
+def test_cuts_far_apart_on_a_rail_are_verified(tmp_path: Path) -> None:
+    assert run_cuts_along_rail(13, tmp_path) == 0  # the refined plan has 18 % less index than any of the grid
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("seed", range(40, 52))
+def test_random_cuts_on_a_rail_are_verified(seed: int, tmp_path: Path) -> None:
+    assert run_cuts_along_rail(seed, tmp_path) == 0

@@ -35,6 +35,7 @@ from machopt.planning.plan_output.infeasibility_reasons import (
 from machopt.planning.plan_output.point_table import PointResults, find_reason
 from machopt.planning.retiming.slowdowns import FeedSlowdown
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
+from machopt.report.page_data.optimize_joint_method import build_joint_method_rows
 from machopt.report.page_data.optimize_rotation_map import build_rotation_map
 from machopt.report.page_data.optimize_scene import build_optimize_scene
 from machopt.report.page_data.optimize_series import (
@@ -142,6 +143,7 @@ def build_report_data(
         information=_list_information(evidence.verification),
         programs=tuple(evidence.programs),
         front=tuple(_build_trade_off_point(p) for p in evidence.front),
+        joint_method=build_joint_method_rows(plan),
         timings=tuple(evidence.timings.items()),
         events=toolpath.events,
         tolerances=build_tolerance_data(

@@ -12,6 +12,7 @@ from machopt.report.page_types.display_units import QUANTITY_LABELS
 from machopt.report.page_types.optimize_report import ReportData
 from machopt.report.page_types.steering import PlanComparison, SteeringData, build_steering_spec
 from machopt.report.pages import report_tables
+from machopt.report.pages.optimize.joint_method_section import build_joint_method_section
 from machopt.report.pages.optimize.program_section import build_program_section
 from machopt.report.pages.optimize.tolerance_section import build_tolerance_section
 from machopt.report.pages.optimize.trade_off_section import build_trade_off_section
@@ -67,6 +68,7 @@ def build_report_html(data: ReportData, steering: SteeringData | None = None) ->
         ("points", "Worst points", _build_worst_points(data)),
         ("feed", "Feed", _build_feed(data, charts)),
         ("axes", "Axes", _build_axes(data, charts)),
+        ("joint", "Rotation and feed", build_joint_method_section(data)),
         ("front", "Front", build_trade_off_section(data)),
         ("verification", "Verification", _build_verification(data)),
         ("programs", "Robot programs", build_program_section(data)),

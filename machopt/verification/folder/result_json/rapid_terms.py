@@ -25,7 +25,9 @@ from machopt.verification.folder.result_json.comparison_inputs import (
 )
 
 SHARE_TOLERANCE = 0.03  # relative: the driven rotation is a little smoother than the planned one
-INDEX_TOLERANCE = 1.05  # of J₀ over the plan's own index terms: stations carry the weights of the points between them
+# of J₀ over the index terms of the sequence on the grid, over which J₀ is the lowest, or of a plan with more: stations
+# carry the weights of the points between them
+INDEX_TOLERANCE = 1.05
 STOP_S = 1.0  # added for every rapid move to the time of the job
 FASTEST_M_S, UNKNOWN_M_S = 0.3, 0.05  # feeds of the time of the job: the largest that counts, and where none is given
 HALVINGS = 60
@@ -56,7 +58,11 @@ def check_rapid_terms(t: ResultComparison) -> Iterable[str]:
     turns = int(np.round(np.abs(steps[:, :6]) / (2.0 * math.pi)).sum())
     branch = points.get_column("branch")
     most = turns + int((branch[flown + 1] != branch[flown]).sum()) + len(lifts)
-    unit = INDEX_TOLERANCE * (w.mean * own.mean + w.worst * own.worst)
+    unit = INDEX_TOLERANCE * max(
+        w.mean * one.mean + w.worst * one.worst
+        for one in (own, t.result.objective.grid)
+        if one is not None and one.mean is not None and one.worst is not None
+    )
     if (turns and changes == 0.0) or changes > most * unit:
         yield (
             f"objective.chosen.reorientation is {changes:.6g}; points.csv has {turns} whole turns and {most - turns} "
