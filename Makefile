@@ -38,7 +38,7 @@ test: $(VENV)/.compiled
 	$(PYTEST) -m 'not proof'
 
 proofs: $(VENV)/.compiled
-	$(PYTEST) -m proof $$(grep -l 'mark\.proof' tests/test_*.py)  # the others need not be imported
+	$(PYTEST) -m proof $$(grep -l 'mark\.proof' tests/test_*.py tests/*/test_*.py)  # the others need not be imported
 
 coverage: $(VENV)/.compiled
 	$(PYTEST) -m 'not proof' --cov --cov-report=

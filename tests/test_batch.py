@@ -303,6 +303,7 @@ def test_what_can_be_known_before_is_refused_before(tmp_path: Path) -> None:
     assert [f.name for f in foreign.iterdir()] == ["thesis.txt"]
 
 
+@pytest.mark.proof
 def test_a_job_whose_cell_is_broken_leaves_the_others_alone(scheduler: str, tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
     (jobs / "other" / "cell").mkdir(parents=True)

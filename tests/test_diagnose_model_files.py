@@ -134,6 +134,7 @@ def test_a_number_changed_in_any_file_is_noticed(case: Path, tmp_path: Path) -> 
         shutil.rmtree(tmp_path / "out")
 
 
+@pytest.mark.proof
 def test_a_form_that_no_file_states_does_not_lower_the_stated_error(tmp_path: Path) -> None:
     """Named effects are fitted again without it, and the files alone have the stated error."""
     measured_poses(tmp_path / "recording", wobble=2e-4)

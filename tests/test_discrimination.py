@@ -539,6 +539,7 @@ def plan(folder: Path, *stands: CandidateLaw) -> PlanPosesResult:
     return run_plan_poses(request)
 
 
+@pytest.mark.proof
 def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
     done = plan(tmp_path, LINK_4, LINK_3)
     folder = done.report.parent

@@ -54,6 +54,7 @@ def identify(folder: Path, seed: int, name: str, capsys: pytest.CaptureFixture[s
     return k, json.loads((folder / "out" / "identification.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.proof
 def test_intervals_hold_for_the_joints_as_built(tmp_path: Path) -> None:
     """90 % intervals hold 85 % of the springs over all causes, two thirds for each, and stay useful."""
     rates, width = [], []

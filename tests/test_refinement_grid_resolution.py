@@ -44,7 +44,7 @@ def worth(plan: Plan) -> float:
     return AxisPlanRanking.of(plan.setup, resolve_axis_options(plan.setup.cell, plan.options)).plan(plan)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @given(
     st.sampled_from([{"rail": True}, {"table": True}, {"rail": True, "table": True}]),
     st.sampled_from(["moving", "operation"]),

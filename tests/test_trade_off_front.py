@@ -213,7 +213,7 @@ def test_process_variants_need_tolerances_and_stability() -> None:
     assert not [n for n, _, _ in strict if n.startswith("stable cuts")]
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_front_with_a_process_is_a_curve_and_is_verified(tmp_path: Path) -> None:
     rows = (ROOT / "toolpaths" / "plain.csv").read_text(encoding="utf-8").splitlines()
     rows = [line for line in rows if not line.startswith("#")]

@@ -53,7 +53,7 @@ OWN = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_every_check_of_the_jobs_can_fail(tmp_path_factory: pytest.TempPathFactory) -> None:
     """All names are collected from intact outputs of all jobs; the damages are tried until each has failed."""
     jobs = {name: make(tmp_path_factory.mktemp("job")) for name, make in JOBS.items()}

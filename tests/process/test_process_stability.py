@@ -221,7 +221,7 @@ def random_modes(rng: np.random.Generator) -> StructuralModes:
     return StructuralModes(omega[None], rng.uniform(0.02, 0.05, (1, n)), shape[None])
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_coupled_limit_of_random_modes_against_the_full_solution() -> None:
     """200 sets of two or three modes, more than a third of them closer than 15 %, ωT < 0.5 for every mode."""
     rng = np.random.default_rng(39)
@@ -296,7 +296,7 @@ def scan_depth(modes: StructuralModes, H: Array, T: float, exact: bool) -> float
     return 1 / best if best > 1 else math.inf
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.parametrize("exact", [False, True])
 def test_no_crossing_is_missed(exact: bool) -> None:
     """One to six modes, some nearly equal, any matrix, ωT up to 30."""
