@@ -263,12 +263,11 @@ def _find_hits(corners: list[_Corner], space: CornerSpace) -> list[bool]:
     if space.collision is None or not corners:
         return [False] * len(corners)
     rows = np.vstack([corner.fan for corner in corners])
-    starts = np.cumsum([0, *(len(corner.fan) for corner in corners)])
-    cutting: Bools = np.zeros(len(rows), bool)
-    cutting[starts[:-1]] = True  # the way from the corner before is no motion; its places are checked below
-    hit = space.collision.check_motion(rows, cutting, space.step).hit
-    hit[starts[:-1]] = space.collision.check_configurations(rows[starts[:-1]], np.zeros(len(corners), bool)).hit
-    return [bool(hit[a:b].any()) for a, b in itertools.pairwise(starts.tolist())]
+    ends = np.cumsum([0, *(len(corner.fan) for corner in corners)])
+    starts: Bools = np.zeros(len(rows), bool)
+    starts[ends[:-1]] = True
+    hit = space.collision.check_motion(rows, np.zeros(len(rows), bool), space.step, starts=starts).hit
+    return [bool(hit[a:b].any()) for a, b in itertools.pairwise(ends.tolist())]
 
 
 def _resample(legs: list[MotionSegment], chain: _Chain, space: CornerSpace) -> None:
