@@ -126,7 +126,7 @@ def read_answer(done: IdentifyComputation, job: Job) -> Answer:
     for j in done.result.joints:
         if j.ci90 is not None:
             low, high = j.ci90
-            springs[j.joint] = (0.0 if high is None else 1.0 / high, 1.0 / max(low, 1e-300))
+            springs[j.joint] = (0.0 if high is None else 1.0 / high, 1.0 / max(low or 0.0, 1e-300))
     arm = ArmElasticity(load_robot(done.cell), done.cell.tool.T_flange_tcp, done.identification.stiffness)
     said = arm.evaluate(job.q).compute_deflection(job.force)
     along = said / np.linalg.norm(said, axis=1, keepdims=True)

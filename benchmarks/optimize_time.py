@@ -31,7 +31,7 @@ def make_job(folder: Path) -> tuple[Path, Path]:
 
     cell = folder / "cell"
     shutil.copytree(ROOT / "cells" / "kr500_milling", cell)
-    mesh = trimesh.load(cell / "meshes" / "workpiece.stl")
+    mesh = trimesh.load_mesh(cell / "meshes" / "workpiece.stl")
     while len(mesh.faces) < 20_000:
         mesh = mesh.subdivide()
     mesh.export(cell / "meshes" / "workpiece.stl")
@@ -58,6 +58,7 @@ def textbook(cell_folder: Path, configurations: int = 3000) -> float:
     cell = load_cell(cell_folder)
     model = pin.buildModelFromUrdf(str(cell.urdf))
     data, frame = model.createData(), model.getFrameId(cell.flange_link)
+    assert cell.stiffness is not None
     k = cell.stiffness.joints
     q = np.random.default_rng(0).uniform(-1, 1, (configurations, 6))
     start = time.perf_counter()
@@ -79,6 +80,7 @@ def ours(cell_folder: Path, configurations: int = 30_000) -> float:
     q = np.random.default_rng(0).uniform(-1, 1, (configurations, 6))
     robot.compute_fk_jacobian(q[:1], cell.tool.T_flange_tcp)  # what is compiled is loaded
     start = time.perf_counter()
+    assert cell.stiffness is not None
     _, J = robot.compute_fk_jacobian(q, cell.tool.T_flange_tcp)
     1.0 / compute_directional_compliance(
         J, np.broadcast_to(cell.stiffness.joints, q.shape), np.tile([0.0, 0.0, 1.0], (len(q), 1))

@@ -54,6 +54,7 @@ def main() -> None:
         *build_load_method_combinations((50.0,), (), 1, np.zeros((0, 3)), (0.0, 0.2), R_base_world)[:2],
         *build_load_method_combinations((), (500.0,), 4, np.zeros((0, 3)), (0.2,), R_base_world)[:4],
     )
+    assert cell.stiffness is not None
     prior = ArmElasticity(robot, T, cell.stiffness)
     start = perf_counter()
     cases = build_load_cases(

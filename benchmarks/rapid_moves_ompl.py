@@ -38,7 +38,7 @@ def blocked_moves(setup: Any, count: int) -> list[tuple[Any, Any]]:
     rng, model, home = np.random.default_rng(SEED), setup.collision, setup.driven.home[:6]
     low, high = setup.driven.limits.lower[:6], setup.driven.limits.upper[:6]
     spread = np.radians([40, 35, 35, 120, 80, 150])
-    out = []
+    out: list[tuple[np.ndarray, np.ndarray]] = []
     while len(out) < count:
         ends = np.clip(home + rng.uniform(-1, 1, (2, 6)) * spread, low, high)
         still = np.zeros(2, bool)

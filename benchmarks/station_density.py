@@ -23,7 +23,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
 from machopt.options.plan_option_reader import load_options
-from machopt.planning.cost.objective import compute_objective
+from machopt.planning.cost.objective import AssignmentCosts, compute_objective
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.stations import planning_path as paths
@@ -136,7 +136,8 @@ def main() -> None:
     scale, best = rows[-1][1].scores.scale, np.nan
     for name, made in reversed(rows):
         a, velocity = made.chosen.assignment, made.setup.cell.limits.velocity[:6]
-        j = compute_objective(made.path, made.chosen.cost, a.q, a.phi, scale, velocity, options)
+        costs = AssignmentCosts(cost=made.chosen.cost, q=a.q, phi=a.phi)
+        j = compute_objective(made.path, costs, scale, velocity, options)
         best = j.total if np.isnan(best) else best
         print(
             f"{name}, on one scale: J {j.total:.5f} ({100 * (j.total / best - 1):+.2f} %), mean {j.mean:.4f}, "

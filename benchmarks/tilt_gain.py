@@ -186,7 +186,7 @@ def make_rescue_set(cell: Path, folder: Path) -> Path:
     trial = folder / "inclinations.csv"
     write_passes(trial, [(places[p], azimuths[a], tilt) for p, a in pairs for tilt in inclination])
     reached = find_reached_passes(cell, trial).reshape(len(pairs), len(inclination))
-    passes = []
+    passes: list[tuple[np.ndarray, float, float]] = []
     for n, (p, a) in enumerate(pairs):
         lost = np.flatnonzero(~reached[n])
         if len(lost) and lost[0] > 0:
