@@ -319,33 +319,8 @@ class GcodeReader(AuxiliaryWordReader):
             InputError: the block cannot be carried out.
         """
         if b.junk:
-            if re.match(r"[A-Z]\s*=|[A-Z]\d*\s*=|.*[=(*]", b.junk):
-                raise self.source.build_error(f"{b.junk[:30]!r}: this formula or call is not understood", b.line)
-            if b.words or _HALF_WORD.search(b.junk):
-                raise self.source.build_error(f"found {b.junk[:30]!r}; expected words such as X10.5 or G1", b.line)
-            self.out.ignore(b.junk[:24], b.line, understood=False)
-        words: dict[str, float] = {}
-        twice: dict[str, float] = {}
-        g_words: list[int] = []
-        m_words: list[int] = []
-        for letter, value in b.words:
-            if letter in "GM":
-                if value > 1e5:
-                    raise self.source.build_error(f"{letter}{value:g} is not a word of any control", b.line)
-                (g_words if letter == "G" else m_words).append(round(value * 10) if letter == "G" else round(value))
-            elif letter == "O" and len(self.out) and self.flow is None and not self.siemens and self.decimals_count:
-                raise self.source.build_error(
-                    f"O{value:g} begins another program, and the one before has no end (M30, M2 or M99): expected one "
-                    "program in the file, or an end before the next one",
-                    b.line,
-                )
-            elif letter not in "NO":
-                if letter == "T" and "T" in words and "T" not in twice:
-                    twice["T"] = value  # T01 T02 M06: the second one is for later
-                    continue
-                if letter in words:
-                    raise self.source.build_error(f"{letter} is given twice in one block", b.line)
-                words[letter] = value
+            self.refuse_junk(b)
+        words, twice, g_words, m_words = self.sort_words(b)
         if self.siemens and "L" in words:
             b.calls.append((f"L{words.pop('L'):g}", ""))
         self.calls(b, words)
@@ -374,6 +349,57 @@ class GcodeReader(AuxiliaryWordReader):
             self.feed, self.feed_scale = modal_feed
         if any(m in PROGRAM_END or (m == 17 and self.siemens) for m in m_words):
             self.ended = True
+
+    def refuse_junk(self, b: ProgramBlock) -> None:
+        """Refuse text of a block that is no word, or ignore it where it moves nothing.
+
+        Args:
+            b: The block: its words, calls and line number.
+
+        Raises:
+            InputError: the text is a formula or a call, or may belong to a word.
+        """
+        if re.match(r"[A-Z]\s*=|[A-Z]\d*\s*=|.*[=(*]", b.junk):
+            raise self.source.build_error(f"{b.junk[:30]!r}: this formula or call is not understood", b.line)
+        if b.words or _HALF_WORD.search(b.junk):
+            raise self.source.build_error(f"found {b.junk[:30]!r}; expected words such as X10.5 or G1", b.line)
+        self.out.ignore(b.junk[:24], b.line, understood=False)
+
+    def sort_words(self, b: ProgramBlock) -> tuple[dict[str, float], dict[str, float], list[int], list[int]]:
+        """Sort the words of a block.
+
+        Args:
+            b: The block: its words, calls and line number.
+
+        Returns:
+            Words by letter, a second T word, numbers of the G words times ten, numbers of the M words.
+
+        Raises:
+            InputError: a word is given twice or belongs to no control, or another program begins.
+        """
+        words: dict[str, float] = {}
+        twice: dict[str, float] = {}
+        g_words: list[int] = []
+        m_words: list[int] = []
+        for letter, value in b.words:
+            if letter in "GM":
+                if value > 1e5:
+                    raise self.source.build_error(f"{letter}{value:g} is not a word of any control", b.line)
+                (g_words if letter == "G" else m_words).append(round(value * 10) if letter == "G" else round(value))
+            elif letter == "O" and len(self.out) and self.flow is None and not self.siemens and self.decimals_count:
+                raise self.source.build_error(
+                    f"O{value:g} begins another program, and the one before has no end (M30, M2 or M99): expected one "
+                    "program in the file, or an end before the next one",
+                    b.line,
+                )
+            elif letter not in "NO":
+                if letter == "T" and "T" in words and "T" not in twice:
+                    twice["T"] = value  # T01 T02 M06: the second one is for later
+                    continue
+                if letter in words:
+                    raise self.source.build_error(f"{letter} is given twice in one block", b.line)
+                words[letter] = value
+        return words, twice, g_words, m_words
 
     def g_words(self, g_words: list[int], words: dict[str, float], b: ProgramBlock) -> str | None:
         """Carry out the G words of a block.
