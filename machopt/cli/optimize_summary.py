@@ -12,7 +12,6 @@ from machopt.data_types.tolerance_prices import FAILED_POINT_PRICE, SHORTFALL_PR
 
 if TYPE_CHECKING:
     from machopt.data_types.documents.optimize_document import (
-        CheckEntry,
         ChoiceObjectiveSection,
         CompensationSection,
         ExternalSearchBoundSection,
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
         OptimizeDocument,
         ParetoPlanEntry,
     )
+    from machopt.data_types.documents.verification_entries import CheckEntry
     from machopt.verification import VerificationCheck, VerificationInformation
 
 

@@ -25,13 +25,9 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.document_sections import build_worst_point_entry
-from machopt.planning.plan_output.infeasibility_reasons import (
-    compute_reach_shortfall,
-    describe_model_misfit,
-    describe_remedy,
-    list_breaks,
-    list_hints,
-)
+from machopt.planning.plan_output.infeasibility_reasons import compute_reach_shortfall, list_breaks
+from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
+from machopt.planning.plan_output.plan_hints import describe_model_misfit, list_hints
 from machopt.planning.plan_output.point_table import PointResults, find_reason
 from machopt.planning.retiming.slowdowns import FeedSlowdown
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
