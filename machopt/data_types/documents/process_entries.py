@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.data_types.documents.document_base import (
-    Count,
-    DocumentModel,
-    Known,
-    Number,
-    Text,
-)
+from machopt.data_types.documents.document_base import Count, DocumentModel, Known, Number, Text
 
 
 class ToleranceEntry(DocumentModel):

@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.data_types.documents.document_base import (
-    Count,
-    DocumentModel,
-    Flag,
-    Known,
-    Number,
-    Text,
-)
+from machopt.data_types.documents.document_base import Count, DocumentModel, Flag, Known, Number, Text
 
 
 class FeedModelSection(DocumentModel):

@@ -5,12 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Self
 
-from machopt.data_types.documents.document_base import (
-    DocumentModel,
-    Flag,
-    Known,
-    Text,
-)
+from machopt.data_types.documents.document_base import DocumentModel, Flag, Known, Text
 
 
 class CheckEntry(DocumentModel):

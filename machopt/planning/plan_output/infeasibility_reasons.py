@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.collision.collision_model import CollisionPair, suggest_remedy
+from machopt.collision.collision_pairs import CollisionPair, suggest_remedy
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle

@@ -120,7 +120,12 @@ _HELP_SHIFTED = {
 
 
 def find_missed_limit(plan: Plan, s: int) -> tuple[int, float]:
-    """Return, for the configuration of station s nearest to the limits, its joint and the violation in rad."""
+    """Return, for the configuration of a station nearest to the limits, its joint and the violation in rad.
+
+    Args:
+        plan: plan of one tool.
+        s: the station.
+    """
     arm = plan.setup.arm
     joints, reason = solve_station(plan.path, arm, plan.candidates, s)
     q = np.asarray(wrap_angle(joints[reason == InfeasibilityReason.LIMIT]))[:, None] + arm.turns  # (L, K, 6)
