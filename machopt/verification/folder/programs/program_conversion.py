@@ -48,29 +48,14 @@ def convert_to_cell_frames(
     axes = parsed.axes_deg
     q = compute_urdf_joints(axes, m.sign, m.offset_deg, m.coupling) if mapped and m is not None else np.radians(axes)
     external, _ = convert_external_joints(parsed, cell, arm, controller)
-    T = parsed.T_base_tcp.copy()
-    joint = ~parsed.has_pose & np.isfinite(q).all(axis=1)
-    driven, wanted = np.hstack([q, external]), np.hstack([motion.q, motion.external])
-    if len(q) == len(motion.q):  # streamed: the motion's own samples have been placed already
-        same = joint & (np.abs(driven - wanted).max(axis=1) < JOINT_TOLERANCE_RAD)
-        T[same], joint = tcp[same], joint & ~same
-    if joint.any():
-        # missing external axes are reported elsewhere; home allows the other checks
-        stood = np.where(np.isfinite(external), external, cell.external_home)
-        T[joint] = arm.compute_tcp_in_workpiece(q[joint], stood[joint])
+    T = _place_targets(parsed, q, external, cell, arm, motion, tcp)
     pulses = controller.pulses_per_deg
     coarse = (
         float(np.radians(ENCODER_TOLERANCE_PULSES / np.abs(pulses).min()))
         if pulses is not None and find_language(parsed.dialect).reads_pulses
         else 0.0
     )
-    steps = np.array([float(c["step_s"]) if "step_s" in c else np.nan for c in parsed.configuration])  # type: ignore[arg-type]
-    streamed = bool(np.isfinite(steps).any() or np.isfinite(parsed.time).any())
-    time = (
-        parsed.time
-        if np.isfinite(parsed.time).any()
-        else np.where(np.isfinite(steps), np.cumsum(np.nan_to_num(steps)), np.nan)
-    )
+    time, streamed = _find_times(parsed)
     labels = [*parsed.operations, ""]
     return ProgramInCell(
         file=name,
@@ -90,3 +75,38 @@ def convert_to_cell_frames(
         joint_step=coarse * 6.0,
         target_step=0.0 if streamed else compute_target_step(parsed, REACH_M),
     )
+
+
+def _place_targets(
+    parsed: ParsedProgram,
+    q: Array,
+    external: Array,
+    cell: Cell,
+    arm: UrdfKinematics,
+    motion: ExportedMotion,
+    tcp: Array,
+) -> Array:
+    """Return the (M, 4, 4) pose of each target in the workpiece; those of joint targets by forward kinematics."""
+    T = parsed.T_base_tcp.copy()
+    joint = ~parsed.has_pose & np.isfinite(q).all(axis=1)
+    driven, wanted = np.hstack([q, external]), np.hstack([motion.q, motion.external])
+    if len(q) == len(motion.q):  # streamed: the motion's own samples have been placed already
+        same = joint & (np.abs(driven - wanted).max(axis=1) < JOINT_TOLERANCE_RAD)
+        T[same], joint = tcp[same], joint & ~same
+    if joint.any():
+        # missing external axes are reported elsewhere; home allows the other checks
+        stood = np.where(np.isfinite(external), external, cell.external_home)
+        T[joint] = arm.compute_tcp_in_workpiece(q[joint], stood[joint])
+    return T
+
+
+def _find_times(parsed: ParsedProgram) -> tuple[Array, bool]:
+    """Return the (M,) times that the program states in s, NaN where it states none, and whether it states any."""
+    steps = np.array([float(c["step_s"]) if "step_s" in c else np.nan for c in parsed.configuration])  # type: ignore[arg-type]
+    streamed = bool(np.isfinite(steps).any() or np.isfinite(parsed.time).any())
+    time = (
+        parsed.time
+        if np.isfinite(parsed.time).any()
+        else np.where(np.isfinite(steps), np.cumsum(np.nan_to_num(steps)), np.nan)
+    )
+    return time, streamed

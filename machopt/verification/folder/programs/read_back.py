@@ -62,7 +62,8 @@ from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematic
 from machopt.verification.motion.motion_verification import ExportedTables
 from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath, build_motion_polyline
 from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
-from machopt.verification.programs.cam_comparison import ExpectedCuts, compare_with_cam
+from machopt.verification.programs.cam_comparison import compare_with_cam
+from machopt.verification.programs.expected_cuts import ExpectedCuts
 from machopt.verification.programs.motion_comparison import compare_with_motion
 from machopt.verification.programs.target_matching import TargetTolerances
 from machopt.verification.tables.advised_feeds import ADVISED, apply_exported_feeds
