@@ -26,7 +26,8 @@ from machopt.planning.optimality_certificate import compute_certificate
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import prepare_planning
-from machopt.planning.plan_output.infeasibility_reasons import describe_remedy, explain_points
+from machopt.planning.plan_output.infeasibility_reasons import explain_points
+from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
 
 K = ArmStiffness(joints=np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
 OPTIONS = PlanOptions(

@@ -16,7 +16,7 @@ from small_cell import pose
 from test_external_axes import OPTIONS, UP, K, apart, slots
 from test_planning_path import Rows, toolpath
 
-from machopt.cli.optimize_summary import _format_external_lines
+from machopt.cli.objective_lines import format_external_lines
 from machopt.data_types.cell import CollisionShape
 from machopt.data_types.documents.optimize_document import ExternalSearchBoundSection
 from machopt.data_types.plan_options import ExternalJointOptions
@@ -268,6 +268,6 @@ def test_a_plan_below_the_bound_has_no_gap(bound: float, plan: float, gap: float
     assert list(_check_external_gap(told)) == []
     wrong = told.model_copy(update={"gap_percent": 100.0 * (1.0 - bound / plan) if gap is None else None})
     assert "gap_percent" in " ".join(_check_external_gap(wrong))
-    words = " ".join(_format_external_lines(told))
+    words = " ".join(format_external_lines(told))
     assert ("the bound does not apply to it" in words) == (gap is None)
     assert "gap -" not in words

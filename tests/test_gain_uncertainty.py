@@ -13,7 +13,7 @@ from mean_cost_std import compute_mean_cost_std
 from test_planning_pipeline import planned
 
 from machopt.cell.stiffness.stiffness_file import load_stiffness
-from machopt.cli.optimize_summary import _format_gain_lines
+from machopt.cli.objective_lines import format_gain_lines
 from machopt.data_types.documents.optimize_document import MeanGainEntry, OptimizeDocument
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import StiffnessIndex
@@ -242,7 +242,7 @@ def test_a_gain_below_its_uncertainty_is_said_to_be_none() -> None:
             distinguishable=g.distinguishable,
         )
         told = SimpleNamespace(index="deflection", chosen_from="smooth", objective=SimpleNamespace(gain=(entry,)))
-        return "\n".join(_format_gain_lines(cast(OptimizeDocument, told)))
+        return "\n".join(format_gain_lines(cast(OptimizeDocument, told)))
 
     assert "not significant" in lines(unsure)
     assert "not significant" not in lines(sure)

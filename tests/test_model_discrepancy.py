@@ -34,7 +34,7 @@ from machopt.planning.error_probability.model_discrepancy import (
     compute_half_width,
     compute_reported_std,
 )
-from machopt.planning.plan_output.infeasibility_reasons import list_hints
+from machopt.planning.plan_output.plan_hints import list_hints
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.discrepancy_columns import (
     CURVE_SMOOTHING,

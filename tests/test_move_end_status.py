@@ -22,7 +22,8 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.sequence_breaks import Code, SequenceBreak
-from machopt.planning.plan_output.infeasibility_reasons import describe_remedy, explain_points, list_breaks
+from machopt.planning.plan_output.infeasibility_reasons import explain_points, list_breaks
+from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
 from machopt.planning.plan_output.move_results import add_slowdown_notes, mark_undriven_points
 from machopt.planning.plan_output.point_table import build_point_table
 from machopt.planning.retiming.slowdowns import FeedSlowdown, Where

@@ -21,7 +21,7 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.errors import InputError
 from machopt.planning.collision_handling.gouge_check import find_gouges
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.plan_output.infeasibility_reasons import describe_remedy
+from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
 from machopt.planning.plan_output.point_table import build_point_table
 from machopt.planning.stations.planning_path import PlanningPath as PlanPath
 from machopt.planning.stations.planning_path import build_planning_path

@@ -12,7 +12,7 @@ import pytest
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
 from machopt.data_types.cell import Cell
-from machopt.data_types.documents.optimize_document import RobotProgramEntry
+from machopt.data_types.documents.program_entries import RobotProgramEntry
 from machopt.data_types.plan_options import PlanOptions
 from machopt.verification.folder.coverage import list_production_blockers, list_unchecked
 

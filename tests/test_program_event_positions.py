@@ -13,14 +13,10 @@ from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathEvent, Toolp
 from machopt.numerics.array_types import Array
 from machopt.programs.checking.printed_precision import compute_last_digit
 from machopt.verification.folder.programs.frames_and_axes import compute_toolpath_index
-from machopt.verification.programs.cam_comparison import (
-    LINE_TIE_M,
-    ExpectedCuts,
-    _check_events,
-    _find_cut_moves,
-    compare_with_cam,
-)
+from machopt.verification.programs.cam_comparison import LINE_TIE_M, _find_cut_moves, compare_with_cam
 from machopt.verification.programs.controller_interpolation import _choose_adjacent_move, _compute_line_deviation
+from machopt.verification.programs.event_comparison import check_events
+from machopt.verification.programs.expected_cuts import ExpectedCuts
 from machopt.verification.programs.motion_comparison import _check_move_kinds
 from machopt.verification.programs.target_matching import AXIS_LEVER_M, TargetTolerances, check_external_axes
 from machopt.verification.tables.exported_tables import ExportedMotion
@@ -118,7 +114,7 @@ def test_an_event_between_two_moves_to_one_place_is_in_place() -> None:
     for index, passed in ((3, True), (2, False), (1, False), (4, True)):
         event = ToolpathEvent(index, "spindle", "S6000", 6000.0)
         said = program(place, [PTP, PTP, PTP, PTP, LIN], (event,), place_step=5e-6)
-        (check,) = _check_events(said, cuts(toolpath), reached, at)
+        (check,) = check_events(said, cuts(toolpath), reached, at)
         assert check.passed is passed, (index, check.where)
 
 
@@ -132,7 +128,7 @@ def test_an_event_where_a_free_way_sets_out_from_rest_is_in_place() -> None:
         event = ToolpathEvent(2, "comment", "SLOT B")
         toolpath = replace(toolpath, events=(event,))
         said = program(place, [PTP] * 5, (replace(event, index=3),), place_step=5e-6)
-        (check,) = _check_events(said, cuts(toolpath), reached, np.array([np.nan, 0.0, index, 2.0, 3.0]))
+        (check,) = check_events(said, cuts(toolpath), reached, np.array([np.nan, 0.0, index, 2.0, 3.0]))
         assert check.passed is passed, (x, index, check.where)
 
 

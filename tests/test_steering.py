@@ -50,7 +50,8 @@ from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
-from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, list_hints
+from machopt.planning.plan_output.infeasibility_reasons import compute_gamma
+from machopt.planning.plan_output.plan_hints import list_hints
 from machopt.planning.stations.planning_path import build_planning_path
 from machopt.verification.checks import VerificationCheck
 from machopt.verification.motion.checks.requested_choices import check_requested_choices

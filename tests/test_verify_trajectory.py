@@ -13,7 +13,8 @@ import pytest
 from small_cell import pose, real_cell, small_cell
 
 from machopt.cell.cell_reader import load_cell
-from machopt.collision.collision_model import CollisionModel, CollisionPair
+from machopt.collision.collision_model import CollisionModel
+from machopt.collision.collision_pairs import CollisionPair
 from machopt.data_types.cell import Cell, CollisionShape, Tool
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation

@@ -2,71 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from machopt.cli.objective_lines import format_bound_lines, format_choice_lines, format_gain_lines
+from machopt.cli.result_values import convert_null_to_nan, format_or_dash, format_point, format_with_interval
 from machopt.data_types.manifest import add_scope_to_verdict
-from machopt.data_types.tolerance_prices import FAILED_POINT_PRICE, SHORTFALL_PRICE
 
 if TYPE_CHECKING:
     from machopt.data_types.documents.optimize_document import (
-        CheckEntry,
-        ChoiceObjectiveSection,
         CompensationSection,
-        ExternalSearchBoundSection,
         MotionBreakEntry,
         OptimizeDocument,
         ParetoPlanEntry,
     )
-    from machopt.verification import VerificationCheck, VerificationInformation
 
 
 STOPS = 6  # places that are named where the motion stops
-
-
-def format_check_line(c: VerificationCheck) -> str:
-    """Return a check as one line.
-
-    Args:
-        c: The check.
-    """
-    if c.passed is None:
-        return f"–    {c.name}: not run, {c.where}"
-    where = "" if c.passed or not c.where else f" at {c.where}"
-    if c.passed is False and c.limit == 0.0:
-        return f"FAIL {c.name}: {c.where}"
-    if c.beyond and c.value <= 0.0:
-        return f"ok   {c.name}: {-c.value:.4g} {c.beyond} within the limit{where}"
-    if math.isnan(c.value) and math.isnan(c.limit):
-        return f"{'ok  ' if c.passed else 'FAIL'} {c.name}{where.replace(' at ', ': ', 1)}"
-    return f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}"
-
-
-def format_information_line(i: VerificationInformation) -> str:
-    """Return a measured value as one line; it has neither a limit nor a result.
-
-    Args:
-        i: The measured value.
-    """
-    value = "" if math.isnan(i.value) else f": {i.value:.4g} {i.unit}"
-    return f"info {i.name}{value}{f', {i.where}' if i.where else ''}"
-
-
-def _format_choice_lines(result: OptimizeDocument) -> list[str]:
-    """Return the objective of the baselines and of the plan, one line each."""
-    lines = []
-    for name in ("cam_default", "jiao2022", "chosen"):
-        o: ChoiceObjectiveSection = getattr(result.objective, name)
-        if o.total is None:
-            share = math.floor(1e3 * o.feasible_share) / 10  # never "100 %" of what is not feasible throughout
-            lines.append(f"  {name:12} feasible at {share:g} % of the stations only")
-        else:
-            mean, worst = (_format_cost(result, cost) for cost in (o.mean, o.worst))
-            total = o.total - _convert_null_to_nan(o.tolerance)
-            lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {total:.3f})")
-    return lines
 
 
 def _format_worst_point(result: OptimizeDocument) -> list[str]:
@@ -77,7 +30,7 @@ def _format_worst_point(result: OptimizeDocument) -> list[str]:
     lines = []
     if soft.deflection_mm is not None:
         parts = [
-            f"{_format_with_interval(value, interval)} {where}"
+            f"{format_with_interval(value, interval)} {where}"
             for where, value, interval in (
                 ("in all", soft.deflection_mm, soft.deflection_ci90_mm),
                 ("along the tool axis", soft.deflection_along_mm, soft.deflection_along_ci90_mm),
@@ -87,8 +40,8 @@ def _format_worst_point(result: OptimizeDocument) -> list[str]:
         lines.append(f"  worst point {soft.point}: deflection {', '.join(parts)}")
     lines.append(
         f"  {'stiffness there' if soft.deflection_mm is not None else f'worst point {soft.point}'}: "
-        f"{1e-3 * _convert_null_to_nan(soft.k_axial_N_mm):.3f} N/µm along the tool axis, "
-        f"{1e-3 * _convert_null_to_nan(soft.k_normal_N_mm):.3f} N/µm across it"
+        f"{1e-3 * convert_null_to_nan(soft.k_axial_N_mm):.3f} N/µm along the tool axis, "
+        f"{1e-3 * convert_null_to_nan(soft.k_normal_N_mm):.3f} N/µm across it"
     )
     return lines
 
@@ -100,18 +53,14 @@ def _format_front_table(plans: Sequence[ParetoPlanEntry]) -> list[str]:
     wide = max(len(p.plan) for p in plans)
     lines = [f"    {'plan':{wide}}  cycle s  in tolerance  marginal  fail  mean error mm  worst  stability"]
     for p in sorted(plans, key=lambda p: p.cycle_time_s):
-        counts = [_format_or_dash(value, "d") for value in (p.in_tolerance, p.marginal, p.fail)]
-        errors = [_format_or_dash(value, ".3f") for value in (p.mean_error_mm, p.worst_error_mm)]
-        stability = _format_or_dash(p.least_stability_ratio, ".2f")
+        counts = [format_or_dash(value, "d") for value in (p.in_tolerance, p.marginal, p.fail)]
+        errors = [format_or_dash(value, ".3f") for value in (p.mean_error_mm, p.worst_error_mm)]
+        stability = format_or_dash(p.least_stability_ratio, ".2f")
         lines.append(
             f"    {p.plan:{wide}}  {p.cycle_time_s:7.1f}  {counts[0]:>12}  {counts[1]:>8}  {counts[2]:>4}  "
             f"{errors[0]:>13}  {errors[1]:>5}  {stability:>9}"
         )
     return lines
-
-
-def _format_or_dash(value: float | None, form: str) -> str:
-    return "–" if value is None else format(value, form)
 
 
 def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]:
@@ -128,9 +77,9 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
         f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "
         f"{len(path.operations)} operations, {path.format}"
     ]
-    lines += _format_choice_lines(result)
-    lines += _format_gain_lines(result)
-    lines += _format_bound_lines(result)
+    lines += format_choice_lines(result)
+    lines += format_gain_lines(result)
+    lines += format_bound_lines(result)
     if result.front:
         free = [p.plan for p in result.front if not p.dominated]
         lines.append(f"  front of {len(free)} plan{'s' * (len(free) > 1)} in front.csv: {', '.join(free)}")
@@ -158,7 +107,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
             f"{100 * result.feed_held_share:.1f} % of the cutting time{rest}"
         )
     for stop in result.obstructions[:STOPS]:
-        lines.append(f"  stopped from {_format_point(stop.before)} to {_format_point(stop.after)}: {stop.reason}")
+        lines.append(f"  stopped from {format_point(stop.before)} to {format_point(stop.after)}: {stop.reason}")
     if len(result.obstructions) > STOPS:
         lines.append(f"  stopped at {len(result.obstructions) - STOPS} more places, see the report")
     unknown = [w for w in path.ignored if not w.understood]
@@ -174,18 +123,6 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
     return lines
 
 
-def _format_with_interval(value: float | None, interval: tuple[float, float] | None) -> str:
-    """A length in mm with its 90 % interval, where one is known."""
-    text = f"{_convert_null_to_nan(value):.3f} mm"
-    if interval is not None:
-        text += f" (90 %: {interval[0]:.3f} to {interval[1]:.3f} mm)"
-    return text.replace("-", "−")
-
-
-def _format_point(index: float | None) -> str:
-    return "home" if index is None else f"point {index:g}"
-
-
 def _format_removed_deflection(shift: CompensationSection) -> list[str]:
     """What the model's own error makes of it, where that is known."""
     r = shift.removed
@@ -195,81 +132,6 @@ def _format_removed_deflection(shift: CompensationSection) -> list[str]:
     least, most = r.residual_max_ci90_mm
     text = f"    {low:.1f} to {high:.1f} % of the mean deflection removed".replace("-", "−")
     return [f"{text} (90 %), {least:.4f} to {most:.4f} mm remaining at most"]
-
-
-def _format_gain_lines(result: OptimizeDocument) -> list[str]:
-    """Return the gain of the mean over each baseline, with its uncertainty where the stiffness file has one."""
-    what = "mean deflection" if result.index == "deflection" else "mean compliance"
-    lines = []
-    for gain in result.objective.gain:
-        if gain.mean_percent is None or gain.over == result.chosen_from:
-            continue
-        share, std = gain.mean_percent, gain.std_percent
-        nothing = not gain.distinguishable and abs(share) < 0.05 and (std or 0.0) < 0.05  # no digit of it would show
-        if nothing or (std is None and not gain.distinguishable):
-            lines.append(f"  no gain over {gain.over}: same {what}")
-            continue
-        decimals = int(abs(share) < 10 if std is None else std < 1.5)
-        text = f"  gain over {gain.over}: {what} {abs(share):.{decimals}f} %"
-        if std is None:
-            lines.append(f"{text} {'less' if share >= 0 else 'more'}")
-            continue
-        low, high = sorted(_convert_null_to_nan(v) if share >= 0 else -_convert_null_to_nan(v) for v in gain.ci90 or ())
-        text += f" ± {std:.{decimals}f} % {'less' if share >= 0 else 'more'}"
-        low, high = (round(v, decimals) + 0.0 for v in (low, high))  # no −0.0
-        lines.append(f"{text} (90 %: {low:.{decimals}f} to {high:.{decimals}f} %)".replace("-", "−"))
-        if not gain.distinguishable:
-            lines.append("    smaller than rounding or the uncertainty of the stiffness model: not significant")
-    return lines
-
-
-def _format_bound_lines(result: OptimizeDocument) -> list[str]:
-    """How far from the best the plan can be, on the grid of rotations that was searched."""
-    search, step = result.objective.search, result.options["rotation_step_deg"]
-    if search is None:
-        return []
-    if result.objective.chosen.tolerance:
-        fewest = math.ceil((search.lower_bound - SHORTFALL_PRICE) / FAILED_POINT_PRICE - 0.01)
-        return [
-            f"  no sequence over the {step:g}° grid has fewer than {max(fewest, 0)} points below the quantile at the "
-            "stations"
-        ]
-    total, beyond = _convert_null_to_nan(result.objective.chosen.total), search.beyond_grid_percent
-    above = _convert_null_to_nan(search.plan_above_bound_percent)
-    return [
-        f"  objective of the planned motion {total:.4f}: {abs(above):.2f} % {'above' if above >= 0 else 'below'} the "
-        f"lower bound, {abs(beyond):.2f} % {'below' if beyond >= 0 else 'above'} the best sequence on the grid",
-        f"    lower bound for all sequences on the {step:g}° grid: {search.lower_bound:.4f} (best sequence found "
-        f"{search.sequence:.4f}, gap {search.gap_percent:.2f} %)",
-        *_format_external_lines(search.external),
-    ]
-
-
-def _format_external_lines(e: ExternalSearchBoundSection | None) -> list[str]:
-    """Whether that holds for other values of the external joints too."""
-    if e is None:
-        return []
-    if e.why_none:
-        return [f"    for the chosen values of the external joints; no lower bound over their values: {e.why_none}"]
-    apart = ", ".join(f"{v.joint} {v.step:.4g}{'°' if v.unit == 'deg' else ' mm'}" for v in e.values_apart if v.step)
-    where = f" (up to {apart} apart; nothing is proven between them)" if apart else ""
-    gap = "at values of the external joints between those of the grid, so the bound does not apply to it"
-    if e.gap_percent is not None:
-        gap = f"gap {e.gap_percent:.2f} %"
-    return [
-        f"    for the chosen values of the external joints; lower bound over {e.values} of their values"
-        f"{where} and those of the plan, with steps of {_convert_null_to_nan(e.rotation_step_deg):g}° at "
-        f"{e.stations} stations: "
-        f"{_convert_null_to_nan(e.lower_bound):.4f}; the plan has {_convert_null_to_nan(e.plan):.4f}, {gap}"
-    ]
-
-
-def _format_cost(result: OptimizeDocument, cost: float | None) -> str:
-    """A cost of the objective as the engineer reads it: deflection in mm, or stiffness in N/µm."""
-    value = _convert_null_to_nan(cost) * _convert_null_to_nan(result.index_scale)
-    if result.index == "deflection":
-        return f"deflection {1e3 * value:.3f} mm"
-    return f"stiffness {1e-6 / value:.3f} N/µm"
 
 
 def format_first_infeasibility(result: OptimizeDocument) -> str:
@@ -316,7 +178,7 @@ def _format_program_lines(result: OptimizeDocument) -> list[str]:
         if c is None:
             lines.append(f"  program {p.files[0]}: NOT CHECKED: no reader for this language exists")
         else:
-            state = f"read back, largest difference {_convert_null_to_nan(c.positions_max_mm):.1g} mm"
+            state = f"read back, largest difference {convert_null_to_nan(c.positions_max_mm):.1g} mm"
             if p.differences:
                 state = "DIFFERS FROM THE PLAN WHEN READ BACK"
             if c.path_max_mm is not None:
@@ -331,37 +193,6 @@ def _format_program_lines(result: OptimizeDocument) -> list[str]:
                 f"{feed.rounding_max_mm:.3f} mm at most"
             )
     return lines
-
-
-def format_failed_verification(result: OptimizeDocument) -> str:
-    """Return the failed checks of a result.
-
-    Args:
-        result: The content of result.json.
-    """
-    from machopt.cli.check_failures import format_failures
-
-    checks = result.verification.checks if result.verification else []
-    return format_failures([_convert_to_check(c) for c in checks])
-
-
-def _convert_to_check(c: CheckEntry) -> VerificationCheck:
-    from machopt.verification import VerificationCheck
-
-    return VerificationCheck(
-        name=c.name,
-        passed=c.passed,
-        value=_convert_null_to_nan(c.value),
-        limit=_convert_null_to_nan(c.limit),
-        unit=c.unit,
-        where=c.where,
-        file=c.file,
-    )
-
-
-def _convert_null_to_nan(value: float | None) -> float:
-    """Return a number of a result file; null is NaN."""
-    return math.nan if value is None else value
 
 
 def _format_joint_method(result: OptimizeDocument) -> list[str]:

@@ -8,15 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli import garbage_collection
+from machopt.cli.check_lines import format_check_line, format_failed_verification, format_information_line
 from machopt.cli.compilation_notice import announce_compilation
 from machopt.cli.effects_notice import warn_of_effect_code
-from machopt.cli.optimize_summary import (
-    format_check_line,
-    format_failed_verification,
-    format_first_infeasibility,
-    format_information_line,
-    format_optimize_summary,
-)
+from machopt.cli.optimize_summary import format_first_infeasibility, format_optimize_summary
 from machopt.cli.progress_display import ProgressDisplay, format_as_tree, print_result
 from machopt.cli.reading_options import build_reading_parser, convert_reading_options, refuse_reading_options
 from machopt.cli.shared_options import add_shared_option

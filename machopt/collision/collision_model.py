@@ -17,7 +17,6 @@ bodies move with the links of the machine's chain (:mod:`machopt.kinematics.mach
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from numpy.typing import NDArray
 
 from machopt.collision.bodies import (
     CONTACT_TOLERANCE_M,
-    BodyKind,
     CollisionBody,
     build_cell_bodies,
     build_cutter_body,
@@ -36,6 +34,13 @@ from machopt.collision.bodies import (
     list_allowed_contacts,
     list_candidate_pairs,
 )
+from machopt.collision.collision_pairs import (
+    CollisionContacts,
+    CollisionPair,
+    ExcludedCollisionPair,
+    build_no_contacts,
+    suggest_remedy,
+)
 from machopt.collision.distance_bounds import BodyPairs, DistanceMemory, MotionRows, refine_motion
 from machopt.collision.fcl_distance import FclSurfaces
 from machopt.collision.nearest_pair import MAX_DISTANCE_M, NearestPairs, find_nearest_pairs
@@ -45,10 +50,8 @@ from machopt.data_types.cell import Cell
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.machine_lines import LinkCarriers, MachineLines
 from machopt.kinematics.robot import LinkShape, Robot
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.parallel_map import map_in_threads
-
-Bools = NDArray[np.bool_]
 
 RANDOM_POSES = 400  # random poses that decide which link pairs are worth checking
 ADJACENT_CONTACT_SHARE = 0.95  # share of poses in contact from which a pair counts as in contact by construction
@@ -58,51 +61,6 @@ SORTING_STRIP_RAD = np.radians(2.0)  # strip of a joint in which poses are sorte
 MAX_BLOCK_ROWS = 50_000  # rows of a motion per block, limited by memory (some 5 kB each)
 PLACES, UNCHANGED = 49, 5e-4  # number of places of a joint, and m, maximum variation of a constant distance
 MAX_BOUND_ARRAY_SIZE = 2_000_000  # rows × pairs whose bounds are compared in one array
-
-
-@dataclass(frozen=True)
-class CollisionPair:
-    """Two bodies that are checked against each other."""
-
-    a: str
-    b: str
-    kinds: tuple[BodyKind, BodyKind]
-    clearance: float  # m, required
-    unless_cutting: bool  # the cutter and the workpiece: only in moves that do not cut
-
-    @property
-    def name(self) -> str:
-        """Name of the pair, "a ~ b"."""
-        return f"{self.a} ~ {self.b}"
-
-
-@dataclass(frozen=True)
-class ExcludedCollisionPair:
-    """Two bodies that are not checked, with the reason."""
-
-    a: str
-    b: str
-    reason: str
-    share: float  # of random poses in touch; NaN where not sampled
-
-
-@dataclass(frozen=True)
-class CollisionContacts:
-    """Rows with a collision or a distance below the clearance."""
-
-    hit: Bools  # (S,)
-    pair: NDArray[np.int32]  # (S,) index into CollisionModel.pairs of the first pair found, −1 where free
-    row: Array  # (S,) fractional row of the contact (on the motion from the previous row), NaN where free
-
-    @property
-    def any(self) -> bool:
-        """Whether any row is hit."""
-        return bool(self.hit.any())
-
-    @property
-    def first(self) -> int:
-        """First row hit, −1 if none."""
-        return int(np.argmax(self.hit)) if self.any else -1
 
 
 class CollisionModel:
@@ -187,7 +145,7 @@ class CollisionModel:
             cutting: (S,) the cutter may touch the workpiece.
         """
         rows = MotionRows(self.stack, self._lines.compute_line_positions(q))
-        contacts = _build_no_contacts(len(rows.q))
+        contacts = build_no_contacts(len(rows.q))
         near = rows.bound < self._required
         near[cutting] &= ~self._spared
         for p in np.flatnonzero(near.any(axis=0)).tolist():
@@ -219,7 +177,7 @@ class CollisionModel:
         q = self._lines.compute_line_positions(q)
         starts = np.zeros(len(q), bool) if starts is None else starts
         dense, owner, at = refine_motion(q, min(step, MAX_BOUNDED_STEP_RAD), self.stack.scale, starts)
-        contacts = _build_no_contacts(len(q))
+        contacts = build_no_contacts(len(q))
         for start in range(0, len(dense), MAX_BLOCK_ROWS):  # a block starts at the last row of the previous one
             some = slice(max(start - 1, 0), start + MAX_BLOCK_ROWS)
             self._check_dense_rows(dense[some], (cutting, starts), owner[some], at[some], contacts, first_only)
@@ -436,18 +394,3 @@ class CollisionModel:
             n = np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance)
             out[n, p] = self._is_near(p, rows.compute_relative_motion(p)[n])
         return out
-
-
-def _build_no_contacts(count: int) -> CollisionContacts:
-    return CollisionContacts(np.zeros(count, bool), np.full(count, -1, np.int32), np.full(count, np.nan))
-
-
-def suggest_remedy(pair: CollisionPair) -> str:
-    """Return what would allow two bodies of the robot itself to touch; empty for other pairs.
-
-    Args:
-        pair: pair in contact.
-    """
-    if not set(pair.kinds) <= {"link", "tool"}:
-        return ""
-    return f" (if they are built so, `ignore_pairs: [[{pair.a}, {pair.b}]]` in cell.yaml would let them)"

@@ -208,6 +208,53 @@ def _list_mesh_arrays(mesh: BoxTreeMesh) -> tuple[Array, Array, Array, Ints, Int
 
 
 @jit_compile
+def _place_point(T: Array, point: Array, last: Array, x: Array) -> float:
+    """Write a point in the system of the part to ``x``; returns the square of its motion since ``last``, m²."""
+    square = 0.0
+    for c in range(3):
+        x[c] = T[c, 0] * point[0] + T[c, 1] * point[1] + T[c, 2] * point[2] + T[c, 3]
+        square += (x[c] - last[c]) ** 2
+    return square
+
+
+@jit_compile
+def _compare_known_depth(
+    x: Array, moved: float, deep: float, triangle: Array, deepest: float, is_later: bool
+) -> tuple[bool, bool]:
+    """Return whether a point that was inside at the depth ``deep`` cannot be the deepest, and whether it still is
+    inside.
+
+    Its motion bounds the depth, and so does the triangle that was nearest.
+    """
+    if deep + moved < deepest - ROUNDING_M:
+        return True, False
+    most = np.sqrt(_compute_triangle_distance(x, triangle))
+    if most < deepest or (most == deepest and is_later):
+        return True, False
+    return False, moved < deep - ROUNDING_M
+
+
+@jit_compile
+def _is_inside_mesh(
+    x: Array,
+    rays: Array,
+    corners: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    waiting: Ints,
+) -> bool:
+    """Return whether most of three rays cross the mesh an odd number of times."""
+    votes = 0
+    for r in range(3):
+        votes += _count_ray_crossings(x, rays[r], corners, low, high, child, first, count, order, waiting) % 2
+    return votes >= 2
+
+
+@jit_compile
 def _compute_row_depths(
     points: Array,
     leader: Ints,
@@ -225,10 +272,8 @@ def _compute_row_depths(
 ) -> tuple[Array, Ints]:
     """Return (M,) greatest depth in m above ``limit``, else 0, and (M,) its point; rows T (M, 4, 4) of a mesh."""
     depth, which = np.zeros(len(T)), np.zeros(len(T), np.int64)
-    room, last = (
-        np.zeros(len(points)),
-        np.zeros((len(points), 3)),
-    )  # m, motion of a point before it must be checked again
+    # m, motion of a point before it must be checked again, and its place then
+    room, last = np.zeros(len(points)), np.zeros((len(points), 3))
     left = np.zeros(len(points))  # m, distance from the part in this row
     deep = np.full(len(points), -1.0)  # m, last known depth; negative outside
     near = np.full(len(points), order[0])  # nearest triangle at that time
@@ -236,29 +281,22 @@ def _compute_row_depths(
     for m in range(len(T)):
         begin = -1 if m > 0 and depth[m - 1] > 0.0 else 0
         for n in range(begin, len(points)):
-            k = (
-                which[m - 1] if n < 0 else n
-            )  # the deepest point of the previous row first: most others are known to be less deep
+            # the deepest point of the previous row first: most others are known to be less deep
+            k = which[m - 1] if n < 0 else n
             if begin < 0 and n == which[m - 1]:
                 continue
             if leader[k] >= 0 and n >= 0 and left[leader[k]] > leader_distance[k]:
                 continue
-            square = 0.0
-            for c in range(3):
-                x[c] = T[m, c, 0] * points[k, 0] + T[m, c, 1] * points[k, 1] + T[m, c, 2] * points[k, 2] + T[m, c, 3]
-                square += (x[c] - last[k, c]) ** 2
+            square = _place_point(T[m], points[k], last[k], x)
             if m > 0 and square < room[k] * room[k]:
                 left[k] = room[k] - np.sqrt(square) if left[k] > 0.0 else 0.0
                 continue
             inside = False
             if deep[k] > 0.0:
-                moved = np.sqrt(square)
-                if deep[k] + moved < depth[m] - ROUNDING_M:
+                is_later, nearest = k > which[m], corners[near[k]]
+                less, inside = _compare_known_depth(x, np.sqrt(square), deep[k], nearest, depth[m], is_later)
+                if less:
                     continue
-                most = np.sqrt(_compute_triangle_distance(x, corners[near[k]]))
-                if most < depth[m] or (most == depth[m] and k > which[m]):
-                    continue
-                inside = moved < deep[k] - ROUNDING_M
             square, near[k] = _find_nearest_triangle(
                 x, corners, low, high, child, first, count, order, limit * limit, waiting, gaps, near[k]
             )
@@ -269,10 +307,7 @@ def _compute_row_depths(
             if d <= limit:
                 room[k] = max(limit - d - ROUNDING_M, 0.0)
                 continue
-            votes = 2 if inside else 0
-            for r in range(0 if inside else 3):
-                votes += _count_ray_crossings(x, rays[r], corners, low, high, child, first, count, order, waiting) % 2
-            if votes < 2:
+            if not (inside or _is_inside_mesh(x, rays, corners, low, high, child, first, count, order, waiting)):
                 room[k] = d + limit
                 left[k] = room[k]
                 continue

@@ -9,7 +9,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.cell.tool_selection import select_job_tools
 from machopt.commands.input_hashes import build_manifest_file, list_cell_inputs, rename_duplicate_names
 from machopt.commands.toolpath_reading_options import build_known_robot
-from machopt.data_types.documents.optimize_document import InformationEntry
+from machopt.data_types.documents.verification_entries import InformationEntry
 from machopt.data_types.documents.verify_document import VerifyCheckEntry, VerifyDocument
 from machopt.data_types.manifest import FolderManifest, add_scope_to_verdict
 from machopt.effects.user_effects import activate_user_effects, load_effect_files

@@ -1,4 +1,4 @@
-"""Collector of points, operations, events and unknown words while a reader processes its source."""
+"""Collector of points, operations and events while a reader processes its source."""
 
 from __future__ import annotations
 
@@ -10,19 +10,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.toolpath import (
-    IgnoredWord,
-    MoveKind,
-    Toolpath,
-    ToolpathEvent,
-    ToolpathOperation,
-    format_incomplete_warning,
-)
-from machopt.file_formats.source_file import ReadOptions, SourceFile, normalise_word
+from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathEvent, ToolpathOperation
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import RADIUS_FAULT, RADIUS_WARN, ArcChords, ArcError, interpolate_axes
 from machopt.path_building.path_checks import (
-    SLOW_MM_MIN,
     ArcSpan,
     check_extent,
     check_feeds,
@@ -30,20 +21,18 @@ from machopt.path_building.path_checks import (
     classify_operations,
     compare_arc_directions,
 )
+from machopt.path_building.reading_notes import ReadingNotes, format_words
 
 MAX_EVENT_TEXT = 200
 USED = "options_used"  # key of ``meta`` between a reader and :mod:`machopt.toolpath.unused_reading_options`
-FAST_MM_MIN = 100e3  # no robot cuts faster: a slip of units, or a placeholder
 MAX_POINTS = 10_000_000  # 0.7 GB: beyond it a loop or a radius is a fault
 Vector = tuple[float, float, float]
 
 
 @dataclass(kw_only=True)
-class PathBuilder:
+class PathBuilder(ReadingNotes):
     """One toolpath in the making. Lengths in mm, feeds in mm/min; :meth:`build` turns them into SI."""
 
-    source: SourceFile
-    options: ReadOptions
     format: str
     _numbers: array[float] = field(default_factory=lambda: array("d"))  # x y z i j k feed of each point
     _codes: array[int] = field(default_factory=lambda: array("i"))  # move operation line from_cycle
@@ -51,14 +40,9 @@ class PathBuilder:
     _pending: ToolpathOperation = field(default_factory=lambda: ToolpathOperation("main", "trajectory"))
     _open: bool = False
     _events: list[ToolpathEvent] = field(default_factory=list)
-    _ignored: dict[str, IgnoredWord] = field(default_factory=dict)
     _arcs: list[ArcSpan] = field(default_factory=list)
     _offsets: list[tuple[int, str]] = field(default_factory=list)
     _hole_depths: dict[int, float] = field(default_factory=dict)  # point → mm, surface to the bottom of the hole
-    warnings: list[str] = field(default_factory=list)
-    meta: dict[str, str] = field(default_factory=dict)
-    used_options: set[str] = field(default_factory=set)  # options that had an effect
-    incomplete_reason: str | None = None  # why the file looks as if a part of it were missing
 
     def __len__(self) -> int:
         return len(self._codes) // 4
@@ -210,31 +194,6 @@ class PathBuilder:
                 if e.index >= old:
                     self._events[k] = ToolpathEvent(len(self), e.kind, e.text, e.value)
 
-    def feed_fallback(self, feed: float, line: int) -> float:
-        """Return the default feed of a cut that has no feed of its own.
-
-        Args:
-            feed: Feed, mm/min; NaN for rapid moves.
-            line: Line number in the file (1-based).
-
-        Returns:
-            Feed, mm/min.
-
-        Raises:
-            InputError: the feed is not positive, or no default feed was given.
-        """
-        if feed <= 0.0:
-            raise self.source.build_error(f"feed {feed:g} on a cutting move; expected a feed above zero", line)
-        if self.options.default_feed is None:
-            raise self.source.build_option_question(
-                "feed",
-                "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN",
-                line,
-            )
-        self.used_options.add("--feed")
-        self.warn_once("cutting moves without a feed of their own take the given default feed")
-        return self.options.default_feed * 60e3
-
     def begin_operation(self, label: str, *, tool: str = "", comment: str = "", tool_named: str = "") -> None:
         """Begin an operation for the points that follow, unless it is already open.
 
@@ -294,49 +253,6 @@ class PathBuilder:
                 del self._events[k]
                 return
 
-    def ignore(self, word: str, line: int, *, understood: bool, stops: bool | None = None) -> None:
-        """Count a word without effect here.
-
-        A word that is not understood may move points or frames, so it stops a plan
-        (:func:`machopt.toolpath.unknown_words.refuse_unknown_words`) unless the user accepts it.
-
-        Args:
-            word: as the file has it, and as ``--accept-unknown`` takes it.
-            line: where it is.
-            understood: it is on the dialect's reviewed list, or the reader uses it.
-            stops: False where a word that is not understood cannot move anything; by default it may.
-
-        Raises:
-            InputError: it is not understood, not accepted, and reading is strict.
-        """
-        entry = self._ignored.get(word)
-        if entry is None or (entry.understood and not understood):
-            accepted = not understood and normalise_word(word) in self.options.accept_unknown
-            if self.options.strict and not understood and not accepted:
-                raise self.source.build_error(f"word {word!r} is not understood and strict reading was requested", line)
-            may_move = not understood if stops is None else stops
-            entry = IgnoredWord(word, 0, line, understood, may_move and not accepted)
-        self._ignored[word] = replace(entry, count=entry.count + 1)
-
-    def warn(self, message: str, line: int | None = None) -> None:
-        """Add a warning.
-
-        Args:
-            message: Text of the warning.
-            line: Line number (1-based), None where no line is meant.
-        """
-        self.warnings.append(message if line is None else f"line {line}: {message}")
-
-    def warn_once(self, message: str, line: int | None = None) -> None:
-        """Add a warning, the first time it occurs.
-
-        Args:
-            message: Text of the warning.
-            line: Line number (1-based), None where no line is meant.
-        """
-        if not any(w.endswith(message) for w in self.warnings):
-            self.warn(message, line)
-
     def state_hole_depth(self, depth_mm: float, point: int | None = None) -> None:
         """State that a point is the bottom of a hole.
 
@@ -388,27 +304,6 @@ class PathBuilder:
     def _table(self) -> Array:
         return np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 7)
 
-    def _warn_of_feeds_and_words(self, table: Array, move: NDArray[np.int8], line: NDArray[np.int32]) -> None:
-        """Warn of unusual feeds and of unknown words."""
-        fast = np.flatnonzero((move == MoveKind.CUT) & (table[:, 6] > FAST_MM_MIN))
-        if len(fast):
-            self.warn(f"{len(fast)} cuts at up to {table[fast, 6].max():.3g} mm/min", int(line[fast[0]]))
-        slow = np.flatnonzero((move == MoveKind.CUT) & (table[:, 6] < SLOW_MM_MIN))
-        if len(slow):
-            self.warn(f"{len(slow)} cuts at {table[slow, 6].min():.3g} mm/min and more", int(line[slow[0]]))
-        strange = [w for w in self._ignored.values() if not w.understood]
-        if strange:
-            self.warn(
-                f"{sum(w.count for w in strange)} words were not understood: {_format_words([w.word for w in strange])}"
-            )
-        stopping = [f"{w.word} (line {w.first_line})" for w in strange if w.stops]
-        if stopping:
-            self.warn(
-                f"no plan is made from this file, because these words may move points or frames: "
-                f"{_format_words(stopping)}. "
-                "--accept-unknown WORD accepts one that moves nothing"
-            )
-
     def _warn_of_arcs(self, position: Array) -> None:
         """State the number of arcs; warn of those that run against the moves around them (positions (N, 3) mm)."""
         if self._arcs:
@@ -417,19 +312,8 @@ class PathBuilder:
         if found.against:
             self.warn(
                 f"{len(found.against)} arcs run against the tangents of their neighbours ({found.agree} run with "
-                f"them), at lines {_format_words([str(k) for k in found.against])}: check the arc direction"
+                f"them), at lines {format_words([str(k) for k in found.against])}: check the arc direction"
             )
-
-    def _state_incompleteness(self) -> None:
-        """State why the file seems incomplete; raise InputError where strict reading was requested."""
-        if self.incomplete_reason is None:
-            return
-        if self.options.strict:
-            raise self.source.build_error(
-                f"the file seems incomplete, and strict reading was requested: {self.incomplete_reason}"
-            )
-        self.meta["incomplete"] = self.incomplete_reason
-        self.warnings.insert(0, format_incomplete_warning(self.incomplete_reason))
 
     def build(self, *, reference: Array | None = None, tolerance_mm: Array | None = None) -> Toolpath:
         """Build the finished toolpath.
@@ -460,10 +344,10 @@ class PathBuilder:
             )
         p, axis = table[:, :3], self._unit_axes(table[:, 3:6], line)
         self._warn_of_arcs(p)
-        self._warn_of_feeds_and_words(table, move, line)
+        self.warn_of_feeds_and_words(table, move, line)
         if self.used_options:
             self.meta[USED] = " ".join(sorted(self.used_options))
-        self._state_incompleteness()
+        self.state_incompleteness()
         return Toolpath(
             position=p * 1e-3,
             axis=axis,
@@ -521,7 +405,3 @@ def check_radius(found: ArcChords, line: int, out: PathBuilder) -> None:
         raise ArcError(f"start and end of the arc differ by {off:.4g} mm in their distance from the centre")
     if off > RADIUS_WARN:
         out.warn_once("start and end of an arc differ by more than 0.05 mm in their distance from its centre", line)
-
-
-def _format_words(words: list[str], most: int = 8) -> str:
-    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")

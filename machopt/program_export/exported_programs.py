@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from machopt.data_types.documents.optimize_document import RobotProgramEntry
+from machopt.data_types.documents.program_entries import RobotProgramEntry
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan

@@ -71,8 +71,7 @@ def read_toolpath(
         strict: refuse the first word that is not understood.
         arc_tolerance: m, largest distance of a chord from its arc.
         machine: rotary kinematics of a five-axis program, see :mod:`machopt.path_building.rotary_axes`; with the
-            places of its
-            axes (``table-ac@0,0,-50``) programs without tool-centre-point control are read too.
+            places of its axes (``table-ac@0,0,-50``) programs without tool-centre-point control are read too.
         default_feed: m/s for cutting moves without a feed.
         cycle_order: what the numbers of ``CYCLE/`` without a word of their own stand for (the post's table decides).
         tool_axis: the direction of the tool frame that points from the tip to the shank, in robot programs and pose
@@ -83,15 +82,13 @@ def read_toolpath(
             None: a file in which that matters is refused.
         kind: ``path`` or ``holes``: meaning of the rows of a point table that does not state it.
         accept_unknown: words of the file that are not understood and, as the user says, move nothing.
-        cell_offsets: names of the cell's work offsets. What counts from them is told in the toolpath's ``offsets`` and
-            is in the workpiece once :func:`machopt.cell.work_offsets.place_toolpath` has placed it.
+        cell_offsets: names of the cell's work offsets; :func:`machopt.cell.work_offsets.place_toolpath` places them.
         max_extent: m, the longest path along one axis that is believed.
     Returns:
         The toolpath in SI units, in the coordinate system the file is written in (``workpiece``).
     Raises:
         InputError: the file or an option is wrong; names file and line, what was found and what would work.
     """
-    path = Path(path)
     options = ReadOptions(
         unit=unit,
         strict=strict,
@@ -107,11 +104,16 @@ def read_toolpath(
         accept_unknown=tuple(normalise_word(w) for w in accept_unknown),
         cell_offsets=tuple(cell_offsets),
     )
+    return _read_with_options(Path(path), options, robot)
+
+
+def _read_with_options(path: Path, options: ReadOptions, robot: ProgramRobot | None) -> Toolpath:
+    """Read a file; where it lacks an option and also has an error that no option cures, the error comes first."""
     if options.cell_offsets and options.offsets:
         raise OptionError("the cell defines the work offsets; remove --offset", where="--offset")
     try:
         found = _read_file(path, options, robot)
-    except OptionNeededError as question:  # what no option can cure comes first
+    except OptionNeededError as question:
         fault = find_fault_behind(question, options, lambda assumed: check_readable(path, assumed, robot))
         raise (fault or question) from None
     return check_reading_options(path, found, options)

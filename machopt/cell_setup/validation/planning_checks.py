@@ -18,7 +18,7 @@ from machopt.cell_setup.workpiece_placement import (
     is_on_last_axis,
 )
 from machopt.collision.bodies import CollisionBody, build_tool_bodies, is_point_inside, triangulate_shape
-from machopt.collision.collision_model import suggest_remedy
+from machopt.collision.collision_pairs import suggest_remedy
 from machopt.data_types.cell import Cell, CollisionShape
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions

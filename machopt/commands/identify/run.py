@@ -8,14 +8,13 @@ from pathlib import Path
 
 from machopt.cell.stiffness.stiffness_file import write_stiffness
 from machopt.commands.identify.computation import IdentifyComputation, compute_identification
-from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs, list_request_paths
+from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs
 from machopt.commands.manifest import write_command_manifest
+from machopt.commands.output_run import open_request_folder
 from machopt.data_types.documents.identification_document import IdentificationDocument
-from machopt.effects.user_effects import activate_user_effects, load_effect_files
-from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.measurement.identification.identification_result import IdentificationResult
 from machopt.measurement.identification.request import IdentifyRequest
-from machopt.output import write_output_folder, write_result
+from machopt.output import write_result
 from machopt.output.tables.readings_table import ReadingsTable, write_readings_csv
 from machopt.report.page_data.identification import build_identification_page_data
 from machopt.report.page_types.display_units import format_option_value
@@ -41,11 +40,7 @@ def run_identify(request: IdentifyRequest, progress: Callable[[str], None] = lam
     Raises:
         InputError: bad cell, recording, options or output folder; a record that cannot be right.
     """
-    with (
-        activate_user_effects(load_effect_files(request.effects)),
-        write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder,
-    ):
-        refuse_without_pyarrow(request.tables)
+    with open_request_folder(request) as folder:
         done = compute_identification(request, progress)
         write_identification_files(done, folder, progress)
     return IdentifyResult(done.identification, done.result, request.out / "report.html")

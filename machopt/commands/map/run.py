@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.commands.input_hashes import build_manifest_file, list_request_paths
+from machopt.commands.input_hashes import build_manifest_file
 from machopt.commands.manifest import write_command_manifest
 from machopt.commands.map.computation import MapComputation, compute_map
 from machopt.commands.map.table_columns import build_map_columns
+from machopt.commands.output_run import open_request_folder
 from machopt.data_types.documents.map_document import MapDocument
-from machopt.effects.user_effects import activate_user_effects, load_effect_files
-from machopt.file_formats.parquet_tables import refuse_without_pyarrow
-from machopt.output import write_output_folder, write_result
+from machopt.output import write_result
 from machopt.output.tables.map_table import write_map_csv
 from machopt.report.pages.map_page import write_map_page
 from machopt.report.svg.map_picture import write_map_svg
@@ -45,11 +44,7 @@ def run_map(request: MapRequest, progress: Callable[[str], None] = lambda _: Non
     Raises:
         InputError: bad cell, options, measured table or output folder.
     """
-    with (
-        activate_user_effects(load_effect_files(request.effects)),
-        write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder,
-    ):
-        refuse_without_pyarrow(request.tables)
+    with open_request_folder(request) as folder:
         done = compute_map(request, progress)
         write_map_files(done, folder, progress)
     return MapResult(done.exit_code, done.result, request.out / "report.html", done.message)

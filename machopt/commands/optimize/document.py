@@ -9,6 +9,7 @@ import numpy as np
 from machopt.commands.input_hashes import map_hashes_by_name
 from machopt.commands.optimize.job_result import OptimizeJobResult
 from machopt.data_types.documents import optimize_document as doc
+from machopt.data_types.documents.verification_entries import VerificationSection
 from machopt.data_types.toolpath import Toolpath
 from machopt.options.plan_option_reader import find_options_without_effect, format_user_options
 from machopt.output.file_hashes import compute_sha256
@@ -27,15 +28,15 @@ from machopt.planning.plan_output.document_sections import (
     build_worst_point_entry,
     list_infeasible_entries,
 )
-from machopt.planning.plan_output.infeasibility_reasons import list_breaks, list_hints
+from machopt.planning.plan_output.infeasibility_reasons import list_breaks
 from machopt.planning.plan_output.joint_section import build_joint_section
 from machopt.planning.plan_output.move_results import describe_low_feed
+from machopt.planning.plan_output.plan_hints import list_hints
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import build_process_section
 from machopt.planning.plan_output.reentry_section import build_reentry_section
 from machopt.planning.plan_output.tilt_section import build_tilt_section
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
-from machopt.verification import Verification
 from machopt.version import __version__
 
 
@@ -48,7 +49,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         seconds: Computing time of each stage, s.
     """
     cell, toolpath, the_plan, points = made.cell, made.toolpath, made.plan, made.points
-    timeline = made.timeline
+    timeline, checked = made.timeline, made.verification
     trajectory = timeline.trajectory if timeline else None
     stopped = timeline.obstructions if timeline else ()
     return doc.OptimizeDocument(
@@ -86,21 +87,13 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         feed_stops=tuple(build_slowdown_entry(d) for d in (timeline.dips if timeline else ()) if not d.lost),
         rapid_detours=timeline.detours if timeline else (),
         obstructions=tuple(doc.ObstructedRapidEntry(before=o.before, after=o.after, reason=o.text) for o in stopped),
-        verification=_build_verification_section(made.verification),
+        verification=None
+        if checked is None
+        else VerificationSection.from_results(checked.ok, checked.checks, checked.information),
         programs=tuple(p.to_document() for p in made.programs),
         notes=tuple(cell.notes),
         warnings=_list_warnings(made),
         timings_s={name: round(value, 3) for name, value in seconds.items()},
-    )
-
-
-def _build_verification_section(verification: Verification | None) -> doc.VerificationSection | None:
-    if verification is None:
-        return None
-    return doc.VerificationSection(
-        passed=verification.ok,
-        checks=tuple(doc.CheckEntry.from_fields(c) for c in verification.checks),
-        information=tuple(doc.InformationEntry.from_fields(i) for i in verification.information),
     )
 
 

@@ -6,15 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs, list_request_paths
+from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs
 from machopt.commands.manifest import write_command_manifest
+from machopt.commands.output_run import open_request_folder
 from machopt.commands.plan_poses.computation import PlanPosesComputation, compute_pose_plan
 from machopt.data_types.documents.poses_document import PosesDocument
 from machopt.data_types.manifest import ManifestFile
-from machopt.effects.user_effects import activate_user_effects, load_effect_files
-from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.measurement.design.request import PosesRequest, list_unchecked_conditions
-from machopt.output import write_output_folder, write_result
+from machopt.output import write_result
 from machopt.output.tables.measurement_poses_table import write_poses_csv, write_recording_template
 from machopt.report.pages.pose_plan_page import write_pose_plan_page
 
@@ -45,11 +44,7 @@ def run_plan_poses(request: PosesRequest, progress: Callable[[str], None] = lamb
     Raises:
         InputError: bad cell, option or output folder.
     """
-    with (
-        activate_user_effects(load_effect_files(request.effects)),
-        write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder,
-    ):
-        refuse_without_pyarrow(request.tables)
+    with open_request_folder(request) as folder:
         done = compute_pose_plan(request, progress)
         write_pose_plan_files(done, folder, progress)
     return PlanPosesResult(done.exit_code, done.result, request.out / "report.html", done.message)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Self
-
 from machopt.data_types.documents.document_base import (
     Count,
     DocumentModel,
@@ -16,6 +14,9 @@ from machopt.data_types.documents.document_base import (
     Settings,
     Text,
 )
+from machopt.data_types.documents.process_entries import ProcessSection
+from machopt.data_types.documents.program_entries import RobotProgramEntry
+from machopt.data_types.documents.verification_entries import VerificationSection
 
 
 class IgnoredWordEntry(DocumentModel):
@@ -302,98 +303,6 @@ class ObstructedRapidEntry(DocumentModel):
     reason: Text
 
 
-class CheckEntry(DocumentModel):
-    """One promise, as the verification found it; ``passed`` null where it could not be run."""
-
-    name: Text
-    passed: Flag | None
-    value: Known
-    limit: Known
-    unit: Text
-    where: Text
-    file: Text = ""  # of the folder, where the promise is about one other than trajectory.csv
-
-    @classmethod
-    def from_fields(cls, found: object) -> Self:
-        """Build the entry from a check, without the keys that only code uses.
-
-        Args:
-            found: The check.
-        """
-        return cls(**{key: getattr(found, key) for key in cls.model_fields})
-
-
-class InformationEntry(DocumentModel):
-    """A measured value that no condition is put on: no check."""
-
-    name: Text
-    value: Known
-    unit: Text
-    where: Text
-    file: Text = ""
-
-    @classmethod
-    def from_fields(cls, found: object) -> Self:
-        """Build the entry from a measured value, without the key that only code uses.
-
-        Args:
-            found: The measured value.
-        """
-        return cls(**{key: getattr(found, key) for key in cls.model_fields})
-
-
-class VerificationSection(DocumentModel):
-    """All checks, and beside them what was measured without a condition."""
-
-    passed: Flag
-    checks: tuple[CheckEntry, ...]
-    information: tuple[InformationEntry, ...] = ()
-
-
-class FeedModelSection(DocumentModel):
-    """What a stated model of the controller says of the feed."""
-
-    mean_percent: Number
-    held_length_percent: Number
-    lowest_percent: Number
-    lowest_at_move: Count
-    cutting_time_s: Number
-    rounding_max_mm: Number
-    exact_stops: Count
-
-
-class ReadBackSection(DocumentModel):
-    """A program compared with motion and CAM file; null where a post has no such thing."""
-
-    moves: Count
-    positions_max_mm: Known
-    orientations_max_deg: Known
-    joints_max_deg: Known
-    feeds_max_mm_min: Known
-    path_max_mm: Known
-    path_axis_max_deg: Known
-    path_turn_max_deg: Known
-    configuration_equal: Flag | None
-    events_equal: Flag | None
-
-
-class RobotProgramEntry(DocumentModel):
-    """A robot program: where it is and what came back when it was read."""
-
-    post: Text
-    files: tuple[Text, ...]
-    lines: Count
-    tolerance_mm: Number
-    moves_added: Count
-    withheld: Text | None
-    feed_model: FeedModelSection | None
-    assumed: tuple[Text, ...]
-    not_in_program: tuple[Text, ...]
-    checked: ReadBackSection | None
-    differences: tuple[Text, ...]
-    tool: Text | None  # which it drives, where the job changes tools
-
-
 class ToolSegmentEntry(DocumentModel):
     """A stretch of the job with one tool on, in the order of the job."""
 
@@ -403,96 +312,6 @@ class ToolSegmentEntry(DocumentModel):
     operations: tuple[Text, ...]
     mean_index: Known  # over the length it cuts, in SI; null without cuts or where points are missing
     worst_index: Known
-
-
-class ToleranceEntry(DocumentModel):
-    """Outcome of one operation with a tolerance."""
-
-    operation: Text
-    kind: Text  # holes or surface
-    limits: dict[Text, Number]  # ±: position_mm, axis_deg, depth_mm, surface_mm
-    reference: Text
-    counts: dict[Text, Count]  # pass, marginal, fail, unknown
-    worst_point: Count
-    worst_error_mm: Known  # nominal: across the hole, or normal to the surface
-    worst_p_in: Known
-    worst_cause: Text
-
-
-class OutcomeCountsSection(DocumentModel):
-    """Number of points with each outcome: of the CAM file's rotation, of the source paper's method, of the plan."""
-
-    before: dict[Text, Count]
-    before_jiao2022: dict[Text, Count]
-    after: dict[Text, Count]
-
-
-class StockComparisonSection(DocumentModel):
-    """Stock after the job against the workpiece of the cell, the finished part."""
-
-    gouge_depth_mm: Number  # along the tool axis, away from walls
-    gouge_at_mm: tuple[Number, Number, Number] | None  # in the workpiece frame
-    gouge_volume_mm3: Number
-    left_depth_mm: Number  # largest height of material left, away from walls
-    left_at_mm: tuple[Number, Number, Number] | None
-    left_volume_mm3: Number
-
-
-class StockSection(DocumentModel):
-    """What the job does to its stock."""
-
-    cell_mm: Number
-    volume_mm3: Number  # before the job
-    removed_mm3: Number
-    removed_by_other_moves_mm3: Number  # of it, by moves that are no cuts
-    cut_moves: Count  # with engagement from the stock
-    air_cuts: Count  # of them, that remove nothing
-    finished: StockComparisonSection | None  # null without one closed mesh as workpiece
-
-
-class StabilitySection(DocumentModel):
-    """Stability of the milled points: stable depth of cut over the planned one."""
-
-    min_stability_ratio: Known  # as requested; null: no limit
-    least_ratio: Known  # null where no limit of the depth is near
-    least_point: Count | None
-    stable: Count  # points
-    unstable: Count
-    unknown: Count
-
-    def describe(self) -> str:
-        """Return the stability of the job in one sentence."""
-        total = self.stable + self.unstable + self.unknown
-        text = f"{self.stable} of {total} milled points stable"
-        text += f", {self.unknown} unknown" if self.unknown else ""
-        if self.least_ratio is not None:
-            text += f"; least ratio of stable to planned depth {self.least_ratio:.3g} at point {self.least_point}"
-        least = self.min_stability_ratio
-        return text if least is None else f"{text} (min_stability_ratio {least:g})"
-
-
-class AdvisedFeedSection(DocumentModel):
-    """Feeds below those of the file, with `advised_feed_share`."""
-
-    share: Number
-    slowed: Count  # holes and milled points driven at an advice below the file's feed
-    needed: Count  # holes and milled points whose advice is below the file's feed
-    file_feed_s: Known  # cycle time at the feeds of the file
-
-
-class ProcessSection(DocumentModel):
-    """Tolerances of the job; errors at the feed that the motion reaches."""
-
-    headline: Text
-    quantile: Number  # probability that `pass` needs
-    in_tolerance: OutcomeCountsSection
-    tolerances: tuple[ToleranceEntry, ...]
-    variance_shares: dict[Text, Number]  # stiffness, force, position: mean share of the variance of the error
-    sources: dict[Text, Text]
-    validity: tuple[Text, ...]
-    stability: StabilitySection | None = None  # null where nothing is milled
-    advised_feed: AdvisedFeedSection | None = None  # with `advised_feed_share`
-    stock: StockSection | None = None  # null where no engagement comes from the stock
 
 
 class OptimizeDocument(DocumentModel):

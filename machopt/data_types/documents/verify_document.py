@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from machopt.data_types.documents.document_base import Count, DocumentModel, Flag, Number, Text
-from machopt.data_types.documents.optimize_document import CheckEntry, InformationEntry
+from machopt.data_types.documents.verification_entries import CheckEntry, InformationEntry
 
 
 class VerifyCheckEntry(CheckEntry):

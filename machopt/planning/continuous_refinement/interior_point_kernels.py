@@ -152,6 +152,74 @@ def compute_newton_terms(
 
 
 @jit_compile
+def _find_term_steps(
+    ahead: Array,
+    mu: float,
+    curvature: Array,
+    multiplier_offset: Array,
+    p: Array,
+    m: Array,
+    above: Array,
+    below: Array,
+    most: float,
+) -> tuple[Array, Array, Array, float]:
+    """Return the full steps of the parts and multipliers of the absolute values, (J,) each, and the share permitted.
+
+    ``ahead`` (J,) is the change of the arguments, ``most`` the share that other unknowns permit.
+    """
+    dp, dm, dy = np.empty(len(p)), np.empty(len(p)), np.empty(len(p))
+    for j in range(len(p)):
+        dy[j] = curvature[j] * ahead[j] + multiplier_offset[j]
+        dp[j] = (mu + p[j] * dy[j]) / above[j] - p[j]
+        dm[j] = (mu - m[j] * dy[j]) / below[j] - m[j]
+        if dp[j] < 0.0:
+            most = min(most, -p[j] / dp[j])
+        if dm[j] < 0.0:
+            most = min(most, -m[j] / dm[j])
+        if dy[j] > 0.0:
+            most = min(most, above[j] / dy[j])
+        elif dy[j] < 0.0:
+            most = min(most, -below[j] / dy[j])
+    return dp, dm, dy, most
+
+
+@jit_compile
+def _find_worst_index_steps(
+    step: Array,
+    mu: float,
+    worst: float,
+    counted: Bools,
+    index_slope: Array,
+    residual: Array,
+    r: Array,
+    share: Array,
+    most: float,
+) -> tuple[Array, Array, float, float]:
+    """Return the full steps of slack (n,), multiplier (n,) and worst index, and the share permitted."""
+    n, d = step.shape
+    dr, dshare = np.zeros(n), np.zeros(n)
+    total, missed = 0.0, -worst
+    for s in range(n):
+        if counted[s]:
+            curved, across = share[s] / r[s], 0.0
+            for a in range(d):
+                across += index_slope[s, a] * step[s, a]
+            dr[s] = residual[s] - across
+            total += curved
+            missed += mu / r[s] - curved * dr[s]
+    dt = missed / total if total > 0.0 else 0.0
+    for s in range(n):
+        if counted[s]:
+            dr[s] += dt
+            dshare[s] = (mu - share[s] * dr[s]) / r[s] - share[s]
+            if dr[s] < 0.0:
+                most = min(most, -r[s] / dr[s])
+            if dshare[s] < 0.0:
+                most = min(most, -share[s] / dshare[s])
+    return dr, dshare, dt, most
+
+
+@jit_compile
 def take_newton_step(
     step: Array,
     t: float,
@@ -197,48 +265,17 @@ def take_newton_step(
     Returns:
         Share of the step that was taken, and the worst index t.
     """
-    n, d = step.shape
     ahead = compute_absolute_arguments(step, row, lean, np.zeros(len(row)))
-    dp, dm, dy = np.empty(len(row)), np.empty(len(row)), np.empty(len(row))
-    dr, dshare = np.zeros(n), np.zeros(n)
     most = 1.0 / BOUNDARY
-    for j in range(len(row)):
-        dy[j] = curvature[j] * ahead[j] + multiplier_offset[j]
-        dp[j] = (mu + p[j] * dy[j]) / above[j] - p[j]
-        dm[j] = (mu - m[j] * dy[j]) / below[j] - m[j]
-        if dp[j] < 0.0:
-            most = min(most, -p[j] / dp[j])
-        if dm[j] < 0.0:
-            most = min(most, -m[j] / dm[j])
-        if dy[j] > 0.0:
-            most = min(most, above[j] / dy[j])
-        elif dy[j] < 0.0:
-            most = min(most, -below[j] / dy[j])
-    total, missed = 0.0, -worst
-    for s in range(n):
-        if counted[s]:
-            curved, across = share[s] / r[s], 0.0
-            for a in range(d):
-                across += index_slope[s, a] * step[s, a]
-            dr[s] = residual[s] - across
-            total += curved
-            missed += mu / r[s] - curved * dr[s]
-    dt = missed / total if total > 0.0 else 0.0
-    for s in range(n):
-        if counted[s]:
-            dr[s] += dt
-            dshare[s] = (mu - share[s] * dr[s]) / r[s] - share[s]
-            if dr[s] < 0.0:
-                most = min(most, -r[s] / dr[s])
-            if dshare[s] < 0.0:
-                most = min(most, -share[s] / dshare[s])
+    dp, dm, dy, most = _find_term_steps(ahead, mu, curvature, multiplier_offset, p, m, above, below, most)
+    dr, dshare, dt, most = _find_worst_index_steps(step, mu, worst, counted, index_slope, residual, r, share, most)
     taken = min(1.0, BOUNDARY * most)
     for j in range(len(row)):
         p[j] += taken * dp[j]
         m[j] += taken * dm[j]
         above[j] -= taken * dy[j]
         below[j] += taken * dy[j]
-    for s in range(n):
+    for s in range(len(r)):
         if counted[s]:
             r[s] += taken * dr[s]
             share[s] += taken * dshare[s]

@@ -48,6 +48,21 @@ def _measure_step(
 
 
 @jit_compile
+def _price_step(
+    arm_step: tuple[float, float, float],
+    turned: float,
+    seconds: float,
+    prices: tuple[float, float, float],
+    most: float,
+    lost: float,
+) -> float:
+    """Return the price of a step: travel, time and largest joint step of the arm, and its turn about the tool axis."""
+    length, late, largest_step = arm_step
+    price = edge_price_compiled(length, turned, late_compiled(late, seconds), prices[0], prices[1], prices[2])
+    return price + (lost if largest_step > most else 0.0)  # type: ignore[no-any-return]  # numba has no types
+
+
+@jit_compile
 def compute_transition_costs(
     q: Array,
     e: Array,
@@ -66,8 +81,7 @@ def compute_transition_costs(
     most: float,
     lost: float,
 ) -> NDArray[np.float32]:
-    """Return the (S, K·3, V) price of the step into each vertex from its neighbour values and rotations of station s −
-    1.
+    """Return the (S, K·3, V) price of the step into each vertex from the neighbours of its value and rotation.
 
     Args:
         q: (S, V, 6) rad, NaN where there is no pose; vertex (g·R + r)·B + b.
@@ -87,13 +101,13 @@ def compute_transition_costs(
         most: rad, a larger joint step means another branch.
         lost: price of such a step.
     """
-    S, V = q.shape[0], q.shape[1]
-    K = near.shape[1]
+    S, V, K = q.shape[0], q.shape[1], near.shape[1]
     turn = 2.0 * np.pi / R
     out = np.zeros((S, K * 3, V), np.float32)
     for s in range(1, S):
         if not joined[s]:
             continue
+        prices = travel[s], rotation[s], feed[s]
         for v in range(V):
             b, r, g = v % B, (v // B) % R, v // (B * R)
             for k in range(K):
@@ -106,11 +120,8 @@ def compute_transition_costs(
                         out[s, 3 * k + dr + 1, v] = np.inf
                         continue
                     u = (h * R + (r + dr) % R) * B + b
-                    length, late, largest_step = _measure_step(q[s, v], q[s - 1, u], winds, slowness, way, slow)
-                    price = edge_price_compiled(
-                        length, turn * abs(dr), late_compiled(late, seconds[s]), travel[s], rotation[s], feed[s]
-                    )
-                    out[s, 3 * k + dr + 1, v] = price + (lost if largest_step > most else 0.0)
+                    arm_step = _measure_step(q[s, v], q[s - 1, u], winds, slowness, way, slow)
+                    out[s, 3 * k + dr + 1, v] = _price_step(arm_step, turn * abs(dr), seconds[s], prices, most, lost)
     return out
 
 

@@ -18,7 +18,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.deflection_components import split_deflection
-from machopt.planning.plan_output.infeasibility_reasons import describe_remedy
+from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
 from machopt.planning.plan_output.point_table import PointResults, find_reason
 from machopt.planning.plan_output.stability_section import build_best_stability_entry
 from machopt.planning.retiming.slowdowns import FeedSlowdown

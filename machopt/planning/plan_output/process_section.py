@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from machopt.data_types.documents.optimize_document import (
+from machopt.data_types.documents.process_entries import (
     AdvisedFeedSection,
     OutcomeCountsSection,
     ProcessSection,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.data_types.documents.optimize_document import BestStabilityEntry, StabilitySection
+from machopt.data_types.documents.optimize_document import BestStabilityEntry
+from machopt.data_types.documents.process_entries import StabilitySection
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.process_columns import ProcessColumns
 from machopt.numerics.rigid_transforms import wrap_angle

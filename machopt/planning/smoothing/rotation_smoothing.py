@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
-from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.array_types import Array, Bools, Ints
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.sampling.candidate_grid import CandidateGrid
@@ -60,16 +60,9 @@ def smooth_rotation(
         velocity: (6,) rad/s, joint velocity limits.
         options: plan options with the weights.
     """
-    P, st = len(path.index), path.stations
     worst = max(_grid_worst(path, scores, choice), scores.elsewhere)
+    rows = _list_stretch_rows(path, choice)
     terms = ObjectiveTerms.at_stations(path, velocity, options)
-    position = np.searchsorted(st, np.arange(P))
-    dropped, broken = choice.dropped, frozenset(choice.broken)
-    rows = [
-        np.arange(a, b + 1)
-        for first, last in path.runs
-        for a, b in _whole_stretches(dropped, broken, position[first], position[last])
-    ]
     parts = [
         SmoothingStretch.of(path, candidates, scores, choice, some, terms, band)
         for some, band in zip(rows, compute_corridors(candidates, scores, choice, rows), strict=True)
@@ -92,6 +85,23 @@ def smooth_rotation(
                 if np.isfinite(value):
                     part.spline, part.offset = spline, spline(part.x) - part.band.phi
         _constant_rotations(parts, worst)
+    return _evaluate_stretches(path, parts)
+
+
+def _list_stretch_rows(path: PlanningPath, choice: SequenceChoice) -> list[Ints]:
+    """Return the stations of each stretch: runs, divided where the choice drops a vertex or breaks."""
+    position = np.searchsorted(path.stations, np.arange(len(path.index)))
+    dropped, broken = choice.dropped, frozenset(choice.broken)
+    return [
+        np.arange(a, b + 1)
+        for first, last in path.runs
+        for a, b in _whole_stretches(dropped, broken, position[first], position[last])
+    ]
+
+
+def _evaluate_stretches(path: PlanningPath, parts: list[SmoothingStretch]) -> SmoothedRotation:
+    """Return rotation and seed at every planning point; NaN where no stretch lies."""
+    P = len(path.index)
     phi, seed = np.full(P, np.nan), np.full((P, 6), np.nan)
     for part in parts:
         within = slice(part.points[0], part.points[-1] + 1)

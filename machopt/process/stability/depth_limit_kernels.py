@@ -283,6 +283,19 @@ def _compute_doubling(T: float, n: int, omega: Array, zeta: Array, g: Array) -> 
 
 
 @jit_compile
+def _collect_modes(omega: Array, zeta: Array, b: Array, c: Array, om: Array, ze: Array, g: Array, index: Ints) -> int:
+    """Write frequency, damping, products of shapes and index of the modes above 0; returns their number."""
+    used = 0
+    for i in range(len(omega)):
+        if omega[i] > 0.0:
+            om[used], ze[used], index[used] = omega[i], zeta[i], i
+            for k in range(4):
+                g[k, used] = b[i, k // 2] * c[i, k % 2]
+            used += 1
+    return used
+
+
+@jit_compile
 def find_depth_limits(
     delay: Array,
     laws: tuple[bool, bool, bool],
@@ -321,13 +334,7 @@ def find_depth_limits(
     index = np.empty(n, np.int64)
     for row in range(omega.shape[0]):
         limit[row], frequency[row], mode[row] = np.inf, np.nan, -1
-        used = 0
-        for i in range(n):
-            if omega[row, i] > 0.0:
-                om[used], ze[used], index[used] = omega[row, i], zeta[row, i], i
-                for k in range(4):
-                    g[k, used] = b[row, i, k // 2] * c[row, i, k % 2]
-                used += 1
+        used = _collect_modes(omega[row], zeta[row], b[row], c[row], om, ze, g, index)
         if used == 0:
             continue
         count = _fill_grid(delay[row], laws[1], used, om, ze, tangents, grid)

@@ -248,6 +248,16 @@ def _add_arcs(
 
 
 @jit_compile
+def _write_rows(rows: Array, found: int, arcs: Array, number: int, low: float, high: float) -> int:
+    """Write the arcs of a slice behind the rows found, as far as there is space; returns the new number of rows."""
+    for k in range(min(number, len(rows) - found)):
+        rows[found, 0], rows[found, 1] = low, high
+        rows[found, 2], rows[found, 3] = arcs[k, 0], arcs[k, 1]
+        found += 1
+    return found
+
+
+@jit_compile
 def find_contact(
     grid: Grid,
     origin: Pair,
@@ -293,19 +303,13 @@ def find_contact(
             low, high = corner * (1.0 - cos(a)), corner * (1.0 - cos(b))
             r = radius - corner + corner * sin(0.5 * (a + b))
             number = _add_arcs(grid, origin, cell, p, cu, cv, r, p[2] + 0.5 * (low + high), circle, arcs)
-            for k in range(min(number, len(rows) - found)):
-                rows[found, 0], rows[found, 1] = low, high
-                rows[found, 2], rows[found, 3] = arcs[k, 0], arcs[k, 1]
-                found += 1
+            found = _write_rows(rows, found, arcs, number, low, high)
         below = corner
     for n in range(count):
         if heights[n] <= below + THIN:
             continue
         low, high = below, heights[n]
         number = _add_arcs(grid, origin, cell, p, cu, cv, radius, p[2] + 0.5 * (low + high), circle, arcs)
-        for k in range(min(number, len(rows) - found)):
-            rows[found, 0], rows[found, 1] = low, high
-            rows[found, 2], rows[found, 3] = arcs[k, 0], arcs[k, 1]
-            found += 1
+        found = _write_rows(rows, found, arcs, number, low, high)
         below = high
     return found

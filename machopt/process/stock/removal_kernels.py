@@ -132,6 +132,45 @@ def _add_to_bands(bands: Array, base: float, top: float, z: float, weight: float
 
 
 @jit_compile
+def _find_columns(
+    v: float, p0: Array, p1: Array, cu: float, cv: float, length: float, cutter: Tip, size: float, only_ahead: bool
+) -> tuple[float, float, float, float]:
+    """Range of u in which a move may remove material of a row, empty where first > last, and the range to skip in it.
+
+    Behind the start nothing is left where ``only_ahead``; a flat cutter has also removed all below it there.
+    """
+    first, last = _find_row_range(v, p0, p1, cu, cv, length, cutter[0] + _REACH * size)
+    skip_first, skip_last = 1e30, -1e30
+    if first > last or not only_ahead:
+        return first, last, skip_first, skip_last
+    if abs(cu) > 1e-9:
+        ahead = p0[0] - (v - p0[1]) * cv / cu
+        if cu > 0.0:
+            first = max(first, ahead)
+        else:
+            last = min(last, ahead)
+    elif (v - p0[1]) * cv < 0.0:
+        return 1e30, -1e30, skip_first, skip_last
+    inner = cutter[0] - _REACH * size
+    rest = inner * inner - (v - p0[1]) * (v - p0[1])
+    if cutter[1] == 0.0 and cutter[2] == 0.0 and inner > 0.0 and rest > 0.0:
+        skip_first, skip_last = p0[0] - sqrt(rest), p0[0] + sqrt(rest)
+    return first, last, skip_first, skip_last
+
+
+@jit_compile
+def _record_removal(
+    bands: Array, peak: Array, base: float, top: float, low: float, floor: float, share: float, part: float, area: float
+) -> None:
+    """Add a removed cell to the bands above ``base``, and raise the largest height where more than a sliver is new."""
+    if len(bands):
+        _add_to_bands(bands, base, top, floor, area * max(part - share, 0.0))
+        _add_to_bands(bands, base, low, floor, area * min(part, share))
+    if part - share > SLIVER:
+        peak[0] = max(peak[0], top - base)
+
+
+@jit_compile
 def remove_move(
     grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutter: Tip, is_first: bool, bands: Array, peak: Array
 ) -> float:
@@ -153,7 +192,6 @@ def remove_move(
     nv, nu = high.shape
     size = max(cell[0], cell[1])
     reach = radius + _REACH * size
-    inner = radius - _REACH * size
     x, y, rise = p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]
     length = sqrt(x * x + y * y)
     cu, cv = (x / length, y / length) if length > 1e-12 else (1.0, 0.0)
@@ -162,29 +200,13 @@ def remove_move(
     only_ahead = not is_first and rise >= 0.0
     if only_ahead and length == 0.0:
         return 0.0
-    flat = corner == 0.0 and cone == 0.0
     j0 = max(int((min(p0[1], p1[1]) - reach - origin[1]) / cell[1]), 0)
     j1 = min(int((max(p0[1], p1[1]) + reach - origin[1]) / cell[1]) + 1, nv)
     area = cell[0] * cell[1]
     total = 0.0
     for j in range(j0, j1):
         v = origin[1] + (j + 0.5) * cell[1]
-        first, last = _find_row_range(v, p0, p1, cu, cv, length, reach)
-        if first > last:
-            continue
-        skip_first, skip_last = 1e30, -1e30
-        if only_ahead:
-            if abs(cu) > 1e-9:
-                ahead = p0[0] - (v - p0[1]) * cv / cu
-                if cu > 0.0:
-                    first = max(first, ahead)
-                else:
-                    last = min(last, ahead)
-            elif (v - p0[1]) * cv < 0.0:
-                continue
-            rest = inner * inner - (v - p0[1]) * (v - p0[1])
-            if flat and inner > 0.0 and rest > 0.0:
-                skip_first, skip_last = p0[0] - sqrt(rest), p0[0] + sqrt(rest)
+        first, last, skip_first, skip_last = _find_columns(v, p0, p1, cu, cv, length, cutter, size, only_ahead)
         if first > last:
             continue
         i0 = max(int((first - origin[0]) / cell[0] - 0.5), 0)
@@ -202,12 +224,8 @@ def remove_move(
                 part = 0.5 + (radius - distance) / size
                 z = p0[2] + height
                 if part > 0.0 and z < high[j, i]:
-                    if len(bands):
-                        k, c, floor = min(part, 1.0), share[j, i], max(z, bottom[j, i])
-                        _add_to_bands(bands, p1[2], high[j, i], floor, area * max(k - c, 0.0))
-                        _add_to_bands(bands, p1[2], low[j, i], floor, area * min(k, c))
-                    if min(part, 1.0) - share[j, i] > SLIVER:
-                        peak[0] = max(peak[0], high[j, i] - p1[2])
-                    total += lower_cell(high, low, share, bottom, j, i, z, min(part, 1.0))
+                    k, floor = min(part, 1.0), max(z, bottom[j, i])
+                    _record_removal(bands, peak, p1[2], high[j, i], low[j, i], floor, share[j, i], k, area)
+                    total += lower_cell(high, low, share, bottom, j, i, z, k)
             i += 1
     return total * area

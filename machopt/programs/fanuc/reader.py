@@ -334,15 +334,18 @@ class _FanucReader:
         elif _EVENT.match(text):
             self.out.event(text, "comment")
         elif _BRANCH.match(text) or _QUIET.match(text):
-            if text.startswith("IF") and _DECIDES.search(text):
-                self.jump = self.jump or (line, text, part.source)
-            if text.startswith("IF") and text.endswith("THEN"):
-                self.branches.append((line, text))
-            elif text.startswith("ENDIF") and self.branches:
-                self.branches.pop()
+            self.branch(text, line, part)
             self.out.ignore(re.split(r"[\s\[(]", text)[0], line, understood=True)
         else:
             self.out.ignore(re.split(r"[\s\[(]", text)[0], line, understood=False)
+
+    def branch(self, text: str, line: int, part: FanucFile) -> None:
+        if text.startswith("IF") and _DECIDES.search(text):
+            self.jump = self.jump or (line, text, part.source)
+        if text.startswith("IF") and text.endswith("THEN"):
+            self.branches.append((line, text))
+        elif text.startswith("ENDIF") and self.branches:
+            self.branches.pop()
 
     def call(self, name: str, line: int, part: FanucFile, depth: int) -> None:
         plain = re.split(r"[\s(;]", name)[0]

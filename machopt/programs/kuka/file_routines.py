@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, field
 
 from machopt.file_formats.source_file import SourceFile
+from machopt.programs.reading.line_comments import split_comment
 
 _HEAD = re.compile(r"(?:GLOBAL\s+)?(DEF|DEFFCT|DEFDAT)\s+(?:\w+\s+)?(\w+)\s*(?:\(([^)]*)\)?)?.*", re.IGNORECASE)
 _WORD = re.compile(r"[^\s({]*")
@@ -63,7 +64,7 @@ def read_krl_module(source: SourceFile) -> KrlModule:
     current: KrlRoutine | None = None
     inside = ""
     for n, raw in enumerate(source.lines, 1):
-        code, comment = split_comment(raw)
+        code, comment = split_comment(raw, ";")
         word = get_first_word(code)
         head = _HEAD.fullmatch(code) if word in ("DEF", "DEFFCT", "DEFDAT", "GLOBAL") else None
         if head is not None:
@@ -115,23 +116,3 @@ def get_first_word(code: str) -> str:
     """
     found = _WORD.match(code)
     return found.group(0).upper() if found else ""
-
-
-def split_comment(raw: str) -> tuple[str, str]:
-    """Split a line into code and comment; a semicolon inside quotes begins no comment.
-
-    Args:
-        raw: Text of the line.
-
-    Returns:
-        Code and comment.
-    """
-    at = raw.find(";")
-    if at >= 0 and '"' in raw[:at]:
-        quoted, at = False, -1
-        for k, c in enumerate(raw):
-            quoted ^= c == '"'
-            if c == ";" and not quoted:
-                at = k
-                break
-    return (raw.strip(), "") if at < 0 else (raw[:at].strip(), raw[at + 1 :].strip())

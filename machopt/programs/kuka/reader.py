@@ -21,6 +21,7 @@ from machopt.programs.kuka.move_statements import KrlMoves
 from machopt.programs.kuka.move_targets import POSE, build_pose
 from machopt.programs.kuka.statement_patterns import MOVE, SWITCHES, TYPES, WITHOUT_EFFECT, is_harmless_statement
 from machopt.programs.reading.called_files import find_called_file, find_sibling_files, try_read_source
+from machopt.programs.reading.line_follower import LineFollower
 from machopt.programs.reading.parsed_program import ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import MOST_MOVES, STANDING_TOOL, ProgramBuilder
 
@@ -38,7 +39,6 @@ _KINEMATIC = re.compile(
     re.IGNORECASE,
 )
 _TEXT_ARRAY = re.compile(r"\$?\w+\s*\[\s*\]\s*")
-_DEEPEST = 20
 EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
 
 
@@ -59,7 +59,9 @@ def read_krl(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
     return _KrlReader(ProgramBuilder(source=source, dialect="krl", arc_tolerance=arc_tolerance, strict=strict)).run()
 
 
-class _KrlReader:
+class _KrlReader(LineFollower[KrlRoutine]):
+    value_error = KrlValueError
+
     def __init__(self, out: ProgramBuilder) -> None:
         self.out, self.memory, self.routines = out, KrlMemory(), dict[str, KrlRoutine]()
         self.feed_outside = math.nan  # m/s, before a spline block
@@ -147,22 +149,6 @@ class _KrlReader:
             raise self.out.error(str(problem), line, source) from None
 
     # ---- following the program
-
-    def follow(self, routine: KrlRoutine, start: int, stop: int, depth: int) -> None:
-        if depth > _DEEPEST:
-            raise self.out.error(f"{routine.name} calls itself, or calls are nested more than {_DEEPEST} deep")
-        k = start
-        while k < stop and not self.returned:
-            line = routine.lines[k]
-            if line.comment:
-                self.out.comment(line.comment)
-            if line.code:
-                self.out.step(line.number)
-                try:
-                    k = self.statement(routine, k, depth)
-                except KrlValueError as problem:
-                    raise self.out.error(str(problem), line.number, routine.source) from None
-            k += 1
 
     def statement(self, routine: KrlRoutine, k: int, depth: int) -> int:
         """Carry out line k; returns the last line that is done with."""

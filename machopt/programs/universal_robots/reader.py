@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from machopt.file_formats.source_file import SourceFile
+from machopt.programs.reading.line_comments import split_comment
+from machopt.programs.reading.line_follower import DEEPEST, LineFollower
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, ProgramEnd
 from machopt.programs.reading.rotation_conventions import build_pose_matrix
@@ -42,7 +44,6 @@ _OFF_TARGET = (
     "teach_mode",
 )
 _FRAMES = ("set_tcp", "set_reference", *_OFF_TARGET)
-_DEEPEST = 20
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,10 @@ class ScriptFunction:
     lines: list[ScriptLine] = field(default_factory=list)
     ends: dict[int, int] = field(default_factory=dict)
     thread: bool = False
+
+    @property
+    def source(self) -> None:
+        """The main file: a script is one file."""
 
 
 def read_urscript(source: SourceFile, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
@@ -82,7 +87,9 @@ def read_urscript(source: SourceFile, arc_tolerance: float, strict: bool = False
     ).run()
 
 
-class _ScriptReader:
+class _ScriptReader(LineFollower[ScriptFunction]):
+    value_error = ScriptValueError
+
     def __init__(self, out: ProgramBuilder) -> None:
         self.out = out
         self.bodies: dict[str, ScriptFunction] = {}
@@ -114,7 +121,7 @@ class _ScriptReader:
     def load(self) -> None:
         stack: list[tuple[ScriptFunction, str, int]] = [(self.top, "", 0)]
         for n, raw in enumerate(self.out.source.lines, 1):
-            code, comment = _split_comment(raw)
+            code, comment = split_comment(raw, "#")
             body = stack[-1][0]
             word = re.match(r"\w*", code).group(0)  # type: ignore[union-attr]
             if found := _DEF.fullmatch(code):
@@ -145,7 +152,7 @@ class _ScriptReader:
     def moves(self, body: ScriptFunction, depth: int = 0) -> bool:
         for line in body.lines:
             found = _CALL.search(line.code)
-            if found is None or depth > _DEEPEST:
+            if found is None or depth > DEEPEST:
                 continue
             if found.group(1) in _MOVES:
                 return True
@@ -153,22 +160,6 @@ class _ScriptReader:
             if inner is not None and inner is not body and self.moves(inner, depth + 1):
                 return True
         return False
-
-    def follow(self, body: ScriptFunction, start: int, stop: int, depth: int) -> None:
-        if depth > _DEEPEST:
-            raise self.out.error(f"{body.name} calls itself, or calls are nested more than {_DEEPEST} deep")
-        k = start
-        while k < stop and not self.returned:
-            line = body.lines[k]
-            if line.comment:
-                self.out.comment(line.comment)
-            if line.code:
-                self.out.step(line.number)
-                try:
-                    k = self.statement(body, k, depth)
-                except ScriptValueError as problem:
-                    raise self.out.error(str(problem), line.number) from None
-            k += 1
 
     def statement(self, body: ScriptFunction, k: int, depth: int) -> int:
         line = body.lines[k]
@@ -325,16 +316,3 @@ class _ScriptReader:
 def _build_matrix(pose: ScriptPose) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     out = build_pose_matrix(pose.rows, *pose.position)
     return out if pose.base_matrix is None else np.asarray(pose.base_matrix @ out)
-
-
-def _split_comment(raw: str) -> tuple[str, str]:
-    """Code and comment; a # inside quotes starts no comment."""
-    at = raw.find("#")
-    if at > 0 and '"' in raw[:at]:
-        quoted, at = False, -1
-        for k, c in enumerate(raw):
-            quoted ^= c == '"'
-            if c == "#" and not quoted:
-                at = k
-                break
-    return (raw.strip(), "") if at < 0 else (raw[:at].strip(), raw[at + 1 :].strip())

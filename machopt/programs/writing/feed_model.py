@@ -42,7 +42,7 @@ from machopt.numerics.array_types import Array
 from machopt.programs.writing.blend_zones import BlendZones
 
 if TYPE_CHECKING:
-    from machopt.data_types.documents.optimize_document import FeedModelSection
+    from machopt.data_types.documents.program_entries import FeedModelSection
 
 HELD = 0.95  # of the programmed feed: what counts as held, as in the planner's own figure
 STRAIGHT = 1e-6  # rad
@@ -62,9 +62,9 @@ class FeedModelResult:
 
     def to_document(self) -> FeedModelSection:
         """For result.json: percent, mm, s."""
-        from machopt.data_types.documents.optimize_document import (
-            FeedModelSection,
-        )  # late: a plan does not wait for the result's models
+        from machopt.data_types.documents.program_entries import (
+            FeedModelSection,  # late: a plan does not wait for the result's models
+        )
 
         return FeedModelSection(
             mean_percent=100.0 * self.mean_share,

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -25,33 +23,23 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.document_sections import build_worst_point_entry
-from machopt.planning.plan_output.infeasibility_reasons import (
-    compute_reach_shortfall,
-    describe_model_misfit,
-    describe_remedy,
-    list_breaks,
-    list_hints,
-)
+from machopt.planning.plan_output.infeasibility_reasons import compute_reach_shortfall, list_breaks
+from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
+from machopt.planning.plan_output.plan_hints import describe_model_misfit, list_hints
 from machopt.planning.plan_output.point_table import PointResults, find_reason
-from machopt.planning.retiming.slowdowns import FeedSlowdown
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
+from machopt.report.page_data.optimize_feed_dips import count_feed_stops, list_feed_dips
 from machopt.report.page_data.optimize_joint_method import build_joint_method_rows
+from machopt.report.page_data.optimize_operations import list_operations
 from machopt.report.page_data.optimize_rotation_map import build_rotation_map
 from machopt.report.page_data.optimize_scene import build_optimize_scene
-from machopt.report.page_data.optimize_series import (
-    build_motion_series,
-    build_path_series,
-    compute_cut_length,
-    interpolate_path_length,
-)
+from machopt.report.page_data.optimize_series import build_motion_series, build_path_series, compute_cut_length
 from machopt.report.page_data.optimize_stability_map import build_stability_map
 from machopt.report.page_data.optimize_tolerances import build_tolerance_data
 from machopt.report.page_data.optimize_worst_points import list_worst_points
 from machopt.report.page_types import optimize_report as page
-from machopt.report.wording import result_verdict as told
 from machopt.verification import Verification
 from machopt.verification.checks import VerificationCheck
-from machopt.verification.motion.checks.time_and_joint_limits import format_axis_name
 from machopt.version import __version__
 
 ROUNDING_SHARE = 1e-3  # of what a check allows: 5.7e−14 s tells a reader nothing
@@ -124,11 +112,11 @@ def build_report_data(
         view=build_optimize_scene(plan, toolpath, points, timeline, evidence.shown, series["chosen"]),
         path=build_path_series(plan, toolpath, points, series),
         motion=build_motion_series(plan, toolpath, points, timeline),
-        dips=_list_feed_dips(plan, timeline, s),
-        feed_stops=_count_feed_stops(timeline),
+        dips=list_feed_dips(plan, timeline, s),
+        feed_stops=count_feed_stops(timeline),
         worst=list_worst_points(plan, toolpath, points, series),
         infeasible=_list_infeasible_points(plan, toolpath, points),
-        operations=_list_operations(plan, toolpath, points, timeline, series),
+        operations=list_operations(plan, toolpath, points, timeline, series),
         ignored=toolpath.ignored,
         notes=tuple(plan.setup.cell.notes),
         warnings=_list_warnings(plan, toolpath, timeline),
@@ -360,105 +348,6 @@ def _compute_worst_and_mean(plan: Plan, scored: ScoredAssignment) -> tuple[float
     shown = found if plan.scores.index == "deflection" else [1.0 / v if v else float("nan") for v in found]
     worst, mean = (v if np.isfinite(v) and v > 0 else float("nan") for v in shown)
     return worst, mean
-
-
-def _list_feed_dips(plan: Plan, timeline: MotionTimeline | None, s: Array) -> tuple[page.FeedDipRow, ...]:
-    if timeline is None or timeline.trajectory is None:
-        return ()
-    t = timeline.trajectory
-    cut = np.flatnonzero((t.move != MoveKind.RAPID) & np.isfinite(t.point))
-    index = t.point[cut]  # once: a job of many holes has a dip and more in each
-    out = []
-    for dip in (d for d in timeline.dips if d.lost):
-        known = len(cut) > 0 and dip.first <= index[-1]  # where the machine stood before: the last row of that
-        at = cut[max(int(np.searchsorted(index, dip.first + 1e-9, side="right")) - 1, 0)] if known else None
-        end = cut[min(int(np.searchsorted(index, dip.last)), len(cut) - 1)] if len(cut) else 0
-        programmed = float(
-            plan.path.feed[min(int(np.searchsorted(plan.path.index, dip.last)), len(plan.path.feed) - 1)]
-        )
-        out.append(
-            page.FeedDipRow(
-                point=dip.first,
-                s=float(interpolate_path_length(s, np.array(dip.first))),
-                time=float(t.time[at]) if at is not None else float("nan"),
-                duration=max(float(t.time[end] - t.time[at]), 0.0) if at is not None else float("nan"),
-                feed_programmed=programmed,
-                feed_lowest=dip.ratio * programmed,
-                cause=describe_dip_cause(dip),
-            )
-        )
-    return tuple(out)
-
-
-def _count_feed_stops(timeline: MotionTimeline | None) -> tuple[tuple[str, int], ...]:
-    """How many ramps there are from and to each kind of stop that the path demands."""
-    words = {
-        "reversal": "at reversals",
-        "start": "at the start of cuts",
-        "stop": "at the end of cuts",
-        "rest": "at dwells",
-    }
-    dips = timeline.dips if timeline is not None and timeline.trajectory is not None else ()
-    ramps = Counter(str(d.where) for d in dips if not d.lost)
-    return tuple((text, ramps[where]) for where, text in words.items() if ramps[where])
-
-
-def describe_dip_cause(dip: FeedSlowdown) -> str:
-    """Return what limits the feed at a dip.
-
-    Args:
-        dip: The feed dip.
-    """
-    where = " while the tool turns on the spot" if dip.where == "reorientation" else ""
-    return f"{format_axis_name(dip.joint - 1)} {dip.limit}{where}"
-
-
-def _find_worst(values: Array, worst_of: Callable[[Array], Any], *, partly: bool) -> float:
-    """Return the worst value along an operation; NaN where values are missing, unless ``partly`` are enough."""
-    known = np.isfinite(values)
-    return float(worst_of(values)) if len(values) and (known.all() or (partly and known.any())) else float("nan")
-
-
-def _list_operations(
-    plan: Plan, toolpath: Toolpath, points: PointResults, timeline: MotionTimeline | None, series: dict[str, Array]
-) -> tuple[page.OperationRow, ...]:
-    counted = plan.path.counted[points.rows]
-    worst_of = np.nanmax if plan.scores.index == "deflection" else np.nanmin
-    step = np.r_[0.0, np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)]
-    t = timeline.trajectory if timeline else None
-    tool = _list_tools(plan, points, toolpath)
-    out = []
-    for k, operation in enumerate(toolpath.operations):
-        mine = toolpath.operation == k
-        cut = mine & counted
-
-        miss = points.table.clearance[mine]
-        bad = int((np.array(points.table.status)[mine] != "ok").sum())
-        out.append(
-            page.OperationRow(
-                label=operation.label,
-                kind=operation.kind,
-                points=int(mine.sum()),
-                length=float(step[cut].sum()),
-                time=float((t.operation == k).sum() * plan.options.sample) if t else float("nan"),
-                worst_default=_find_worst(series["default"][cut], worst_of, partly=False),
-                worst_chosen=_find_worst(series["chosen"][cut], worst_of, partly=True),
-                nearest_miss=float(np.nanmin(miss)) if np.isfinite(miss).any() else float("nan"),
-                feed_held=float("nan"),
-                status="ok" if not bad else f"{told.format_count(bad, 'point')} infeasible",
-                tool=tool.get(k, ""),
-            )
-        )
-    return tuple(out)
-
-
-def _list_tools(plan: Plan, points: PointResults, toolpath: Toolpath) -> dict[int, str]:
-    """The tools of each operation, where the job changes them."""
-    out: dict[int, dict[str, None]] = {}
-    for own, mine in plan.among(points.rows) if plan.parts else ():
-        for k in dict.fromkeys(toolpath.operation[mine].tolist()):
-            out.setdefault(k, {})[str(own.setup.cell.tool_name)] = None
-    return {k: ", ".join(names) for k, names in out.items()}
 
 
 def _get_label(toolpath: Toolpath, plan: Plan, row: int) -> str:

@@ -11,7 +11,7 @@ from math import degrees
 from pathlib import Path
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.documents.optimize_document import RobotProgramEntry
+from machopt.data_types.documents.program_entries import RobotProgramEntry
 from machopt.data_types.manifest import CheckCoverage
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath

@@ -14,38 +14,21 @@ from numpy.typing import NDArray
 
 from machopt.data_types.program_in_cell import ProgramInCell
 from machopt.data_types.robot_program import LIN
-from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import CheckName, VerificationCheck, build_file_check
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.motion_polyline import MotionPolyline
 from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, PATH_MM
+from machopt.verification.programs.difference_list import MAX_NAMED, build_list_check
+from machopt.verification.programs.event_comparison import check_events, check_operation_labels
+from machopt.verification.programs.expected_cuts import INDEX_TOLERANCE, ExpectedCuts
 from machopt.verification.programs.ordered_matching import match_lines_in_order
+from machopt.verification.programs.repeated_points import count_repeats_before
 from machopt.verification.programs.target_matching import AXIS_LEVER_M
 
 FEED_TOLERANCE = 1e-4  # of the feed: what is left of a number printed to six digits
-MAX_NAMED = 3
 LINE_TIE_M = 5e-6  # m: of two lines that are equally near within this, the first one leads to the point
 MAX_UNMATCHED = 100  # points that no line leads to: enough to say so
-INSERTED_POINT_SPACING_M = 9e-5  # m: points that are put in keep a tenth of a millimetre from others
-INDEX_TOLERANCE = 5e-5  # of a toolpath index: rounding of trajectory.csv's point column
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExpectedCuts:
-    """Cuts and events that the CAM file requires of the program."""
-
-    toolpath: Toolpath
-    position: Array  # (N, 3) m, its points; shifted where the path is commanded against a deflection
-    corners: tuple[Array, Array]  # (P,) toolpath index and (P, 3) m of the commanded path's corners
-    wanted: NDArray[np.bool_]  # (N,) cutting points that the program must reach
-    corner: float  # m, beyond 0.02 mm, that the user allowed
-    axis_corner: float  # rad, beyond 0.05°, the same of the tool axis
-    approach_feed: float  # m/s where the CAM file has none
-    offset: Array  # (M, 3) m from where a controller's nominal kinematics put the tool to where it truly is
-    tilt: Array  # (M, 3) what is to be added to the tool axis (tip to shank) for the same reason
-    reentries: tuple[int, ...] = ()  # points at which the tool is lifted inside of a cut
-    line: MotionPolyline | None = None  # of a streamed program: its samples, with the path's corners between them
 
 
 def compare_with_cam(program: ProgramInCell, cuts: ExpectedCuts, at_index: Array) -> list[VerificationCheck]:
@@ -96,8 +79,8 @@ def compare_with_cam(program: ProgramInCell, cuts: ExpectedCuts, at_index: Array
         )
         checks += _check_cut_moves(program, place, cuts, reached, limit)
     checks += [
-        *_check_events(program, cuts, reached, at_index),
-        _check_operation_labels(program, cuts, reached, at_index),
+        *check_events(program, cuts, reached, at_index),
+        check_operation_labels(program, cuts, reached, at_index),
     ]
     return checks
 
@@ -229,7 +212,7 @@ def _check_cut_moves(
     bent = moves.find_bent()
     joint = [moves.describe(n) for n in np.flatnonzero(bent).tolist()]
     return [
-        _build_list_check(program, "cuts are linear", joint, "cuts"),
+        build_list_check(program, "cuts are linear", joint, "cuts"),
         _check_cut_feeds(moves, cuts, bent),
         *_check_cut_lines(moves, place, cuts, bent, limit),
     ]
@@ -278,7 +261,7 @@ def _check_cut_lines(
             off_line.append(f"{moves.describe(n)}: {1e3 * away.max():.3f} mm beside the cut")
         if not program.is_streamed and far[k[n]] and first[n] > 0:
             twice = int(repeats[j[n] + 1] - repeats[first[n]])
-            double += [moves.describe(n)] if twice > _count_repeats_before(path, int(k[n]) - 1) else []
+            double += [moves.describe(n)] if twice > count_repeats_before(path, int(k[n]) - 1) else []
     return [
         build_file_check(
             program.file,
@@ -289,7 +272,7 @@ def _check_cut_lines(
             "mm",
             "; ".join(off_line[:MAX_NAMED]) or "all",
         ),
-        _build_list_check(program, "no move twice", double, "moves"),
+        build_list_check(program, "no move twice", double, "moves"),
     ]
 
 
@@ -307,31 +290,6 @@ def _find_first_moves(
     return np.where(before >= 0, np.minimum(before + 1, reached[k]), reached[k])
 
 
-def _build_list_check(program: ProgramInCell, what: str, wrong: list[str], unit: str) -> VerificationCheck:
-    return build_file_check(
-        program.file, what, not wrong, float(len(wrong)), 0.0, unit, "; ".join(wrong[:MAX_NAMED]) or "all"
-    )
-
-
-def _count_repeats_before(path: Toolpath, k: int) -> int:
-    """How many points before k are the same place with the same axis: the file's own doubled moves."""
-    count = 0
-    while k > count and (
-        np.abs(path.position[k - count - 1] - path.position[k]).max() < 1e-9
-        and np.abs(path.axis[k - count - 1] - path.axis[k]).max() < 1e-9
-    ):
-        count += 1
-    return count
-
-
-def _count_repeats_after(path: Toolpath, k: int) -> int:
-    """How many points from k on are the place of the point before with its axis."""
-    count = 0
-    while k > 0 and k + count < len(path) and _count_repeats_before(path, k + count) > count:
-        count += 1
-    return count
-
-
 def _find_arriving_move(place: Array, point: Array, before: int, limit: float) -> int:
     """The last move ahead of ``before`` that ends at ``point``, among the few before it; −1 for none."""
     rows = place[max(before - 64, 0) : before]
@@ -347,129 +305,3 @@ def _compute_polyline_distance(points: Array, corners: Array) -> Array:
         share = np.clip((points - a) @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
         best = np.minimum(best, np.linalg.norm(points - a - share[:, None] * way, axis=1))
     return best
-
-
-def _check_events(
-    program: ProgramInCell, cuts: ExpectedCuts, reached: NDArray[np.int64], at_index: Array
-) -> list[VerificationCheck]:
-    """The file's events, all and in order, each between the moves it belongs between."""
-    events = cuts.toolpath.events
-    if len(program.events) != len(events):
-        missing = _find_first_missing_event(program, cuts)
-        have, need = float(len(program.events)), float(len(events))
-        return [build_file_check(program.file, CheckName.EVENTS, False, have, need, "events", missing)]
-    wrong: list[str] = []
-    points = np.flatnonzero(cuts.wanted & (reached >= 0))
-    finite = np.flatnonzero(np.isfinite(at_index))
-    known = at_index.copy()
-    if len(finite):  # on the way from home as to the first point; on the way home behind all
-        known[: finite[0]], known[finite[-1] + 1 :] = at_index[finite[0]], np.inf
-        known[0] = at_index[0] if np.isfinite(at_index[0]) else -np.inf  # home itself is ahead of all
-    dwelt = {e.index: n for n, e in enumerate(events) if e.kind == "dwell"}
-    for n, (read, event) in enumerate(zip(program.events, events, strict=True)):
-        text, back = _shorten_label(event.text), _shorten_label(read.text)
-        if not text.startswith(back) or bool(text) != bool(back):
-            wrong.append(f"{read.text[:30]!r} instead of {event.text[:30]!r}")
-            continue
-        beyond = event.index + _count_repeats_after(
-            cuts.toolpath, event.index
-        )  # points that nothing moves to tell no order
-        nth = int(np.searchsorted(points, event.index))  # points before the event
-        # of a streamed program the sample nearest to the point may lie behind it; its index, below, tells
-        early = nth > 0 and read.index <= reached[points[nth - 1]] - int(program.is_streamed)
-        behind = int(np.searchsorted(points, beyond))
-        late = behind < len(points) and read.index > reached[points[behind]]
-        if len(finite) and 0 < read.index < len(known):
-            slack = _compute_end_tolerance(
-                cuts, event.index, 0.0 if program.is_streamed else INSERTED_POINT_SPACING_M + program.place_step
-            )
-            first = bool(known[read.index] <= event.index - 1 + slack)
-            if n <= dwelt.get(event.index, -1):  # at the point itself, though the tool is then drawn out of it
-                first = first and not _is_move_end_at_point(program, cuts, event.index, read.index, known)
-            early |= first and not _is_at_point_before_move(program, cuts, event.index, read.index, known)
-            settled = finite[0] < read.index and event.index < len(cuts.position)  # the ways from and to home have none
-            slack = (
-                slack
-                if beyond == event.index
-                else _compute_end_tolerance(cuts, beyond, 0.0 if program.is_streamed else INSERTED_POINT_SPACING_M)
-            )
-            at = known[read.index - 1]
-            gone = bool(at > beyond - 1 + slack)
-            # the index of a free way runs with time: where it sets out from rest, the tool may still be at the point
-            gone = gone and not (at < beyond - 0.5 and _is_move_end_at_point(program, cuts, beyond, read.index, known))
-            late |= settled and gone
-        if early or late:
-            wrong.append(f"{event.text[:30]!r} stands too {'early' if early else 'late'}: before move {read.index + 1}")
-    text = "; ".join(wrong[:MAX_NAMED]) or "all in place"
-    return [build_file_check(program.file, CheckName.EVENTS, not wrong, float(len(wrong)), 0.0, "events", text)]
-
-
-def _compute_end_tolerance(cuts: ExpectedCuts, index: int, way: float) -> float:
-    """How far behind ``index`` − 1 a move may end and still end there; nothing else ends within ``way`` m."""
-    if not 0 < index < len(cuts.position):
-        return 0.5
-    length = float(np.linalg.norm(cuts.position[index] - cuts.position[index - 1]))
-    return max(INDEX_TOLERANCE, min(0.5, way / length if length > 0.0 else 0.5))
-
-
-def _is_at_point_before_move(program: ProgramInCell, cuts: ExpectedCuts, index: int, move: int, known: Array) -> bool:
-    """Whether the program is at point ``index`` − 1 before its move ``move``, and point ``index`` lies there too.
-
-    A move to where the tool stands already ends nowhere else, so its place does not tell which point it is for.
-    """
-    first = index - _count_repeats_before(cuts.toolpath, index) if 0 < index < len(cuts.position) else index
-    if first >= index:
-        return False
-    away = float(
-        np.linalg.norm(program.T_workpiece_tcp[move - 1, :3, 3] + cuts.offset[move - 1] - cuts.position[first])
-    )
-    return away <= INSERTED_POINT_SPACING_M + program.place_step and bool(known[move - 1] > first - 0.5)
-
-
-def _is_move_end_at_point(program: ProgramInCell, cuts: ExpectedCuts, index: int, move: int, known: Array) -> bool:
-    """Whether the move before ``move`` ends at point ``index`` − 1, and is not on its way to an earlier one."""
-    if not 0 < index <= len(cuts.position) or not known[move - 1] > index - 1.5:
-        return False
-    away = float(
-        np.linalg.norm(program.T_workpiece_tcp[move - 1, :3, 3] + cuts.offset[move - 1] - cuts.position[index - 1])
-    )
-    return away <= INSERTED_POINT_SPACING_M + program.place_step
-
-
-def _find_first_missing_event(program: ProgramInCell, cuts: ExpectedCuts) -> str:
-    for read, event in zip(program.events, cuts.toolpath.events, strict=False):
-        if not _shorten_label(event.text).startswith(_shorten_label(read.text)):
-            return f"{len(program.events)} for {len(cuts.toolpath.events)}; first other: {read.text[:40]!r}"
-    return f"{len(program.events)} for {len(cuts.toolpath.events)} of the CAM file"
-
-
-def _check_operation_labels(
-    program: ProgramInCell, cuts: ExpectedCuts, reached: NDArray[np.int64], at_index: Array
-) -> VerificationCheck:
-    """The moves of a cut carry its operation's label, as far as a comment can hold it.
-
-    A sample of a streamed program behind a point is already on the way to a later one, and carries that one's label.
-    """
-    path = cuts.toolpath
-    k = np.flatnonzero(cuts.wanted & (reached >= 0))
-    end_of_move = k
-    if program.is_streamed:
-        sample_index = np.ceil(at_index[reached[k]] - INDEX_TOLERANCE)
-        end_of_move = np.clip(np.where(np.isfinite(sample_index), sample_index, k), k, len(path.operation) - 1)
-    labels = [_shorten_label(o.label) for o in path.operations]
-    kept = {word: _shorten_label(word) for word in set(program.operation)}
-    wrong = [
-        f"point {n} is cut in {word[:30]!r}"
-        for n, own, word in zip(
-            k.tolist(),
-            path.operation[end_of_move.astype(int)].tolist(),
-            map(program.operation.__getitem__, reached[k].tolist()),
-            strict=True,
-        )
-        if word and not labels[own].startswith(kept[word])
-    ]
-    return _build_list_check(program, "operations", wrong, "points")
-
-
-def _shorten_label(text: str) -> str:
-    return "".join(c for c in text if c.isascii() and c.isalnum())

@@ -63,7 +63,21 @@ class _AptReader(OperationStatementReader):
     """Carries out the statements one by one."""
 
     def run(self) -> Toolpath:
-        handlers: dict[str, Handler] = {
+        handlers = self.list_handlers()
+        lines, at = self.source.lines, 0
+        while at < len(lines):
+            if is_plain_goto_mode(self):
+                at = read_plain_gotos(self, at)
+                if at == len(lines):
+                    break
+            at, found = parse_statement_at(lines, at)
+            for line, word, rest in found:
+                self.carry_out(line, word, rest, handlers)
+        return self.finish(len(lines))
+
+    def list_handlers(self) -> dict[str, Handler]:
+        """Return the method that carries out each word."""
+        return {
             "FROM": self.go_from,
             "GOHOME": self.go_home,
             "GODLTA": self.go_delta,
@@ -113,16 +127,6 @@ class _AptReader(OperationStatementReader):
             "KNOT": self.spline,
             "CNTRL": self.spline,
         }
-        lines, at = self.source.lines, 0
-        while at < len(lines):
-            if is_plain_goto_mode(self):
-                at = read_plain_gotos(self, at)
-                if at == len(lines):
-                    break
-            at, found = parse_statement_at(lines, at)
-            for line, word, rest in found:
-                self.carry_out(line, word, rest, handlers)
-        return self.finish(len(lines))
 
     def carry_out(self, line: int, word: str, rest: str, handlers: dict[str, Handler]) -> None:
         if self.ended and word not in (COMMENT, "TOOL PATH", "FINI"):

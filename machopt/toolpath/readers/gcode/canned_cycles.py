@@ -131,6 +131,19 @@ def _compute_tapping_feeds(
     return pitch_mm * speed, pitch_mm * (speed_out or speed)
 
 
+def _parse_cycle_arguments(name: str, text: str) -> list[float | None]:
+    """The 18 arguments of a cycle, None where one is left out."""
+    values: list[float | None] = []
+    for part in map(str.strip, text.split(",")):
+        try:
+            values.append(float(part) if part else None)
+            if not math.isfinite(values[-1] or 0.0):
+                raise ValueError
+        except ValueError:
+            raise DrillingCycleError(f"{name}: argument {part!r} is not a number") from None
+    return values + [None] * (18 - len(values))
+
+
 def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.nan) -> DrillingCycle:
     """Parse ``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)``; its feed is the feed that is active at each hole.
 
@@ -146,15 +159,7 @@ def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.na
     Raises:
         DrillingCycleError: an argument is invalid, or depth or planes are missing.
     """
-    values: list[float | None] = []
-    for part in map(str.strip, text.split(",")):
-        try:
-            values.append(float(part) if part else None)
-            if not math.isfinite(values[-1] or 0.0):
-                raise ValueError
-        except ValueError:
-            raise DrillingCycleError(f"{name}: argument {part!r} is not a number") from None
-    values += [None] * (18 - len(values))
+    values = _parse_cycle_arguments(name, text)
     rtp, rfp, sdis, dp, dpr = values[:5]
     if rtp is None or rfp is None or (dp is None and dpr is None):
         raise DrillingCycleError(f"{name}: expected retract plane, reference plane, safety distance and depth")

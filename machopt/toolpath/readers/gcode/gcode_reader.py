@@ -11,8 +11,6 @@ import dataclasses
 import re
 from collections.abc import Iterator
 
-import numpy as np
-
 from machopt.data_types.toolpath import Toolpath
 from machopt.file_formats.source_file import OptionNeededError, ReadOptions, SourceFile
 from machopt.path_building.arc_chords import ArcError
@@ -21,8 +19,7 @@ from machopt.path_building.drilling_cycles import DrillingCycleError
 from machopt.path_building.unknown_coordinates import fill_unknown
 from machopt.toolpath.readers import harmless_words
 from machopt.toolpath.readers.gcode import macro_flow as gcode_flow
-from machopt.toolpath.readers.gcode.auxiliary_words import AuxiliaryWordReader
-from machopt.toolpath.readers.gcode.block_motion import TAP
+from machopt.toolpath.readers.gcode.g_words import GWordReader
 from machopt.toolpath.readers.gcode.macro_flow import MacroFlow
 from machopt.toolpath.readers.gcode.plain_lines import PLAIN, SIEMENS, is_plain_line_mode, read_plain_lines
 from machopt.toolpath.readers.gcode.siemens_calls import OPERATION
@@ -37,22 +34,7 @@ from machopt.toolpath.readers.gcode.syntax.program_header import (
     find_tape_end,
     is_siemens_program,
 )
-from machopt.toolpath.readers.gcode.syntax.word_meanings import (
-    ADDRESSES,
-    CYCLES,
-    FEED_MODES,
-    HOLE_PATTERNS,
-    MACHINE_FRAME,
-    MOTION,
-    OFFSETS,
-    PLANES,
-    POLES,
-    PROGRAM_END,
-    REFUSED,
-    REFUSED_CALLS,
-    TABLE_OFFSETS,
-    UNITS,
-)
+from machopt.toolpath.readers.gcode.syntax.word_meanings import ADDRESSES, PROGRAM_END, REFUSED_CALLS
 from machopt.toolpath.readers.option_questions import MAX_LINES, find_fault_behind
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
@@ -86,7 +68,7 @@ def read_gcode(source: SourceFile, options: ReadOptions) -> Toolpath:
         raise (fault or question) from None
 
 
-class GcodeReader(AuxiliaryWordReader):
+class GcodeReader(GWordReader):
     """Carries out G, M and other words of G-code; the readers of Heidenhain's programs build on it."""
 
     def __init__(self, source: SourceFile, options: ReadOptions) -> None:
@@ -319,33 +301,8 @@ class GcodeReader(AuxiliaryWordReader):
             InputError: the block cannot be carried out.
         """
         if b.junk:
-            if re.match(r"[A-Z]\s*=|[A-Z]\d*\s*=|.*[=(*]", b.junk):
-                raise self.source.build_error(f"{b.junk[:30]!r}: this formula or call is not understood", b.line)
-            if b.words or _HALF_WORD.search(b.junk):
-                raise self.source.build_error(f"found {b.junk[:30]!r}; expected words such as X10.5 or G1", b.line)
-            self.out.ignore(b.junk[:24], b.line, understood=False)
-        words: dict[str, float] = {}
-        twice: dict[str, float] = {}
-        g_words: list[int] = []
-        m_words: list[int] = []
-        for letter, value in b.words:
-            if letter in "GM":
-                if value > 1e5:
-                    raise self.source.build_error(f"{letter}{value:g} is not a word of any control", b.line)
-                (g_words if letter == "G" else m_words).append(round(value * 10) if letter == "G" else round(value))
-            elif letter == "O" and len(self.out) and self.flow is None and not self.siemens and self.decimals_count:
-                raise self.source.build_error(
-                    f"O{value:g} begins another program, and the one before has no end (M30, M2 or M99): expected one "
-                    "program in the file, or an end before the next one",
-                    b.line,
-                )
-            elif letter not in "NO":
-                if letter == "T" and "T" in words and "T" not in twice:
-                    twice["T"] = value  # T01 T02 M06: the second one is for later
-                    continue
-                if letter in words:
-                    raise self.source.build_error(f"{letter} is given twice in one block", b.line)
-                words[letter] = value
+            self.refuse_junk(b)
+        words, twice, g_words, m_words = self.sort_words(b)
         if self.siemens and "L" in words:
             b.calls.append((f"L{words.pop('L'):g}", ""))
         self.calls(b, words)
@@ -375,181 +332,53 @@ class GcodeReader(AuxiliaryWordReader):
         if any(m in PROGRAM_END or (m == 17 and self.siemens) for m in m_words):
             self.ended = True
 
-    def g_words(self, g_words: list[int], words: dict[str, float], b: ProgramBlock) -> str | None:
-        """Carry out the G words of a block.
+    def refuse_junk(self, b: ProgramBlock) -> None:
+        """Refuse text of a block that is no word, or ignore it where it moves nothing.
 
         Args:
-            g_words: G words of the block, times ten.
-            words: Words of the block: letter or name → number; may be changed in place.
-            b: The block: its words, calls and line number.
-
-        Returns:
-            Name of a machine-frame word, None where the block has none.
-        """
-        machine_frame = None
-        for g in g_words:
-            if self.state_word(g, words, b) or self.frame_word(g, words, b):
-                continue
-            if g in MACHINE_FRAME and not (g == 740 and {"R", "Z"} <= words.keys()):
-                machine_frame = MACHINE_FRAME[g]
-            elif g in CYCLES:
-                self.begin_cycle(g // 10, b)
-            elif g == 40:
-                self.dwell(words, b)
-            else:
-                self.refuse_misread(g, words, b)
-                self.other_word(g, words, b)
-        return machine_frame
-
-    def state_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> bool:
-        """Carry out a word that sets how coordinates are read: kind of move, unit, plane, distance mode.
-
-        Args:
-            g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number.
-            b: The block: its words, calls and line number.
-
-        Returns:
-            Whether the word is one of these.
-
-        Raises:
-            InputError: the word asks for a hole pattern (Haas), which is not supported.
-        """
-        if g in MOTION:
-            self.motion = MOTION[g]
-            self.canned = None
-        elif g == 331:
-            self.motion, self.canned = TAP, None
-        elif g in (900, 910):
-            self.incremental = g == 910
-        elif g in HOLE_PATTERNS and words.keys() & set("IJKL"):
-            given = ", ".join(sorted(words.keys() & set("IJKL")))
-            raise self.source.build_error(
-                f"G{g // 10} with {given} places holes in a pattern (Haas): not supported; post each by itself",
-                b.line,
-            )
-        elif g in UNITS:
-            self.use_unit(g, b.line)
-        elif g in FEED_MODES:
-            self.use_feed_mode(FEED_MODES[g])
-        elif g in PLANES:
-            self.plane = np.array(PLANES[g])
-        elif g in (901, 911):
-            self.centres.absolute = g == 901
-        elif g == 800:
-            self.canned = None
-        elif g in (980, 990):
-            self.back_to_initial, self.retract_said = g == 980, True
-        elif g in (410, 420):
-            self.out.warn_once(
-                "cutter compensation (G41, G42) is not carried out: the points are as programmed", b.line
-            )
-            self.out.ignore(f"G{g // 10}", b.line, understood=True)
-        else:
-            return False
-        return True
-
-    def frame_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> bool:
-        """Carry out a word that sets the coordinate system: pole, mirror, scale, offset, plane, TCP control.
-
-        Args:
-            g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number; may be changed in place.
-            b: The block: its words, calls and line number.
-
-        Returns:
-            Whether the word is one of these.
-        """
-        if g in (150, 160) and not (g == 150 and "H" in words):
-            self.polar.switch(on=g == 160)
-        elif g in POLES and self.siemens:
-            self.polar.set_pole(g, words, b, self.p, self.plane, self.scale)
-        elif g in (501, 511):
-            self.mirror_word(g, words)
-        elif g == 510:
-            self.scale_word(words, b)
-        elif g == 500 and not words.keys() & set("XYZ"):
-            self.use_inner("scale", None)
-        elif g in (434, 435, 2340):
-            self.use_tcp("vector" if g == 435 else "angles", b.line)
-        elif g == 490:
-            self.use_tcp(None, b.line)
-        elif g in (2540, 2550):
-            self.dynamic_offset(on=g == 2540)
-        elif g in (100, 520, 920, 921, 922, 923):
-            self.shift_origin(g, words, b.line)
-        elif g in (680, 682, 690, 691, 531, 536):
-            self.plane_word(g, words, b)
-        elif (g == 530 and self.g53_is_an_offset) or (
-            (g in OFFSETS or g == 150) and not self.shifts_the_zero(g, words)
-        ):
-            self.use_offset(g, words, b.line)
-        else:
-            return False
-        return True
-
-    def shifts_the_zero(self, g: int, words: dict[str, float]) -> bool:
-        """Return whether the word is Sinumerik's G58 or G59 with axis words, which names no work offset.
-
-        Args:
-            g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number.
-        """
-        return g in (580, 590) and self.siemens and bool(words.keys() & set("XYZ"))
-
-    def refuse_misread(self, g: int, words: dict[str, float], b: ProgramBlock) -> None:
-        """Refuse words whose meaning depends on other words, and words that are not supported.
-
-        Args:
-            g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number; may be changed in place.
             b: The block: its words, calls and line number.
 
         Raises:
-            InputError: the word is one of these.
+            InputError: the text is a formula or a call, or may belong to a word.
         """
-        if self.shifts_the_zero(g, words):
-            raise self.source.build_error(
-                f"G{g // 10} with axis words shifts the zero (Sinumerik) and names no work offset: not supported; "
-                "write the shift as TRANS" + (", ATRANS" if g == 590 else ""),
-                b.line,
-            )
-        if g == 600 and not self.siemens and words.keys() & set("XYZABC"):
-            raise self.source.build_error(
-                "G60 with axis words approaches its place from one side, by an overrun that only the control "
-                "knows: not supported; post it as G0",
-                b.line,
-            )
+        if re.match(r"[A-Z]\s*=|[A-Z]\d*\s*=|.*[=(*]", b.junk):
+            raise self.source.build_error(f"{b.junk[:30]!r}: this formula or call is not understood", b.line)
+        if b.words or _HALF_WORD.search(b.junk):
+            raise self.source.build_error(f"found {b.junk[:30]!r}; expected words such as X10.5 or G1", b.line)
+        self.out.ignore(b.junk[:24], b.line, understood=False)
 
-    def other_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> None:
-        """Handle a word that changes no point or is unknown.
+    def sort_words(self, b: ProgramBlock) -> tuple[dict[str, float], dict[str, float], list[int], list[int]]:
+        """Sort the words of a block.
 
         Args:
-            g: Ten times the number of the G word.
-            words: Words of the block: letter or name → number; words that are used are removed in place.
             b: The block: its words, calls and line number.
 
+        Returns:
+            Words by letter, a second T word, numbers of the G words times ten, numbers of the M words.
+
         Raises:
-            InputError: the word is unknown and may move points.
+            InputError: a word is given twice or belongs to no control, or another program begins.
         """
-        if g == 50 and not words.keys() & set("XYZ"):
-            self.out.ignore("G5", b.line, understood=True)  # G5 P10000: high speed mode
-            words.pop("P", None)
-        elif g in (51, 281, 301) and not words.keys() & set("XYZABCIJ"):
-            self.out.ignore(f"G{g / 10:g}", b.line, understood=True)  # fast modes; a place that is stored
-            words.pop("P", None), words.pop("Q", None)
-        elif g == 431 and "H" not in words:  # LinuxCNC: offsets of the tool's length, no move
-            self.out.ignore("G43.1", b.line, understood=True)
-            words.clear()
-        elif g in TABLE_OFFSETS and words.get("P") == 0.0:
-            words.pop("P")  # off
-        elif g in REFUSED:
-            raise self.source.build_error(f"{REFUSED[g]}: not supported; export without it", b.line)
-        elif g in harmless_words.G and not (g == 630 and words.keys() & set("XYZABC")):
-            if g in (80, 81, 640, 1870):
-                words.pop("P", None), words.pop("Q", None)
-        else:
-            name = f"G{g / 10:g}"
-            if words.keys() & set("XYZABC"):
-                raise self.source.build_error(f"{name} is not known, and its block contains axis words", b.line)
-            self.out.ignore(name, b.line, understood=False)
+        words: dict[str, float] = {}
+        twice: dict[str, float] = {}
+        g_words: list[int] = []
+        m_words: list[int] = []
+        for letter, value in b.words:
+            if letter in "GM":
+                if value > 1e5:
+                    raise self.source.build_error(f"{letter}{value:g} is not a word of any control", b.line)
+                (g_words if letter == "G" else m_words).append(round(value * 10) if letter == "G" else round(value))
+            elif letter == "O" and len(self.out) and self.flow is None and not self.siemens and self.decimals_count:
+                raise self.source.build_error(
+                    f"O{value:g} begins another program, and the one before has no end (M30, M2 or M99): expected one "
+                    "program in the file, or an end before the next one",
+                    b.line,
+                )
+            elif letter not in "NO":
+                if letter == "T" and "T" in words and "T" not in twice:
+                    twice["T"] = value  # T01 T02 M06: the second one is for later
+                    continue
+                if letter in words:
+                    raise self.source.build_error(f"{letter} is given twice in one block", b.line)
+                words[letter] = value
+        return words, twice, g_words, m_words

@@ -31,6 +31,7 @@ HEIDENHAIN = re.compile(
     rf"(?:TX{_NUMBER}TY{_NUMBER}TZ{_NUMBER})?(?:R0\s*)?{_FEED}",
     re.ASCII,
 )
+_COLUMNS = 7  # numbers of a point: x, y, z, tool axis, feed
 _AT_ONCE = 50_000  # points collected before they are added
 _SHORTEST, _LONGEST = 1e-6, 1e9  # tool vectors
 
@@ -86,11 +87,10 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
     """
     lines, match, scale = r.source.lines, pattern.fullmatch, r.scale
     per_feed, same_feed_unit = r.feed_scale, r.feed_scale == r.feed_unit
-    x, y, z = r.p
+    (x, y, z), (i, j, k) = r.p, r.axis
     motion, feed, fed_at, angles = r.motion or 0, r.feed, r.fed_at, r.setup.angles
     with_tcp, machine, vector = r.setup.tcp is not None, r.setup.machine, r.setup.vector
     takes_vectors = r.setup.tcp == "vector" or (with_tcp and pattern is not PLAIN)
-    i, j, k = r.axis
     numbers: list[float] = []
     places: list[tuple[int, int]] = []
     extend, append = numbers.extend, places.append
@@ -104,25 +104,21 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
             break  # plunges after a rapid are kept for the check of the rotary signs
         if (xs is None and ys is None and zs is None) or (f is not None and (new == 0 or not same_feed_unit)):
             break
-        rate = feed
-        if f is not None:
-            rate, fed_at = float(f), at + 1
+        rate, fed_at = (feed, fed_at) if f is None else (float(f), at + 1)
         if new == 1 and not 0.0 < rate < math.inf:
             break
         if a is not None or b is not None or c is not None:
-            if not with_tcp or machine is None or vector is not None:
-                break
-            turned = _turn_axes(machine, angles, (a, b, c), cuts=bool(new))
-            if turned is None:
+            turning = machine if with_tcp and vector is None else None
+            turned = None if turning is None else _turn_axes(turning, angles, (a, b, c), cuts=bool(new))
+            if turning is None or turned is None:
                 break
             angles = turned
-            i, j, k = machine.tool_axis(angles)
+            i, j, k = turning.tool_axis(angles)
         if u is not None or v is not None or w is not None:
-            x1, y1, z1 = float(u or 0.0), float(v or 0.0), float(w or 0.0)
-            length = math.sqrt(x1 * x1 + y1 * y1 + z1 * z1)
-            if not takes_vectors or not _SHORTEST < length < _LONGEST:
+            tool_axis = _normalise_vector(u, v, w) if takes_vectors else None
+            if tool_axis is None:
                 break
-            vector = i, j, k = x1 / length, y1 / length, z1 / length
+            vector = i, j, k = tool_axis
         x = x if xs is None else float(xs) * scale
         y = y if ys is None else float(ys) * scale
         z = z if zs is None else float(zs) * scale
@@ -134,16 +130,29 @@ def read_plain_lines(r: BlockMotionReader, at: int, pattern: re.Pattern[str] = P
             r.out.add_many(numbers, places)
             numbers.clear()
             places.clear()
-    r.out.add_many(numbers, places)
-    if places:
-        before = numbers[-14:-11] if len(places) > 1 else list(r.p)
-        has_corner = motion == 1 and not with_tcp  # a corner may follow
-        r.segment = _build_last_segment(r, before, [x, y, z], feed * per_feed) if has_corner else None
+    _add_last_points(r, numbers, places, has_corner=motion == 1 and not with_tcp)
     r.p, r.axis, r.motion, r.feed, r.fed_at = [x, y, z], (i, j, k), motion, feed, fed_at
     if angles is not r.setup.angles or vector is not r.setup.vector:
         r.setup = r.setup.with_changes(angles=angles, vector=vector)
     return at
 
 
-def _build_last_segment(r: BlockMotionReader, start: list[float], end: list[float], feed: float) -> ContourSegment:
-    return ContourSegment(start=np.array(start), end=np.array(end), first=len(r.out) - 1, feed=feed)
+def _normalise_vector(u: str | None, v: str | None, w: str | None) -> tuple[float, float, float] | None:
+    """Return the unit vector of three numbers, None where it has no usable length."""
+    x, y, z = float(u or 0.0), float(v or 0.0), float(w or 0.0)
+    length = math.sqrt(x * x + y * y + z * z)
+    return (x / length, y / length, z / length) if _SHORTEST < length < _LONGEST else None
+
+
+def _add_last_points(
+    r: BlockMotionReader, numbers: list[float], places: list[tuple[int, int]], *, has_corner: bool
+) -> None:
+    """Add the collected points, and keep the last move where a corner may follow it."""
+    r.out.add_many(numbers, places)
+    if not places:
+        return
+    r.segment = None
+    if has_corner:
+        start = numbers[-2 * _COLUMNS :][:3] if len(places) > 1 else list(r.p)
+        end, feed = numbers[-_COLUMNS:][:3], numbers[-1]
+        r.segment = ContourSegment(start=np.array(start), end=np.array(end), first=len(r.out) - 1, feed=feed)

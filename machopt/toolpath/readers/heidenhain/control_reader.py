@@ -2,43 +2,26 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 
 import numpy as np
 
-from machopt.data_types.toolpath import MoveKind
 from machopt.file_formats.source_file import MM_PER_INCH, ReadOptions, SourceFile
-from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError
-from machopt.path_building.drilling_cycles import DrillingCycleError
-from machopt.path_building.point_collector import Vector
 from machopt.toolpath.readers import harmless_words
-from machopt.toolpath.readers.gcode.arc_moves import ProgrammedArc
-from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourCorner, ContourSegment, CornerKind
-from machopt.toolpath.readers.gcode.geometry.hole_patterns import MOST_HOLES, generate_hole_circle, generate_hole_grid
+from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourCorner, CornerKind
 from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
 from machopt.toolpath.readers.gcode.syntax.word_meanings import PLANES
-from machopt.toolpath.readers.heidenhain.contour_approach import (
-    ContourApproach,
-    LeadIn,
-    LeadPath,
-    convert_to_plane_point,
-)
-from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, DatumAndPlaneReader, parse_value
-from machopt.toolpath.readers.heidenhain.drilling_cycles import (
-    SUPPORTED,
-    build_old_cycle,
-    build_q_cycle,
-)
+from machopt.toolpath.readers.heidenhain.cycle_calls import CycleCallReader
+from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, parse_value
 from machopt.toolpath.readers.heidenhain.label_flow import LabelFlow
 
 _TOOL_AXIS = re.compile(r"TOOL CALL\s*(?:\"\"|\d+)?\s*([XYZUVW])\b")
 _QUOTED = re.compile(r"\"[^\"]*\"")
 
 
-class HeidenhainControlReader(DatumAndPlaneReader):
+class HeidenhainControlReader(CycleCallReader):
     """State and moves of the control."""
 
     format = "heidenhain"
@@ -52,11 +35,6 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         self.pole = [math.nan, math.nan, math.nan]  # mm, in the program's coordinates
         self.pole_axes = "XY"
         self.tool_feed = math.nan  # F of the last TOOL CALL
-        self.q: dict[int, float] = {}
-        self.cycle: int | None = None  # number
-        self.cycle_words: dict[str, float] = {}
-        self.side = 0.0  # of the tool by radius compensation: +1 left (RL, G41), -1 right
-        self.approach: ContourApproach | None = None  # waits for the contour element it leads into
         self.left_out: tuple[str, int] | None = None  # another program that was called
         self.centres.absolute = True
 
@@ -295,163 +273,7 @@ class HeidenhainControlReader(DatumAndPlaneReader):
             )
         self.corner = ContourCorner(kind, size * self.scale, line, own)
 
-    def lead_in(self, approach: ContourApproach) -> None:
-        """Carry out APPR: the path to the first contour point follows once the next element is known.
-
-        Args:
-            approach: The pending approach.
-
-        Raises:
-            InputError: the position before the approach or its target is not known.
-        """
-        self.end_contour("an approach (APPR) follows")
-        if any(map(math.isnan, (*self.p, *approach.place))):
-            raise self.source.build_error("APPR from or to a place that is not known", approach.line)
-        self.approach = approach
-        self.p = list(approach.place)
-
-    def end_contour(self, why: str) -> None:
-        """End the contour.
-
-        Args:
-            why: Reason, for the message.
-
-        Raises:
-            InputError: an approach, a rounding or a chamfer still waits for the next element.
-        """
-        if self.approach is not None:
-            raise self.source.build_error(f"APPR without a contour element after it: {why}", self.approach.line)
-        super().end_contour(why)
-
-    def turn_corner(self, one: ContourSegment, axis: Vector, line: int) -> ContourSegment:
-        """Add the pending approach or corner before an element.
-
-        Args:
-            one: The element behind it.
-            axis: Tool axis in programmed coordinates, unit vector.
-            line: Line number in the file (1-based).
-
-        Returns:
-            The part of the element that is left.
-        """
-        approach, self.approach = self.approach, None
-        if approach is not None:
-            tangent = one.element(self.plane).direction(one.element(self.plane).start)
-            path = approach.path.compute_approach(
-                convert_to_plane_point(one.start), tangent, convert_to_plane_point(np.array(approach.start))
-            )
-            self.p = list(approach.start)
-            self.move_to_contour(path.helper, approach.place[2], approach, axis)
-            if path.centre is not None:
-                self.lead_arc(path, one.start, axis, approach.feed, approach.line)
-            else:
-                self.go(one.start.tolist(), axis, MoveKind.CUT, approach.feed, approach.line)
-            self.end_contour("")
-            one = dataclasses.replace(one, first=len(self.out))
-        return super().turn_corner(one, axis, line)
-
-    def move_to_contour(self, helper: complex, height: float, approach: ContourApproach, axis: Vector) -> None:
-        """Move to the auxiliary point: first in the plane, then along the tool axis.
-
-        Args:
-            helper: Auxiliary point in the working plane, mm.
-            height: Height of the contour, mm.
-            approach: The pending approach.
-            axis: Tool axis in programmed coordinates, unit vector.
-        """
-        for z in (self.p[2], height):
-            to = [helper.real, helper.imag, z]
-            if to != self.p:
-                move = MoveKind.RAPID if math.isnan(approach.feed_before) else MoveKind.CUT
-                self.go(to, axis, move, approach.feed_before, approach.line)
-
-    def lead_arc(self, path: LeadPath, end: Array, axis: Vector, feed: float, line: int) -> None:
-        """Add the arc of an approach or departure.
-
-        Args:
-            path: Path of the approach or departure in the working plane.
-            end: End point (3,) in programmed mm.
-            axis: Tool axis in programmed coordinates, unit vector.
-            feed: Feed, mm/min.
-            line: Line number in the file (1-based).
-        """
-        assert path.centre is not None
-        centre = np.array([path.centre.real, path.centre.imag, self.p[2]])
-        normal = self.plane * (1.0 if path.left else -1.0)
-        modal, self.feed = self.feed, feed / self.feed_scale
-        self.along_arc(ProgrammedArc(np.array(self.p), end, centre, normal), axis, line)
-        self.feed = modal
-
-    def lead_out(self, path: LeadIn, outside: complex | None, height: float | None, line: int) -> None:
-        """Carry out DEP: leave the last contour element.
-
-        Args:
-            path: The departure.
-            outside: Position after it in the working plane, mm; None where not given.
-            height: Height after it, mm; None where not given.
-            line: Line number in the file (1-based).
-
-        Raises:
-            InputError: there is no contour element before the departure.
-        """
-        if self.segment is None or np.isnan(self.segment.end).any():
-            raise self.source.build_error("DEP without a contour element before it", line)
-        if self.corner is not None:
-            raise self.source.build_error(
-                "a rounding or chamfer before DEP: no contour element follows it", self.corner.line
-            )
-        element = self.segment.element(self.plane)
-        found = path.compute_departure(element.end, element.direction(element.end), outside)
-        feed = self.feed_mm_min(1.0, line)
-        axis, z = self.axis, self.p[2]
-        end = np.array([found.helper.real, found.helper.imag, z])
-        if found.centre is not None:
-            self.lead_arc(found, end, axis, feed, line)
-        else:
-            self.go(end.tolist(), axis, MoveKind.CUT, feed, line)
-        if outside is not None:
-            self.go([outside.real, outside.imag, z], axis, MoveKind.CUT, feed, line)
-        if height is not None and height != z:
-            self.go([*self.p[:2], height], axis, MoveKind.CUT, feed, line)
-        self.side, self.segment = 0.0, None  # DEP ends the compensation
-
-    # ---- tools and cycles
-
-    def drill_pattern(self, number: int, line: int) -> None:
-        """Carry out cycles 220 (circle) and 221 (rows): the last drilling cycle at every position.
-
-        Args:
-            number: Number of the cycle.
-            line: Line number in the file (1-based).
-
-        Raises:
-            DrillingCycleError: no drilling cycle precedes it, or a parameter is missing.
-        """
-        if self.cycle is None or self.cycle < 200:
-            raise DrillingCycleError(f"cycle {number} before any drilling cycle was defined")
-        needed = (216, 217, 244, 245, 241) if number == 220 else (225, 226, 237, 238, 242, 243)
-        missing = [f"Q{n}" for n in needed if n not in self.q]
-        if missing:
-            raise DrillingCycleError(f"cycle {number} without {', '.join(missing)}")
-        q, s = self.q, self.scale
-        count = q[241] if number == 220 else max(q[242], q[243]) ** 2
-        if not 1.0 <= count <= MOST_HOLES:
-            raise DrillingCycleError(f"cycle {number} with {count:g} holes; expected 1 to {MOST_HOLES}")
-        if number == 220:
-            n, step = round(q[241]), q.get(247, 0.0)
-            if step == 0.0:
-                whole = q.get(246, 360.0) - q[245]
-                step = whole / n if abs(abs(whole) - 360.0) < 1e-9 else whole / max(n - 1, 1)
-            places = list(generate_hole_circle((q[216], q[217], q[244] / 2.0, q[245], step), n))
-        else:
-            columns, rows = round(q[242]), round(q[243])
-            places = list(generate_hole_grid((q[225], q[226]), (q[237], q[238]), columns, rows, q.get(224, 0.0)))
-        if q.get(201) == 0.0:
-            self.out.warn_once(f"cycle {self.cycle} with Q201=0 (no depth) is not carried out, as on the control", line)
-            return
-        plan = build_q_cycle(self.cycle, self.q, self.scale, self.rpm)
-        for x, y in places:
-            self.holes(plan, {}, [x * s, y * s, self.p[2]], ProgramBlock(line=line, words=[]))
+    # ---- tools
 
     def call_tool(self, tool: str, rpm: float | None, text: str, line: int) -> None:
         """Carry out a tool call.
@@ -489,60 +311,3 @@ class HeidenhainControlReader(DatumAndPlaneReader):
         if tool:
             self.out.event("tool", text, float(tool) if tool.isdigit() else math.nan)
             self.out.change_tool(tool)
-
-    def begin_q_cycle(self, number: int, line: int) -> None:
-        """Begin a cycle whose parameters are Q numbers.
-
-        Args:
-            number: Number of the cycle.
-            line: Line number in the file (1-based).
-
-        Raises:
-            InputError: the cycle is not supported.
-        """
-        if number not in SUPPORTED:
-            raise self.source.build_error(
-                f"cycle {number}: only the drilling cycles {', '.join(map(str, SUPPORTED))} are supported; export its "
-                "motion as blocks, or APT/CL data",
-                line,
-            )
-        if number == 241:
-            self.out.warn_once(
-                "cycle 241 is read as one stroke at Q206 from the pre-drilled depth Q379: speeds and the dwell on the "
-                "way are not carried out",
-                line,
-            )
-        if number == 204:
-            self.out.warn_once(
-                "cycle 204 (back boring): the spindle must stop at the angle Q336 while the tool is beside the axis; "
-                "that is no part of a path",
-                line,
-            )
-        self.cycle, self.cycle_words = number, {}
-        for name in [k for k in self.q if k >= 200]:
-            del self.q[name]  # each cycle names its own
-
-    def drill_here(self, b: ProgramBlock) -> None:
-        """Carry out M99, CYCL CALL or G79: one hole at the present position.
-
-        Args:
-            b: The block: its words, calls and line number.
-
-        Raises:
-            DrillingCycleError: no cycle is defined, or the tool position is not known.
-        """
-        if self.cycle is None:
-            raise DrillingCycleError("a cycle call (M99, CYCL CALL, G79) before any drilling cycle was defined")
-        if np.isnan(self.p).any():
-            raise DrillingCycleError("a drilling cycle where the tool's place is not known")
-        depth = 249 if self.cycle == 204 else 201
-        if self.cycle >= 200 and self.q.get(depth) == 0.0:
-            self.out.warn_once(
-                f"cycle {self.cycle} with Q{depth}=0 (no depth) is not carried out, as on the control", b.line
-            )
-            return
-        if self.cycle >= 200:
-            plan = build_q_cycle(self.cycle, self.q, self.scale, self.rpm)
-        else:
-            plan = build_old_cycle(self.cycle, self.cycle_words, self.p[2], self.scale, self.rpm)
-        self.holes(plan, {}, None, b)

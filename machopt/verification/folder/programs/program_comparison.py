@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.data_types.documents.optimize_document import ReadBackSection
+from machopt.data_types.documents.program_entries import ReadBackSection
 from machopt.verification.checks import CheckName, Verification, VerificationCheck, VerificationInformation
 
 

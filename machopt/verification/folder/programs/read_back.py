@@ -24,14 +24,11 @@ from machopt.data_types.robot_program import RobotController
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.kinematics.controller_posture import compute_controller_posture
-from machopt.kinematics.inverse.solver import refine_by_newton
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import load_robot
 from machopt.numerics.array_types import Array
 from machopt.programs.checking.configuration_check import find_first_difference
-from machopt.programs.checking.printed_precision import compute_target_step
 from machopt.programs.maker_registry import find_language, load_checks
 from machopt.programs.program_reader import ParsedProgram, is_program_file, read_program
-from machopt.programs.reading.joint_conversion import compute_urdf_joints
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.verification.checks import CheckName, VerificationCheck, VerificationInformation, build_file_check
 from machopt.verification.folder.programs.exported_motion_tables import read_program_tables
@@ -44,6 +41,7 @@ from machopt.verification.folder.programs.frames_and_axes import (
 )
 from machopt.verification.folder.programs.post_lookup import select_listed_controller
 from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
+from machopt.verification.folder.programs.program_conversion import convert_to_cell_frames
 from machopt.verification.folder.programs.rapid_zone_table import RapidZoneTable
 from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
 from machopt.verification.folder.programs.target_corrections import (
@@ -52,32 +50,26 @@ from machopt.verification.folder.programs.target_corrections import (
     turn_samples_back,
     turn_targets_back,
 )
+from machopt.verification.folder.programs.target_joints import (
+    compute_external_joints,
+    find_target_joints,
+    interpolate_joints,
+)
 from machopt.verification.motion.checks.compensation_shift import compute_commanded_corners
 from machopt.verification.motion.checks.rapid_corners import unround_motion
 from machopt.verification.motion.checks.reentries import find_reentry_points
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.motion_verification import ExportedTables
-from machopt.verification.motion.path_geometry.motion_polyline import (
-    CommandedPath,
-    build_motion_polyline,
-)
+from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath, build_motion_polyline
 from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
-from machopt.verification.programs.cam_comparison import ExpectedCuts, compare_with_cam
+from machopt.verification.programs.cam_comparison import compare_with_cam
+from machopt.verification.programs.expected_cuts import ExpectedCuts
 from machopt.verification.programs.motion_comparison import compare_with_motion
 from machopt.verification.programs.target_matching import TargetTolerances
 from machopt.verification.tables.advised_feeds import ADVISED, apply_exported_feeds
 from machopt.verification.tables.exported_tables import ExportedMotion
 
-ENCODER_TOLERANCE_PULSES = 3.0  # of an encoder: joints may be off by that much, by rounding and by coupling
-REACH_M = 5.0  # m: what a joint's last digit is worth there
-JOINT_TOLERANCE_RAD = 1e-8  # rad: places ten metres away by a tenth of a micrometre
 FRAME_TOLERANCE = 1e-6  # m, and of a rotation's entries: both are printed to nine decimals of a degree
-BLOCK_ROWS = 20_000  # targets worked out at once
-NEWTON_STEPS, NEWTON_TOLERANCE, MAX_JOINT_OFFSET_DEG = (
-    5,
-    1e-8,
-    3.0,
-)  # of Newton's method to a target's own joints; m and rad; from the motion's
 
 
 def check_programs(
@@ -209,7 +201,9 @@ class _ComparisonContext:
             parsed = read_program(self.out / name, pulses_per_deg=pulses)
         except InputError as problem:
             return ProgramComparison(posted, 0, (build_failed_program_check(name, "readable", str(problem.reason)),))
-        said = self._convert_to_cell_frames(name, parsed, controller)
+        said = convert_to_cell_frames(
+            name, parsed, self.cell, controller, self.arm, self.motion, self.tcp, self.tolerance.position
+        )
         if not np.isfinite(said.T_workpiece_tcp).all():
             return ProgramComparison(
                 posted,
@@ -303,63 +297,16 @@ class _ComparisonContext:
             source=self.source,
             rapid=None if self.rapid is None else self.rapid.select(rows),
         )
-        external = self._compute_external_joints(said, rows)
-        q = self._get_joints(said, self._interpolate_joints(said, rows), external, load_robot(self.cell).nominal_robot)
+        external = compute_external_joints(self.motion, said, rows)
+        q = find_target_joints(
+            self.arm,
+            self.cell.tool.T_flange_tcp,
+            said,
+            interpolate_joints(self.motion, rows),
+            external,
+            load_robot(self.cell).nominal_robot,
+        )
         return job.check_text(posted.files, posted.post, parsed, said, controller, q, external)
-
-    def _convert_to_cell_frames(self, name: str, parsed: ParsedProgram, controller: RobotController) -> ProgramInCell:
-        """Joints of the URDF; poses of joint targets by forward kinematics."""
-        m = controller.joint_map
-        mapped = m is not None and not find_language(parsed.dialect).uses_urdf_joints
-        axes = parsed.axes_deg
-        q = (
-            compute_urdf_joints(axes, m.sign, m.offset_deg, m.coupling)
-            if mapped and m is not None
-            else np.radians(axes)
-        )
-        external, _ = convert_external_joints(parsed, self.cell, self.arm, controller)
-        T = parsed.T_base_tcp.copy()
-        joint = ~parsed.has_pose & np.isfinite(q).all(axis=1)
-        driven, wanted = np.hstack([q, external]), np.hstack([self.motion.q, self.motion.external])
-        if len(q) == len(self.motion.q):  # streamed: the motion's own samples have been placed already
-            same = joint & (np.abs(driven - wanted).max(axis=1) < JOINT_TOLERANCE_RAD)
-            T[same], joint = self.tcp[same], joint & ~same
-        if joint.any():
-            # missing external axes are reported elsewhere; home allows the other checks
-            stood = np.where(np.isfinite(external), external, self.cell.external_home)
-            T[joint] = self.arm.compute_tcp_in_workpiece(q[joint], stood[joint])
-        pulses = controller.pulses_per_deg
-        coarse = (
-            float(np.radians(ENCODER_TOLERANCE_PULSES / np.abs(pulses).min()))
-            if pulses is not None and find_language(parsed.dialect).reads_pulses
-            else 0.0
-        )
-        steps = np.array([float(c["step_s"]) if "step_s" in c else np.nan for c in parsed.configuration])  # type: ignore[arg-type]
-        streamed = bool(np.isfinite(steps).any() or np.isfinite(parsed.time).any())
-        time = (
-            parsed.time
-            if np.isfinite(parsed.time).any()
-            else np.where(np.isfinite(steps), np.cumsum(np.nan_to_num(steps)), np.nan)
-        )
-        labels = [*parsed.operations, ""]
-        return ProgramInCell(
-            file=name,
-            kind=parsed.kind,
-            q=q,
-            external=external,
-            T_workpiece_tcp=T,
-            feed=parsed.feed,
-            move=parsed.move,
-            operation=tuple(labels[k] for k in parsed.operation.tolist()),
-            events=parsed.events,
-            line=parsed.line,
-            time=time,
-            is_streamed=streamed,
-            feed_step=find_language(parsed.dialect).feed_step,
-            place_step=self.tolerance.position if streamed else coarse * REACH_M,
-            joint_step=coarse * 6.0,
-            target_step=0.0 if streamed else compute_target_step(parsed, REACH_M),
-        )
 
     def _check_frames_and_words(
         self, name: str, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, rows: Array
@@ -391,8 +338,13 @@ class _ComparisonContext:
     ) -> list[VerificationCheck]:
         """Compare status, turns and the like with the joints; no check where the program names none."""
         robot = load_robot(self.cell).nominal_robot
-        q = self._get_joints(
-            said, self._interpolate_joints(said, rows), self._compute_external_joints(said, rows), robot
+        q = find_target_joints(
+            self.arm,
+            self.cell.tool.T_flange_tcp,
+            said,
+            interpolate_joints(self.motion, rows),
+            compute_external_joints(self.motion, said, rows),
+            robot,
         )
         known, first = find_first_difference(
             load_checks(parsed.dialect),
@@ -416,39 +368,13 @@ class _ComparisonContext:
         both = np.flatnonzero(parsed.has_pose & np.isfinite(said.q).all(axis=1))
         if not len(both):
             return []
-        T = self.arm.compute_tcp_in_workpiece(said.q[both], self._compute_external_joints(said, rows)[both])
+        T = self.arm.compute_tcp_in_workpiece(said.q[both], compute_external_joints(self.motion, said, rows)[both])
         gap = np.linalg.norm(T[:, :3, 3] - said.T_workpiece_tcp[both, :3, 3], axis=1)
         gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - said.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
         n = int(np.argmax(gap))
         passed, where = bool(gap[n] <= FRAME_TOLERANCE), f"move {both[n] + 1}, line {int(parsed.line[both[n]])}"
         value, limit = 1e3 * float(gap[n]), 1e3 * FRAME_TOLERANCE
         return [build_file_check(name, "poses as the joints", passed, value, limit, "mm", where)]
-
-    def _interpolate_joints(self, said: ProgramInCell, rows: Array) -> Array:
-        """(M,) rad: joints of the motion where each move ends."""
-        s = np.arange(len(self.motion.q))
-        return np.column_stack([np.interp(rows, s, self.motion.q[:, k]) for k in range(6)])
-
-    def _compute_external_joints(self, said: ProgramInCell, rows: Array) -> Array:
-        """(M, E) rad or m as the program says, those of the motion where it does not."""
-        s = np.arange(len(self.motion.q))
-        columns = [np.interp(rows, s, e) for e in self.motion.external.T]
-        driven = np.array(columns).T.reshape(len(said), -1)
-        return np.where(np.isfinite(said.external), said.external, driven)
-
-    def _get_joints(self, said: ProgramInCell, near: Array, external: Array, robot: Robot) -> Array:
-        """(M, 6) rad: joints of each target itself, those of the motion (``near``) where none are close to them.
-
-        The motion rounds what the program says at its targets; an axis may stand on the other side of zero there.
-        """
-        wanted = self.arm.T_base_workpiece(external) @ said.T_workpiece_tcp
-        out = near.copy()
-        for first in range(0, len(near), BLOCK_ROWS):
-            some = slice(first, first + BLOCK_ROWS)
-            q, error = refine_by_newton(robot, wanted[some], near[some], self.cell.tool.T_flange_tcp, NEWTON_STEPS)
-            good = (error < NEWTON_TOLERANCE) & (np.abs(q - near[some]).max(axis=1) < np.radians(MAX_JOINT_OFFSET_DEG))
-            out[some][good] = q[good]
-        return out
 
 
 def _build_unreadable_check(file: str) -> VerificationCheck:

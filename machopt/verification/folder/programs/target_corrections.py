@@ -13,7 +13,7 @@ from machopt.verification.motion.kinematics.encoder_correction import compute_tr
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath, add_corrections
 from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
-from machopt.verification.programs.cam_comparison import ExpectedCuts
+from machopt.verification.programs.expected_cuts import ExpectedCuts
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 TARGET_INDEX = 1e-3  # of an index: what the printed digits of a target leave of the place where the tool rests

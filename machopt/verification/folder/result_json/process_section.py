@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from machopt.data_types.documents.optimize_document import ProcessSection
+from machopt.data_types.documents.process_entries import ProcessSection
 from machopt.verification.folder.result_json.comparison_inputs import ResultComparison, check_close, check_equal
 
 OUTCOMES = ("pass", "marginal", "fail", "unknown")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from machopt.cell.tool_selection import split_into_tool_segments
-from machopt.data_types.documents.optimize_document import RobotProgramEntry
+from machopt.data_types.documents.program_entries import RobotProgramEntry
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.verification.folder.programs.post_lookup import find_post, list_post_assumptions
 from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
