@@ -21,6 +21,7 @@ def add_map_options(p: argparse.ArgumentParser) -> None:
     _add_quantity_options(p)
     add_shared_option(p, "--plan", dest="plan_file")
     add_shared_option(p, "--set", dest="overrides")
+    add_shared_option(p, "--process")
     add_shared_option(p, "--effects")
     p.set_defaults(run=_run_map)
 

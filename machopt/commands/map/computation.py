@@ -82,7 +82,8 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
         cell: The cell, if it is loaded already.
     """
     progress("load")
-    cell = load_cell(request.cell, allow_external=request.allow_external) if cell is None else cell
+    if cell is None:
+        cell = load_cell(request.cell, allow_external=request.allow_external, process=request.process)
     plan_options = load_options(cell.plan, request.plan_file, list(request.overrides))
     options = resolve_request(request, cell)
     measured = read_measured_stiffness(request.measured) if request.measured is not None else None

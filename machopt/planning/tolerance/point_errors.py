@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.process import CuttingProcess, ProcessOperation
+from machopt.data_types.process import CuttingProcess
 from machopt.data_types.process_columns import ERROR_NAMES, OUTCOMES
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
@@ -18,8 +18,8 @@ from machopt.planning.error_probability.draws import (
     SURFACE_DRAWS,
     UncertaintyDraws,
     build_draws,
-    has_load_spread,
 )
+from machopt.planning.error_probability.missing_inputs import find_missing_input
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.error_probability.targets import (
     HoleTargets,
@@ -86,6 +86,7 @@ def compute_point_errors(
     *,
     wall_force: Array,
     is_full: bool = False,
+    hole_draws: int = SHARE_DRAWS,
 ) -> PointErrors:
     """Return errors and probabilities of an assignment.
 
@@ -96,9 +97,11 @@ def compute_point_errors(
         chosen: An assignment along its path; None: the choice of the plan.
         wall_force: (N,) N along axis × travel at the moment the wall is made, which bends the tool.
         is_full: Also find causes, variances and the largest feed of each point.
+        hole_draws: Number of draws for holes; ``HOLE_DRAWS`` where all is found.
     """
     table = _ErrorTable(plan, toolpath, loads, plan.chosen if chosen is None else chosen)
     table.wall_force, table.is_full = wall_force, is_full
+    table.hole_draws = HOLE_DRAWS if is_full else hole_draws
     return table.build()
 
 
@@ -127,6 +130,7 @@ class _ErrorTable:
         self.variance = {name: np.full(n, np.nan) for name in ("stiffness", "force", "position")}
         self.why: dict[int, str] = {}
         self.wall_force, self.feed_max, self.is_full = np.zeros(n), np.full(n, np.nan), False
+        self.hole_draws = SHARE_DRAWS
 
     def build(self) -> PointErrors:
         cutter = self.plan.setup.cell.tool.cutter
@@ -154,7 +158,7 @@ class _ErrorTable:
 
     def _add_holes(self, holes: HoleTargets) -> None:
         model = build_hole_model(self.plan, self.chosen, self.process, holes, self.spread)
-        draws = build_draws(self.spread, HOLE_DRAWS if self.is_full else SHARE_DRAWS)
+        draws = build_draws(self.spread, self.hole_draws)
         isolated = _isolate(draws.take_first(SHARE_DRAWS), self.spread)
         for h, row in enumerate(holes.row.tolist()):
             one = self.process.operations[holes.operation[h]]
@@ -164,7 +168,9 @@ class _ErrorTable:
                 self._mark_unknown(row, "the point has no posture")
                 continue
             self._write_hole(row, compute_nominal_hole_errors(model, h), self.errors)
-            why = self._find_missing(one, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT)))
+            why = find_missing_input(
+                self.process, one, self.spread, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT))
+            )
             full = draw_hole_errors(model, h, draws, position=True)
             self._write_interval(row, full)
             if self.is_full:
@@ -259,7 +265,7 @@ class _ErrorTable:
             self._add_surface_variance(model, some, draws, std)
         for n, row in enumerate(rows.tolist()):
             one = self.process.operations[operations[n]]
-            why = self._find_missing(one, std[n])
+            why = find_missing_input(self.process, one, self.spread, std[n])
             if not model.targets.is_known[some][n]:
                 why = "the surface normal is not known: columns nx, ny, nz of the toolpath"
             if not model.poses.is_reached[some][n]:
@@ -284,24 +290,6 @@ class _ErrorTable:
         f = self.loads.arm_force[rows]
         force = f[:, :1] * poses.travel + f[:, 1:2] * poses.normal + f[:, 2:] * poses.axis
         return np.hstack([force, self.loads.moment[rows, None] * poses.axis])
-
-    # --- what is missing --------------------------------------------------------------------------------------------
-
-    def _find_missing(self, one: ProcessOperation, position_std: float) -> str:
-        """Return what makes the probability unknown; empty where nothing is missing."""
-        stiffness = self.plan.setup.elasticity.stiffness
-        if stiffness.estimated:
-            return "the stiffness is estimated, not measured"
-        if not self.spread.is_known:
-            return "the stiffness file states no covariance and no spread_percent"
-        if not has_load_spread(self.process, one):
-            return "the spread of the force coefficients is not stated"
-        if not np.isfinite(position_std):
-            word = "absolute_mm" if one.tolerance.reference == "absolute" else "repeatability_mm"
-            if stiffness.position is not None and one.tolerance.reference == "absolute":
-                return "the point lies outside the joint angles of position_error"
-            return f"the arm's accuracy is not stated: accuracy.{word} in cell.yaml"
-        return ""
 
     def _mark_unknown(self, row: int, why: str) -> None:
         self.outcome[row] = "unknown"
