@@ -55,7 +55,7 @@ def test_a_process_file_that_is_missing_is_refused_before_the_first_job(tmp_path
 def test_the_summary_has_the_outcomes_of_each_job(tmp_path: Path) -> None:
     """The same numbers as result.json; another process.yaml is another job."""
     (tmp_path / "holes.csv").write_text(HOLES)
-    own = (CELL / "process.yaml").read_text()
+    own = (CELL / "process.yaml").read_text().replace("    kind: drilling", "    spindle_rpm: 4000\n    kind: drilling")
     for name, limit in (("narrow", "0.1"), ("wide", "5.0")):
         (tmp_path / f"{name}.yaml").write_text(own.replace("position_mm: 0.3", f"position_mm: {limit}"))
         request = BatchRequest(
