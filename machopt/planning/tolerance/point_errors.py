@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,7 @@ from machopt.planning.tolerance.surface_errors import (
 )
 from machopt.process.binding.point_loads import PointLoads
 
+Targets = TypeVar("Targets", HoleTargets, SurfaceTargets)
 LOW, HIGH = 0.05, 0.95  # quantiles of the intervals
 FAIL = 0.5  # a probability below it is a failure
 
@@ -87,6 +89,7 @@ def compute_point_errors(
     wall_force: Array,
     is_full: bool = False,
     hole_draws: int = SHARE_DRAWS,
+    only: int | None = None,
 ) -> PointErrors:
     """Return errors and probabilities of an assignment.
 
@@ -98,10 +101,11 @@ def compute_point_errors(
         wall_force: (N,) N along axis × travel at the moment the wall is made, which bends the tool.
         is_full: Also find causes, variances and the largest feed of each point.
         hole_draws: Number of draws for holes; ``HOLE_DRAWS`` where all is found.
+        only: The one toolpath point that is evaluated; None: all.
     """
     table = _ErrorTable(plan, toolpath, loads, plan.chosen if chosen is None else chosen)
     table.wall_force, table.is_full = wall_force, is_full
-    table.hole_draws = HOLE_DRAWS if is_full else hole_draws
+    table.hole_draws, table.only = HOLE_DRAWS if is_full else hole_draws, only
     return table.build()
 
 
@@ -131,13 +135,16 @@ class _ErrorTable:
         self.why: dict[int, str] = {}
         self.wall_force, self.feed_max, self.is_full = np.zeros(n), np.full(n, np.nan), False
         self.hole_draws = SHARE_DRAWS
+        self.only: int | None = None
 
     def build(self) -> PointErrors:
         cutter = self.plan.setup.cell.tool.cutter
         holes = list_hole_targets(self.process, self.toolpath, self.loads, compute_tip_length(cutter))
+        surfaces = list_surface_targets(self.process, self.toolpath, self.loads, cutter)
+        if self.only is not None:
+            holes, surfaces = _keep_row(holes, self.only), _keep_row(surfaces, self.only)
         if len(holes.row):
             self._add_holes(holes)
-        surfaces = list_surface_targets(self.process, self.toolpath, self.loads, cutter)
         if len(surfaces.row):
             self._add_surfaces(surfaces)
         return PointErrors(
@@ -296,6 +303,12 @@ class _ErrorTable:
         self.why[row] = why
 
 
+def _keep_row(targets: Targets, row: int) -> Targets:
+    """Return the one target of a toolpath point."""
+    mine = np.flatnonzero(targets.row == row)
+    return replace(targets, **{f.name: getattr(targets, f.name)[mine] for f in fields(targets)})
+
+
 def load_twist(model: HoleErrorModel, wrench: Array, axis: Array) -> Array:
     """Return the (H, 3) nominal displacement at entry under a load.
 
@@ -317,8 +330,6 @@ def _find_hole_direction(across: Array) -> Array:
 
 def _isolate(draws: UncertaintyDraws, spread: StiffnessSpread) -> dict[str, UncertaintyDraws]:
     """Return the draws with only one source of scatter each."""
-    from dataclasses import replace
-
     D = len(draws)
     still = np.zeros((D, 1 + spread.count))
     still[:, 0] = 1.0
