@@ -134,6 +134,12 @@ function steerPlan(data) {
   }
 
   // ---- the map's control points -----------------------------------------------------------------------------------------
+  // Points with an outcome: their handles lie above those beside them.
+  const judged = new Set();
+  if (data.view && data.view.path.outcome) {
+    const codes = bytes(data.view.path.outcome), points = unpack(data.view.path.point, Float32Array);
+    codes.forEach((code, n) => { if (code) judged.add(Math.round(points[n])); });
+  }
   const HANDLES = 14, EACH = 300; // as many points in view have a handle each: every hole of most jobs, all of them when zoomed
 
   function pins() {
@@ -150,7 +156,7 @@ function steerPlan(data) {
   }
 
   function handle(k, point, phi, held, tight = false) {
-    const dot = make("button", held ? "pin held" : tight ? "pin tight" : "pin", plot.over);
+    const dot = make("button", (held ? "pin held" : tight ? "pin tight" : "pin") + (judged.has(point) ? " judged" : ""), plot.over);
     const put = v => {
       phi = wrapped(v);
       dot.style.left = `${plot.valToPos(xs[k], "x")}px`;
