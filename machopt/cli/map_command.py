@@ -107,6 +107,12 @@ def _add_quantity_options(p: argparse.ArgumentParser) -> None:
         default="frame",
         help="axes in which the load is given (default: frame)",
     )
+    load.add_argument(
+        "--toolpath",
+        type=Path,
+        metavar="FILE",
+        help="job with a process: error, probability and stability of each operation under its own force",
+    )
     load.add_argument("--length", type=float, metavar="MM", help="characteristic length (default: computed)")
     load.add_argument(
         "--measured", type=Path, metavar="FILE", help="table of measured stiffness, compared with the model"
