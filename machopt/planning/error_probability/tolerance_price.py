@@ -22,6 +22,7 @@ from machopt.data_types.process import CuttingProcess
 from machopt.data_types.tolerance_prices import FAILED_POINT_PRICE, SHORTFALL_PRICE
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
+from machopt.numerics.tall_products import multiply_tall
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import LoadDirections
 from machopt.planning.error_probability.draws import UncertaintyDraws, build_draws
@@ -243,13 +244,14 @@ class TolerancePricing:
             good = np.ones((len(mine), len(self.draws)), bool)
             if entry is not None:
                 rows = [_join_rows(entry, e, 0, mine) for e in sideways]
-                x, y = (r @ factors + std[mine] * self.draws.position[:, n] - r @ nominal for n, r in enumerate(rows))
+                drawn = (multiply_tall(row, factors) - row @ nominal for row in rows)
+                x, y = (e + std[mine] * self.draws.position[:, n] for n, e in enumerate(drawn))
                 good &= x * x + y * y <= position[mine] ** 2
             if bottom is not None:
                 row = _join_rows(bottom, axis, 0, mine)
-                along = row @ factors + std[mine] * self.draws.position[:, 2] - row @ nominal
+                along = multiply_tall(row, factors) + std[mine] * self.draws.position[:, 2] - row @ nominal
                 good &= np.abs(along) <= depth[mine]
-                x, y = (_join_rows(bottom, e, 3, mine) @ factors for e in sideways)
+                x, y = (multiply_tall(_join_rows(bottom, e, 3, mine), factors) for e in sideways)
                 good &= x * x + y * y <= angle[mine] ** 2
             out[mine] = np.mean(good, axis=1)
         return out
@@ -313,7 +315,7 @@ class TolerancePricing:
         contact = self.loads.contact_sigma[rows, None]
         if contact.any():
             factor = factor * np.exp(contact * self.draws.scatter)
-        error = factor * (row @ self.draws.stiffness.T)
+        error = factor * (multiply_tall(row, self.draws.stiffness.T))
         if self.is_compensated:
             error = error - row[:, :1]
         limit = np.array([[self.process.operations[k].tolerance.surface] for k in self.surfaces.operation[target]])

@@ -32,7 +32,7 @@ from machopt.planning.error_probability.targets import (
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.error_causes import compute_contributions, name_largest
-from machopt.planning.tolerance.feed_advice import FeedLimits, find_hole_feeds, find_surface_feeds
+from machopt.planning.tolerance.feed_advice import FeedLimits, find_hole_feeds, find_load_scale, find_surface_feeds
 from machopt.planning.tolerance.hole_errors import (
     ENTRY,
     EXIT,
@@ -42,6 +42,7 @@ from machopt.planning.tolerance.hole_errors import (
     compute_hole_probability,
     compute_nominal_hole_errors,
     draw_hole_errors,
+    draw_hole_terms,
 )
 from machopt.planning.tolerance.surface_errors import (
     BLOCK,
@@ -167,6 +168,7 @@ class _ErrorTable:
         model = build_hole_model(self.plan, self.chosen, self.process, holes, self.spread)
         draws = build_draws(self.spread, self.hole_draws)
         isolated = _isolate(draws.take_first(SHARE_DRAWS), self.spread)
+        scales = np.full(len(holes.row), np.nan)  # by which the load of each hole may grow
         for h, row in enumerate(holes.row.tolist()):
             one = self.process.operations[holes.operation[h]]
             limit = min(one.tolerance.position, one.tolerance.depth)
@@ -178,9 +180,11 @@ class _ErrorTable:
             why = find_missing_input(
                 self.process, one, self.spread, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT))
             )
-            full = draw_hole_errors(model, h, draws, position=True)
-            self._write_interval(row, full)
+            terms = draw_hole_terms(model, h, draws, position=True)
+            full = terms.compute_errors()
             if self.is_full:
+                scales[h] = np.nan if why else find_load_scale(terms)
+                self._write_interval(row, full)
                 self._add_hole_variance(model, h, row, isolated)
             if why:
                 self._mark_unknown(row, why)
@@ -192,7 +196,7 @@ class _ErrorTable:
             self.outcome[row] = find_outcome(float(self.p_in[row]), self.process.quantile)
         if self.is_full:
             self._add_hole_causes(model)
-            self._write_feeds(find_hole_feeds(self.plan, model, self.loads, draws))
+            self._write_feeds(find_hole_feeds(self.plan, model, self.loads, scales))
 
     def _write_feeds(self, found: FeedLimits) -> None:
         """Write the feeds of points whose outcome is known."""
@@ -262,17 +266,22 @@ class _ErrorTable:
         factor = compute_load_factors(model, some, draws)
         full = draw_surface_errors(model, some, draws, factor, position=True)
         std = model.scatter.std[some]
-        noise = np.nan_to_num(std)[:, None] * draws.position[:, 0]
-        low, high = np.quantile(full + noise, (LOW, HIGH), axis=1)
-        self.lower["normal"][rows], self.upper["normal"][rows] = (np.where(known, v, np.nan) for v in (low, high))
+        if self.is_full:
+            noise = np.nan_to_num(std)[:, None] * draws.position[:, 0]
+            low, high = np.quantile(full + noise, (LOW, HIGH), axis=1)
+            self.lower["normal"][rows], self.upper["normal"][rows] = (np.where(known, v, np.nan) for v in (low, high))
         p = compute_surface_probability(full, limit, np.nan_to_num(std))
-        bare = draw_surface_errors(model, some, draws, factor, position=False)
-        deflection = compute_surface_probability(bare, limit, np.zeros(len(rows)))
+        used = [self.process.operations[k] for k in operations]
+        pairs = zip(used, std, strict=True)
+        missing = [find_missing_input(self.process, one, self.spread, sigma) for one, sigma in pairs]
+        deflection = p
+        if any(missing):
+            bare = draw_surface_errors(model, some, draws, factor, position=False)
+            deflection = compute_surface_probability(bare, limit, np.zeros(len(rows)))
         if self.is_full:
             self._add_surface_variance(model, some, draws, std)
         for n, row in enumerate(rows.tolist()):
-            one = self.process.operations[operations[n]]
-            why = find_missing_input(self.process, one, self.spread, std[n])
+            why = missing[n]
             if not model.targets.is_known[some][n]:
                 why = "the surface normal is not known: columns nx, ny, nz of the toolpath"
             if not model.poses.is_reached[some][n]:

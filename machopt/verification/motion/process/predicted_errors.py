@@ -11,6 +11,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.process import CutSide, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
+from machopt.numerics.tall_products import multiply_tall
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
@@ -353,10 +354,11 @@ def _deflect(
 
 def _apply(pose: _Pose, cell: Cell, wrench: Array, drawn: Array | None) -> Array:
     """Return (D, 6) the twist of the tool relative to the part under wrenches, with drawn relative compliances."""
-    bent = (wrench @ pose.J) * pose.joints
+    bent = multiply_tall(wrench, pose.J)
+    bent *= pose.joints
     if drawn is not None:
         bent = bent * drawn
-    twist = bent @ pose.J.T + wrench @ pose.rest.T
+    twist = multiply_tall(bent, pose.J.T) + multiply_tall(wrench, pose.rest.T)
     if cell.workpiece.stiffness is not None:
         twist[:, :3] += ((wrench[:, :3] @ pose.R) / cell.workpiece.stiffness) @ pose.R.T
     return np.asarray(twist)
