@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 from machopt.cell.cell_reader import load_cell
 from machopt.commands.input_hashes import compute_input_hashes
-from machopt.commands.map.job_quantities import build_job_quantities, read_job
+from machopt.commands.map.job_loading import read_job
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.data_types.manifest import add_scope_to_verdict
 from machopt.errors import OptionError
+from machopt.job_map.job_quantities import build_job_quantities
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import load_chain
 from machopt.options.plan_option_reader import load_options

@@ -9,13 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from machopt.cell.tool_selection import select_job_tools, split_into_tool_segments
-from machopt.cell.work_offsets import place_toolpath
-from machopt.commands.toolpath_reading_options import get_reading_options
 from machopt.data_types.cell import Cell
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import Toolpath
@@ -30,15 +26,12 @@ from machopt.planning.stability.depth_ratio import find_missing_input as find_mi
 from machopt.planning.stability.tool_limit import compute_tool_limit
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.job_binding import compute_loads
-from machopt.process.binding.operation_matching import attach_process
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
 from machopt.process.milling.engagement_angles import ContactArc
 from machopt.process.milling.milling_cut import CutSide, MillingCut
 from machopt.process.stability.depth_limit import compute_depth_limit, compute_tooth_period
 from machopt.process.stability.directional_matrix import compute_directional_matrix
 from machopt.process.stability.structural_modes import compute_arm_modes
-from machopt.toolpath.toolpath_reader import read_toolpath
-from machopt.toolpath.unknown_words import refuse_unknown_words
 from machopt.workspace_map.quantities import MapQuantity, MapSettings, PostureStates
 
 DRAWS = 256
@@ -56,23 +49,6 @@ class OperationLoad:
     moment: float  # N·m about the axis
     normal_sign: float  # of a milled wall: its normal is this times axis × travel; 0: the floor, or a hole
     is_known: bool  # a hole, or a surface whose normal is known
-
-
-def read_job(file: Path, cell: Cell) -> tuple[Cell, Toolpath]:
-    """Return the cell with the job's first tool on, and the toolpath of that tool with its operations.
-
-    Args:
-        file: CAM file or point table.
-        cell: The cell with the process.
-
-    Raises:
-        InputError: the file is wrong, or does not fit the process.
-    """
-    toolpath = read_toolpath(file, **get_reading_options(cell))
-    refuse_unknown_words(toolpath, file)
-    toolpath = attach_process(cell.process, place_toolpath(toolpath, cell))
-    first = split_into_tool_segments(select_job_tools(cell, toolpath), toolpath)[0]
-    return first.cell, first.toolpath
 
 
 def build_job_quantities(
