@@ -8,7 +8,8 @@ from machopt.data_types.documents.place_document import (
     PlaceEntry,
     PlaceSearchSection,
 )
-from machopt.report.pages.placement_page import PlaceMark, PlacementPageData
+from machopt.report.pages.placement_page import PlacementPageData
+from machopt.report.svg.placement_map import PlaceMark
 
 
 def _told(x: float, worst: float, folder: str | None) -> PlaceEntry:

@@ -15,7 +15,8 @@ from machopt.report.page_data.optimize import format_found_value
 from machopt.report.page_data.optimize_feed_dips import describe_dip_cause
 from machopt.report.page_types.optimize_report import FeedDipRow
 from machopt.report.pages.optimize.optimize_page import build_report_html
-from machopt.report.pages.placement_page import PlaceMark, PlacementPageData, build_placement_html
+from machopt.report.pages.placement_page import PlacementPageData, build_placement_html
+from machopt.report.svg.placement_map import PlaceMark
 from machopt.verification.checks import VerificationCheck
 
 

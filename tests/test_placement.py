@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -308,7 +307,7 @@ def test_the_best_place_is_the_best_of_all_and_stopping_changes_nothing(tmp_path
     ]
     many = find_best_placement(site, search, SearchJournal(None, ""), executor=_Eager(site))
     assert [(p.place, p.worst, p.shares) for p in many.planned] == [(p.place, p.worst, p.shares) for p in found.planned]
-    assert (many.places, many.around, many.open_bound) == (found.places, found.around, found.open_bound)
+    assert (many.places, many.around, many.open_limit) == (found.places, found.around, found.open_limit)
     few = find_best_placement(site, replace(search, plans=1), SearchJournal(None, ""))
     assert few.stopped
     assert not few.is_optimal
@@ -504,13 +503,18 @@ def test_places_weigh_turns_as_shifts() -> None:
 def test_a_search_that_was_stopped_calls_nothing_best_that_it_did_not_compare(
     numbers: list[int], open_bound: float, says: str
 ) -> None:
-    planned = [SimpleNamespace(place=SimpleNamespace(number=n), worst=2.0 + n, mean=1.0, refused="") for n in numbers]
+    planned = [
+        PlannedPlacement(
+            place=PlacementCandidate(number=n, shift=PlacementShift()), worst=2.0 + n, mean=1.0, cycle_time=1.0
+        )
+        for n in numbers
+    ]
     siting = PlacementSearchResult(
         carried=None,
         places=(None,) * 5,
         planned=tuple(planned),
         around={},
-        open_bound=open_bound,
+        open_limit=(0.0, open_bound),
         stopped="" if open_bound == 2.0 else "after 10 min",
     )  # type: ignore[arg-type]
     assert _format_verdict(siting, 0.0, 0, (), of_grid=False).startswith(says)

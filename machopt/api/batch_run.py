@@ -20,6 +20,7 @@ def batch(
     out: Named,
     *,
     cell: Named | None = None,
+    process: Named | None = None,
     effects: Iterable[Named] = (),
     allow_external: bool = False,
     progress: Callable[[BatchProgress], None] | None = None,
@@ -31,6 +32,7 @@ def batch(
         jobs: folders of toolpaths, patterns like ``parts/*.nc``, toolpath files, or lists of jobs (YAML, CSV).
         out: output folder: ``summary.csv``, ``summary.html``, ``batch.json`` and a folder a job.
         cell: of toolpaths with no folder named cell beside or above them.
+        process: a process.yaml in place of that of every cell (``--process``).
         effects: Python files with effects of your own that stiffness files hold; **runs the code in them**.
         allow_external: let cells use files outside their folders.
         progress: told how far it is, after every job.
@@ -49,6 +51,7 @@ def batch(
         jobs=tuple(str(p) for p in convert_to_paths(jobs, "jobs")),
         out=convert_to_path(out, "out"),
         cell=None if cell is None else convert_to_path(cell, "cell"),
+        process=None if process is None else convert_to_path(process, "process"),
         effects=convert_to_paths(effects, "effects"),
         allow_external=allow_external,
     )

@@ -177,6 +177,7 @@ class MapOptions(TypedDict, total=False):
     power: float  # default 2.0
     neighbours: int | None  # default None
     plan_file: PathLike | None  # default None
+    toolpath: PathLike | None  # default None
     overrides: str | Sequence[str]  # default ()
     tables: str  # default 'csv'
     overwrite: bool  # default False

@@ -23,6 +23,7 @@ NON_OPTION_ARGUMENTS = (
     "out",
     "allow_external",
     "effects",
+    "process",
 )  # what a call gives by other means
 NOWHERE = Path()  # ``out`` of a request whose place is named later, by ``save``
 

@@ -156,7 +156,9 @@ class JobKeyBuilder:
     def _read_cell(self, path: Path) -> Cell:
         if path not in self._cells:
             try:
-                self._cells[path] = load_cell(path, allow_external=self.request.allow_external)
+                self._cells[path] = load_cell(
+                    path, allow_external=self.request.allow_external, process=self.request.process
+                )
             except InputError as problem:
                 self._cells[path] = problem
         found = self._cells[path]

@@ -9,7 +9,7 @@ from typing import Any
 
 from machopt.batch.process_messages import JobMessage
 from machopt.data_types.documents.batch_document import BatchRowSection
-from machopt.data_types.documents.optimize_document import OptimizeDocument
+from machopt.data_types.documents.optimize_document import OptimizeDocument, ProcessSection, ToleranceEntry
 from machopt.errors import MachoptError
 
 DISK_ERROR_CODES = frozenset(
@@ -38,6 +38,7 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
         "cell": Path(asked.cell),
         "toolpath": Path(asked.toolpath),
         "plan_file": None if asked.plan_file is None else Path(asked.plan_file),
+        "process": None if asked.process is None else Path(asked.process),
         "effects": tuple(map(Path, asked.effects)),
     }
     try:
@@ -83,7 +84,8 @@ def build_summary_row(result: OptimizeDocument) -> BatchRowSection:
     gain, paper = gains.get("cam default"), gains.get("jiao2022")
     worst = result.worst_point
     process = result.process
-    counts = process.in_tolerance.after if process is not None and process.tolerances else None
+    counts = process.in_tolerance.after if process is not None and process.tolerances else {}
+    least = None if process is None else find_worst_tolerance(process)
     return BatchRowSection(
         exit_code=result.exit_code,
         verdict=result.verdict,
@@ -103,8 +105,14 @@ def build_summary_row(result: OptimizeDocument) -> BatchRowSection:
         deflection_mm=None if worst is None else worst.deflection_mm,
         k_axial_N_mm=None if worst is None else worst.k_axial_N_mm,
         cycle_time_s=result.cycle_time_s,
-        in_tolerance=None if counts is None else counts["pass"],
-        with_tolerance=None if counts is None else sum(counts.values()),
+        in_tolerance=counts.get("pass"),
+        with_tolerance=sum(counts.values()) if counts else None,
+        marginal=counts.get("marginal"),
+        fail=counts.get("fail"),
+        unknown=counts.get("unknown"),
+        worst_error_mm=None if least is None else least.worst_error_mm,
+        worst_error_point=None if least is None or least.worst_point < 0 else least.worst_point,
+        worst_p_in=None if least is None else least.worst_p_in,
         programs=tuple(program.files[0] for program in result.programs if program.files),
         feed_held_percent=None if result.feed_held_share is None else 100.0 * result.feed_held_share,
         warnings=(
@@ -112,6 +120,19 @@ def build_summary_row(result: OptimizeDocument) -> BatchRowSection:
             *(f"not understood: {w.word} ×{w.count}" for w in path.ignored if not w.understood),
         ),
     )
+
+
+def find_worst_tolerance(process: ProcessSection) -> ToleranceEntry | None:
+    """Return the operation whose worst hole or point has the lowest probability; of equal ones the larger error.
+
+    Args:
+        process: Section ``process`` of result.json.
+    """
+
+    def rank(entry: ToleranceEntry) -> tuple[float, float]:
+        return (1.0 if entry.worst_p_in is None else entry.worst_p_in, -(entry.worst_error_mm or 0.0))
+
+    return min(process.tolerances, key=rank, default=None)
 
 
 def _convert_cost(result: OptimizeDocument, cost: float | None) -> float | None:

@@ -24,6 +24,7 @@ class JobMessage(DocumentModel):
     program_tolerance_mm: Known = None
     tables: Text = "csv"
     map_all: Flag = False
+    process: Text | None = None
 
 
 class ServerReadyMessage(DocumentModel):

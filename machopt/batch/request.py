@@ -20,6 +20,7 @@ class BatchRequest:
     overwrite: bool = False  # replace finished jobs whose files were edited
     cell: Path | None = None  # for toolpaths that have no cell of their own
     plan_file: Path | None = None
+    process: Path | None = None  # a process.yaml in place of that of every cell
     overrides: tuple[str, ...] = ()  # key=value; a job's own options in a list win over these
     reading: dict[str, Any] = field(default_factory=dict)  # keywords of toolpath.toolpath_reader.read_toolpath
     allow_external: bool = False

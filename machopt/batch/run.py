@@ -129,8 +129,9 @@ def _check_request(request: BatchRequest) -> None:
     ):
         if value is not None and not value > 0:
             raise InputError(f"found {value:g}; more than zero would work", where=name)
-    if request.plan_file is not None and not request.plan_file.is_file():
-        raise OptionError("no such file", file=request.plan_file, where="--plan")
+    for file, name in ((request.plan_file, "--plan"), (request.process, "--process")):
+        if file is not None and not file.is_file():
+            raise OptionError("no such file", file=file, where=name)
     with activate_user_effects(
         load_effect_files(request.effects)
     ):  # what no job could use is said once, before the first
@@ -217,6 +218,7 @@ def _build_job_spec(plan: ReadyJob, request: BatchRequest, store: JobStore, memo
         cell=str(job.cell),
         toolpath=str(job.toolpath),
         plan_file=None if request.plan_file is None else str(request.plan_file.resolve()),
+        process=None if request.process is None else str(request.process.resolve()),
         overrides=request.overrides,
         direct=job.options,
         reading=job.reading,

@@ -14,11 +14,15 @@ from machopt.file_formats.file_reading import YAML as MOST
 from machopt.file_formats.file_reading import read_text
 from machopt.numerics.array_types import Array
 
+OTHER_PROCESS = "process_in_force.yaml"  # in the copy, of a process.yaml from outside the cell folder
+PROCESS_MARK, HEAD_BYTES = b"machopt_process", 4096  # by which such a file is known, and where it is looked for
 SAME = 1e-12  # of a pose, m or a matrix's entries: not written anew
 
 
 def write_moved_cell(folder: Path, before: Cell, after: Cell, head: str) -> Path:
     """Write the cell ``after`` into a new folder; comments and everything that is not a pose stay as they are.
+
+    A process.yaml that replaces that of the cell is copied, too, and cell.yaml names it.
 
     Args:
         folder: made; the files of ``before`` are copied into it under the names they have in their cell.
@@ -32,7 +36,11 @@ def write_moved_cell(folder: Path, before: Cell, after: Cell, head: str) -> Path
     Raises:
         InputError: the cell uses files outside its folder.
     """
-    outside = [f for f in before.files if not f.is_relative_to(before.folder)]
+    names = {f: str(f.relative_to(before.folder)) for f in before.files if f.is_relative_to(before.folder)}
+    process = next((f for f in before.files if _is_process_file(f)), None)
+    if process is not None:
+        names.setdefault(process, OTHER_PROCESS)
+    outside = [f for f in before.files if f not in names]
     if outside:
         raise CellError(
             f"the cell uses {outside[0]}, which lies outside its folder and so in no copy of it; the file in the cell "
@@ -40,16 +48,25 @@ def write_moved_cell(folder: Path, before: Cell, after: Cell, head: str) -> Path
             file=before.folder / "cell.yaml",
         )
     for file in before.files:
-        target = folder / file.relative_to(before.folder)
+        target = folder / names[file]
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, target)
     target = folder / "cell.yaml"
     text = read_text(before.folder / "cell.yaml", expected="a cell", most=MOST)
-    target.write_text(f"# {head}\n{_replace_poses(text, before, after)}", encoding="utf-8", newline="\n")
+    text = _replace_poses(text, before, after, None if process is None else names[process])
+    target.write_text(f"# {head}\n{text}", encoding="utf-8", newline="\n")
     return target
 
 
-def _replace_poses(text: str, before: Cell, after: Cell) -> str:
+def _is_process_file(file: Path) -> bool:
+    if file.suffix.lower() not in (".yaml", ".yml"):
+        return False
+    with file.open("rb") as data:
+        return PROCESS_MARK in data.read(HEAD_BYTES)
+
+
+def _replace_poses(text: str, before: Cell, after: Cell, process: str | None) -> str:
+    """Return cell.yaml with other poses, and with the process.yaml that was in force where it names another."""
     import io
 
     from ruamel.yaml import YAML
@@ -66,6 +83,8 @@ def _replace_poses(text: str, before: Cell, after: Cell) -> str:
     for keys, old, new in zip(written, before.obstacles[:own], after.obstacles[:own], strict=True):
         if not _is_same_pose(old.T_parent_shape, new.T_parent_shape):
             keys.update(_format_pose(new.T_parent_shape))
+    if process is not None and document.get("process") != process:
+        document["process"] = process
     out = io.StringIO()
     yaml.dump(document, out)
     return out.getvalue()

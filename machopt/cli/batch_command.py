@@ -67,6 +67,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     add_shared_option(job, "--plan", help="YAML file with planning options for all jobs")
     add_shared_option(job, "--set", help="set a planning option for all jobs; may be repeated")
     add_shared_option(
+        job, "--process", help="process.yaml with cutting conditions and tolerances, in place of that of every cell"
+    )
+    add_shared_option(
         job, "--seed", type=int, default=None, help="seed of the random search around obstacles (default: 0)"
     )
     add_shared_option(job, "--allow-external", help="allow cells to use files outside their folders")
@@ -86,6 +89,7 @@ def _run_batch(args: argparse.Namespace) -> int:
         overwrite=args.overwrite,
         cell=args.cell,
         plan_file=args.plan,
+        process=args.process,
         overrides=tuple(overrides),
         reading=convert_reading_options(args),
         allow_external=args.allow_external,

@@ -21,6 +21,7 @@ def add_map_options(p: argparse.ArgumentParser) -> None:
     _add_quantity_options(p)
     add_shared_option(p, "--plan", dest="plan_file")
     add_shared_option(p, "--set", dest="overrides")
+    add_shared_option(p, "--process")
     add_shared_option(p, "--effects")
     p.set_defaults(run=_run_map)
 
@@ -105,6 +106,12 @@ def _add_quantity_options(p: argparse.ArgumentParser) -> None:
         choices=("frame", "tool"),
         default="frame",
         help="axes in which the load is given (default: frame)",
+    )
+    load.add_argument(
+        "--toolpath",
+        type=Path,
+        metavar="FILE",
+        help="job with a process: error, probability and stability of each operation under its own force",
     )
     load.add_argument("--length", type=float, metavar="MM", help="characteristic length (default: computed)")
     load.add_argument(

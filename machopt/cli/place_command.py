@@ -43,6 +43,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     _add_moved_body_options(job)
     add_shared_option(job, "--plan")
     add_shared_option(job, "--set")
+    add_shared_option(job, "--process")
     add_shared_option(
         job, "--seed", type=int, default=None, help="seed of the random search around obstacles (default: 0)"
     )
@@ -155,6 +156,7 @@ def _run_place(args: argparse.Namespace) -> int:
             seconds=60 * args.minutes,
         ),
         plan_file=args.plan and there(args.plan),
+        process=args.process and there(args.process),
         overrides=(*args.set, *(() if args.seed is None else (f"seed={args.seed}",))),
         readings=(convert_reading_options(args),) * len(args.toolpaths),
         posts=tuple(str(there(Path(p))) if Path(p).is_file() else p for p in args.post),
@@ -193,5 +195,11 @@ def _format_place_summary(r: PlaceDocument) -> list[str]:
             f"  {k}: x {x:+.0f}, y {y:+.0f}, z {z:+.0f} mm, turn {p.turn_deg:+.1f}°: worst {p.worst:.4g} {r.unit}"
             f"{gain}; {p.folder}/"
         )
+        if (t := p.tolerances) is not None:
+            error = "" if t.worst_error_mm is None else f": {t.worst_error_mm:.3f} mm"
+            lines.append(
+                f"     {t.in_tolerance} in tolerance, {t.marginal} marginal, {t.fail} fail, {t.unknown} unknown; worst "
+                f"point {t.worst_error_point} of {t.worst_error_toolpath}{error}"
+            )
         lines.append(f"     {'robot' if r.moved == 'base_link' else 'workpiece'}.pose: {p.pose_text}")
     return [*lines, *(f"  note: {w}" for w in r.warnings[:6])]

@@ -38,6 +38,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     add_shared_option(p, "--plan")
     add_shared_option(p, "--set")
+    add_shared_option(p, "--process")
     add_shared_option(p, "--seed", default=None, help="seed of the random search around obstacles (default: 0)")
     add_shared_option(p, "--allow-external")
     p.add_argument("--port", type=parse_port, default=0, help="port on 127.0.0.1 (default: any free port)")
@@ -66,6 +67,7 @@ def _run_view(args: argparse.Namespace) -> int:
         out=Path("steered"),
         overwrite=args.overwrite,
         plan_file=args.plan,
+        process=args.process,
         overrides=(*args.set, *(() if args.seed is None else (f"seed={args.seed}",))),
         reading=convert_reading_options(args),
         allow_external=args.allow_external,
@@ -113,6 +115,8 @@ def _list_reading_arguments(args: argparse.Namespace) -> tuple[str, ...]:
         out.append(f"--offset={value}")
     for value in args.accept_unknown:
         out.append(f"--accept-unknown={value}")
+    if args.process is not None:
+        out.append(f"--process={args.process}")
     for value in args.effects:
         out.append(f"--effects={value}")
     return (*out, *(["--strict"] if args.strict else []), *(["--allow-external"] if args.allow_external else []))

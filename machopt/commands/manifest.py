@@ -33,6 +33,7 @@ _REQUEST_PATH_FIELDS = (
     "toolpaths",
     "measured",
     "plan_file",
+    "process",
     "discriminate",
     "effects",
     "tables",

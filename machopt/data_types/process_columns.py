@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
@@ -78,6 +79,20 @@ class ToleranceSummary:
     worst_p_in: float
     worst_cause: str
     is_angle: bool = False  # the worst error is that of the axis
+
+
+def find_worst_tolerance(rows: Sequence[ToleranceSummary]) -> ToleranceSummary | None:
+    """Return the operation whose worst hole or point has the lowest probability; of equal ones the larger error.
+
+    Args:
+        rows: Operations with a tolerance.
+    """
+
+    def rank(row: ToleranceSummary) -> tuple[float, float]:
+        probability = row.worst_p_in if math.isfinite(row.worst_p_in) else 1.0
+        return (probability, -row.worst_error if math.isfinite(row.worst_error) else 0.0)
+
+    return min(rows, key=rank, default=None)
 
 
 @dataclass(frozen=True, kw_only=True)

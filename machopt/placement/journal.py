@@ -120,7 +120,7 @@ class SearchJournal:
                     place = _parse_candidate(value)
                     self._places[place.number] = place
                 elif kind == "planned":
-                    whole = {"place": _parse_candidate(value["place"]), "shares": tuple(value["shares"])}
+                    whole = {"place": _parse_candidate(value["place"])}
                     one = PlannedPlacement(**{**_from_json_types(value), **whole})
                     self._planned[one.place.number] = one
         return True
@@ -152,7 +152,13 @@ def _to_json_types(one: Any) -> Any:
 
 
 def _from_json_types(value: dict[str, Any]) -> dict[str, Any]:
-    return {name: float(v) if v in ("inf", "-inf", "nan") else v for name, v in value.items()}
+    return {name: _from_json_type(v) for name, v in value.items()}
+
+
+def _from_json_type(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(value)
+    return float(value) if value in ("inf", "-inf", "nan") else value
 
 
 def _parse_candidate(value: dict[str, Any]) -> PlacementCandidate:

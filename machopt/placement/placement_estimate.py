@@ -7,12 +7,13 @@ and every other term of the objective. Like the plan's certificate it holds over
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
+from machopt.placement.tolerance_estimate import ToleranceEstimator
 from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
 from machopt.planning.pipeline.planning_setup import PlanningSetup
 from machopt.planning.sampling.candidate_grid import CandidateGrid
@@ -35,6 +36,9 @@ class PlacementEstimate:
     reason: InfeasibilityReason = (
         InfeasibilityReason.OK
     )  # why it is not reached, for the configuration that came furthest
+    _: KW_ONLY
+    missed: int = 0  # holes and points that are in tolerance in no feasible configuration
+    outcomes: tuple[int, ...] = ()  # pass, marginal, fail, unknown along that sequence; empty: nothing is counted
 
     @property
     def is_reachable(self) -> bool:
@@ -43,7 +47,11 @@ class PlacementEstimate:
 
 
 def estimate_placement(
-    setup: PlanningSetup, arm: PlanningArm, path: PlanningPath, options: PlanOptions, *, beyond: float = np.inf
+    setup: PlanningSetup,
+    arm: PlanningArm,
+    path: PlanningPath,
+    options: PlanOptions,
+    tolerances: ToleranceEstimator | None = None,
 ) -> PlacementEstimate:
     """Return the estimate of a place.
 
@@ -52,7 +60,7 @@ def estimate_placement(
         arm: with the workpiece at the place.
         path: as planned, with its stations.
         options: plan options.
-        beyond: if the bound is above it, the grid's best sequence is not computed.
+        tolerances: counts holes and points in tolerance; None: nothing has a tolerance.
     """
     every = max(len(path.stations) // FIRST_STATIONS, 1)
     if every > 1:
@@ -72,13 +80,18 @@ def estimate_placement(
     least = np.nanmin(scores.cost[counted].reshape(len(counted), -1), axis=1)
     at = int(least.argmax())
     bound, point = float(least[at]), round(float(path.index[path.stations[counted[at]]]))
-    if bound > beyond:
-        return PlacementEstimate(bound, bound, float(least.mean()), point)
+    missed = 0
+    if tolerances is not None:
+        tolerances = tolerances.move_to(arm, path, d)
+        missed = tolerances.count_missed(candidates, scores)
+        if options.objective == "tolerance":
+            scores = replace(scores, place_price=tolerances.pricing.price_grid(setup.cell, candidates))
     choice = choose_sequence(path, candidates, scores, setup.cell.limits.velocity[:6], options)
     if choice.broken or choice.dropped.any():
-        return PlacementEstimate(bound, np.inf, np.inf, point, InfeasibilityReason.NO_PATH)
+        return PlacementEstimate(bound, np.inf, np.inf, point, InfeasibilityReason.NO_PATH, missed=missed)
     cost = scores.cost[counted, choice.rotation[counted], choice.branch[counted]]
-    return PlacementEstimate(bound, float(cost.max()), float(cost.mean()), point)
+    outcomes = () if tolerances is None else tolerances.count_outcomes(choice)
+    return PlacementEstimate(bound, float(cost.max()), float(cost.mean()), point, missed=missed, outcomes=outcomes)
 
 
 def _find_unreached_station(path: PlanningPath, candidates: CandidateGrid) -> PlacementEstimate | None:

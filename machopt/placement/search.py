@@ -24,6 +24,7 @@ from machopt.placement.moved_cell import (
     compute_rotation_centre,
     select_moved_obstacles,
 )
+from machopt.placement.placed_outcomes import add_outcomes, summarise_outcomes
 from machopt.placement.placement_estimate import PlacementEstimate
 from machopt.placement.search_options import (
     NO_SHIFT,
@@ -34,19 +35,17 @@ from machopt.placement.search_options import (
     compute_grid_steps,
 )
 from machopt.placement.search_result import (
-    TIE_TOLERANCE,
     NearbyPlacement,
     PlacementCandidate,
     PlacementSearchResult,
     PlannedPlacement,
+    can_beat,
 )
 from machopt.placement.segment_task import SegmentTask, build_single_segment, plan_at_placement
+from machopt.placement.softest_point import find_softest_point
 from machopt.placement.support_check import SupportModel
 from machopt.placement.task_executor import InProcessExecutor, PlacementExecutor
-from machopt.planning.cost.stiffness_index import compute_configuration_cost
-from machopt.planning.pipeline.plan import Plan
 
-RIGID_FACTOR = 1e9  # times a joint's stiffness: practically rigid
 NEIGHBOUR_DISTANCE_M = 0.020  # m: shift of the best places for the sensitivity
 
 Progress = Callable[[str], None]
@@ -152,6 +151,8 @@ class PlacementSite:
             mean=float(np.mean([o.mean for o in found])),
             job=job,
             point=found[job].point,
+            least_missed=sum(o.missed for o in found),
+            outcomes=add_outcomes([o.outcomes for o in found]),
         )
 
     def plan_candidate(self, place: PlacementCandidate) -> PlannedPlacement:
@@ -161,20 +162,22 @@ class PlacementSite:
             place: assessed place.
         """
         start_time = time.perf_counter()
-        worst, mean, cycle, softest = [], [], 0.0, []
+        worst, mean, cycle, softest, tolerances = [], [], 0.0, [], []
         for toolpath, job in zip(self.toolpaths, self.jobs, strict=True):
             stints = [task.stint for task in job]
-            one, seconds, why = plan_at_placement(stints, self.moved_bodies, place.shift, self.options)
-            if why:
+            made = plan_at_placement(stints, self.moved_bodies, place.shift, self.options)
+            if made.obstruction:
                 return PlannedPlacement(
                     place=place,
-                    refused=f"no motion for {toolpath.source}: {why}",
+                    refused=f"no motion for {toolpath.source}: {made.obstruction}",
                     seconds=time.perf_counter() - start_time,
                 )
+            one = made.plan
             worst.append(one.chosen.objective.worst * one.scores.scale)
             mean.append(one.chosen.objective.mean * one.scores.scale)
-            cycle += seconds
-            softest.append(_find_softest_point(one))
+            cycle += made.seconds
+            softest.append(find_softest_point(one))
+            tolerances.append(made.tolerances)
         hardest = int(np.argmax(worst))
         return PlannedPlacement(
             place=place,
@@ -184,6 +187,7 @@ class PlacementSite:
             point=softest[hardest][0],
             shares=softest[hardest][1],
             cycle_time=cycle,
+            **summarise_outcomes(tolerances),
             seconds=time.perf_counter() - start_time,
         )
 
@@ -212,16 +216,14 @@ def find_best_placement(
     here = next(p for p in places if p.number == 0)
     if here.is_feasible:
         plans.plan(here)
-    queue = sorted(
-        (p for p in places if p.is_feasible and p.number), key=lambda p: (max(p.worst, p.bound), p.bound, p.number)
-    )
+    queue = sorted((p for p in places if p.is_feasible and p.number), key=lambda p: (*p.outlook, *p.limit, p.number))
     stopped = _plan_queue(queue, plans, search, progress, start_time)
     result = PlacementSearchResult(
         carried=site.moved_bodies,
         places=tuple(places),
         planned=tuple(plans.planned.values()),
         around={},
-        open_bound=min((p.bound for p in queue if p.number not in plans.planned), default=np.inf),
+        open_limit=min((p.limit for p in queue if p.number not in plans.planned), default=(np.inf, np.inf)),
         stopped=stopped,
     )
     if result.best and time.monotonic() - start_time < search.seconds:
@@ -270,16 +272,16 @@ def _plan_queue(
     """Plan places in their order until the best ones are proven; return why it stopped earlier, empty if not."""
     for turn, place in enumerate(queue):
         planned = plans.planned
-        values = sorted(p.worst for p in planned.values() if not p.refused)
-        if len(values) - (0 in planned and not planned[0].refused) >= search.best and all(
-            p.bound >= values[0] * (1 - TIE_TOLERANCE) for p in queue if p.number not in planned
+        values = sorted(p.rank for p in planned.values() if not p.refused)
+        if len(values) - (0 in planned and not planned[0].refused) >= search.best and not any(
+            can_beat(p.limit, values[0]) for p in queue if p.number not in planned
         ):
             break
         if len(planned) >= search.plans:
             return f"after {search.plans} plans"
         if time.monotonic() - start_time > search.seconds and values:
             return f"after {search.seconds / 60:.3g} min"
-        best_text = f", best so far {1e3 * values[0]:.4g}" if values else ""
+        best_text = f", best so far {1e3 * values[0][1]:.4g}" if values else ""
         progress(f"plan {len(planned) + 1} of at most {search.plans}: {place.shift.text}{best_text}")
         plans.plan(place, queue[turn + 1 :])
     return ""
@@ -345,7 +347,7 @@ def _refine_best(
             better = (
                 p
                 for p in executor.map_items(PlacementSite.evaluate_candidate, queries)
-                if p.is_feasible and p.worst < now.worst
+                if p.is_feasible and p.outlook < now.outlook
             )
             now = next(better, now)
     return None if now is best else now
@@ -381,24 +383,14 @@ def _combine_tools(found: Sequence[PlacementEstimate], length: Sequence[float]) 
     worst = max(found, key=lambda one: one.bound)
     share = np.array(length) if sum(length) > 0 else np.ones(len(found))
     mean = float(share @ [one.mean for one in found] / share.sum())
-    return PlacementEstimate(worst.bound, max(one.worst for one in found), mean, worst.point)
-
-
-def _find_softest_point(whole: Plan) -> tuple[float, tuple[float, ...]]:
-    """Return the toolpath index of the worst index, and the share of it that would vanish if each joint were rigid."""
-    cost = np.where(whole.path.counted, whole.chosen.cost, -np.inf)
-    at = int(np.nanargmax(cost))
-    one, row = whole.at(at)
-    p = np.array([row])
-    q, elasticity, index = one.chosen.assignment.q[p], one.setup.elasticity, one.scores.index
-    all_of_it = compute_configuration_cost(elasticity, one.directions, p, q, index)[0]
-    shares = []
-    for j in range(6):
-        k = one.directions.k.copy()
-        k[p, j] *= RIGID_FACTOR
-        left = compute_configuration_cost(elasticity, replace(one.directions, k=k), p, q, index)[0]
-        shares.append(float(1.0 - left / all_of_it))
-    return float(whole.path.index[at]), tuple(shares)
+    return PlacementEstimate(
+        worst.bound,
+        max(one.worst for one in found),
+        mean,
+        worst.point,
+        missed=sum(one.missed for one in found),
+        outcomes=add_outcomes([one.outcomes for one in found]),
+    )
 
 
 _REASON_TEXTS = {

@@ -9,6 +9,7 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.process_columns import ToleranceSummary
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.kinematics.machine import load_machine
@@ -16,6 +17,8 @@ from machopt.placement.external_joint_estimate import estimate_with_external_joi
 from machopt.placement.moved_cell import MovedBodies, move_cell
 from machopt.placement.placement_estimate import PlacementEstimate, estimate_placement
 from machopt.placement.search_options import PlacementShift
+from machopt.placement.tolerance_estimate import ToleranceEstimator
+from machopt.planning.cost.stiffness_index import compute_load_directions
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axis_optimization.best_plan import find_best_plan
@@ -29,6 +32,7 @@ from machopt.planning.plan_output.infeasibility_reasons import explain_points, l
 from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.path_subset import list_run_points
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
+from machopt.planning.tolerance.process_results import summarise_tolerances
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +43,7 @@ class SegmentTask:
     setup: PlanningSetup  # without collisions
     path: PlanningPath  # external joints at their locked values, else at home
     groups: tuple[OperationGroup, ...]  # operations that share external joint values; empty without external joints
+    tolerances: ToleranceEstimator | None  # None: nothing has a tolerance, or external joints are free
 
     @classmethod
     def build(cls, stint: ToolSegment, options: PlanOptions) -> SegmentTask:
@@ -51,12 +56,16 @@ class SegmentTask:
         cell, path = stint.cell, build_planning_path(stint.toolpath)
         setup = prepare_planning(cell, replace(options, collision=False), stint.toolpath)
         if not cell.external_joints:
-            return cls(stint, setup, path, ())
+            return cls(stint, setup, path, (), _build_estimator(setup, stint, path, options))
         groups = build_operation_groups(cell, stint.toolpath, path, resolve_axis_options(cell, options))
         at = np.empty((len(path.index), len(cell.external_joints)))
         for group in groups:
             at[list_run_points(path, group.runs)] = np.clip(cell.external_home, group.low, group.high)
-        return cls(stint, setup, fix_external_axes(path, at), tuple(groups))
+        path = fix_external_axes(path, at)
+        is_free = any((g.high > g.low).any() for g in groups)
+        return cls(
+            stint, setup, path, tuple(groups), None if is_free else _build_estimator(setup, stint, path, options)
+        )
 
     @property
     def has_free_external_joints(self) -> bool:
@@ -83,8 +92,15 @@ class SegmentTask:
         if self.has_free_external_joints:
             found = estimate_with_external_joints(self.setup, arm, self.path, options, self.groups)
         else:
-            found = estimate_placement(self.setup, arm, self.path, options)
+            found = estimate_placement(self.setup, arm, self.path, options, self.tolerances)
         return replace(found, point=found.point + self.stint.first)
+
+
+def _build_estimator(
+    setup: PlanningSetup, stint: ToolSegment, path: PlanningPath, options: PlanOptions
+) -> ToleranceEstimator | None:
+    d = compute_load_directions(path, setup.arm, setup.elasticity, options.force)
+    return ToleranceEstimator.build(setup, stint.toolpath, path, d, options)
 
 
 def build_single_segment(cell: Cell, toolpath: Toolpath) -> tuple[ToolSegment, ...]:
@@ -98,11 +114,20 @@ def build_single_segment(cell: Cell, toolpath: Toolpath) -> tuple[ToolSegment, .
     return (ToolSegment(cell=cell, toolpath=toolpath, whole=toolpath, first=0, begin=home, end=home),)
 
 
+@dataclass(frozen=True)
+class JobAtPlacement:
+    """A job planned at a place."""
+
+    plan: Plan
+    seconds: float  # of its motion
+    obstruction: str  # why there is no motion; empty where there is one
+    tolerances: tuple[ToleranceSummary, ...]  # outcomes by operation, points counted from the first of the job
+
+
 def plan_at_placement(
     stints: Sequence[ToolSegment], carried: MovedBodies, shift: PlacementShift, options: PlanOptions
-) -> tuple[Plan, float, str]:
-    """Plan a job at a place, including its motion; return the plan, its time in s, and why there is no motion (else
-    empty).
+) -> JobAtPlacement:
+    """Plan a job at a place, including its motion.
 
     Args:
         stints: toolpath of each tool.
@@ -121,15 +146,17 @@ def plan_at_placement(
     def again(stint: ToolSegment) -> Callable[[PlanOptions], Plan]:
         return lambda other: _plan_segment(stint, len(moved_stints), scale if len(moved_stints) > 1 else None, other)
 
-    seconds, why = 0.0, ""
+    seconds, why, rows = 0.0, "", []
     for k, stint in enumerate(moved_stints):
-        plans[k], _, timeline = drive_tool_segment(stint, plans[k], options, StageTimings(), again(stint))
+        plans[k], driven, timeline = drive_tool_segment(stint, plans[k], options, StageTimings(), again(stint))
         if timeline is None or timeline.trajectory is None:
             why = _get_first_obstruction(plans[k], timeline.obstructions if timeline is not None else ())
             break
         seconds += float(timeline.trajectory.time[-1])
+        found = summarise_tolerances(driven, stint.toolpath, timeline)
+        rows += [replace(row, worst_point=row.worst_point + stint.first) for row in found]
     done = [ToolSegmentPlan(one, s.first, s.tool) for one, s in zip(plans, moved_stints, strict=True)]
-    return join_plans(done, bound, options) if len(done) > 1 else plans[0], seconds, why
+    return JobAtPlacement(join_plans(done, bound, options) if len(done) > 1 else plans[0], seconds, why, tuple(rows))
 
 
 def _plan_segment(stint: ToolSegment, count: int, scale: float | None, options: PlanOptions) -> Plan:

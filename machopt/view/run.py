@@ -21,7 +21,7 @@ from machopt.view.input_locations import list_changed_inputs, locate_inputs
 from machopt.view.page_server import PageServer
 from machopt.view.session import ViewSession
 
-ACTIONS = ("plan", "back", "save", "verify")
+ACTIONS = ("plan", "back", "save", "verify", "outcome")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +100,8 @@ class SessionActions:
                 return ViewAnswerDocument(told=self.session.message, good=self.session.has_motion, shown=True)
             if what == "verify":
                 return self.session.verify(progress)
+            if what == "outcome":
+                return self.session.find_outcome(body)
             command = self.session.save_plan_file()
             return ViewAnswerDocument(told=f"Saved {self.session.file}: {command}", good=True, saved=True)
         except InputError as problem:

@@ -30,6 +30,7 @@ from machopt.planning.plan_output.infeasibility_reasons import list_breaks
 from machopt.report.page_data.optimize import PlanEvidence, build_report_data, format_measured_value
 from machopt.report.page_types.steering import SteeringAxis, SteeringData
 from machopt.report.pages.optimize.optimize_page import build_report_html
+from machopt.view.live_job import LiveJob, has_tolerances
 from machopt.view.plan_comparison import compare_plans
 
 _CHECK_TEXTS = {True: "passed", False: "FAILED", None: "not run"}
@@ -53,6 +54,7 @@ class ViewSession:
         default_factory=list
     )  # of verify, of plans shown or before
     cache: StepCache = field(default_factory=StepCache)  # what the steps of earlier plans came to
+    live: LiveJob | None = None  # the shown plan, for handles that are dragged
 
     @classmethod
     def start(
@@ -177,6 +179,19 @@ class ViewSession:
         self.verifications = [*shown, (self.current, answer)]
         return answer
 
+    def find_outcome(self, body: dict[str, Any]) -> ViewAnswerDocument:
+        """Return outcome and error of a point of the shown plan at another rotation.
+
+        Args:
+            body: ``point``, a toolpath point, and ``phi_deg``, the rotation about the transported reference.
+
+        Raises:
+            InputError: a value is missing or out of range.
+        """
+        if self.live is None or self.live.made is not self.current.job_result:
+            self.live = LiveJob.build(self.current.job_result)
+        return ViewAnswerDocument(told="", good=True, outcome=self.live.find_outcome(body))
+
     @property
     def _verification(self) -> ViewAnswerDocument | None:
         """Of the plan shown."""
@@ -249,6 +264,7 @@ class ViewSession:
             has_motion=self.has_motion,
             file=str(self.file),
             command=self.command,
+            has_tolerances=has_tolerances(cell),
             verified=None if (answer := self._verification) is None else answer.to_json_types(),
         )
 

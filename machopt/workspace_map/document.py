@@ -301,7 +301,7 @@ def _list_hints(samples: MapSamples, layers: list[MapLayerResult], setting: MapS
         out += setting.elasticity.warnings
         d = setting.elasticity.stiffness.discrepancy
         out += [misfit] if d is not None and (misfit := d.describe_misfit("Stiffness and deflection")) else []
-        out += _format_external_joints(setting)
+        out += [*_format_external_joints(setting), *setting.job_notes]
     for layer in layers:
         if "deflection" not in layer.values.value:
             break

@@ -52,6 +52,8 @@ class MapSettings:
     load: MapLoad | None = None
     external_compliance: ExternalJointCompliance | None = None  # compliance of external joints; None: they are rigid
     external: Array | None = None  # (E,) rad or m, values of the external joints
+    of_job: tuple[MapQuantity, ...] = ()  # under the forces of a job, by operation
+    job_notes: tuple[str, ...] = ()  # why some of these are missing
 
     def evaluate_states(self, q: Array) -> PostureStates:
         """Return the states of postures.
@@ -354,7 +356,7 @@ def list_quantities(setting: MapSettings) -> tuple[MapQuantity, ...]:
         setting: constant inputs of the quantities.
     """
     have = {word for word, there in (("stiffness", setting.elasticity), ("load", setting.load)) if there is not None}
-    return tuple(field for field in QUANTITIES if field.needs <= have)
+    return tuple(field for field in (*QUANTITIES, *setting.of_job) if field.needs <= have)
 
 
 def select_default_criterion(setting: MapSettings) -> str:

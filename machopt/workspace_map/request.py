@@ -53,6 +53,8 @@ class MapRequest:
     power: float = 2.0
     neighbours: int | None = None
     plan_file: Path | None = None
+    process: Path | None = None  # a process.yaml in place of the cell's own
+    toolpath: Path | None = None  # a job whose operations are mapped under their own forces
     overrides: tuple[str, ...] = ()
     allow_external: bool = False
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold

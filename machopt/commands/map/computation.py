@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from machopt.cell.cell_reader import load_cell
 from machopt.commands.input_hashes import compute_input_hashes
+from machopt.commands.map.job_loading import read_job
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.data_types.manifest import add_scope_to_verdict
 from machopt.errors import OptionError
+from machopt.job_map.job_quantities import build_job_quantities
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import load_chain
 from machopt.options.plan_option_reader import load_options
@@ -70,6 +72,8 @@ def _compute_hashes(request: MapRequest, cell: Cell) -> dict[str, str]:
     files = compute_input_hashes(cell)
     if request.measured is not None:
         files[request.measured.name] = compute_sha256(request.measured)
+    if request.toolpath is not None:
+        files[request.toolpath.name] = compute_sha256(request.toolpath)
     return files
 
 
@@ -82,7 +86,11 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
         cell: The cell, if it is loaded already.
     """
     progress("load")
-    cell = load_cell(request.cell, allow_external=request.allow_external) if cell is None else cell
+    if cell is None:
+        cell = load_cell(request.cell, allow_external=request.allow_external, process=request.process)
+    toolpath = None
+    if request.toolpath is not None:
+        cell, toolpath = read_job(request.toolpath, cell)
     plan_options = load_options(cell.plan, request.plan_file, list(request.overrides))
     options = resolve_request(request, cell)
     measured = read_measured_stiffness(request.measured) if request.measured is not None else None
@@ -91,6 +99,9 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
     robot, shapes = load_chain(cell)
     arm = build_reaching_arm(cell, robot, plan_options)
     setting = build_map_settings(cell, robot, options)
+    if toolpath is not None:
+        quantities, notes = build_job_quantities(cell, toolpath, setting)
+        setting = replace(setting, of_job=quantities, job_notes=notes)
     criterion = select_criterion(options, setting)
     if isinstance(options.pick, int) and options.pick >= arm.solver.branches:
         raise OptionError(f"found branch {options.pick}; the arm has 0 to {arm.solver.branches - 1}", where="--pick")

@@ -67,7 +67,9 @@ def write_map_files(done: MapComputation, folder: Path, progress: Callable[[str]
     write_map_svg(folder / "map.svg", done.page)
     write_result(folder / "map.json", done.result)
     read = [
-        build_manifest_file(f, role) for f, role in ((request.measured, "measured"), (request.plan_file, "plan")) if f
+        build_manifest_file(f, role)
+        for f, role in ((request.measured, "measured"), (request.plan_file, "plan"), (request.toolpath, "toolpath"))
+        if f
     ]
     read += [build_manifest_file(f, "effects") for f in request.effects]
     write_command_manifest(

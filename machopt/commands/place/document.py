@@ -18,8 +18,10 @@ from machopt.data_types.documents.place_document import (
     PlaceDocument,
     PlaceEntry,
     PlaceSearchSection,
+    PlaceTolerancesSection,
 )
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.process_columns import OUTCOMES
 from machopt.file_formats.csv_text_escaping import escape_formula_text
 from machopt.options.plan_option_reader import format_user_options
 from machopt.placement.moved_cell import move_cell
@@ -27,7 +29,8 @@ from machopt.placement.search import PlacementSite
 from machopt.placement.search_options import PlacementOptions, PlacementShift, compute_grid_steps
 from machopt.placement.search_result import PlacementCandidate, PlacementSearchResult, PlannedPlacement
 from machopt.planning.cost.stiffness_index import resolve_index
-from machopt.report.pages.placement_page import PlaceMark, PlacementPageData
+from machopt.report.pages.placement_page import PlacementPageData
+from machopt.report.svg.placement_map import PlaceMark
 from machopt.version import __version__
 
 
@@ -112,6 +115,7 @@ def build_place_document(
         proven=siting.is_optimal,
         stopped=siting.stopped,
         open_bound=unit[1] * siting.open_bound,
+        open_in_tolerance=_count_open(siting),
         gain_percent=gain,
         at_edge=describe_range_edges(search, top),
         as_it_stands=_build_place_entry(site, siting, here, base, None)
@@ -155,13 +159,56 @@ def _format_verdict(siting: PlacementSearchResult, gain: float, code: int, edge:
     else:
         less = f", worst index {gain:.1f} % less" if np.isfinite(gain) else "; where the cell has it nothing is planned"
         text = f"best place{tried}: {top.place.shift.text}{less}"
+    text += f"; {count}" if (count := _format_outcomes(siting, top)) else ""
     if siting.is_optimal:
         text += f"; no other of the {len(siting.places)} places can be better"
         text += ", by a grid of values of the external joints" if of_grid else ""
     else:
-        rest = f" by {100 * (1 - siting.open_bound / top.worst):.1f} %" if np.isfinite(siting.open_bound) else ""
-        text += f"; stopped {siting.stopped}, a place left out may be better{rest} at most"
+        text += f"; stopped {siting.stopped}, a place left out may be better{_format_rest(siting, top)}"
     return text + (f"; at the edge of the range ({', '.join(edge)})" if edge else "")
+
+
+def _format_outcomes(siting: PlacementSearchResult, top: PlannedPlacement) -> str:
+    """Return how many holes and points the best place has in tolerance, and the cell's own; empty without any."""
+    if not top.outcomes:
+        return ""
+    text = f"{top.outcomes[0]} of {sum(top.outcomes)} holes and points in tolerance"
+    here = next((p for p in siting.planned if p.place.number == 0 and not p.refused), None)
+    if here is None or here is top or not here.outcomes:
+        return text
+    return f"{text} instead of {here.outcomes[0]}"
+
+
+def _format_rest(siting: PlacementSearchResult, top: PlannedPlacement) -> str:
+    """Return by how much a place that was not planned may be better."""
+    missed, bound = siting.open_limit
+    if missed < top.missed:
+        return f" by {top.missed - missed:.0f} holes and points at most"
+    return f" by {100 * (1 - bound / top.worst):.1f} % at most" if np.isfinite(bound) else " at most"
+
+
+def _count_open(siting: PlacementSearchResult) -> int | None:
+    """Return the most holes and points in tolerance at a place that was not planned; None where none is left."""
+    counted = [sum(p.outcomes) for p in siting.planned if p.outcomes]
+    if not counted or not np.isfinite(siting.open_limit[0]):
+        return None
+    return counted[0] - int(siting.open_limit[0])
+
+
+def _build_tolerances(site: PlacementSite, one: PlannedPlacement) -> PlaceTolerancesSection | None:
+    if not one.outcomes or one.tolerance_point < 0:
+        return None
+    passed, marginal, failed, unknown = one.outcomes
+    return PlaceTolerancesSection(
+        in_tolerance=passed,
+        marginal=marginal,
+        fail=failed,
+        unknown=unknown,
+        worst_error_mm=1e3 * one.tolerance_error,
+        worst_error_toolpath=site.toolpaths[one.tolerance_job].source,
+        worst_error_point=one.tolerance_point,
+        worst_p_in=one.tolerance_p_in,
+    )
 
 
 def _build_place_entry(
@@ -198,6 +245,7 @@ def _build_place_entry(
         worst_toolpath=site.toolpaths[one.job].source if not one.refused else None,
         worst_point=one.point,
         joint_share_percent=tuple(100 * s for s in one.shares),
+        tolerances=_build_tolerances(site, one),
         around=around,
         verdict=done.verdict if done is not None else one.refused or "planned",
     )
@@ -273,7 +321,26 @@ def build_place_columns(site: PlacementSite, siting: PlacementSearchResult) -> d
         "outlook": unit * np.array([p.worst for p in every]),
         "planned_worst": unit * np.array([np.nan if one is None else one.worst for one in whole]),
         "cycle_time_s": np.array([np.nan if one is None else one.cycle_time for one in whole]),
+        **_build_outcome_columns(siting, whole),
     }
+
+
+def _build_outcome_columns(
+    siting: PlacementSearchResult, planned: Sequence[PlannedPlacement | None]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns about tolerances; empty where nothing has one, or where it is not estimated."""
+    estimates = [p.outcomes for p in siting.places]
+    made = [() if one is None else one.outcomes for one in planned]
+    missed = [p.least_missed if p.outcomes else np.nan for p in siting.places]
+    out = {"bound_in_tolerance": np.array([sum(e) - m for e, m in zip(estimates, missed, strict=True)], float)}
+    for prefix, counts in (("outlook_", estimates), ("", made)):
+        for k, word in enumerate(("in_tolerance", *OUTCOMES[1:])):
+            out[prefix + word] = np.array([c[k] if c else np.nan for c in counts], float)
+    known = [None if one is None or one.tolerance_point < 0 else one for one in planned]
+    out["worst_error_mm"] = np.array([np.nan if one is None else 1e3 * one.tolerance_error for one in known])
+    out["worst_error_point"] = np.array([np.nan if one is None else one.tolerance_point for one in known])
+    out["worst_p_in"] = np.array([np.nan if one is None else one.tolerance_p_in for one in known])
+    return out
 
 
 def write_place_table(path: Path, site: PlacementSite, siting: PlacementSearchResult) -> None:
@@ -312,6 +379,7 @@ def build_placement_page_data(
             planned=p.number in planned,
             words=p.shift.text,
             refused=p.refused or (planned[p.number].refused if p.number in planned else ""),
+            outcomes=planned[p.number].outcomes if p.number in planned else p.outcomes,
         )
         for p in siting.places
     )

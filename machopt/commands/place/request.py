@@ -31,6 +31,7 @@ class PlaceRequest:
     out: Path
     search: PlacementOptions = field(default_factory=PlacementOptions)
     plan_file: Path | None = None
+    process: Path | None = None  # a process.yaml in place of the cell's own
     overrides: tuple[str, ...] = ()
     direct: dict[str, object] | None = None  # options by their user key
     posts: tuple[str, ...] = ()

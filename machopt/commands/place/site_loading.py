@@ -40,7 +40,7 @@ def read_request_files(request: PlaceRequest) -> tuple[Cell, tuple[Toolpath, ...
     Raises:
         InputError: a file is wrong.
     """
-    cell = load_cell(request.cell)
+    cell = load_cell(request.cell, process=request.process)
     pairs = zip(request.toolpaths, request.readings, strict=True)
     return cell, tuple(read_toolpath(file, **get_reading_options(cell), **reading) for file, reading in pairs)
 

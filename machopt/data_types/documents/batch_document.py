@@ -29,6 +29,12 @@ class JobNumbersSection(DocumentModel):
     cycle_time_s: Known = None
     in_tolerance: Count | None = None  # holes and points that pass
     with_tolerance: Count | None = None  # holes and points that have one
+    marginal: Count | None = None
+    fail: Count | None = None
+    unknown: Count | None = None
+    worst_error_mm: Known = None  # at the hole or point with the lowest probability; empty where an angle decides
+    worst_error_point: Count | None = None  # its toolpath point
+    worst_p_in: Known = None  # its probability to be in tolerance
     programs: tuple[Text, ...] | None = None
     feed_held_percent: Known = None
     warnings: tuple[Text, ...] | None = None

@@ -44,6 +44,19 @@ class NeighbourPlaceEntry(DocumentModel):
     refused: Text
 
 
+class PlaceTolerancesSection(DocumentModel):
+    """Holes and points of all toolpaths by outcome at the driven feed, and the one with the lowest probability."""
+
+    in_tolerance: Count
+    marginal: Count
+    fail: Count
+    unknown: Count
+    worst_error_mm: Known  # nominal; null where an angle decides
+    worst_error_toolpath: Text
+    worst_error_point: Count
+    worst_p_in: Known
+
+
 class PlaceEntry(DocumentModel):
     """A place that was planned wholly; the shift is along the axes of world from where the cell has what moves."""
 
@@ -62,6 +75,7 @@ class PlaceEntry(DocumentModel):
     worst_toolpath: Text | None
     worst_point: Known
     joint_share_percent: Numbers
+    tolerances: PlaceTolerancesSection | None = None  # null where nothing has a tolerance
     around: tuple[NeighbourPlaceEntry, ...]
     verdict: Text
 
@@ -94,6 +108,7 @@ class PlaceDocument(DocumentModel):
     proven: Flag
     stopped: Text
     open_bound: Known
+    open_in_tolerance: Count | None = None  # most holes and points in tolerance at a place that was not planned
     gain_percent: Known
     at_edge: tuple[Text, ...]
     as_it_stands: PlaceEntry | None

@@ -22,6 +22,7 @@ from machopt.data_types.process import CuttingProcess
 from machopt.data_types.tolerance_prices import FAILED_POINT_PRICE, SHORTFALL_PRICE
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
+from machopt.numerics.tall_products import multiply_tall
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import LoadDirections
 from machopt.planning.error_probability.draws import UncertaintyDraws, build_draws
@@ -139,7 +140,7 @@ class TolerancePricing:
                 if not len(r):
                     continue
                 points = np.full(len(r), stations[station])
-                p = self._compute_probability(cell, is_hole, np.full(len(r), n), points, candidates.q[station, r, b])
+                p = self.compute_probability(cell, is_hole, np.full(len(r), n), points, candidates.q[station, r, b])
                 out[station, r, b] += count * self._price(p)
         return out
 
@@ -156,26 +157,43 @@ class TolerancePricing:
             known = np.isfinite(q[points]).all(axis=1)
             p = np.zeros(len(rows))
             some = np.flatnonzero(known)
-            p[some] = self._compute_probability(cell, is_hole, some, points[some], q[points[some]])
+            p[some] = self.compute_probability(cell, is_hole, some, points[some], q[points[some]])
             total += float(np.sum(self._price(p)))
         return total
 
-    def _assign_stations(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Return the stations nearest to some toolpath points: station, one of its targets, number of targets."""
+    def find_nearest_stations(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the stations nearest to some toolpath points.
+
+        Args:
+            rows: Toolpath points.
+        """
         index = self.path.index[self.path.stations]
         after = np.clip(np.searchsorted(index, rows), 0, len(index) - 1)
         before = np.maximum(after - 1, 0)
-        nearest = np.where(np.abs(index[after] - rows) <= np.abs(rows - index[before]), after, before)
-        stations, first, count = np.unique(nearest, return_index=True, return_counts=True)
+        return np.where(np.abs(index[after] - rows) <= np.abs(rows - index[before]), after, before)
+
+    def _assign_stations(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Return the stations nearest to some toolpath points: station, one of its targets, number of targets."""
+        found = np.unique(self.find_nearest_stations(rows), return_index=True, return_counts=True)
+        stations, first, count = found
         return stations.astype(np.intp), first.astype(np.intp), count.astype(np.intp)
 
     def _price(self, probability: Array) -> Array:
         short = np.maximum(self.process.quantile - probability, 0.0)
         return np.asarray(FAILED_POINT_PRICE * (short > 0) + SHORTFALL_PRICE / self.count * short)
 
-    def _compute_probability(
+    def compute_probability(
         self, cell: Cell, is_hole: bool, target: NDArray[np.intp], points: NDArray[np.intp], q: Array
     ) -> Array:
+        """Return (M,) the probability that the tolerances of a target hold in a configuration.
+
+        Args:
+            cell: The cell.
+            is_hole: Whether the targets are holes.
+            target: (M,) index of the hole or milled point.
+            points: (M,) planning point.
+            q: (M, 6) rad.
+        """
         out = np.empty(len(q))
         compute = self._compute_hole_probability if is_hole else self._compute_surface_probability
         for first in range(0, len(q), BLOCK):
@@ -206,23 +224,37 @@ class TolerancePricing:
     ) -> Array:
         """Return (M,) the share of draws in which a hole is in tolerance: position at entry, depth and axis at exit."""
         axis = self.directions.axial[points]
-        x, y = _build_sideways(axis)
+        sideways = _build_sideways(axis)
         limits = [self.process.operations[k].tolerance for k in self.holes.operation[target]]
         position, depth, angle = (
             np.array([[getattr(t, name)] for t in limits]) for name in ("position", "depth", "axis")
         )
-        loads = self._draw_hole_loads(target)
-        noise = self.draws.position * self._find_position_std(cell, target, self.holes)[:, None, None]
-        good = np.ones((len(q), len(self.draws)), bool)
+        entry = bottom = None
         if np.isfinite(position).any():
             entry = self._compute_hole_columns(cell, points, self._shift_to_entry(target, points, q))
-            flat = [self._draw_errors(entry, loads, e, 0) + noise[..., n] for n, e in enumerate((x, y))]
-            good &= np.hypot(*flat) <= position
         if np.isfinite(depth).any() or np.isfinite(angle).any():
             bottom = self._compute_hole_columns(cell, points, q)
-            good &= np.abs(self._draw_errors(bottom, loads, axis, 0) + noise[..., 2]) <= depth
-            good &= np.hypot(*(self._draw_errors(bottom, loads, e, 3) for e in (x, y))) <= angle
-        return np.asarray(np.mean(good, axis=1))
+        std = self._find_position_std(cell, target, self.holes)[:, None]
+        out = np.empty(len(q))
+        loads = np.stack([self.holes.operation[target], self.holes.thrust[target], self.holes.torque[target]], axis=1)
+        kinds, which = np.unique(loads, axis=0, return_inverse=True)
+        for k, (operation, thrust, torque) in enumerate(kinds):
+            mine = np.flatnonzero(which.reshape(-1) == k)
+            factors, nominal = self._draw_hole_loads(int(operation), float(thrust), float(torque))
+            good = np.ones((len(mine), len(self.draws)), bool)
+            if entry is not None:
+                rows = [_join_rows(entry, e, 0, mine) for e in sideways]
+                drawn = (multiply_tall(row, factors) - row @ nominal for row in rows)
+                x, y = (e + std[mine] * self.draws.position[:, n] for n, e in enumerate(drawn))
+                good &= x * x + y * y <= position[mine] ** 2
+            if bottom is not None:
+                row = _join_rows(bottom, axis, 0, mine)
+                along = multiply_tall(row, factors) + std[mine] * self.draws.position[:, 2] - row @ nominal
+                good &= np.abs(along) <= depth[mine]
+                x, y = (multiply_tall(_join_rows(bottom, e, 3, mine), factors) for e in sideways)
+                good &= x * x + y * y <= angle[mine] ** 2
+            out[mine] = np.mean(good, axis=1)
+        return out
 
     def _compute_hole_columns(self, cell: Cell, points: NDArray[np.intp], q: Array) -> tuple[Array, Array]:
         """Return (M, 6, 1 + R) twists by a unit force along the axis and by a unit moment about it."""
@@ -247,31 +279,18 @@ class TolerancePricing:
         damped = np.swapaxes(J, 1, 2) @ J + DAMPING * np.eye(6)
         return np.asarray(q + np.linalg.solve(damped, np.einsum("mci,mc->mi", J, step)[..., None])[..., 0])
 
-    def _draw_errors(
-        self, columns: tuple[Array, Array], loads: tuple[Array, Array, Array, Array], direction: Array, first: int
-    ) -> Array:
-        """Return (M, D) the drawn twist along a direction; ``first`` is 0 for displacement and 3 for rotation."""
-        thrust, torque, nominal_thrust, nominal_torque = loads
-        axial, turning = (np.einsum("mi,mir->mr", direction, c[:, first : first + 3]) for c in columns)
-        g = self.draws.stiffness
-        out = thrust * (axial @ g.T) + torque * (turning @ g.T)
-        if self.is_compensated and first == 0:
-            out = out - nominal_thrust * axial[:, :1] - nominal_torque * turning[:, :1]
-        return np.asarray(out)
-
-    def _draw_hole_loads(self, target: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
-        """Return (M, D) thrust and torque, and (M, 1) their nominal values."""
-        thrust, torque = np.empty((len(target), len(self.draws))), np.empty((len(target), len(self.draws)))
-        for k in np.unique(self.holes.operation[target]):
-            one = self.process.operations[k]
-            mine = self.holes.operation[target] == k
-            wear = compute_mean_wear(one)
-            t = self.holes.thrust[target[mine]][:, None] / wear * self.draws.compute_load_factor(self.process, one)
-            thrust[mine] = np.maximum(t, one.clamp or -np.inf)
-            m = self.draws.compute_load_factor(self.process, one, torque=True)
-            torque[mine] = self.holes.torque[target[mine]][:, None] / wear * m
-        nominal = np.maximum(self.holes.thrust[target], self.holes.clamp[target])[:, None]
-        return thrust, torque, nominal, self.holes.torque[target][:, None]
+    def _draw_hole_loads(self, operation: int, thrust: float, torque: float) -> tuple[Array, Array]:
+        """Return (2 + 2R, D) factors of the columns by a unit thrust and a unit torque, and (2 + 2R, 1) of what is
+        compensated.
+        """
+        one, g = self.process.operations[operation], self.draws.stiffness
+        wear, clamp = compute_mean_wear(one), one.clamp or -np.inf
+        thrusts = np.maximum(thrust / wear * self.draws.compute_load_factor(self.process, one), clamp)
+        torques = torque / wear * self.draws.compute_load_factor(self.process, one, torque=True)
+        nominal = np.zeros((2 * g.shape[1], 1))
+        if self.is_compensated:
+            nominal[0], nominal[g.shape[1]] = max(thrust, clamp), torque
+        return np.concatenate([(thrusts[:, None] * g).T, (torques[:, None] * g).T]), nominal
 
     def _compute_surface_probability(
         self, cell: Cell, target: NDArray[np.intp], points: NDArray[np.intp], q: Array
@@ -296,7 +315,7 @@ class TolerancePricing:
         contact = self.loads.contact_sigma[rows, None]
         if contact.any():
             factor = factor * np.exp(contact * self.draws.scatter)
-        error = factor * (row @ self.draws.stiffness.T)
+        error = factor * (multiply_tall(row, self.draws.stiffness.T))
         if self.is_compensated:
             error = error - row[:, :1]
         limit = np.array([[self.process.operations[k].tolerance.surface] for k in self.surfaces.operation[target]])
@@ -312,6 +331,19 @@ class TolerancePricing:
         relative = 0.0 if cell.accuracy is None else float(np.nan_to_num(cell.accuracy.repeatability))
         references = [self.process.operations[k].tolerance.reference for k in targets.operation[target]]
         return np.array([absolute if word == "absolute" else relative for word in references])
+
+
+def _join_rows(columns: tuple[Array, Array], direction: Array, first: int, some: NDArray[np.intp]) -> Array:
+    """Return (m, 2 + 2R) twists along a direction by a unit thrust and a unit torque.
+
+    Args:
+        columns: (M, 6, 1 + R) twists by either.
+        direction: (M, 3) unit.
+        first: 0 for displacement and 3 for rotation.
+        some: (m,) which of them.
+    """
+    rows = [np.einsum("mi,mir->mr", direction[some], c[some, first : first + 3]) for c in columns]
+    return np.concatenate(rows, axis=1)
 
 
 def _build_sideways(axis: Array) -> tuple[Array, Array]:

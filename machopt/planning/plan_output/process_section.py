@@ -13,7 +13,12 @@ from machopt.data_types.documents.process_entries import (
     ToleranceEntry,
 )
 from machopt.data_types.process import CuttingProcess
-from machopt.data_types.process_columns import ProcessSummary, ToleranceSummary, merge_process_summaries
+from machopt.data_types.process_columns import (
+    ProcessSummary,
+    ToleranceSummary,
+    find_worst_tolerance,
+    merge_process_summaries,
+)
 from machopt.data_types.stock import StockComparison, StockSummary
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.point_table import PointResults
@@ -119,8 +124,8 @@ def _format_part(rows: list[ToleranceSummary], noun: str) -> str:
     total = sum(counts.values())
     text = f"{counts['pass']} of {total} {noun}s in tolerance"
     text += "".join(f", {counts[word]} {word}" for word in ("marginal", "fail", "unknown") if counts[word])
-    worst = min(rows, key=_rank)
-    if math.isfinite(worst.worst_error):
+    worst = find_worst_tolerance(rows)
+    if worst is not None and math.isfinite(worst.worst_error):
         number = worst.worst_number if worst.is_hole else worst.worst_point
         error = f"{math.degrees(worst.worst_error):.3g}°" if worst.is_angle else f"{1e3 * worst.worst_error:.3g} mm"
         text += f", worst {noun} {number}: {error}"
@@ -128,11 +133,6 @@ def _format_part(rows: list[ToleranceSummary], noun: str) -> str:
             name, share = worst.worst_cause.rsplit(" ", 1)
             text += f", {name.replace(':', ' ')} {100 * float(share):.0f} %"
     return text
-
-
-def _rank(row: ToleranceSummary) -> tuple[float, float]:
-    probability = row.worst_p_in if math.isfinite(row.worst_p_in) else 1.0
-    return (probability, -row.worst_error if math.isfinite(row.worst_error) else 0.0)
 
 
 def _build_entry(row: ToleranceSummary) -> ToleranceEntry:

@@ -22,7 +22,7 @@ from machopt.planning.error_probability.draws import UncertaintyDraws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.tolerance.error_columns import compute_twist_columns
-from machopt.planning.tolerance.hole_errors import HoleErrorModel, compute_hole_probability, draw_hole_terms
+from machopt.planning.tolerance.hole_errors import HoleErrorModel, HoleTerms, compute_hole_probability
 from machopt.planning.tolerance.surface_errors import (
     BLOCK,
     SurfaceErrorModel,
@@ -55,27 +55,23 @@ class FeedLimits:
     feed: Array  # (n,) m/s; 0: no feed suffices
 
 
-def find_hole_feeds(plan: Plan, model: HoleErrorModel, loads: PointLoads, draws: UncertaintyDraws) -> FeedLimits:
+def find_hole_feeds(plan: Plan, model: HoleErrorModel, loads: PointLoads, load_scales: Array) -> FeedLimits:
     """Return the largest feeds of holes.
 
     Args:
         plan: Plan of one tool.
         model: Error model of the holes.
         loads: Loads of the toolpath.
-        draws: Draws; the first ``DRAWS`` find a feed, all of them correct it.
+        load_scales: (H,) factors by which thrust and torque may grow; NaN where that is not known.
     """
     targets = model.targets
     feeds = np.full(len(targets.row), np.nan)
     depth_by_row = {hole.deepest: hole.depth for hole in loads.holes}
     groups: dict[tuple[int, float], list[tuple[int, float]]] = {}  # operation and depth: hole and scale of its load
     for h in range(len(targets.row)):
-        if not (model.poses[0].is_reached[h] and model.poses[1].is_reached[h]) or not targets.thrust[h] > 0:
-            continue
-        k = int(targets.operation[h])
-        if model.process.operations[k].kind == "force":
-            continue
-        scale = _find_load_scale(model, h, draws)
-        groups.setdefault((k, depth_by_row[int(targets.row[h])]), []).append((h, scale))
+        if np.isfinite(load_scales[h]):
+            key = int(targets.operation[h]), depth_by_row[int(targets.row[h])]
+            groups.setdefault(key, []).append((h, float(load_scales[h])))
     for (k, depth), found in groups.items():
         holes = np.array([h for h, _ in found], np.intp)
         scales = np.array([scale for _, scale in found])
@@ -83,10 +79,16 @@ def find_hole_feeds(plan: Plan, model: HoleErrorModel, loads: PointLoads, draws:
     return FeedLimits(targets.row, feeds)
 
 
-def _find_load_scale(model: HoleErrorModel, h: int, draws: UncertaintyDraws) -> float:
-    """Return by which factor thrust and torque may grow; 0 where the clamp alone is too much."""
+def find_load_scale(every: HoleTerms) -> float:
+    """Return by which factor thrust and torque of a hole may grow; 0 where the clamp alone is too much, NaN where its
+    force does not follow from the feed.
 
-    terms = draw_hole_terms(model, h, draws.take_first(DRAWS), position=True)
+    Args:
+        every: Drawn parts of its errors; the first ``DRAWS`` find the factor, all of them correct it.
+    """
+    model, h, terms = every.model, every.hole, every.take_first(DRAWS)
+    if not model.targets.thrust[h] > 0 or model.process.operations[model.targets.operation[h]].kind == "force":
+        return float("nan")
     target = model.process.quantile
 
     def passes(scale: float) -> bool:
@@ -102,8 +104,7 @@ def _find_load_scale(model: HoleErrorModel, h: int, draws: UncertaintyDraws) -> 
             middle = 0.5 * (low + high)
             low, high = (middle, high) if passes(middle) else (low, middle)
         few = compute_hole_probability(model, h, terms.compute_errors(low))
-        every = draw_hole_terms(model, h, draws, position=True).compute_errors(low)
-        excess = few - compute_hole_probability(model, h, every)
+        excess = few - compute_hole_probability(model, h, every.compute_errors(low))
         if excess <= 0.0 or target > model.process.quantile:
             return low
         target, high = model.process.quantile + excess, low
@@ -180,38 +181,78 @@ def _find_milling_feeds(
     high = np.maximum(high, low)
 
     std = np.nan_to_num(own.scatter.std)
-    limit = np.full(len(rows), one.tolerance.surface)
-    few, target = draws.take_first(DRAWS), np.full(len(rows), model.process.quantile)
+    few, quantile = draws.take_first(DRAWS), model.process.quantile
     factors = {id(some): compute_load_factors(own, slice(None), some) for some in (few, draws)}
 
-    def compute_probability(feed: Array, some: UncertaintyDraws) -> Array:
-        columns = per_load[0] + per_load[1] * feed[:, None]
-        other = replace(own, columns=columns, tool=own.tool * feed / bite)
-        errors = draw_surface_errors(other, slice(None), some, factors[id(some)], position=True)
-        return compute_surface_probability(errors, limit, std)
+    def compute_probability(feed: Array, some: UncertaintyDraws, which: NDArray[np.intp]) -> Array:
+        columns, tool = own.columns.copy(), own.tool.copy()
+        edge, slope = (part if len(part) == 1 else part[which] for part in per_load)
+        columns[which], tool[which] = edge + slope * feed[:, None], own.tool[which] * feed / bite[which]
+        factor = factors[id(some)]
+        factor = factor if len(factor) == 1 else factor[which]
+        errors = draw_surface_errors(replace(own, columns=columns, tool=tool), which, some, factor, position=True)
+        return compute_surface_probability(errors, np.full(len(which), one.tolerance.surface), std[which])
 
-    def passes(feed: Array) -> NDArray[np.bool_]:
-        return np.asarray(compute_probability(feed, few) >= target)
-
-    ok, widest = passes(low), passes(high)
-    low, high, some = _bracket_feeds(low, high, passes)
-    ok |= some
-    low = _halve_feeds(low, high, passes)
-    excess = compute_probability(low, few) - compute_probability(low, draws)
-    target = target + np.maximum(excess, 0.0)
-    low = np.where(excess > 0.0, _halve_feeds(np.maximum(CORRECTED * low, least), low, passes), low)
-    ok &= (low > least) | (compute_probability(low, draws) >= model.process.quantile)
-    found = np.where(widest, np.minimum(np.full(len(rows), largest), WIDEST * bite), low)
+    every = np.arange(len(rows))
+    widest = compute_probability(high, few, every) >= quantile
+    ok, found = widest.copy(), high.copy()
+    left = np.flatnonzero(~widest)  # points with a feed to be found
+    if len(left):
+        search = _FeedSearch(lambda feed, which: compute_probability(feed, few, left[which]), quantile, least)
+        best, good = search.find_feeds(low[left], high[left])
+        excess = compute_probability(best, few, left) - compute_probability(best, draws, left)
+        best = search.correct_feeds(best, excess)
+        good &= (best > least) | (compute_probability(best, draws, left) >= quantile)
+        ok[left], found[left] = good, best
     return np.where(ok, found * loads.spindle_speed[rows] * cutter.teeth, 0.0)
 
 
-def _halve_feeds(low: Array, high: Array, passes: Callable[[Array], NDArray[np.bool_]]) -> Array:
-    """Return (n,) the largest feeds that pass, by halving from feeds that pass to feeds that do not."""
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        good = passes(middle)
-        low, high = np.where(good, middle, low), np.where(good, high, middle)
-    return low
+@dataclass(frozen=True)
+class _FeedSearch:
+    """Search for the largest feeds per tooth whose probability reaches a target."""
+
+    compute_probability: Callable[[Array, NDArray[np.intp]], Array]  # feeds (m,) m of points (m,) → (m,)
+    quantile: float
+    least: float  # m
+
+    def find_feeds(self, low: Array, high: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the largest feeds (n,) m that pass between least and largest feeds, and whether there are any."""
+        every = np.arange(len(low))
+        target = np.full(len(low), self.quantile)
+        ok = self.compute_probability(low, every) >= self.quantile
+        lower, upper, found = low.copy(), low + (high - low) / STEPS, np.zeros(len(low), bool)
+        for n in range(STEPS - 1, 0, -1):  # the highest interval whose lower end passes
+            left = np.flatnonzero(~found)
+            if not len(left):
+                break
+            feed = (low + n / STEPS * (high - low))[left]
+            good = self.compute_probability(feed, left) >= self.quantile
+            lower[left[good]] = feed[good]
+            upper[left[good]] = (low + (n + 1) / STEPS * (high - low))[left[good]]
+            found[left[good]] = True
+        ok |= found
+        searched = np.flatnonzero(ok)
+        best = lower.copy()
+        best[searched] = self._halve(lower[searched], upper[searched], searched, target[searched])
+        return best, ok
+
+    def correct_feeds(self, feed: Array, excess: Array) -> Array:
+        """Return smaller feeds (n,) where all draws have a probability that is lower by an excess."""
+        too_large = np.flatnonzero((excess > 0.0) & (feed > self.least))
+        out = feed.copy()
+        begin = np.maximum(CORRECTED * feed[too_large], self.least)
+        out[too_large] = self._halve(begin, feed[too_large], too_large, self.quantile + excess[too_large])
+        return out
+
+    def _halve(self, low: Array, high: Array, which: NDArray[np.intp], target: Array) -> Array:
+        """Return (m,) the largest feeds that pass, by halving from feeds that pass to feeds that do not."""
+        if not len(which):
+            return low
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            good = self.compute_probability(middle, which) >= target
+            low, high = np.where(good, middle, low), np.where(good, high, middle)
+        return low
 
 
 def _compute_load_parts(
@@ -231,26 +272,6 @@ def _compute_load_parts(
         return edge[rows], slope[rows]
     load = compute_mean_load(coefficients, cutter, cut, float(loads.ae[rows[0]]), float(loads.ap[rows[0]]))
     return load.edge, load.slope
-
-
-def _bracket_feeds(
-    low: Array, high: Array, passes: Callable[[Array], NDArray[np.bool_]]
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the highest of ``STEPS`` intervals whose lower end passes, and whether there is one; else the whole range.
-
-    Args:
-        low: (n,) m, least feed per tooth.
-        high: (n,) m, largest.
-        passes: Whether feeds (n,) pass.
-    """
-    lower, upper, found = low, high, np.zeros(len(low), bool)
-    for n in range(STEPS - 1, 0, -1):
-        feed = low + n / STEPS * (high - low)
-        good = passes(feed) & ~found
-        lower = np.where(good, feed, lower)
-        upper = np.where(good, low + (n + 1) / STEPS * (high - low), upper)
-        found |= good
-    return lower, np.where(found, upper, low + (high - low) / STEPS), found
 
 
 def _project_load(plan: Plan, model: SurfaceErrorModel, spread: StiffnessSpread, part: Array) -> Array:

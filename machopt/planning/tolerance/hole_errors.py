@@ -6,12 +6,13 @@ axis angle is the larger turn of the tool axis at entry and exit; the depth erro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from machopt.data_types.process import CuttingProcess
 from machopt.numerics.array_types import Array
+from machopt.numerics.tall_products import multiply_tall
 from machopt.planning.error_probability.draws import UncertaintyDraws, build_nominal_draw
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.error_probability.targets import HoleTargets
@@ -121,6 +122,22 @@ class HoleTerms:
     turning: Array  # (D, 7) by a unit torque
     rest: Array  # (D, 7) that do not depend on thrust and torque
 
+    def take_first(self, count: int) -> HoleTerms:
+        """Return the parts of the first draws.
+
+        Args:
+            count: Number of draws.
+        """
+        return replace(
+            self,
+            noise=None if self.noise is None else self.noise.take_first(count),
+            thrust=self.thrust[:count],
+            torque=self.torque[:count],
+            axial=self.axial[:count],
+            turning=self.turning[:count],
+            rest=self.rest[:count],
+        )
+
     def compute_errors(self, scale: float = 1.0) -> HoleDraws:
         """Return the errors for a multiple of thrust and torque.
 
@@ -150,7 +167,7 @@ def draw_hole_terms(model: HoleErrorModel, h: int, draws: UncertaintyDraws, *, p
     factor = draws.compute_load_factor(process, one)
     rows = model.rows[ENTRY][h], model.rows[EXIT][h]
     columns = np.concatenate([model.axial[h], model.turning[h], model.lateral[h]])
-    drawn = draws.stiffness @ columns.T  # (D, 21)
+    drawn = multiply_tall(draws.stiffness, columns.T)  # (D, 21)
     axial, turning, rest = drawn[:, :7], drawn[:, 7:14], (factor / wear)[:, None] * drawn[:, 14:]
     linear = np.concatenate([P[:, :3] for P in rows])  # (7, 3) of a displacement that both poses share
     if model.local:

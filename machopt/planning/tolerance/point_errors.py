@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.process import CuttingProcess, ProcessOperation
+from machopt.data_types.process import CuttingProcess
 from machopt.data_types.process_columns import ERROR_NAMES, OUTCOMES
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
@@ -18,8 +19,8 @@ from machopt.planning.error_probability.draws import (
     SURFACE_DRAWS,
     UncertaintyDraws,
     build_draws,
-    has_load_spread,
 )
+from machopt.planning.error_probability.missing_inputs import find_missing_input
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.error_probability.targets import (
     HoleTargets,
@@ -31,7 +32,7 @@ from machopt.planning.error_probability.targets import (
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.error_causes import compute_contributions, name_largest
-from machopt.planning.tolerance.feed_advice import FeedLimits, find_hole_feeds, find_surface_feeds
+from machopt.planning.tolerance.feed_advice import FeedLimits, find_hole_feeds, find_load_scale, find_surface_feeds
 from machopt.planning.tolerance.hole_errors import (
     ENTRY,
     EXIT,
@@ -41,6 +42,7 @@ from machopt.planning.tolerance.hole_errors import (
     compute_hole_probability,
     compute_nominal_hole_errors,
     draw_hole_errors,
+    draw_hole_terms,
 )
 from machopt.planning.tolerance.surface_errors import (
     BLOCK,
@@ -52,6 +54,7 @@ from machopt.planning.tolerance.surface_errors import (
 )
 from machopt.process.binding.point_loads import PointLoads
 
+Targets = TypeVar("Targets", HoleTargets, SurfaceTargets)
 LOW, HIGH = 0.05, 0.95  # quantiles of the intervals
 FAIL = 0.5  # a probability below it is a failure
 
@@ -86,6 +89,8 @@ def compute_point_errors(
     *,
     wall_force: Array,
     is_full: bool = False,
+    hole_draws: int = SHARE_DRAWS,
+    only: int | None = None,
 ) -> PointErrors:
     """Return errors and probabilities of an assignment.
 
@@ -96,9 +101,12 @@ def compute_point_errors(
         chosen: An assignment along its path; None: the choice of the plan.
         wall_force: (N,) N along axis × travel at the moment the wall is made, which bends the tool.
         is_full: Also find causes, variances and the largest feed of each point.
+        hole_draws: Number of draws for holes; ``HOLE_DRAWS`` where all is found.
+        only: The one toolpath point that is evaluated; None: all.
     """
     table = _ErrorTable(plan, toolpath, loads, plan.chosen if chosen is None else chosen)
     table.wall_force, table.is_full = wall_force, is_full
+    table.hole_draws, table.only = HOLE_DRAWS if is_full else hole_draws, only
     return table.build()
 
 
@@ -127,13 +135,17 @@ class _ErrorTable:
         self.variance = {name: np.full(n, np.nan) for name in ("stiffness", "force", "position")}
         self.why: dict[int, str] = {}
         self.wall_force, self.feed_max, self.is_full = np.zeros(n), np.full(n, np.nan), False
+        self.hole_draws = SHARE_DRAWS
+        self.only: int | None = None
 
     def build(self) -> PointErrors:
         cutter = self.plan.setup.cell.tool.cutter
         holes = list_hole_targets(self.process, self.toolpath, self.loads, compute_tip_length(cutter))
+        surfaces = list_surface_targets(self.process, self.toolpath, self.loads, cutter)
+        if self.only is not None:
+            holes, surfaces = _keep_row(holes, self.only), _keep_row(surfaces, self.only)
         if len(holes.row):
             self._add_holes(holes)
-        surfaces = list_surface_targets(self.process, self.toolpath, self.loads, cutter)
         if len(surfaces.row):
             self._add_surfaces(surfaces)
         return PointErrors(
@@ -154,8 +166,9 @@ class _ErrorTable:
 
     def _add_holes(self, holes: HoleTargets) -> None:
         model = build_hole_model(self.plan, self.chosen, self.process, holes, self.spread)
-        draws = build_draws(self.spread, HOLE_DRAWS if self.is_full else SHARE_DRAWS)
+        draws = build_draws(self.spread, self.hole_draws)
         isolated = _isolate(draws.take_first(SHARE_DRAWS), self.spread)
+        scales = np.full(len(holes.row), np.nan)  # by which the load of each hole may grow
         for h, row in enumerate(holes.row.tolist()):
             one = self.process.operations[holes.operation[h]]
             limit = min(one.tolerance.position, one.tolerance.depth)
@@ -164,10 +177,14 @@ class _ErrorTable:
                 self._mark_unknown(row, "the point has no posture")
                 continue
             self._write_hole(row, compute_nominal_hole_errors(model, h), self.errors)
-            why = self._find_missing(one, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT)))
-            full = draw_hole_errors(model, h, draws, position=True)
-            self._write_interval(row, full)
+            why = find_missing_input(
+                self.process, one, self.spread, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT))
+            )
+            terms = draw_hole_terms(model, h, draws, position=True)
+            full = terms.compute_errors()
             if self.is_full:
+                scales[h] = np.nan if why else find_load_scale(terms)
+                self._write_interval(row, full)
                 self._add_hole_variance(model, h, row, isolated)
             if why:
                 self._mark_unknown(row, why)
@@ -179,7 +196,7 @@ class _ErrorTable:
             self.outcome[row] = find_outcome(float(self.p_in[row]), self.process.quantile)
         if self.is_full:
             self._add_hole_causes(model)
-            self._write_feeds(find_hole_feeds(self.plan, model, self.loads, draws))
+            self._write_feeds(find_hole_feeds(self.plan, model, self.loads, scales))
 
     def _write_feeds(self, found: FeedLimits) -> None:
         """Write the feeds of points whose outcome is known."""
@@ -249,17 +266,22 @@ class _ErrorTable:
         factor = compute_load_factors(model, some, draws)
         full = draw_surface_errors(model, some, draws, factor, position=True)
         std = model.scatter.std[some]
-        noise = np.nan_to_num(std)[:, None] * draws.position[:, 0]
-        low, high = np.quantile(full + noise, (LOW, HIGH), axis=1)
-        self.lower["normal"][rows], self.upper["normal"][rows] = (np.where(known, v, np.nan) for v in (low, high))
+        if self.is_full:
+            noise = np.nan_to_num(std)[:, None] * draws.position[:, 0]
+            low, high = np.quantile(full + noise, (LOW, HIGH), axis=1)
+            self.lower["normal"][rows], self.upper["normal"][rows] = (np.where(known, v, np.nan) for v in (low, high))
         p = compute_surface_probability(full, limit, np.nan_to_num(std))
-        bare = draw_surface_errors(model, some, draws, factor, position=False)
-        deflection = compute_surface_probability(bare, limit, np.zeros(len(rows)))
+        used = [self.process.operations[k] for k in operations]
+        pairs = zip(used, std, strict=True)
+        missing = [find_missing_input(self.process, one, self.spread, sigma) for one, sigma in pairs]
+        deflection = p
+        if any(missing):
+            bare = draw_surface_errors(model, some, draws, factor, position=False)
+            deflection = compute_surface_probability(bare, limit, np.zeros(len(rows)))
         if self.is_full:
             self._add_surface_variance(model, some, draws, std)
         for n, row in enumerate(rows.tolist()):
-            one = self.process.operations[operations[n]]
-            why = self._find_missing(one, std[n])
+            why = missing[n]
             if not model.targets.is_known[some][n]:
                 why = "the surface normal is not known: columns nx, ny, nz of the toolpath"
             if not model.poses.is_reached[some][n]:
@@ -285,27 +307,15 @@ class _ErrorTable:
         force = f[:, :1] * poses.travel + f[:, 1:2] * poses.normal + f[:, 2:] * poses.axis
         return np.hstack([force, self.loads.moment[rows, None] * poses.axis])
 
-    # --- what is missing --------------------------------------------------------------------------------------------
-
-    def _find_missing(self, one: ProcessOperation, position_std: float) -> str:
-        """Return what makes the probability unknown; empty where nothing is missing."""
-        stiffness = self.plan.setup.elasticity.stiffness
-        if stiffness.estimated:
-            return "the stiffness is estimated, not measured"
-        if not self.spread.is_known:
-            return "the stiffness file states no covariance and no spread_percent"
-        if not has_load_spread(self.process, one):
-            return "the spread of the force coefficients is not stated"
-        if not np.isfinite(position_std):
-            word = "absolute_mm" if one.tolerance.reference == "absolute" else "repeatability_mm"
-            if stiffness.position is not None and one.tolerance.reference == "absolute":
-                return "the point lies outside the joint angles of position_error"
-            return f"the arm's accuracy is not stated: accuracy.{word} in cell.yaml"
-        return ""
-
     def _mark_unknown(self, row: int, why: str) -> None:
         self.outcome[row] = "unknown"
         self.why[row] = why
+
+
+def _keep_row(targets: Targets, row: int) -> Targets:
+    """Return the one target of a toolpath point."""
+    mine = np.flatnonzero(targets.row == row)
+    return replace(targets, **{f.name: getattr(targets, f.name)[mine] for f in fields(targets)})
 
 
 def load_twist(model: HoleErrorModel, wrench: Array, axis: Array) -> Array:
@@ -329,8 +339,6 @@ def _find_hole_direction(across: Array) -> Array:
 
 def _isolate(draws: UncertaintyDraws, spread: StiffnessSpread) -> dict[str, UncertaintyDraws]:
     """Return the draws with only one source of scatter each."""
-    from dataclasses import replace
-
     D = len(draws)
     still = np.zeros((D, 1 + spread.count))
     still[:, 0] = 1.0

@@ -11,7 +11,7 @@ from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.process_columns import ProcessColumns, ProcessSummary, ToleranceSummary
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.planning.error_probability.draws import has_unknown_chisel_edge
+from machopt.planning.error_probability.draws import HOLE_DRAWS, has_unknown_chisel_edge
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes
@@ -45,6 +45,25 @@ def add_process_results(
     columns = _build_columns(loads, found, dynamics)
     summary = _summarise(process, plan, toolpath, loads, found, dynamics)
     return replace(points, table=replace(points.table, process=columns), process=(summary,))
+
+
+def summarise_tolerances(
+    plan: Plan, toolpath: Toolpath, timeline: MotionTimeline | None
+) -> tuple[ToleranceSummary, ...]:
+    """Return the outcomes of a plan by operation, as in result.json but without causes.
+
+    Args:
+        plan: Plan of one tool, as driven.
+        toolpath: Its toolpath.
+        timeline: Its motion; None: the programmed feed counts.
+    """
+    process = plan.setup.cell.process
+    loads = compute_loads(plan.setup.cell, toolpath, find_driven_feed(toolpath, timeline))
+    if process is None or loads is None:
+        return ()
+    wall_force = compute_cutting_dynamics(plan, toolpath, loads).wall_force
+    found = compute_point_errors(plan, toolpath, loads, wall_force=wall_force, hole_draws=HOLE_DRAWS)
+    return _summarise_operations(process, toolpath, found)
 
 
 def find_driven_feed(toolpath: Toolpath, timeline: MotionTimeline | None) -> Array:

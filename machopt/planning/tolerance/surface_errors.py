@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.process import CuttingProcess
 from machopt.numerics.array_types import Array
+from machopt.numerics.tall_products import multiply_tall
 from machopt.planning.error_probability.draws import UncertaintyDraws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.error_probability.targets import SurfaceTargets
@@ -94,7 +95,12 @@ def build_surface_model(
 
 
 def draw_surface_errors(
-    model: SurfaceErrorModel, rows: slice, draws: UncertaintyDraws, factor: Array, *, position: bool
+    model: SurfaceErrorModel,
+    rows: slice | NDArray[np.intp],
+    draws: UncertaintyDraws,
+    factor: Array,
+    *,
+    position: bool,
 ) -> Array:
     """Return (n, D) the errors of some points, without position noise.
 
@@ -105,7 +111,7 @@ def draw_surface_errors(
         factor: (n, D) or (1, D) factor of the load relative to nominal.
         position: Include lost motion and pose of the part.
     """
-    out = model.columns[rows] @ draws.stiffness.T
+    out = multiply_tall(model.columns[rows], draws.stiffness.T)
     if model.tool[rows].any():
         out += model.tool[rows, None]
     out *= factor

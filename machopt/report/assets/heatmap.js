@@ -136,7 +136,7 @@ function heatMap(host, spec) {
       const [x, y] = under(u, evt);
       tell(u.posToIdx(x), rowAt(u, y), evt);
     });
-    function tell(k, r, evt, exact) { // exact: φ itself, where it lies between the rows
+    function tell(k, r, evt, exact, more = []) { // exact: φ itself, where it lies between the rows
       const phi = exact ?? spec.rotation[r];
       const cell = k * R + r, value = valueOf(cell), rows = [["point", +spec.point[k].toFixed(2)], ["path length", `${spec.s[k].toFixed(1)} mm`], ["φ", degrees(phi)]];
       if (spec.offset) rows.push(["γ", degrees(turned(phi + spec.offset[k]))]);
@@ -144,10 +144,11 @@ function heatMap(host, spec) {
       rows.push(["state", spec.names[status[cell]]]);
       for (const l of spec.lines) if (l.y[k] !== null) rows.push([l.name, spec.offset ? `φ ${degrees(l.y[k])}, γ ${degrees(turned(l.y[k] + spec.offset[k]))}` : `φ ${degrees(l.y[k])}`, l.color]);
       if (onPick && exact === undefined) rows.push(["click", "sets the robot to this place"]);
+      rows.push(...more);
       showTip(evt, rows);
       return rows;
     }
-    u.tellAt = (k, phi, evt) => tell(k, Math.min(R - 1, Math.max(0, Math.floor((phi - g0) / (g1 - g0) * R))), evt, phi);
+    u.tellAt = (k, phi, evt, more) => tell(k, Math.min(R - 1, Math.max(0, Math.floor((phi - g0) / (g1 - g0) * R))), evt, phi, more);
     byKeys(u, xs, tell);
     if (onMapDrawn) onMapDrawn(u, xs);
   }

@@ -63,7 +63,7 @@ function stage3d(canvas, scene) {
   // One robot: all bodies that some joint carries. Several may stand in one picture.
   function arm({ opacity = 1, color = "", leads = opacity === 1 } = {}) {
     const group = new THREE.Group(), held = [];
-    for (const s of shapes) if (s.joint >= 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, opacity, color)); held.push([mesh, s.joint, s.tools]); meshes.push([mesh, s.kind]); group.add(mesh); }
+    for (const s of shapes) if (s.joint >= 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, s.kind === "stock" ? 0.25 * opacity : opacity, color)); held.push([mesh, s.joint, s.tools]); meshes.push([mesh, s.kind]); group.add(mesh); }
     root.add(group);
     let bones = null;
     const hold = n => { for (const [mesh, , tools] of held) mesh.visible = !tools.length || tools.includes(n); };
@@ -155,7 +155,8 @@ function stage3d(canvas, scene) {
   canvas.addEventListener("blur", () => { controls.enableZoom = false; });
   canvas.addEventListener("pointerdown", () => canvas.focus({ preventScroll: true }));
   let due = 0;
-  const paintNow = () => { due = 0; renderer.render(world, camera); };
+  const after = []; // what lies over the picture and follows it
+  const paintNow = () => { due = 0; renderer.render(world, camera); for (const act of after) act(); };
   const draw = () => { if (!due) due = requestAnimationFrame(paintNow); };
   controls.addEventListener("change", draw);
 
@@ -210,12 +211,13 @@ function stage3d(canvas, scene) {
   }
 
   new ResizeObserver(resize).observe(canvas);
-  return { kinds, showKind, arm, lines, marker, ellipsoid, arrow, include, grow, look, zoom, draw, paintNow, resize, onCanvas, renderer, world, camera, root, size: () => Math.hypot(...low.map((v, i) => high[i] - v)) };
+  return { after, kinds, showKind, arm, lines, marker, ellipsoid, arrow, include, grow, look, zoom, draw, paintNow, resize, onCanvas, renderer, world, camera, root, size: () => Math.hypot(...low.map((v, i) => high[i] - v)) };
 }
 
 // Which bodies are drawn, kind by kind.
 function bodySwitches(stage, host) {
   if (stage.kinds().length < 2) return;
+  const words = stage.kinds().includes("stock") ? { stock: "raw stock", workpiece: "finished part" } : {};
   const box = document.createElement("fieldset"), title = document.createElement("legend");
   box.className = "bodies";
   title.textContent = "Bodies";
@@ -224,7 +226,7 @@ function bodySwitches(stage, host) {
     const label = document.createElement("label"), input = document.createElement("input");
     input.type = "checkbox"; input.checked = true;
     input.onchange = () => stage.showKind(kind, input.checked);
-    label.append(input, kind);
+    label.append(input, words[kind] || kind);
     box.append(label);
   }
   host.append(box);

@@ -134,6 +134,12 @@ function steerPlan(data) {
   }
 
   // ---- the map's control points -----------------------------------------------------------------------------------------
+  // Points with an outcome: their handles lie above those beside them.
+  const judged = new Set();
+  if (data.view && data.view.path.outcome) {
+    const codes = bytes(data.view.path.outcome), points = unpack(data.view.path.point, Float32Array);
+    codes.forEach((code, n) => { if (code) judged.add(Math.round(points[n])); });
+  }
   const HANDLES = 14, EACH = 300; // as many points in view have a handle each: every hole of most jobs, all of them when zoomed
 
   function pins() {
@@ -150,7 +156,7 @@ function steerPlan(data) {
   }
 
   function handle(k, point, phi, held, tight = false) {
-    const dot = make("button", held ? "pin held" : tight ? "pin tight" : "pin", plot.over);
+    const dot = make("button", (held ? "pin held" : tight ? "pin tight" : "pin") + (judged.has(point) ? " judged" : ""), plot.over);
     const put = v => {
       phi = wrapped(v);
       dot.style.left = `${plot.valToPos(xs[k], "x")}px`;
@@ -167,9 +173,13 @@ function steerPlan(data) {
       evt.preventDefault(); evt.stopPropagation(); hideTip();
       dot.setPointerCapture(evt.pointerId);
       const start = phi, y = evt.clientY;
-      dot.onpointermove = move => { put(start + plot.posToVal(move.clientY - plot.over.getBoundingClientRect().top, "y") - plot.posToVal(y - plot.over.getBoundingClientRect().top, "y")); moved = true; if (plot.tellAt) plot.tellAt(k, phi, move); };
+      dot.onpointermove = move => {
+        put(start + plot.posToVal(move.clientY - plot.over.getBoundingClientRect().top, "y") - plot.posToVal(y - plot.over.getBoundingClientRect().top, "y"));
+        moved = true;
+        if (plot.tellAt) { plot.tellAt(k, phi, move, live.rows); live.follow(dot, k, point, () => phi, move); }
+      };
       let moved = false;
-      dot.onpointerup = dot.onpointercancel = () => { dot.onpointermove = dot.onpointerup = dot.onpointercancel = null; hideTip(); if (moved) settle(); };
+      dot.onpointerup = dot.onpointercancel = () => { dot.onpointermove = dot.onpointerup = dot.onpointercancel = null; live.end(dot); hideTip(); if (moved) settle(); };
     };
     for (const kind of ["mousedown", "mousemove", "click", "dblclick"]) dot.addEventListener(kind, evt => evt.stopPropagation()); // none of the map's
     dot.onkeydown = evt => {
@@ -177,6 +187,36 @@ function steerPlan(data) {
       if (step) { evt.preventDefault(); put(phi + step); settle(); }
       if (held && (evt.key === "Delete" || evt.key === "Backspace")) { evt.preventDefault(); state.fixed = state.fixed.filter(w => w.point !== point); touch(); }
     };
+  }
+
+  // Outcome and error of the point under a dragged handle: one question at a time, the newest rotation next.
+  const live = { rows: [], asking: null, next: null, held: null,
+    follow(dot, k, point, phi, move) {
+      if (!spec.live || busy) return;
+      live.held = dot;
+      live.next = { dot, k, point, phi, move };
+      if (!live.asking) live.asking = live.run().finally(() => { live.asking = null; });
+    },
+    async run() {
+      while (live.next) {
+        const { dot, k, point, phi, move } = live.next, asked = phi();
+        live.next = null;
+        let answer = null;
+        try { answer = await ask("outcome", { point, phi_deg: asked }); } catch { return; }
+        if (live.held !== dot) return;
+        live.rows = answer.outcome ? outcomeRows(answer.outcome) : [];
+        dot.dataset.outcome = answer.outcome ? answer.outcome.outcome : "";
+        plot.tellAt(k, phi(), move, live.rows);
+      }
+    },
+    end(dot) { live.next = live.held = null; live.rows = []; delete dot.dataset.outcome; } };
+  const ERROR_WORDS = { across: "error across", along: "error along", axis: "axis error", normal: "error normal" };
+  function outcomeRows(o) {
+    const color = { pass: "#1c7d43", marginal: "#8a6400", fail: "#b3261e" }[o.outcome] || "#5b6470", rows = [["outcome", o.outcome === "pass" ? "in tolerance" : o.outcome, color]];
+    if (o.error_mm !== null) rows.push([ERROR_WORDS[o.error_name], minus(`${o.error_mm.toFixed(3)} mm`) + (o.tolerance_mm === null ? "" : ` of ± ${+o.tolerance_mm.toPrecision(3)} mm`)]);
+    else if (o.error_deg !== null) rows.push([ERROR_WORDS[o.error_name], `${o.error_deg.toFixed(3)}°`]);
+    if (o.p_in !== null) rows.push(["probability", `${(100 * o.p_in).toFixed(0)} %${o.outcome === "unknown" ? " by deflection alone" : ""}`]);
+    return rows;
   }
 
   // Zones, pins of several points and preferred rotations, where they lie on the map.
@@ -232,6 +272,8 @@ function steerPlan(data) {
 
   async function sent(what, body, doing) {
     let saved = "";
+    live.next = null;
+    if (live.asking) await live.asking;
     busy = true; show(); say(doing, null);
     const clock = setInterval(async () => { try { const p = await ask("progress"); if (busy && p.stage) say(`${doing} ${p.stage}, ${p.seconds.toFixed(0)} s`, null); } catch { /* told by what was sent */ } }, 700);
     try {

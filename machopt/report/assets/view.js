@@ -47,6 +47,7 @@ function robotView(host, data) {
     ball = stage.ellipsoid("#2b8cff");
     needle = stage.arrow("#d61f69");
     pathLines(stage, path);
+    if (path.outcome) stage.after.push(outcomeLabels());
     for (const [name, words] of [["corner", "Corner"], ["front", "Front"], ["side", "Side"], ["top", "Top"]]) button(words, `View: ${name}`, () => stage.look(name));
     button("Tool", "View: close to the tool", () => { const M = FK.motions(scene, shown.q || home), w = FK.place(scene.root, FK.origin(FK.tool(scene, M))); stage.look("corner", w, span / 4); });
     button("+", "Nearer", () => stage.zoom(0.8));
@@ -57,6 +58,29 @@ function robotView(host, data) {
   } else {
     frame.replaceChildren();
     make("p", "note", frame, "This browser offers no WebGL, so the picture is left out. Place and rotation can be set all the same: by the controls, on the map and on the curves; the text says what is there.");
+  }
+
+  // The worst points out of tolerance in words, in the picture: where no other label is near.
+  function outcomeLabels() {
+    const codes = bytes(path.outcome), chances = unpack(path.p_in, Float32Array), rank = { fail: 0, unknown: 1, marginal: 2 }, LABELS = 8, NEAR = [76, 18];
+    const box = make("div", "outcome-labels", frame), word = k => path.outcomes[codes[k] - 1];
+    const worst = Array.from(codes.keys()).filter(k => codes[k] && word(k) !== "pass").sort((a, b) => rank[word(a)] - rank[word(b)] || (chances[a] || 0) - (chances[b] || 0) || a - b).slice(0, 400);
+    const spans = Array.from({ length: Math.min(LABELS, worst.length) }, () => make("span", "", box));
+    box.setAttribute("aria-hidden", "true"); // the text beside the picture says it of every point
+    return () => {
+      const part = partNow(), taken = [];
+      for (const k of worst) {
+        if (taken.length === spans.length) break;
+        const p = stage.onCanvas(FK.place(part, onPart(k)));
+        if (!p || p[0] < 0 || p[1] < 0 || p[0] > canvas.clientWidth - 60 || p[1] > canvas.clientHeight || taken.some(q => Math.abs(q[0] - p[0]) < NEAR[0] && Math.abs(q[1] - p[1]) < NEAR[1])) continue;
+        const span = spans[taken.length], text = `${word(k)} ${whole(pathPoint[k])}`;
+        if (span.textContent !== text) span.textContent = text;
+        span.className = word(k);
+        span.style.transform = `translate(${p[0] + 7}px, ${p[1] - 8}px)`;
+        taken.push(p);
+      }
+      spans.forEach((span, n) => { span.hidden = n >= taken.length; });
+    };
   }
 
   function onPart(k) { return [at3[3 * k], at3[3 * k + 1], at3[3 * k + 2]]; }

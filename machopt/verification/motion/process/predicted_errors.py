@@ -11,6 +11,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.process import CutSide, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
+from machopt.numerics.tall_products import multiply_tall
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
@@ -86,6 +87,17 @@ def predict_errors(
     return out
 
 
+@dataclass(frozen=True)
+class _HoleDraws:
+    """Draws that all holes of one operation share; D of them."""
+
+    thrust: Array  # (D,) factor of the unworn force
+    torque: Array  # (D,)
+    noise: Array  # (D, 3) standard normal
+    part: Array  # (D, 6) pose of the part, m and rad
+    tilt: Array  # (D, 2) rad
+
+
 class _Predictor:
     def __init__(
         self,
@@ -105,6 +117,7 @@ class _Predictor:
         known = np.flatnonzero(np.isfinite(motion.point))
         self.order = known[np.argsort(motion.point[known], kind="stable")]
         self.walls: dict[tuple[str, str], tuple[Array, Array]] = {}
+        self.hole_draws: dict[int, _HoleDraws] = {}  # by operation
         self.compliances = draw_compliances(cell.stiffness, np.random.default_rng(SEED))
 
     def add_holes(self, out: PredictedErrors) -> None:
@@ -133,31 +146,43 @@ class _Predictor:
         out.size[row] = np.linalg.norm(bottom[:3])
         sigma = get_position_std(self.cell, one.tolerance.reference)
         if self.compliances is not None and np.isfinite(sigma):
-            out.p_in[row] = self._draw_hole(one, poses, (thrust, torque, sideways), sigma)
+            if hole.operation not in self.hole_draws:
+                self.hole_draws[hole.operation] = self._draw_operation(one)
+            draws = self.hole_draws[hole.operation]
+            out.p_in[row] = self._draw_hole(one, poses, (thrust, torque, sideways), sigma, draws)
+
+    def _draw_operation(self, one: ProcessOperation) -> _HoleDraws:
+        """Return the draws that all holes of an operation share."""
+        rng = np.random.default_rng(SEED + 1)
+        factor, turn = draw_load_factors(self.process, one, rng)
+        noise = rng.standard_normal((DRAWS, 3))
+        part = self._draw_part(one, rng)
+        return _HoleDraws(factor, turn, noise, part, self._draw_tilt(one, rng))
 
     def _draw_hole(
-        self, one: ProcessOperation, poses: list[_Pose], load: tuple[float, float, Array], sigma: float
+        self,
+        one: ProcessOperation,
+        poses: list[_Pose],
+        load: tuple[float, float, Array],
+        sigma: float,
+        draws: _HoleDraws,
     ) -> float:
         thrust, torque, sideways = load
-        rng = np.random.default_rng(SEED + 1)
-        wear = 0.5 * (one.wear[0] + one.wear[1])
-        factor, turn = draw_load_factors(self.process, one, rng)
-        T, M = np.maximum(thrust / wear * factor, one.clamp or -math.inf), torque / wear * turn
-        noise = sigma * rng.standard_normal((DRAWS, 3))
-        part = self._draw_part(one, rng)
-        tilt = self._draw_tilt(one, rng)
-        limits, moved, angles = one.tolerance, [], []
-        for pose in poses:
-            twist = _deflect(pose, self.cell, T, M, self.compliances, (factor / wear)[:, None] * sideways)
-            twist[:, :3] += pose.offset + noise
-            twist += self._move_part(pose, part)
-            moved.append(twist)
+        wear, limits = 0.5 * (one.wear[0] + one.wear[1]), one.tolerance
+        T, M = np.maximum(thrust / wear * draws.thrust, one.clamp or -math.inf), torque / wear * draws.torque
+        good = np.ones(DRAWS, bool)
+        for n, pose in enumerate(poses):
+            twist = _deflect(pose, self.cell, T, M, self.compliances, (draws.thrust / wear)[:, None] * sideways)
+            twist[:, :3] += pose.offset + sigma * draws.noise
+            if draws.part.any():
+                twist += self._move_part(pose, draws.part)
             x, y = _sideways(pose.axis)
-            angles.append(np.hypot(twist[:, 3:] @ x + tilt[:, 0], twist[:, 3:] @ y + tilt[:, 1]))
-        flat = moved[0][:, :3] - np.outer(moved[0][:, :3] @ poses[0].axis, poses[0].axis)
-        good = np.linalg.norm(flat, axis=1) <= limits.position
-        good &= np.maximum(*angles) <= limits.axis
-        good &= np.abs(moved[1][:, :3] @ poses[1].axis) <= limits.depth
+            angle = np.hypot(twist[:, 3:] @ x + draws.tilt[:, 0], twist[:, 3:] @ y + draws.tilt[:, 1])
+            good &= angle <= limits.axis
+            if n == 0:
+                good &= np.hypot(twist[:, :3] @ x, twist[:, :3] @ y) <= limits.position
+            else:
+                good &= np.abs(twist[:, :3] @ pose.axis) <= limits.depth
         return float(np.mean(good))
 
     def add_surfaces(self, out: PredictedErrors) -> None:
@@ -172,9 +197,9 @@ class _Predictor:
             contact = rng.standard_normal(DRAWS)
             poses = self._locate_poses(rows.astype(float))
             for row, pose in zip(rows.tolist(), poses, strict=True):
-                self._add_surface(
-                    one, row, pose, (factor * np.exp(self.loads.contact_sigma[row] * contact), part, noise), out
-                )
+                spread = self.loads.contact_sigma[row]
+                own = factor * np.exp(spread * contact) if spread else factor
+                self._add_surface(one, row, pose, (own, part, noise), out)
 
     def _add_surface(
         self,
@@ -353,10 +378,11 @@ def _deflect(
 
 def _apply(pose: _Pose, cell: Cell, wrench: Array, drawn: Array | None) -> Array:
     """Return (D, 6) the twist of the tool relative to the part under wrenches, with drawn relative compliances."""
-    bent = (wrench @ pose.J) * pose.joints
+    bent = multiply_tall(wrench, pose.J)
+    bent *= pose.joints
     if drawn is not None:
         bent = bent * drawn
-    twist = bent @ pose.J.T + wrench @ pose.rest.T
+    twist = multiply_tall(bent, pose.J.T) + multiply_tall(wrench, pose.rest.T)
     if cell.workpiece.stiffness is not None:
         twist[:, :3] += ((wrench[:, :3] @ pose.R) / cell.workpiece.stiffness) @ pose.R.T
     return np.asarray(twist)

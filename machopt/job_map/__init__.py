@@ -1,0 +1,1 @@
+"""Quantities of a workspace map under the forces of a job."""

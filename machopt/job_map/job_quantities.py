@@ -1,0 +1,292 @@
+"""Quantities of a map under the forces of a job: error, probability and stability of each operation.
+
+Each operation is represented by its point with the largest force on the arm, at the programmed feed. The tool travels
+along the direction of gamma = 0 at every place of the map. Errors are those at the place itself: of a hole across its
+axis, of a milled point normal to its surface. Other tolerances and lost motion do not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.process import CuttingProcess, ProcessOperation
+from machopt.data_types.toolpath import Toolpath
+from machopt.dynamics.rigid_body import MissingInertiaError, RigidBodyDynamics, load_dynamics
+from machopt.errors import InputError
+from machopt.numerics.array_types import Array
+from machopt.planning.error_probability.draws import UncertaintyDraws, build_draws
+from machopt.planning.error_probability.missing_inputs import find_missing_input, find_stated_std
+from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
+from machopt.planning.error_probability.targets import compute_tip_length, list_hole_targets, list_surface_targets
+from machopt.planning.stability.depth_ratio import find_missing_input as find_missing_stability_input
+from machopt.planning.stability.tool_limit import compute_tool_limit
+from machopt.process.binding.cutting_tools import build_milling_cutter
+from machopt.process.binding.job_binding import compute_loads
+from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
+from machopt.process.milling.engagement_angles import ContactArc
+from machopt.process.milling.milling_cut import CutSide, MillingCut
+from machopt.process.stability.depth_limit import compute_depth_limit, compute_tooth_period
+from machopt.process.stability.directional_matrix import compute_directional_matrix
+from machopt.process.stability.structural_modes import compute_arm_modes
+from machopt.workspace_map.quantities import MapQuantity, MapSettings, PostureStates
+
+DRAWS = 256
+WIDEST = 4.0  # times the planned depth: a larger limit is mapped as this
+_SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class OperationLoad:
+    """One operation of the job, by its point with the largest force."""
+
+    one: ProcessOperation
+    row: int  # toolpath point
+    force: Array  # (3,) N that the arm bears along travel, normal, axis
+    moment: float  # N·m about the axis
+    normal_sign: float  # of a milled wall: its normal is this times axis × travel; 0: the floor, or a hole
+    is_known: bool  # a hole, or a surface whose normal is known
+
+
+def build_job_quantities(
+    cell: Cell, toolpath: Toolpath, setting: MapSettings
+) -> tuple[tuple[MapQuantity, ...], tuple[str, ...]]:
+    """Return the quantities of a job's operations, and why some are missing.
+
+    Args:
+        cell: The cell with tool and process.
+        toolpath: Toolpath of that tool, with its process operations.
+        setting: Constant inputs of the map.
+
+    Raises:
+        InputError: cell or toolpath have nothing that could be mapped.
+    """
+    process, loads = cell.process, compute_loads(cell, toolpath, toolpath.feed)
+    if process is None or loads is None:
+        raise InputError("needs process.yaml; --process FILE would work", where="--toolpath")
+    if setting.elasticity is None:
+        raise InputError("needs a cell with stiffness", where="--toolpath")
+    model = _JobModel.build(cell, toolpath, setting, process, loads)
+    out: list[MapQuantity] = []
+    notes: list[str] = []
+    for n, load in enumerate(_list_operation_loads(cell, toolpath, process, loads), 1):
+        out.append(_build_error_quantity(model, n, load))
+        why = model.find_missing(load)
+        if why:
+            notes.append(f"{load.one.label}: no probability is mapped: {why}")
+        else:
+            out.append(_build_probability_quantity(model, n, load))
+        if load.one.kind == "milling" and model.dynamics is not None and not load.one.takes_stock:
+            out.append(_build_stability_quantity(model, n, load))
+        elif load.one.kind == "milling":
+            notes.append(
+                f"{load.one.label}: no stability is mapped: {model.no_stability or 'engagement from the stock'}"
+            )
+    if not out:
+        raise InputError("no operation of the job has a force and a tolerance", where="--toolpath")
+    return tuple(out), tuple(notes)
+
+
+def _list_operation_loads(
+    cell: Cell, toolpath: Toolpath, process: CuttingProcess, loads: PointLoads
+) -> list[OperationLoad]:
+    """Return the operations with a tolerance, in the order of process.yaml."""
+    cutter = cell.tool.cutter
+    holes = list_hole_targets(process, toolpath, loads, compute_tip_length(cutter))
+    surfaces = list_surface_targets(process, toolpath, loads, cutter)
+    out = []
+    for k, one in enumerate(process.operations):
+        mine = np.flatnonzero(holes.operation == k)
+        if len(mine):
+            h = int(mine[np.argmax(holes.thrust[mine])])
+            force = np.append(holes.force[h], max(holes.thrust[h], holes.clamp[h]))
+            out.append(
+                OperationLoad(
+                    one=one,
+                    row=int(holes.row[h]),
+                    force=force,
+                    moment=float(holes.torque[h]),
+                    normal_sign=0.0,
+                    is_known=True,
+                )
+            )
+        mine = np.flatnonzero(surfaces.operation == k)
+        if len(mine):
+            size = np.linalg.norm(loads.arm_force[surfaces.row[mine]], axis=1)
+            s = int(mine[np.argmax(size)])
+            row = int(surfaces.row[s])
+            known = bool(surfaces.is_known[s]) and not np.isfinite(surfaces.stated_normal[s]).all()
+            out.append(
+                OperationLoad(
+                    one=one,
+                    row=row,
+                    force=loads.arm_force[row],
+                    moment=float(loads.moment[row]),
+                    normal_sign=float(surfaces.normal_sign[s]),
+                    is_known=known,
+                )
+            )
+    return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class _JobModel:
+    """What all operations share."""
+
+    cell: Cell
+    process: CuttingProcess
+    setting: MapSettings
+    loads: PointLoads
+    spread: StiffnessSpread
+    draws: UncertaintyDraws
+    dynamics: RigidBodyDynamics | None  # None: no stability
+    no_stability: str
+
+    @classmethod
+    def build(
+        cls, cell: Cell, toolpath: Toolpath, setting: MapSettings, process: CuttingProcess, loads: PointLoads
+    ) -> _JobModel:
+        assert setting.elasticity is not None
+        spread = StiffnessSpread.of(setting.elasticity, (setting.lower, setting.upper))
+        missing, dynamics = find_missing_stability_input(cell, toolpath), None
+        if not missing:
+            try:
+                dynamics = load_dynamics(cell)
+            except MissingInertiaError:
+                missing = "inertias of the robot's links"
+        return cls(
+            cell=cell,
+            process=process,
+            setting=setting,
+            loads=loads,
+            spread=spread,
+            draws=build_draws(spread, DRAWS),
+            dynamics=dynamics,
+            no_stability=missing,
+        )
+
+    def find_missing(self, load: OperationLoad) -> str:
+        """Return why an operation has no probability; empty where it has one."""
+        if not load.is_known:
+            return "the surface normal changes along the path"
+        limit = load.one.tolerance.position if load.one.is_hole else load.one.tolerance.surface
+        if not np.isfinite(limit):
+            return "it states no limit of position or surface"
+        std = find_stated_std(self.cell, self.spread.elasticity.stiffness, load.one.tolerance.reference)
+        return find_missing_input(self.process, load.one, self.spread, std)
+
+    def compute_axes(self, s: PostureStates) -> tuple[Array, Array, Array]:
+        """Return (M, 3) travel, normal and axis in base_link."""
+        axis = -s.tool_axes[:, :, 2]
+        reference = s.compute_axis(0)
+        parallel = np.abs(np.sum(axis * reference, axis=1, keepdims=True)) > 1.0 - 1e-9
+        reference = np.where(parallel, s.compute_axis(1), reference)
+        travel = reference - np.sum(axis * reference, axis=1, keepdims=True) * axis
+        travel = travel / np.linalg.norm(travel, axis=1, keepdims=True)
+        return travel, np.cross(axis, travel), axis
+
+    def compute_error_rows(self, s: PostureStates, load: OperationLoad) -> Array:
+        """Return (M, K, 1 + R) error components by nominal stiffness and each of its errors: two across, or one."""
+        travel, normal, axis = self.compute_axes(s)
+        f = load.force
+        wrench = np.hstack([f[0] * travel + f[1] * normal + f[2] * axis, load.moment * axis])
+        external = None
+        if self.setting.external_compliance is not None and self.setting.external is not None:
+            values = np.tile(self.setting.external, (len(axis), 1))
+            external = self.setting.external_compliance.compute_compliance(values, s.state.T_base_tool[:, :3, 3])
+        columns = self.spread.compute_columns(s.elasticity, s.state.q, wrench, external)
+        ways = [travel, normal] if load.one.is_hole else [axis if load.normal_sign == 0 else load.normal_sign * normal]
+        return np.stack([np.einsum("mi,mir->mr", way, columns[:, :3]) for way in ways], axis=1)
+
+
+def _build_error_quantity(model: _JobModel, n: int, load: OperationLoad) -> MapQuantity:
+    where = "across the hole" if load.one.is_hole else "normal to the surface"
+
+    def compute(s: PostureStates) -> Array:
+        return np.asarray(np.linalg.norm(model.compute_error_rows(s, load)[:, :, 0], axis=1))
+
+    f = load.force
+    return _build_quantity(
+        f"error_{n}",
+        f"Error of {load.one.label}",
+        "m",
+        "less",
+        f"Size of the error {where} under the force of point {load.row}: {f[0]:.0f} N along travel, {f[1]:.0f} N "
+        f"normal, {f[2]:.0f} N along the axis. The tool travels along γ = 0.",
+        compute,
+    )
+
+
+def _build_probability_quantity(model: _JobModel, n: int, load: OperationLoad) -> MapQuantity:
+    one, draws = load.one, model.draws
+    std = find_stated_std(model.cell, model.spread.elasticity.stiffness, one.tolerance.reference)
+    factor = draws.compute_load_factor(model.process, one) / compute_mean_wear(one)
+    limit = one.tolerance.position if one.is_hole else one.tolerance.surface
+
+    def compute(s: PostureStates) -> Array:
+        rows = model.compute_error_rows(s, load)
+        scaled = (factor[:, None] * draws.stiffness).T
+        parts = [rows[:, k] @ scaled + std * draws.position[:, k] for k in range(rows.shape[1])]
+        return np.asarray(np.mean(sum(p * p for p in parts) <= limit**2, axis=1))
+
+    return _build_quantity(
+        f"p_in_{n}",
+        f"Probability of {one.label} in tolerance",
+        "1",
+        "more",
+        f"Share of {DRAWS} draws of stiffness, force and accuracy within ± {1e3 * limit:g} mm: pass from "
+        f"{model.process.quantile:g}, fail below 0.5, marginal between.",
+        compute,
+    )
+
+
+def _build_stability_quantity(model: _JobModel, n: int, load: OperationLoad) -> MapQuantity:
+    dynamics, process, row, one = model.dynamics, model.process, load.row, load.one
+    coefficients, damping = process.materials[one.material].milling, process.damping
+    assert dynamics is not None
+    assert coefficients is not None
+    assert damping is not None
+    ratios = damping.ratios[0] if len(damping.ratios) == 1 else damping.ratios[:6]
+    cutter, loads, zero = build_milling_cutter(model.cell.tool.cutter), model.loads, np.zeros(())
+    arc = ContactArc(loads.entry_angle[row], loads.exit_angle[row], zero, zero)
+    cut = MillingCut(_SIDES[int(loads.side[row])], one.spindle)
+    H = compute_directional_matrix(coefficients, cutter, cut, arc)
+    depth = float(loads.ap[row])
+    period = compute_tooth_period(60.0 * loads.spindle_speed[row : row + 1], cutter.teeth)
+
+    def compute(s: PostureStates) -> Array:
+        axes = np.stack(model.compute_axes(s), axis=1)
+        J = axes @ s.state.J[:, :3]
+        modes = compute_arm_modes(dynamics.compute_mass_matrix(s.state.q), 1.0 / s.elasticity.k, J, ratios)
+        periods = np.broadcast_to(period, (len(J),))
+        limit = compute_depth_limit(modes, H, periods, largest=WIDEST * depth).depth
+        tool = compute_tool_limit(model.cell.tool.cutter, H, periods, axes, s.tool_axes)
+        limit = limit if tool is None else np.fmin(limit, tool)
+        return np.minimum(np.where(np.isnan(limit), np.inf, limit) / depth, WIDEST)
+
+    return _build_quantity(
+        f"stability_{n}",
+        f"Stable depth of {one.label} over planned depth",
+        "1",
+        "more",
+        f"Largest stable depth of cut over {1e3 * depth:g} mm, by the coupled modes of the arm with locked rotors and "
+        f"the modes of the tool; above 1 the cut is stable. Larger ones count as {WIDEST:g}.",
+        compute,
+    )
+
+
+def _build_quantity(
+    key: str, name: str, unit: str, better: str, note: str, function: Callable[[PostureStates], Array]
+) -> MapQuantity:
+    return MapQuantity(
+        key=key,
+        name=name,
+        unit=unit,  # type: ignore[arg-type]
+        better=better,  # type: ignore[arg-type]
+        needs=frozenset({"stiffness"}),
+        note=note,
+        function=function,
+    )

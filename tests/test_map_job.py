@@ -1,0 +1,124 @@
+"""``machopt map`` under the forces of a job: error, probability and stability of each operation."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.cell.cell_reader import load_cell
+from machopt.cli import main
+from machopt.commands.map.computation import compute_map
+from machopt.errors import InputError
+from machopt.workspace_map.request import MapRequest
+
+CELLS = Path(__file__).resolve().parents[1] / "cells"
+DRILLING = """machopt_process: 1
+materials:
+  al: {drilling: {kc1: 800, mc: 0.25, chisel_N_mm2: 300, thrust_spread_percent: 30,
+    torque_spread_percent: 25, source: t}}
+operations:
+  holes: {kind: drilling, spindle_rpm: 4000, layers: [{material: al, thickness_mm: 12}], depth_mm: 12,
+    tolerance: {position_mm: 0.3, reference: relative}}
+  push: {kind: force, force_N: {travel: 100, normal: 0, axial: 40}, spread_percent: 20, surface: floor,
+    tolerance: {surface_mm: 0.2, reference: relative}}
+"""
+ROWS = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n" + "\n".join(
+    f"{x},0,{z},0,0,1,{move},{feed},{label}"
+    for x, z, move, feed, label in (
+        (-50, 40, "rapid", "", "holes"),
+        (-50, 25, "rapid", "", "holes"),
+        (-50, 0, "cut", 420, "holes"),
+        (-50, 40, "retract", "", "holes"),
+        (0, 40, "rapid", "", "push"),
+        (0, 0, "cut", 420, "push"),
+        (50, 0, "cut", 420, "push"),
+    )
+)
+
+
+def build_request(folder: Path, process: str = DRILLING, **options: object) -> MapRequest:
+    (folder / "job.csv").write_text(ROWS)
+    (folder / "mine.yaml").write_text(process)
+    given: dict[str, object] = {"slice": "xy", "at": 900.0, "steps": ("300",), "fixed_rotation": True, **options}
+    return MapRequest(
+        cell=CELLS / "kr240_drilling",
+        out=folder / "out",
+        process=folder / "mine.yaml",
+        toolpath=folder / "job.csv",
+        **given,  # type: ignore[arg-type]
+    )
+
+
+def test_the_error_is_that_of_the_compliance_under_the_stated_force(tmp_path: Path) -> None:
+    """By C f of the same postures, with the force along the map's x and the tool axis."""
+    found = compute_map(build_request(tmp_path), lambda _: None)
+    (layer,) = found.layers
+    value, q = layer.values.value, layer.postures.q
+    reached = np.flatnonzero(layer.postures.ok)
+    assert len(reached) > 10
+    assert {"error_1", "p_in_1", "error_2", "p_in_2"} <= set(value)
+    assert "stability_1" not in value
+    load = compute_map(
+        build_request(tmp_path, force="100,0,40", collision="self"),
+        lambda _: None,
+    )
+    setting = load.layers[0].values
+    from machopt.kinematics.robot import load_chain
+    from machopt.workspace_map.posture_layers import build_map_settings
+
+    cell = load_cell(CELLS / "kr240_drilling")
+    robot, _ = load_chain(cell)
+    states = build_map_settings(cell, robot, load.options).evaluate_states(q[reached])
+    twist = np.einsum("mij,mj->mi", states.compliance, states.wrench)
+    np.testing.assert_allclose(value["error_2"][reached], np.abs(twist[:, 2]), rtol=1e-6)
+    assert np.isfinite(setting.value["error_2"][reached]).all()
+    p = value["p_in_1"][reached]
+    assert ((p >= 0) & (p <= 1)).all()
+    order = np.argsort(value["error_1"][reached])
+    assert p[order[0]] >= p[order[-1]]  # the smallest error has no lower probability than the largest
+
+
+def test_without_what_the_probability_needs_only_the_error_is_mapped(tmp_path: Path) -> None:
+    found = compute_map(build_request(tmp_path, DRILLING.replace("thrust_spread_percent: 30,", "")), lambda _: None)
+    value = found.layers[0].values.value
+    assert "error_1" in value
+    assert "p_in_1" not in value
+    assert any(w.startswith("holes: no probability") for w in found.result.warnings)
+
+
+def test_a_job_without_a_process_is_refused(tmp_path: Path) -> None:
+    request = build_request(tmp_path)
+    with pytest.raises(InputError) as refused:
+        compute_map(MapRequest(cell=request.cell, out=request.out, toolpath=request.toolpath), lambda _: None)
+    assert refused.value.where == "--toolpath"
+    text = DRILLING.replace("surface_mm: 0.2", "surface_mm: -1")
+    with pytest.raises(InputError):
+        compute_map(build_request(tmp_path, text), lambda _: None)
+
+
+@pytest.mark.slow
+def test_the_command_writes_columns_fields_and_a_legend(tmp_path: Path) -> None:
+    """A milled wall has its stability, too."""
+    cell, job = CELLS / "kr500_milling", tmp_path / "wall.csv"
+    job.write_text(
+        "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n-60,0,20,0,0,1,rapid,,wall\n-50,0,20,0,0,1,cut,1200,wall\n"
+        "50,0,20,0,0,1,cut,1200,wall\n"
+    )
+    out = tmp_path / "out"
+    words = ["map", str(cell), "-o", str(out), "--toolpath", str(job), "--process", str(cell / "process.yaml")]
+    assert main([*words, "--slice", "xy", "--at", "900", "--step", "400", "--quiet"]) == 0
+    told = json.loads((out / "map.json").read_text())
+    fields = told["layers"]["given"]["fields"]
+    assert fields["error_1_mm"]["better"] == "less"
+    assert fields["p_in_1"]["max"] <= 1.0
+    assert 0.0 < fields["stability_1"]["min"] <= fields["stability_1"]["max"] <= 4.0
+    with (out / "map.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {"error_1_mm", "p_in_1", "stability_1"} <= set(rows[0])
+    assert "wall.csv" in told["inputs"]
+    page = (out / "report.html").read_text()
+    assert "Probability of default in tolerance" in page
