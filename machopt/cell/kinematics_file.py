@@ -74,7 +74,9 @@ def list_optional_parameters(effect: str) -> tuple[str, ...]:
 
 class _CorrectionKeys(StrictSchema):
     effect: str = Field(min_length=1, description=", ".join(list_required_parameters()))
-    location: str = Field(min_length=1, description="joint:1 … , joint:4-5 of a coupling, base or tool of a geometry")
+    location: str = Field(
+        min_length=1, description="joint:1 to the last joint, joint:4-5 of a coupling, base or tool of a geometry"
+    )
     parameters: dict[str, Any] = Field(description="numbers (of a geometry vectors) with their unit in the name")
 
 

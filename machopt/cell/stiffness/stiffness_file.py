@@ -33,7 +33,7 @@ from machopt.file_formats.strict_yaml import (
 )
 from machopt.numerics.array_types import Array
 
-_ROW = "joint stiffnesses in N·m/rad, joint 1 first, one per joint of the arm"
+_ROW = "one stiffness per joint of the arm in N·m/rad, joint 1 first"
 _ASYMMETRY = 1e-6  # relative; a covariance written with seven digits is symmetric to this
 _NEGATIVE = 1e-9  # relative to the largest eigenvalue; round-off of a rank-deficient covariance
 
