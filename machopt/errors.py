@@ -153,6 +153,10 @@ class CellError(FileFormatError):
     """Valid cell that cannot do what is requested; ``file`` and ``where`` name the key."""
 
 
+class TooManyArmJointsError(CellError):
+    """The arm has more than six joints: its readings can be diagnosed, but no motion planned."""
+
+
 class RecordingError(FileFormatError):
     """A recording of measurements is wrong or too small."""
 

@@ -426,8 +426,8 @@ def test_parquet_reads_as_csv_does(tmp_path: Path) -> None:
     refused(path, "schema, column q1_deg: is of type string; expected numbers")
     write(branch=[1, 2, 3])
     refused(path, "row 1, column branch: found 1; expected a word")
-    write(q7_deg=[1.0, 2.0, 3.0])
-    refused(path, "schema: unknown column 'q7_deg'; valid: pose")
+    write(q13_deg=[1.0, 2.0, 3.0])
+    refused(path, "schema: unknown column 'q13_deg'; valid: pose")
     file.write_bytes(b"PAR1 and so on")
     refused(path, "is not readable as Parquet")
 

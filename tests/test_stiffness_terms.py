@@ -14,6 +14,7 @@ from test_beam_compliance import EA, EI, GJ, slices
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
+from machopt.data_types.locations import is_on_arm
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.errors import InputError
 from machopt.kinematics.robot import Robot, load_robot
@@ -331,7 +332,7 @@ def test_terms_still_to_be_fitted_have_coefficients_without_values(arm: tuple[Ro
         assert len(term.coefficients) == n == len(term.values)
         assert np.isnan(term.values).all()
     for effect, locations in list_effects_and_locations().items():
-        for location in locations:
+        for location in (place for place in locations if is_on_arm(place, 6)):
             if effect != "geometric_stiffness":
                 assert build_fitted_term(effect, location, *arm).location == location
     nowhere = {"from_mm": [1.0, 2, 3], "to_mm": [1.0, 2, 3]}  # a matrix needs no length

@@ -20,7 +20,7 @@ from machopt.commands.input_hashes import list_cell_inputs
 from machopt.data_types import cell as domain
 from machopt.data_types.manifest import ManifestFile
 from machopt.effects.user_effects import UserModule, activate_user_effects, load_effect_files
-from machopt.errors import InputError
+from machopt.errors import InputError, TooManyArmJointsError
 from machopt.numerics.array_types import Array
 
 
@@ -44,6 +44,7 @@ class Cell:
         process: str | os.PathLike[str] | None = None,
         effects: Iterable[str | os.PathLike[str]] = (),
         allow_external: bool = False,
+        for_diagnosis: bool = False,
     ) -> Cell:
         """Read a cell folder.
 
@@ -55,6 +56,7 @@ class Cell:
             effects: Python files with effects of your own that the stiffness file holds; **runs the code in them**. All
                 that is made from the cell knows them.
             allow_external: let the cell use files outside its folder.
+            for_diagnosis: accept an arm of more than six joints, which identify and diagnose take and plans do not.
 
         Raises:
             InputError: names file, line and key, what was found and what was expected.
@@ -65,6 +67,7 @@ class Cell:
             cell = load_cell(
                 folder,
                 allow_external=allow_external,
+                any_chain=for_diagnosis,
                 stiffness=None if stiffness is None else convert_to_path(stiffness, "stiffness"),
                 process=None if process is None else convert_to_path(process, "process"),
             )
@@ -164,16 +167,24 @@ class Cell:
         return f"<Cell {self.name!r} of {self.path}>"
 
 
-def load_cell_argument(cell: Cell | str | os.PathLike[str]) -> Cell:
+def load_cell_argument(cell: Cell | str | os.PathLike[str], *, for_diagnosis: bool = False) -> Cell:
     """Return a cell; a path is loaded.
 
     Args:
         cell: A cell, or its path.
+        for_diagnosis: Whether the arm of a path may have more than six joints.
 
     Raises:
         InputError: the path is no cell, or a file of the cell has changed.
     """
-    return cell.unchanged() if isinstance(cell, Cell) else Cell.load(cell)
+    if isinstance(cell, Cell):
+        return cell.unchanged()
+    try:
+        return Cell.load(cell)
+    except TooManyArmJointsError:
+        if not for_diagnosis:
+            raise
+        return Cell.load(cell, for_diagnosis=True)
 
 
 def copy_read_only(values: Array) -> Array:

@@ -82,7 +82,7 @@ def identify(
     Raises:
         InputError: bad cell, recording or option; a record that cannot be right.
     """
-    a_cell = load_cell_argument(cell)
+    a_cell = load_cell_argument(cell, for_diagnosis=True)
     request = build_request(
         IdentifyRequest,
         options,

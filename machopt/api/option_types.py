@@ -224,6 +224,7 @@ class NewCellOptions(TypedDict, total=False):
     stiffness: PathLike | None  # default None
     velocity_deg_s: Sequence[float] | None  # default None
     post: str  # default ''
+    for_diagnosis: bool  # default False
 
 
 class ReadingOptions(TypedDict, total=False):

@@ -15,6 +15,7 @@ from machopt.cell.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys
 from machopt.cell.collision_body_selection import find_missing_meshes, select_bodies
 from machopt.cell.controller_reader import build_controller
 from machopt.cell.ignored_pairs import IgnoredPairReader
+from machopt.cell.joint_count_checks import check_correction_joints, check_stiffness_joints
 from machopt.cell.joint_reader import CellJoints, read_joints
 from machopt.cell.joints.joint_chain import JointChain, check_carrier, describe_unused_motion, describe_urdf_limits
 from machopt.cell.kinematics_file import load_kinematics
@@ -201,7 +202,7 @@ class _CellReader:
         setups = WorkOffsets.build_work_offsets(keys.offsets, workpiece, self.pose, self.shapes)
         workpiece = setups.workpiece
         name, tool = next(iter(tools.items()))
-        stiffness, kinematics = self.stiffness(chain), self.kinematics()
+        stiffness, kinematics = self.stiffness(chain), self.kinematics(chain)
         obstacles = (*self.obstacles(urdf, chain), *setups.fixtures)
         may_touch = self.may_touch(urdf, tools, workpiece, obstacles)
         return Cell(
@@ -255,6 +256,7 @@ class _CellReader:
         prismatic = tuple(j.kind == "prismatic" for j in chain.external)
         external = match_springs_to_joints(found.external, tuple(j.name for j in chain.external), prismatic, found.file)
         found = replace(found, external=external)
+        check_stiffness_joints(found, len(chain.arm))
         check_stiffness(found, keys, self.reach, self.document, self.warnings)
         if found.estimated:
             self.warnings.append(
@@ -263,10 +265,12 @@ class _CellReader:
             )
         return found
 
-    def kinematics(self) -> KinematicCorrections | None:
+    def kinematics(self, chain: JointChain) -> KinematicCorrections | None:
         if self.keys.kinematics is None:
             return None
-        return load_kinematics(self.folder.resolve_file(("kinematics",), self.keys.kinematics))
+        found = load_kinematics(self.folder.resolve_file(("kinematics",), self.keys.kinematics))
+        check_correction_joints(found, len(chain.arm))
+        return found
 
     def process(self) -> CuttingProcess | None:
         if self.other_process is not None:

@@ -93,7 +93,7 @@ class RobotKeys(StrictSchema):
     pose: PoseKeys = Field(
         default=PoseKeys(), description="base_link in world; with external joints: the URDF's root link"
     )
-    arm_joints: list[str] | None = Field(default=None, min_length=6, max_length=6, description="names of joints 1 to 6")
+    arm_joints: list[str] | None = Field(default=None, min_length=6, description="names of joints 1 to 6")
     external_joints: list[str] = Field(default=[], description="names of rail, gantry and positioner joints")
     gravity_compensator: Literal["fitted", "none", "unknown"] = Field(
         default="unknown", description="whether the arm has a spring or cylinder at axis 2"

@@ -30,7 +30,7 @@ import numpy as np
 from pydantic import Field
 
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
-from machopt.data_types.locations import parse_joint_location
+from machopt.data_types.locations import MOST_JOINTS, parse_joint_location
 from machopt.effects import angle_range, parameter_conversion, registry
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import JointAngleLaw, LawParameter
@@ -75,7 +75,7 @@ def list_optional_parameters(effect: str) -> tuple[str, ...]:
 class _CorrectionKeys(StrictSchema):
     effect: str = Field(min_length=1, description=", ".join(list_required_parameters()))
     location: str = Field(
-        min_length=1, description="joint:1 … joint:6, joint:4-5 of a coupling, base or tool of a geometry"
+        min_length=1, description="joint:1 to the last joint, joint:4-5 of a coupling, base or tool of a geometry"
     )
     parameters: dict[str, Any] = Field(description="numbers (of a geometry vectors) with their unit in the name")
 
@@ -259,8 +259,8 @@ def _check_number(document: YamlDocument, loc: KeyPath, p: LawParameter, value: 
 
 
 def _compute_largest_slopes(kinematics: KinematicCorrections) -> list[float]:
-    """(6,) most that Δ of each joint can change per rad of any joints."""
-    slope = [0.0] * 6
+    """(n,) most that Δ of each joint can change per rad of any joints."""
+    slope = [0.0] * MOST_JOINTS
     for c in kinematics.corrections:
         if c.effect == as_built_joint_frames.EFFECT.name:
             continue

@@ -36,9 +36,10 @@ def _accept_any_posture(_: Array) -> bool:
 
 
 def find_flange_direction(robot: Robot) -> Array | None:
-    """Find the direction along joint 6 that leads out of the arm.
+    """Find the direction along the last joint that leads out of the arm.
 
-    It points from the point of axis 6 nearest to axis 5 (the wrist centre, where there is one) to the flange.
+    It points from the point of its axis nearest to the axis before it (the wrist centre, where there is one) to the
+    flange.
 
     Args:
         robot: Kinematics of the robot.
@@ -47,7 +48,7 @@ def find_flange_direction(robot: Robot) -> Array | None:
         Unit vector (3,) in the flange frame. None where the flange lies at that point, or both axes are parallel:
         the direction is then undetermined.
     """
-    a5, a6, p5, p6 = robot.axis[4], robot.axis[5], robot.point[4], robot.point[5]
+    a5, a6, p5, p6 = robot.axis[-2], robot.axis[-1], robot.point[-2], robot.point[-1]
     n = np.cross(a5, a6)
     if n @ n < 1e-12:
         return None

@@ -58,6 +58,11 @@ def _add_init(commands: Commands, common: argparse.ArgumentParser) -> None:
         p, "--allow-external", help="allow a xacro file to read files outside its package and the packages it names"
     )
     p.add_argument(
+        "--for-diagnosis",
+        action="store_true",
+        help="accept an arm of more than six joints: identify and diagnose take such a cell, a plan does not",
+    )
+    p.add_argument(
         "--flange-link",
         metavar="LINK",
         help="link to which the tool is mounted (default: tool0, flange, or the last link)",

@@ -50,7 +50,7 @@ def find_arm_or_advise(
         InputError: as :func:`machopt.cell.urdf.find_arm`; for more than six joints with advice that was tried.
     """
     try:
-        return find_arm(description.urdf, request.base_link, request.flange_link)
+        return find_arm(description.urdf, request.base_link, request.flange_link, any_number=request.for_diagnosis)
     except TooManyJointsError as error:
         raise keep_tried_advice(error, request, description, init) from None
 
@@ -86,6 +86,8 @@ def keep_tried_advice(
             one = replace(trial, out=Path(folder) / key, **{key: choice.link})  # type: ignore[arg-type]
             if _is_accepted(one, init):
                 advice.append(f"{choice.option} {choice.link} {choice.effect}")
+        if _is_accepted(replace(trial, out=Path(folder) / "all", for_diagnosis=True), init):
+            advice.append("--for-diagnosis keeps all of them, for identify and diagnose")
         if len(error.joints) == 7:
             for joint in sorted(error.joints, key=lambda name: abs(error.joints.index(name) - 2)):
                 robot.write_text(_fix_joint(text, joint), encoding="utf-8")

@@ -18,7 +18,7 @@ from machopt.data_types.documents.inspect_documents import (
     MimicJointEntry,
 )
 from machopt.effects.user_effects import activate_user_effects, load_effect_files
-from machopt.errors import InputError
+from machopt.errors import InputError, TooManyArmJointsError
 from machopt.kinematics.inverse.solver import build_solver
 from machopt.kinematics.inverse.spherical_wrist import SphericalWristSolver
 from machopt.kinematics.robot import load_chain, load_masses
@@ -53,7 +53,7 @@ def inspect_cell(
         for option, given in (("--package", packages), ("--xacro-arg", xacro_args)):
             if given:
                 raise InputError("found a cell, whose cell.yaml has packages and xacro_args", where=option)
-        cell = load_cell(path, allow_external=allow_external)
+        cell = _load_any_arm(path, allow_external)
         return InspectedCellDocument(
             cell=cell.name,
             robot=cell.urdf.name,
@@ -68,6 +68,14 @@ def inspect_cell(
             warnings=tuple(cell.warnings),
             notes=tuple(cell.notes),
         )
+
+
+def _load_any_arm(path: Path, allow_external: bool) -> Cell:
+    """Return a cell; its arm may have more than six joints."""
+    try:
+        return load_cell(path, allow_external=allow_external)
+    except TooManyArmJointsError:
+        return load_cell(path, allow_external=allow_external, any_chain=True)
 
 
 def _describe_model(cell: Cell) -> dict[str, Any]:

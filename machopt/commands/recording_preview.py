@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.cell.cell_reader import load_cell
+from machopt.commands.recording_cell import load_recording_cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.kinematics.robot import load_robot
 from machopt.measurement.estimation.cell_residuals import compare_with_cell
@@ -46,9 +46,8 @@ def preview_recording(cell_path: Path, recordings: Sequence[Path], *, allow_exte
     """
     columns = tuple(column for path in recordings for column in describe_columns(path))
     recording = load_recording(recordings[0]) if len(recordings) == 1 else load_recordings(recordings)
-    sliding = recording.kind == "motion" or any(recording.prismatic)
-    cell = load_cell(cell_path, allow_external=allow_external, any_chain=sliding, bodies=False)
-    if sliding:
+    cell = load_recording_cell(cell_path, recording, allow_external=allow_external)
+    if recording.kind == "motion" or any(recording.prismatic):
         return RecordingPreview(columns, recording, None, None)
     return RecordingPreview(columns, recording, *compare_with_cell(cell, load_robot(cell), recording))
 

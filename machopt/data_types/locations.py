@@ -12,6 +12,7 @@ from functools import lru_cache
 
 JOINT, LINK, SENSOR, ROWS, COLUMN = "joint", "link", "sensor", "rows", "column"
 BASE, TOOL, ARM = "base", "tool", "arm"
+MOST_JOINTS = 12  # most joints of an arm whose readings are diagnosed; six where it is planned for
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,16 @@ def parse_link_location(text: str) -> int:
     if place.kind != LINK or len(place.numbers) != 1:
         raise ValueError(f"{text} is no link")
     return place.numbers[0]
+
+
+def is_on_arm(text: str, joints: int) -> bool:
+    """Return whether an arm with a number of joints has a place; True for places without a number.
+
+    Args:
+        text: The location.
+        joints: Number of joints of the arm.
+    """
+    return max(parse_location(text).numbers, default=0) <= joints
 
 
 def format_joint_location(number: int) -> str:

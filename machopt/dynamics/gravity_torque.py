@@ -21,13 +21,14 @@ def compute_gravity_torque(robot: Robot, masses: RobotMasses, state: ArmState) -
         state: M configurations with bodies.
 
     Returns:
-        g (M, 6) N·m, torque of gravity on the joints (supported by springs: K (θ − θ_cmd) = g), and ∂g/∂θ (M, 6, 6).
+        g (M, n) N·m, torque of gravity on the joints (supported by springs: K (θ − θ_cmd) = g), and ∂g/∂θ (M, n, n).
 
     Raises:
         ValueError: a state without bodies.
     """
     z, V, torque = _compute_carried_weight(robot, masses, state)
-    low, high = np.minimum.outer(range(6), range(6)), np.maximum.outer(range(6), range(6))
+    joints = np.arange(len(robot.axis))
+    low, high = np.minimum.outer(joints, joints), np.maximum.outer(joints, joints)
     slope = np.cross(z[..., low, :], V[..., high, :]) @ masses.gravity
     if robot.slides is not None:  # a sliding joint that moves all its load changes no lever
         slope = np.where(robot.slides[low], 0.0, slope)
@@ -48,17 +49,17 @@ def compute_weight_torque(robot: Robot, masses: RobotMasses, state: ArmState) ->
 
 
 def _compute_carried_weight(robot: Robot, masses: RobotMasses, state: ArmState) -> tuple[Array, Array, Array]:
-    """Return z and V (..., 6, 3) of :func:`compute_gravity_torque`, and the torque of the weight about the lines
-    (..., 6).
+    """Return z and V (..., n, 3) of :func:`compute_gravity_torque`, and the torque of the weight about the lines
+    (..., n).
     """
     if state.R_bodies is None or state.p_bodies is None:
         raise ValueError("an ArmState with bodies is needed")
     R, p = state.R_bodies[..., masses.body, :, :], state.p_bodies[..., masses.body, :]
     at = np.einsum("...bij,bj->...bi", R, masses.com) + p  # (..., B, 3)
-    before = state.R_bodies[..., :6, :, :]  # joint i sits in the body before it
+    before = state.R_bodies[..., :-1, :, :]  # joint i sits in the body before it
     z = np.einsum("...kij,kj->...ki", before, robot.axis)
-    origin = np.einsum("...kij,kj->...ki", before, robot.point) + state.p_bodies[..., :6, :]
-    carried = masses.body[None, :] >= np.arange(1, 7)[:, None]  # (6, B)
+    origin = np.einsum("...kij,kj->...ki", before, robot.point) + state.p_bodies[..., :-1, :]
+    carried = masses.body[None, :] >= np.arange(1, len(robot.axis) + 1)[:, None]  # (n, B)
     weight = carried * masses.mass
     moment = np.einsum("kb,...bi->...ki", weight, at) - weight.sum(axis=1)[:, None] * origin
     V = np.cross(z, moment)

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_pair_location, format_link_location
+from machopt.data_types.locations import MOST_JOINTS, format_joint_pair_location, format_link_location
 from machopt.effects import registry
 from machopt.effects.protocol import (
     JOINTS,
@@ -35,8 +35,10 @@ from machopt.effects.protocol import (
 from machopt.errors import EffectDefinitionError
 
 GROUP = "machopt.effects"
-PAIRS = tuple(format_joint_pair_location(i, j) for i in range(1, 7) for j in range(i + 1, 7))
-BODIES = (*(format_link_location(i) for i in range(1, 7)), "base", "tool")
+PAIRS = tuple(
+    format_joint_pair_location(i, j) for i in range(1, MOST_JOINTS + 1) for j in range(i + 1, MOST_JOINTS + 1)
+)
+BODIES = (*(format_link_location(i) for i in range(1, MOST_JOINTS + 1)), "base", "tool")
 USER_CODE_ERRORS = (
     Exception,
     SystemExit,

@@ -15,20 +15,19 @@ from machopt.effects.structure import as_built_joint_frames
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import build_transform, convert_vector_to_rotation
 
-BEHIND_FLANGE = 7  # entry of :func:`compute_link_displacements`
+BEHIND_FLANGE = -1  # entry of :func:`compute_link_displacements`
 
 
 def compute_link_displacements(origins: Array, kinematics: KinematicCorrections | None) -> Array | None:
     """Return the displacement of each link from its nominal to its as-built pose, with all joints at zero.
 
     Args:
-        origins: (7, 3) m, nominal frames of the six joints and of the flange, in base_link with all joints at zero.
+        origins: (n + 1, 3) m, nominal frames of the n joints and of the flange, in base_link with all joints at zero.
         kinematics: corrections of the cell.
 
     Returns:
-        (8, 4, 4) G_0 … G_k: entry 0 base_link itself, k the link that joint k moves, 7 the frame behind the flange;
-        None
-        where no geometry is known.
+        (n + 2, 4, 4) G_0 … G_k: entry 0 base_link itself, k the link that joint k moves, the last the frame
+        behind the flange; None where no geometry is known.
     """
     known = {
         c.location: c
@@ -37,9 +36,10 @@ def compute_link_displacements(origins: Array, kinematics: KinematicCorrections 
     }
     if not known:
         return None
-    out = np.broadcast_to(np.eye(4), (8, 4, 4)).copy()
+    n = len(origins) - 1
+    out = np.broadcast_to(np.eye(4), (n + 2, 4, 4)).copy()
     T = _compute_displacement(known, as_built_joint_frames.BASE, np.zeros(3))
-    for k, (place, at) in enumerate(zip((*JOINTS, as_built_joint_frames.TOOL), origins, strict=True), start=1):
+    for k, (place, at) in enumerate(zip((*JOINTS[:n], as_built_joint_frames.TOOL), origins, strict=True), start=1):
         out[k] = T = T @ _compute_displacement(known, place, at)
     return out
 

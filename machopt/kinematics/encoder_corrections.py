@@ -107,15 +107,15 @@ class EncoderCorrection:
         q_t' = J q', q_t'' = J q'' + F_2 q'², q_t''' = J q''' + 3 F_2 q' q'' + F_3 q'³.
 
         Args:
-            derivatives: (M, 4, 6) q_true and its first three derivatives along the path.
+            derivatives: (M, 4, n) q_true and its first three derivatives along the path.
 
         Returns:
-            (M, 4, 6) q and its derivatives.
+            (M, 4, n) q and its derivatives.
         """
         out = np.empty_like(derivatives)
         out[:, 0] = q = self.compute_encoder_angles(derivatives[:, 0])
         slope, bend, twist = (self._by_angles(q, order) for order in (1, 2, 3))
-        J = np.eye(6) + slope
+        J = np.eye(derivatives.shape[-1]) + slope
         out[:, 1] = first = np.linalg.solve(J, derivatives[:, 1, :, None])[..., 0]
         rest = np.asarray(derivatives[:, 2] - _multiply(bend, np.square(first)))
         out[:, 2] = second = np.linalg.solve(J, rest[..., None])[..., 0]
@@ -168,10 +168,10 @@ class EncoderCorrection:
         return out
 
     def _by_angles(self, q: Array, order: int) -> Array:
-        """Return the (M, 6, 6) derivative of each joint's correction (row) with respect to each joint angle
+        """Return the (M, n, n) derivative of each joint's correction (row) with respect to each joint angle
         (column).
         """
-        out = np.zeros((*np.shape(q), 6))
+        out = np.zeros((*np.shape(q), np.shape(q)[-1]))
         for part in self.parts:
             out[..., part.corrected_joint, part.source_joint] += part.compute_angle(q, order)
         return out

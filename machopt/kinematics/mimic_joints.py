@@ -74,13 +74,13 @@ def list_chain_joints(model: Any, last: int, base: int) -> list[int]:
 
 
 def compute_coupling_matrix(cell: Cell, model: Any, joints: list[int], arm: list[int]) -> Array | None:
-    """Return C (6, 6) of θ = C q, None without a mimic joint in the chain.
+    """Return C (n, n) of θ = C q, None without a mimic joint in the chain.
 
     Args:
         cell: cell with the mimic joints.
         model: pinocchio model of the whole URDF.
         joints: joints of the chain from base to flange, with mimic joints.
-        arm: the six driven joints.
+        arm: the n driven joints.
 
     Raises:
         InputError: a mimic joint whose line differs from that of its neighbour.
@@ -93,7 +93,7 @@ def compute_coupling_matrix(cell: Cell, model: Any, joints: list[int], arm: list
     data = model.createData()
     pin.computeJointJacobians(model, data, compute_rest_configuration(cell, model))
     lines = {j: _compute_joint_line(model, data, j) for j in joints}
-    C = np.eye(6)
+    C = np.eye(len(arm))
     for n, j in enumerate(joints):
         if j in arm:
             continue

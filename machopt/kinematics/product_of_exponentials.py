@@ -1,4 +1,4 @@
-"""Forward kinematics of a 6R arm by the product of exponentials, compiled (Lynch & Park 2017, section 4.1)."""
+"""Forward kinematics of n revolute joints by the product of exponentials, compiled (Lynch & Park 2017, section 4.1)."""
 
 from __future__ import annotations
 
@@ -55,16 +55,16 @@ def compute_poses(axis: Array, point: Array, zero: Array, q: Array, T: Array) ->
     """Compute the poses of a frame.
 
     Args:
-        axis: (6, 3) unit, the lines in base_link at q = 0.
-        point: (6, 3) m, a point of each.
+        axis: (n, 3) unit, the lines in base_link at q = 0.
+        point: (n, 3) m, a point of each.
         zero: (4, 4) the frame at q = 0.
-        q: (M, 6) rad.
+        q: (M, n) rad.
         T: (M, 4, 4) receives the poses.
     """
     R, p = np.empty((3, 3)), np.empty(3)
     for m in range(len(q)):
         _set_identity(R, p)
-        for i in range(6):
+        for i in range(len(axis)):
             _rotate_about_line(R, p, axis[i], point[i], q[m, i])
         _compute_pose(R, p, zero, T[m])
 
@@ -74,15 +74,15 @@ def compute_link_motions(axis: Array, point: Array, q: Array, R: Array, p: Array
     """Compute the link motions: a point x of link i at q = 0 moves to R[i] x + p[i].
 
     Args:
-        axis: (6, 3) unit, the lines in base_link at q = 0.
-        point: (6, 3) m, a point of each.
-        q: (M, 6) rad.
-        R: (M, 7, 3, 3) receives the rotations.
-        p: (M, 7, 3) m, receives the translations.
+        axis: (n, 3) unit, the lines in base_link at q = 0.
+        point: (n, 3) m, a point of each.
+        q: (M, n) rad.
+        R: (M, n + 1, 3, 3) receives the rotations.
+        p: (M, n + 1, 3) m, receives the translations.
     """
     for m in range(len(q)):
         _set_identity(R[m, 0], p[m, 0])
-        for i in range(6):
+        for i in range(len(axis)):
             for r in range(3):
                 for c in range(3):
                     R[m, i + 1, r, c] = R[m, i, r, c]
@@ -157,23 +157,23 @@ def compute_jacobians(axis: Array, point: Array, zero: Array, q: Array, T: Array
     """Compute poses as :func:`compute_poses`, and Jacobians at the frame's origin, linear part first.
 
     Args:
-        axis: (6, 3) unit, the lines in base_link at q = 0.
-        point: (6, 3) m, a point of each.
+        axis: (n, 3) unit, the lines in base_link at q = 0.
+        point: (n, 3) m, a point of each.
         zero: (4, 4) the frame at q = 0.
-        q: (M, 6) rad.
+        q: (M, n) rad.
         T: (M, 4, 4) receives the poses.
-        J: (M, 6, 6) receives the Jacobians.
+        J: (M, 6, n) receives the Jacobians.
     """
-    R, p, h, o = np.empty((3, 3)), np.empty(3), np.empty((6, 3)), np.empty((6, 3))
+    R, p, h, o = np.empty((3, 3)), np.empty(3), np.empty(axis.shape), np.empty(axis.shape)
     for m in range(len(q)):
         _set_identity(R, p)
-        for i in range(6):
+        for i in range(len(axis)):
             for r in range(3):
                 h[i, r] = R[r, 0] * axis[i, 0] + R[r, 1] * axis[i, 1] + R[r, 2] * axis[i, 2]
                 o[i, r] = R[r, 0] * point[i, 0] + R[r, 1] * point[i, 1] + R[r, 2] * point[i, 2] + p[r]
             _rotate_about_line(R, p, axis[i], point[i], q[m, i])
         _compute_pose(R, p, zero, T[m])
-        for i in range(6):
+        for i in range(len(axis)):
             x, y, z = T[m, 0, 3] - o[i, 0], T[m, 1, 3] - o[i, 1], T[m, 2, 3] - o[i, 2]
             J[m, 0, i] = h[i, 1] * z - h[i, 2] * y
             J[m, 1, i] = h[i, 2] * x - h[i, 0] * z

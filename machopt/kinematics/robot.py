@@ -1,4 +1,4 @@
-"""Batched kinematics of a serial 6R arm, read from a URDF through pinocchio (its only importer in the planner).
+"""Batched kinematics of a serial arm, read from a URDF through pinocchio (its only importer in the planner).
 
 The chain is reduced to the product of exponentials: each joint is a line in base_link at q = 0
 (``axis``, ``point``), the flange a fixed pose ``T_base_flange_zero`` after them. The kernels
@@ -41,7 +41,7 @@ class LinkShape:
 class RobotMasses:
     """Masses of the links and the tool for gravity, each as a point mass (sufficient for static torques)."""
 
-    body: NDArray[np.int64]  # (B,) 1…6: the arm joint that moves it
+    body: NDArray[np.int64]  # (B,) 1…n: the arm joint that moves it
     mass: Array  # (B,) kg
     com: Array  # (B, 3) m, centre of mass in base_link at q = 0
     gravity: Array  # (3,) m/s² in base_link
@@ -51,30 +51,32 @@ class RobotMasses:
 class ArmState:
     """Kinematic state of an arm at configurations q, the input of elastic terms. Everything in base_link."""
 
-    q: Array  # (..., 6) rad
+    q: Array  # (..., n) rad
     T_base_tool: Array  # (..., 4, 4)
-    J: Array  # (..., 6, 6) at the tool frame's origin
-    R_bodies: Array | None = None  # (..., 7, 3, 3) rotation of each link from its orientation at q = 0; 0: base_link
-    p_bodies: Array | None = None  # (..., 7, 3) m; a point x of link i at q = 0 is at R_bodies[i] x + p_bodies[i]
+    J: Array  # (..., 6, n) at the tool frame's origin
+    R_bodies: Array | None = (
+        None  # (..., n + 1, 3, 3) rotation of each link from its orientation at q = 0; 0: base_link
+    )
+    p_bodies: Array | None = None  # (..., n + 1, 3) m; a point x of link i at q = 0 is at R_bodies[i] x + p_bodies[i]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """A 6R arm as six lines and a flange pose at q = 0, all in base_link.
+    """A serial arm as n lines (six where it is planned for) and a flange pose at q = 0, all in base_link.
 
     Mimic joints (``<mimic>``) are included in the lines: one on the line of its neighbour adds to
     that one's rotation, so θ = C q, J_q = J_θ C, and torques of the joints are Cᵀ times those about the lines.
     """
 
     joints: tuple[str, ...]
-    axis: Array  # (6, 3) unit
-    point: Array  # (6, 3) m, a point on each axis
+    axis: Array  # (n, 3) unit
+    point: Array  # (n, 3) m, a point on each axis
     T_base_flange_zero: Array  # (4, 4)
-    lower: Array  # (6,) rad
-    upper: Array  # (6,) rad
-    coupling: Array | None = None  # (6, 6) integers: the lines rotate by C q (a parallel linkage); None: by q
+    lower: Array  # (n,) rad
+    upper: Array  # (n,) rad
+    coupling: Array | None = None  # (n, n) integers: the lines rotate by C q (a parallel linkage); None: by q
     nominal: Robot | None = None  # the nominal arm, where the cell has as-built geometry
-    slides: NDArray[np.bool_] | None = None  # (6,) prismatic joints, q in m: only in diagnoses
+    slides: NDArray[np.bool_] | None = None  # (n,) prismatic joints, q in m: only in diagnoses
 
     @cached_property
     def uncoupled_robot(self) -> Robot:
@@ -89,18 +91,18 @@ class Robot:
         return self if self.nominal is None else self.nominal
 
     def compute_line_angles(self, q: Array) -> Array:
-        """Return θ = C q (..., 6) rad, the rotation of each line; exactly q without a linkage.
+        """Return θ = C q (..., n) rad, the rotation of each line; exactly q without a linkage.
 
         Args:
-            q: (..., 6) rad.
+            q: (..., n) rad.
         """
         return np.asarray(q, float) if self.coupling is None else np.asarray(q, float) @ self.coupling.T
 
     def compute_joint_positions(self, theta: Array) -> Array:
-        """Return q = C⁻¹ θ (..., 6) rad, the joints for given line rotations.
+        """Return q = C⁻¹ θ (..., n) rad, the joints for given line rotations.
 
         Args:
-            theta: (..., 6) rad.
+            theta: (..., n) rad.
         """
         return np.asarray(theta, float) if self.coupling is None else np.asarray(theta) @ np.linalg.inv(self.coupling).T
 
@@ -108,20 +110,20 @@ class Robot:
         """Return the motion of each link from its pose at q = 0.
 
         Args:
-            q: (..., 6) rad.
+            q: (..., n) rad.
 
         Returns:
-            (..., 7, 4, 4): entry 0 the identity (base_link), entry i the motion by joints 1…i of a body fixed to
+            (..., n + 1, 4, 4): entry 0 the identity (base_link), entry i the motion by joints 1…i of a body fixed to
             link i, in base_link. Multiply it onto a pose at q = 0.
         """
         rows, lead = _flatten_rows(self.compute_line_angles(q))
-        return build_transform(*self._compute_link_motions(rows)).reshape(*lead, 7, 4, 4)
+        return build_transform(*self._compute_link_motions(rows)).reshape(*lead, len(self.joints) + 1, 4, 4)
 
     def compute_fk(self, q: Array, T_flange_tool: Array | None = None) -> Array:
         """Return the pose of the flange (or of a frame fixed to it) in base_link, (..., 4, 4).
 
         Args:
-            q: (..., 6) rad.
+            q: (..., n) rad.
             T_flange_tool: (4, 4) that frame relative to the flange; None: the flange.
         """
         rows, lead = _flatten_rows(self.compute_line_angles(q))
@@ -132,12 +134,12 @@ class Robot:
         return T.reshape(*lead, 4, 4)
 
     def compute_fk_jacobian(self, q: Array, T_flange_tool: Array | None = None) -> tuple[Array, Array]:
-        """Return pose (..., 4, 4) and geometric Jacobian (..., 6, 6) of a frame fixed to the flange.
+        """Return pose (..., 4, 4) and geometric Jacobian (..., 6, n) of a frame fixed to the flange.
 
         The Jacobian maps joint velocity to the twist of the frame's origin in base_link axes, linear part first.
 
         Args:
-            q: (..., 6) rad.
+            q: (..., n) rad.
             T_flange_tool: (4, 4) that frame relative to the flange; None: the flange.
         """
         state = self.compute_state(q, T_flange_tool)
@@ -147,12 +149,13 @@ class Robot:
         """Return pose and Jacobian of a frame fixed to the flange, and the link motions if ``bodies``.
 
         Args:
-            q: (..., 6) rad.
+            q: (..., n) rad.
             T_flange_tool: (4, 4) that frame relative to the flange; None: the flange.
             bodies: fill ``R_bodies`` and ``p_bodies``, at some cost for large batches.
         """
+        n = len(self.joints)
         rows, lead = _flatten_rows(self.compute_line_angles(q))
-        T, J = np.empty((len(rows), 4, 4)), np.empty((len(rows), 6, 6))
+        T, J = np.empty((len(rows), 4, 4)), np.empty((len(rows), 6, n))
         if self.slides is not None:
             T, J = prismatic_arm.compute_jacobians_with_slides(self.slides, *self._build_chain(T_flange_tool), rows)
         else:
@@ -162,14 +165,15 @@ class Robot:
         R_bodies = p_bodies = None
         if bodies:
             R, p = self._compute_link_motions(rows)
-            R_bodies, p_bodies = R.reshape(*lead, 7, 3, 3), p.reshape(*lead, 7, 3)
-        return ArmState(np.asarray(q, float), T.reshape(*lead, 4, 4), J.reshape(*lead, 6, 6), R_bodies, p_bodies)
+            R_bodies, p_bodies = R.reshape(*lead, n + 1, 3, 3), p.reshape(*lead, n + 1, 3)
+        return ArmState(np.asarray(q, float), T.reshape(*lead, 4, 4), J.reshape(*lead, 6, n), R_bodies, p_bodies)
 
     def _compute_link_motions(self, rows: Array) -> tuple[Array, Array]:
-        """Return R (M, 7, 3, 3) and p (M, 7, 3) of the links whose lines are displaced by ``rows`` (M, 6)."""
+        """Return R (M, n + 1, 3, 3) and p (M, n + 1, 3) of the links whose lines are displaced by ``rows`` (M, n)."""
         if self.slides is not None:
             return prismatic_arm.compute_link_motions_with_slides(self.slides, *self._build_chain(None)[:2], rows)
-        R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
+        links = len(self.joints) + 1
+        R, p = np.empty((len(rows), links, 3, 3)), np.empty((len(rows), links, 3))
         product_of_exponentials.compute_link_motions(*self._build_chain(None)[:2], rows, R, p)
         return R, p
 
@@ -184,9 +188,9 @@ class Robot:
 
 
 def _flatten_rows(q: Array) -> tuple[Array, tuple[int, ...]]:
-    """Return joints as the kernels need them, (M, 6), and their leading dimensions."""
+    """Return joints as the kernels need them, (M, n), and their leading dimensions."""
     shape = np.shape(q)
-    return _copy_array(q).reshape(-1, 6), shape[:-1]
+    return _copy_array(q).reshape(-1, shape[-1]), shape[:-1]
 
 
 def _copy_array(array: Array) -> Array:
@@ -227,7 +231,7 @@ def _build_as_built_robot(cell: Cell, drawn: Robot) -> tuple[Robot, Array | None
     moved = compute_link_displacements(np.vstack([drawn.point, drawn.T_base_flange_zero[:3, 3]]), cell.kinematics)
     if moved is None:
         return drawn, None
-    R, p = moved[1:7, :3, :3], moved[1:7, :3, 3]
+    R, p = moved[1:BEHIND_FLANGE, :3, :3], moved[1:BEHIND_FLANGE, :3, 3]
     axis = np.einsum("kij,kj->ki", R, drawn.axis)
     point = np.einsum("kij,kj->ki", R, drawn.point) + p
     zero = moved[BEHIND_FLANGE] @ drawn.T_base_flange_zero
@@ -248,7 +252,8 @@ def _read_chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
     base = find_frame(cell, model, cell.base_link)
     T_world_base = data.oMf[base].homogeneous
     T_base_world = invert_transform(T_world_base)
-    axis, point, lower, upper = np.empty((6, 3)), np.empty((6, 3)), np.empty(6), np.empty(6)
+    n = len(cell.arm_joints)
+    axis, point, lower, upper = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n)
     ids = []
     for i, name in enumerate(cell.arm_joints):
         if not model.existJointName(name):
@@ -320,7 +325,7 @@ def load_masses(cell: Cell) -> RobotMasses:
             found.append((link, inertia.mass, T[:3, :3] @ inertia.lever + T[:3, 3], link))
     if cell.tool.mass > 0.0:
         T = T_base_world @ data.oMf[find_frame(cell, model, cell.flange_link)].homogeneous
-        found.append((6, cell.tool.mass, T[:3, :3] @ cell.tool.com + T[:3, 3], BEHIND_FLANGE))
+        found.append((len(ids), cell.tool.mass, T[:3, :3] @ cell.tool.com + T[:3, 3], BEHIND_FLANGE))
     com = np.array([c for _, _, c, _ in found], float).reshape(-1, 3)
     moved = _build_as_built_robot(cell, _read_chain(cell)[0])[1] if cell.kinematics else None
     if moved is not None:

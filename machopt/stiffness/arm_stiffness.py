@@ -34,7 +34,6 @@ from machopt.stiffness.terms.stability_check import (
     find_unstable_term as stiffness_find_unstable_term,
 )
 
-TOOL_BODY = 6  # the body that also carries the tool, whose mass is known without those of the links
 GRID_FACE_TOLERANCE_M = 1e-6  # m; a TCP this near to a face, edge or corner of the grid belongs to all its cells
 
 
@@ -57,14 +56,14 @@ def compute_joint_stiffness(stiffness: ArmStiffness, position: Array) -> JointSt
     lead = position.shape[:-1]
     grid = stiffness.grid
     if grid is None:
-        return JointStiffness(np.broadcast_to(stiffness.joints, (*lead, 6)), np.ones(lead, bool))
+        return JointStiffness(np.broadcast_to(stiffness.joints, (*lead, len(stiffness.joints))), np.ones(lead, bool))
     flat = position.reshape(-1, 3)
     rows, cells = find_grid_cells(grid, flat)
-    total, count = np.zeros((len(flat), 6)), np.bincount(rows, minlength=len(flat))
+    total, count = np.zeros((len(flat), len(stiffness.joints))), np.bincount(rows, minlength=len(flat))
     np.add.at(total, rows, grid.joints[cells])
     found = count > 0
     k = np.where(found[:, None], total / np.maximum(count, 1)[:, None], stiffness.joints)
-    return JointStiffness(k.reshape(*lead, 6), found.reshape(lead))
+    return JointStiffness(k.reshape(*lead, len(stiffness.joints)), found.reshape(lead))
 
 
 def find_grid_cells(grid: StiffnessGrid, position: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -183,7 +182,7 @@ class ElasticState:
         if self.geometric:
             K = _build_diagonal(self.k) - compute_geometric_stiffness(J, wrench)
             holds = _is_positive_definite(K, self.k)[..., None]
-            bent = np.linalg.solve(np.where(holds[..., None], K, np.eye(6)), tau[..., None])[..., 0]
+            bent = np.linalg.solve(np.where(holds[..., None], K, np.eye(K.shape[-1])), tau[..., None])[..., 0]
             bent = np.where(holds, bent, np.nan)
         else:
             bent = tau / self.k
@@ -362,7 +361,7 @@ class ArmElasticity:
         self.masses = masses
         self._masses = masses if weighed else None
         self.warnings: tuple[str, ...] = ()
-        if weighed and (masses is None or not (masses.body < TOOL_BODY).any()):
+        if weighed and (masses is None or not (masses.body < len(robot.joints)).any()):
             names = ", ".join(f"{t.effect} at {t.location}" for t in weighed)
             self.warnings = (
                 f"{names}: depends on the whole torque of the joint, but no mass of a link is known; the arm's weight "
@@ -443,7 +442,7 @@ def _limit_to_springs(
 
 
 def _build_diagonal(k: Array) -> Array:
-    return k[..., :, None] * np.eye(6)
+    return k[..., :, None] * np.eye(k.shape[-1])
 
 
 def _is_positive_definite(K: Array, k: Array) -> NDArray[np.bool_]:

@@ -58,19 +58,27 @@ CURVE_SMOOTHING = {PLAY_COLUMN: 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}
 COUPLED_JOINTS = ((2, 3), (4, 5), (5, 6), (4, 6))
 
 
-def list_elastic_columns() -> tuple[str, ...]:
-    """Return the suspects that are linear in the load."""
-    bodies = [("base", AXES), *((format_link_location(i), ROTATION_AXES) for i in range(1, 6)), ("tool", AXES)]
+def list_elastic_columns(joints: int = 6) -> tuple[str, ...]:
+    """Return the suspects that are linear in the load.
+
+    Args:
+        joints: Number of joints of the arm.
+    """
+    bodies = [("base", AXES), *((format_link_location(i), ROTATION_AXES) for i in range(1, joints)), ("tool", AXES)]
     return (
         *(format_joint_pair_name(i, j) for i, j in COUPLED_JOINTS),
-        *(format_joint_name(word, j) for j in range(1, 7) for word in (COS, SIN)),
+        *(format_joint_name(word, j) for j in range(1, joints + 1) for word in (COS, SIN)),
         *(format_body_name(body, axis) for body, axes in bodies for axis in axes),
     )
 
 
-def list_gear_columns() -> tuple[str, ...]:
-    """Return the suspects that depend on the size of the load."""
-    return tuple(format_joint_name(word, j) for j in range(1, 7) for word in CURVE_SMOOTHING)
+def list_gear_columns(joints: int = 6) -> tuple[str, ...]:
+    """Return the suspects that depend on the size of the load.
+
+    Args:
+        joints: Number of joints of the arm.
+    """
+    return tuple(format_joint_name(word, j) for j in range(1, joints + 1) for word in CURVE_SMOOTHING)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +100,11 @@ class DiscrepancyColumns:
     )
 
     def __post_init__(self) -> None:
+        joints = len(self.robot.joints)
         known = {
-            *list_elastic_columns(),
-            *list_gear_columns(),
-            *(format_joint_name(JOINT, j) for j in range(1, 7)),
+            *list_elastic_columns(joints),
+            *list_gear_columns(joints),
+            *(format_joint_name(JOINT, j) for j in range(1, joints + 1)),
             LOADED,
         }
         known |= {format_term_name(n, p) for n, t in enumerate(self.terms) for p in range(len(t.coefficients))}
@@ -166,7 +175,7 @@ class DiscrepancyColumns:
         if self.geometric and not small:
             turn = turn + np.einsum("mij,mj->mi", compute_geometric_stiffness(J, wrench), turn) / k
         rotated = np.einsum("mci,mi->mc", J, turn)
-        H = np.zeros((len(k), 6, 6))
+        H = np.zeros((len(k), k.shape[1], k.shape[1]))
         if self.masses is not None:
             state = self.robot.compute_state(state.q + weight / k, self.T_flange_tcp, bodies=True)
             H = H + compute_gravity_torque(self.robot, self.masses, state)[1]
@@ -234,7 +243,7 @@ def locate_compliance(robot: Robot, place: str) -> tuple[int, Array]:
     if place == "base":
         return 0, np.zeros(3)
     if place == "tool":
-        return 6, np.asarray(robot.T_base_flange_zero[:3, 3])
+        return len(robot.joints), np.asarray(robot.T_base_flange_zero[:3, 3])
     link = parse_link_location(place)
     return link, np.asarray([*robot.point, robot.T_base_flange_zero[:3, 3]][link])
 

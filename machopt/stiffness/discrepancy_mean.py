@@ -30,8 +30,8 @@ class DiscrepancyMean:
     """Twist that the mean of a discrepancy adds to that of a model."""
 
     joints: Array  # (6, 6) rad/(N·m), independent of the angles
-    cosines: Array  # (6,) rad/(N·m) times the cosine of the joint's own angle
-    sines: Array  # (6,)
+    cosines: Array  # (n,) rad/(N·m) times the cosine of the joint's own angle
+    sines: Array  # (n,)
     gears: tuple[tuple[int, float, float], ...]  # joint, N·m and rad of each tanh of its torque
     bodies: tuple[tuple[int, Array, Array], ...]  # body, place (3,) in base_link at q = 0, compliances (6,) in its axes
     rest: DiscrepancyColumns  # columns without a matrix: the file's terms, and the effect of weight and load on posture
@@ -132,9 +132,9 @@ def _compute_body_twist(state: ArmState, body: int, at: Array, soft: Array, wren
 class _SortedShifts:
     """Mean values of a discrepancy by the kind of part, SI."""
 
-    joints: Array  # (6, 6) compliances of the joints and their couplings
-    cosines: Array  # (6,) of the joint angle
-    sines: Array  # (6,)
+    joints: Array  # (n, n) compliances of the joints and their couplings
+    cosines: Array  # (n,) of the joint angle
+    sines: Array  # (n,)
     gears: list[tuple[int, float, float]]  # joint, smoothing torque in N·m, value
     bodies: dict[str, Array]  # (6,) compliances of each body
     rest: dict[str, float]  # values of the columns that are not summed here
@@ -142,7 +142,8 @@ class _SortedShifts:
 
 def _sort_shifts(found: ModelDiscrepancy) -> _SortedShifts:
     """Return the mean values of the parts of a discrepancy, each kind apart."""
-    joints, cosines, sines = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+    n = len(found.torque)
+    joints, cosines, sines = np.zeros((n, n)), np.zeros(n), np.zeros(n)
     gears: list[tuple[int, float, float]] = []
     bodies: dict[str, Array] = {}
     rest: dict[str, float] = {}

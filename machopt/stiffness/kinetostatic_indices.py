@@ -131,7 +131,7 @@ def compute_jacobian_derivative(J: Array) -> Array:
         (..., 6, 6, 6), entry [..., k, :, :] = ∂J/∂θ_k, m/rad and 1/rad.
     """
     v, z = np.swapaxes(J[..., :3, :], -1, -2), np.swapaxes(J[..., 3:, :], -1, -2)
-    k, i = np.indices((6, 6))
+    k, i = np.indices((J.shape[-1], J.shape[-1]))
     lin = np.cross(z[..., :, None, :], v[..., None, :, :])  # [..., k, i, :]
     lin = np.where((k <= i)[..., None], lin, np.swapaxes(lin, -2, -3))
     ang = np.where((k < i)[..., None], np.cross(z[..., :, None, :], z[..., None, :, :]), 0.0)
@@ -171,9 +171,10 @@ def compute_loaded_compliance(J: Array, k: Array, K_C: Array) -> Array:
 
     Source: dumas2011 eq. 10, inverted.
     """
-    K = np.asarray(k, float)[..., None] * np.eye(6) - K_C
+    own = np.eye(K_C.shape[-1])
+    K = np.asarray(k, float)[..., None] * own - K_C
     holds = np.linalg.eigvalsh(0.5 * (K + np.swapaxes(K, -1, -2)))[..., 0] > 0.0
-    K = np.where(holds[..., None, None], K, np.eye(6))
+    K = np.where(holds[..., None, None], K, own)
     return np.where(holds[..., None, None], J @ np.linalg.solve(K, np.swapaxes(J, -1, -2)), np.nan)
 
 
@@ -195,7 +196,7 @@ def compute_geometric_influence(J: Array, k: Array, K_C: Array, wrench: Array) -
     """
     wrench = np.asarray(wrench, float)
     loaded = np.einsum("...ij,...j->...i", compute_loaded_compliance(J, k, K_C), wrench)
-    plain = np.einsum("...ij,...j->...i", compute_loaded_compliance(J, k, np.zeros((6, 6))), wrench)
+    plain = np.einsum("...ij,...j->...i", compute_loaded_compliance(J, k, np.zeros_like(K_C)), wrench)
     p, p0 = np.linalg.norm(loaded[..., :3], axis=-1), np.linalg.norm(plain[..., :3], axis=-1)
     larger = np.maximum(p, p0)
     nu_p = np.abs(p - p0) / np.where(larger == 0.0, 1.0, larger)

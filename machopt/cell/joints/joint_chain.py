@@ -11,7 +11,7 @@ import numpy as np
 from machopt.cell.cell_schema import CellKeys
 from machopt.cell.urdf import UrdfJoint, UrdfModel
 from machopt.data_types.cell import JointLimits
-from machopt.errors import suggest_nearest_word
+from machopt.errors import TooManyArmJointsError, suggest_nearest_word
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument
 from machopt.numerics.array_types import Array
 
@@ -368,6 +368,14 @@ def _find_arm_joints(
         found += " beside " + ", ".join(f"{j.name} (mimics {j.mimic.joint!r})" for j in follow if j.mimic is not None)
     span = f"from {keys.robot.base_link!r} to {keys.robot.flange_link!r}"
     where: KeyPath = ("robot", "arm_joints") if names is not None else ("robot", "flange_link")
+    if len(chain) > 6 and not any_chain and all(j.kind in kinds for j in chain):
+        raise TooManyArmJointsError(
+            f"the chain {span} has {len(chain)} joints that turn ({', '.join(j.name for j in chain)}); a motion can be "
+            "planned for six (a rail or positioner joint goes into external_joints). machopt identify and machopt "
+            f"diagnose take recordings of such an arm, with columns q1_deg … q{len(chain)}_deg",
+            file=document.file,
+            where=".".join(map(str, where)),
+        )
     if not chain or (len(chain) != 6 and not any_chain) or any(j.kind not in kinds for j in chain):
         raise document.build_error(
             where,

@@ -13,6 +13,7 @@ from machopt.cell.stiffness.external_joint_stiffness import (
     format_external_springs,
     parse_external_springs,
 )
+from machopt.data_types.locations import MOST_JOINTS
 from machopt.data_types.stiffness import (
     SOFTEST,
     STIFFEST,
@@ -32,7 +33,7 @@ from machopt.file_formats.strict_yaml import (
 )
 from machopt.numerics.array_types import Array
 
-_ROW = "six joint stiffnesses in N·m/rad, joint 1 first"
+_ROW = "one stiffness per joint of the arm in N·m/rad, joint 1 first"
 _ASYMMETRY = 1e-6  # relative; a covariance written with seven digits is symmetric to this
 _NEGATIVE = 1e-9  # relative to the largest eigenvalue; round-off of a rank-deficient covariance
 
@@ -64,7 +65,9 @@ class _DiscrepancyKeys(StrictSchema):
     counted: bool = Field(
         default=True, description="predictions count shift in; false: they are of the file's own numbers, which are off"
     )
-    torques_Nm: list[float] = Field(min_length=6, max_length=6, description="the joints' typical torque in the tests")
+    torques_Nm: list[float] = Field(
+        min_length=6, max_length=MOST_JOINTS, description="the joints' typical torque in the tests"
+    )
     parts: list[str] = Field(min_length=1, description="what may be otherwise, or be missing: joint 1, base rz, …")
     shift: list[float] = Field(min_length=1, description="by how much, in the mean; SI, one number a part")
     modes: list[list[float]] = Field(min_length=1, description="rows whose Σ mᵀm is the covariance about that; SI")
@@ -76,18 +79,20 @@ class _PositionErrorKeys(StrictSchema):
     noise_mm: float = Field(ge=0, description="of it, what the instrument and the arm's return make")
     poses: int = Field(ge=1, description="that were measured")
     joints_deg: list[list[float]] = Field(
-        min_length=6, max_length=6, description="six rows: the lowest and the highest encoder angle measured"
+        min_length=6,
+        max_length=MOST_JOINTS,
+        description="one row a joint: the lowest and the highest encoder angle measured",
     )
 
 
 class _StiffnessFileKeys(StrictSchema):
     machopt_stiffness: Literal[1] = Field(description="the format, 1")
-    joints_Nm_per_rad: list[float] = Field(min_length=6, max_length=6, description=_ROW)
+    joints_Nm_per_rad: list[float] = Field(min_length=6, max_length=MOST_JOINTS, description=_ROW)
     covariance: list[list[float]] | None = Field(
         default=None,
         min_length=6,
-        max_length=6,
-        description="of the joint compliances, six rows of six numbers, (rad/(N·m))²",
+        max_length=MOST_JOINTS,
+        description="of the joint compliances, a square of one row a joint, (rad/(N·m))²",
     )
     grid: _GridKeys | None = Field(default=None, description="stiffness that differs over the workspace")
     terms: list[_TermKeys] = Field(default=[], description="further physics, the terms that diagnose finds")
@@ -124,8 +129,8 @@ def load_stiffness(path: Path | str) -> ArmStiffness:
     document = read_yaml(Path(path))
     data = validate_document(_StiffnessFileKeys, document)
     joints = _parse_positive(document, ("joints_Nm_per_rad",), data.joints_Nm_per_rad)
-    covariance = None if data.covariance is None else _parse_covariance(document, data.covariance)
-    grid = None if data.grid is None else _parse_grid(document, data.grid)
+    covariance = None if data.covariance is None else _parse_covariance(document, data.covariance, len(joints))
+    grid = None if data.grid is None else _parse_grid(document, data.grid, len(joints))
     terms = tuple(
         StiffnessTerm(
             t.effect,
@@ -137,7 +142,7 @@ def load_stiffness(path: Path | str) -> ArmStiffness:
     )
     if data.spread_percent is not None and data.source is None:
         raise document.build_error(("spread_percent",), "needs a source: where the spread comes from, or `assumed`")
-    doubt = None if data.discrepancy is None else _parse_discrepancy(document, data.discrepancy)
+    doubt = None if data.discrepancy is None else _parse_discrepancy(document, data.discrepancy, len(joints))
     external = parse_external_springs(document, data.external_joints)
     known = covariance is not None or doubt is not None or (grid is not None and grid.std is not None)
     for s in external:
@@ -148,7 +153,9 @@ def load_stiffness(path: Path | str) -> ArmStiffness:
                 "from "
                 "one alone; covariance (or discrepancy, or the grid's std_Nm_per_rad) beside it would work",
             )
-    position = None if data.position_error is None else _parse_position_error(document, data.position_error)
+    position = (
+        None if data.position_error is None else _parse_position_error(document, data.position_error, len(joints))
+    )
     return ArmStiffness(
         joints=joints,
         covariance=covariance,
@@ -243,7 +250,8 @@ def _format_position_error(p: PositionError) -> dict[str, object]:
     }
 
 
-def _parse_position_error(document: YamlDocument, given: _PositionErrorKeys) -> PositionError:
+def _parse_position_error(document: YamlDocument, given: _PositionErrorKeys, joints: int) -> PositionError:
+    _check_row_count(document, ("position_error", "joints_deg"), len(given.joints_deg), joints)
     for n, row in enumerate(given.joints_deg):
         if len(row) != 2 or not row[0] <= row[1] or not np.isfinite(row).all():
             raise document.build_error(
@@ -259,7 +267,8 @@ def _parse_position_error(document: YamlDocument, given: _PositionErrorKeys) -> 
     )
 
 
-def _parse_discrepancy(document: YamlDocument, given: _DiscrepancyKeys) -> ModelDiscrepancy:
+def _parse_discrepancy(document: YamlDocument, given: _DiscrepancyKeys, joints: int) -> ModelDiscrepancy:
+    _check_row_count(document, ("discrepancy", "torques_Nm"), len(given.torques_Nm), joints)
     rows = {"shift": given.shift} | {f"modes[{n}]": row for n, row in enumerate(given.modes)}
     for name, row in rows.items():
         if len(row) != len(given.parts):
@@ -285,6 +294,12 @@ def _parse_discrepancy(document: YamlDocument, given: _DiscrepancyKeys) -> Model
     )
 
 
+def _check_row_count(document: YamlDocument, loc: KeyPath, found: int, joints: int) -> None:
+    """Raise InputError where something has not as many numbers or rows as joints_Nm_per_rad."""
+    if found != joints:
+        raise document.build_error(loc, f"found {found} values; expected {joints}, as joints_Nm_per_rad has")
+
+
 def _parse_positive(document: YamlDocument, loc: KeyPath, values: list[float]) -> Array:
     for n, value in enumerate(values):
         if not SOFTEST <= value <= STIFFEST:
@@ -294,10 +309,10 @@ def _parse_positive(document: YamlDocument, loc: KeyPath, values: list[float]) -
     return _copy_read_only(values)
 
 
-def _parse_covariance(document: YamlDocument, rows: list[list[float]]) -> Array:
+def _parse_covariance(document: YamlDocument, rows: list[list[float]], joints: int) -> Array:
+    _check_row_count(document, ("covariance",), len(rows), joints)
     for n, row in enumerate(rows):
-        if len(row) != 6:
-            raise document.build_error(("covariance", n), f"found {len(row)} values; expected 6")
+        _check_row_count(document, ("covariance", n), len(row), joints)
     matrix = np.asarray(rows, float)
     scale = float(np.abs(matrix).max())
     uneven = np.abs(matrix - matrix.T)
@@ -325,27 +340,26 @@ def _parse_term_covariance(document: YamlDocument, term: int, rows: list[list[fl
     return tuple(tuple(row) for row in matrix)
 
 
-def _parse_grid(document: YamlDocument, grid: _GridKeys) -> StiffnessGrid:
+def _parse_grid(document: YamlDocument, grid: _GridKeys, joints: int) -> StiffnessGrid:
     for n, count in enumerate(grid.shape):
         if count < 1:
             raise document.build_error(("grid", "shape", n), f"found {count}; expected at least 1 cell")
     nx, ny, nz = grid.shape
-    rows = _parse_grid_rows(document, "joints_Nm_per_rad", grid.joints_Nm_per_rad, grid.shape)
+    rows = _parse_grid_rows(document, "joints_Nm_per_rad", grid.joints_Nm_per_rad, grid.shape, joints)
     std = None
     if grid.std_Nm_per_rad is not None:
-        std = _parse_grid_rows(document, "std_Nm_per_rad", grid.std_Nm_per_rad, grid.shape)
+        std = _parse_grid_rows(document, "std_Nm_per_rad", grid.std_Nm_per_rad, grid.shape, joints)
     origin = _copy_read_only([v / 1e3 for v in grid.origin_mm])
     return StiffnessGrid(origin, grid.cell_mm / 1e3, (nx, ny, nz), rows, std)
 
 
-def _parse_grid_rows(document: YamlDocument, key: str, rows: list[list[float]], shape: list[int]) -> Array:
+def _parse_grid_rows(document: YamlDocument, key: str, rows: list[list[float]], shape: list[int], joints: int) -> Array:
     loc: KeyPath = ("grid", key)
     needed = shape[0] * shape[1] * shape[2]
     if len(rows) != needed:
         raise document.build_error(loc, f"found {len(rows)} rows; shape {shape} needs {needed}")
     for n, row in enumerate(rows):
-        if len(row) != 6:
-            raise document.build_error((*loc, n), f"found {len(row)} values; expected {_ROW}")
+        _check_row_count(document, (*loc, n), len(row), joints)
         if key.startswith("joints"):
             _parse_positive(document, (*loc, n), row)
         elif min(row) < 0:

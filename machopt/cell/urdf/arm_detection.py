@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,13 +57,15 @@ class ArmLinks:
 
     base_link: str
     flange_link: str
-    arm: tuple[UrdfJoint, ...]  # six, in chain order
+    arm: tuple[UrdfJoint, ...]  # six, or more where only readings are diagnosed, in chain order
     external: tuple[UrdfJoint, ...]  # between the root and the base, as a rail's
     flanges: tuple[str, ...]  # further links fixed to the last joint's
     gripper: tuple[UrdfJoint, ...] = ()  # joints behind the flange that were taken for a gripper's
 
 
-def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | None = None) -> ArmLinks:
+def find_arm(
+    urdf: UrdfModel, base_link: str | None = None, flange_link: str | None = None, *, any_number: bool = False
+) -> ArmLinks:
     """Find the arm of a URDF.
 
     Without ``flange_link``, the flange is the first of :data:`FLANGES` behind six revolute joints, else the outermost
@@ -74,6 +77,7 @@ def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | N
         urdf: The robot: links, joints, bodies and masses.
         base_link: Base link given by the user, None to detect it.
         flange_link: Flange link given by the user, None to detect it.
+        any_number: Whether the arm may have more than six joints that turn.
 
     Returns:
         Base, flange and joints.
@@ -102,10 +106,12 @@ def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | N
     else:
         external = moving[:-6]
         turning = [j.name for j in external if j.kind in _TURNS]
-        if turning:
+        if turning and any_number:
+            external = tuple(itertools.takewhile(lambda j: j.kind not in _TURNS, moving))
+        elif turning:
             raise _build_too_many_joints_error(urdf, flange, moving)
     arm = moving[len(external) :]
-    if len(arm) != 6 or any(j.kind not in _TURNS for j in arm):
+    if (len(arm) < 6 if any_number else len(arm) != 6) or any(j.kind not in _TURNS for j in arm):
         found = ", ".join(f"{j.name} ({j.kind})" for j in moving) or "no moving joint"
         others = [link for link in urdf.links if _ends_an_arm(urdf, link, base_link)]
         advice = f", as to {', '.join(others)}" if others else "; the URDF has no link with such a chain"

@@ -57,13 +57,16 @@ class NewCellContent:
     post_note: str = ""
 
 
-def estimate_joint_stiffness(span: float) -> tuple[float, ...]:
-    """(6,) N·m/rad of a geometrically similar arm: torsional stiffness GJ/L grows with the cube of the size.
+def estimate_joint_stiffness(span: float, joints: int = 6) -> tuple[float, ...]:
+    """(n,) N·m/rad of a geometrically similar arm: torsional stiffness GJ/L grows with the cube of the size.
 
     Args:
         span: m, of the arm's links end to end from base to flange.
+        joints: of the arm; those of other arms than six lie between the reference's, evenly along the chain.
     """
-    return tuple(float(f"{k * (span / REFERENCE_SPAN_M) ** 3:.3g}") for k in REFERENCE_NM_PER_RAD)
+    places = np.linspace(0.0, len(REFERENCE_NM_PER_RAD) - 1.0, joints)
+    reference = np.exp(np.interp(places, np.arange(len(REFERENCE_NM_PER_RAD)), np.log(REFERENCE_NM_PER_RAD)))
+    return tuple(float(f"{k * (span / REFERENCE_SPAN_M) ** 3:.3g}") for k in reference)
 
 
 def format_stiffness_yaml(joints: Sequence[float], *, span: float) -> str:
@@ -76,7 +79,7 @@ def format_stiffness_yaml(joints: Sequence[float], *, span: float) -> str:
     Returns:
         Text of the file.
     """
-    rows = [[0.0] * 6 for _ in range(6)]
+    rows = [[0.0] * len(joints) for _ in joints]
     for i, k in enumerate(joints):
         rows[i][i] = float(f"{(RELATIVE_COMPLIANCE_SIGMA / k) ** 2:.4g}")
     matrix = "\n".join(f"  - {_format_row(row)}" for row in rows)

@@ -40,3 +40,4 @@ class InitRequest:
     stiffness: Path | None = None  # a stiffness.yaml; an estimate
     velocity_deg_s: tuple[float, ...] | None = None  # the URDF's
     post: str = ""
+    for_diagnosis: bool = False  # more than six joints are accepted; the cell can be measured, not planned for

@@ -12,7 +12,7 @@ from machopt.cell.cell_reader import build_cell, find_cell_file
 from machopt.cell.cell_schema import CellKeys
 from machopt.cell_setup.validation.value_repairs import find_errors_outside_robot, list_value_repairs
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError
+from machopt.errors import InputError, TooManyArmJointsError
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument, list_schema_errors, read_yaml
 
 _OPTIONAL: tuple[KeyPath, ...] = (
@@ -72,6 +72,8 @@ def read_all(path: Path, *, allow_external: bool = False) -> PartialCell:
     while len(problems) < _MOST:
         try:
             return PartialCell(build_cell(document, allow_external=allow_external), tuple(problems), tuple(aside))
+        except TooManyArmJointsError as problem:
+            return PartialCell(None, (*problems, problem, *_find_other_errors(document, allow_external)), tuple(aside))
         except InputError as problem:
             problems.append(problem)
             said = str(problem)
@@ -86,6 +88,15 @@ def read_all(path: Path, *, allow_external: bool = False) -> PartialCell:
         place, document = guilty
         aside.append(".".join(map(str, place)))
     return PartialCell(None, tuple(problems), tuple(aside))
+
+
+def _find_other_errors(document: YamlDocument, allow_external: bool) -> tuple[InputError, ...]:
+    """Return what is wrong with a cell of an arm that cannot be planned for, besides its number of joints."""
+    try:
+        build_cell(document, allow_external=allow_external, any_chain=True)
+    except InputError as problem:
+        return (problem,)
+    return ()
 
 
 def remove_key(document: YamlDocument, loc: KeyPath) -> YamlDocument:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from machopt.cell.cell_reader import load_cell
 from machopt.commands.diagnose.computation import DiagnoseComputation, build_computation, write_diagnosis_files
 from machopt.commands.diagnose.files import (
     KINEMATICS,
@@ -17,6 +16,7 @@ from machopt.commands.diagnose.files import (
 )
 from machopt.commands.diagnose.motion import diagnose_motion
 from machopt.commands.input_hashes import compute_input_hashes, list_request_paths
+from machopt.commands.recording_cell import load_recording_cell
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument
 from machopt.data_types.measurements.recording import Recording
@@ -113,8 +113,7 @@ def compute_diagnosis(
     recording = load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)
     moving = recording.kind == "motion"
     if cell is None:
-        sliding = moving or any(recording.prismatic)
-        cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=sliding, bodies=False)
+        cell = load_recording_cell(request.cell, recording, allow_external=request.allow_external)
     laws = user_hypotheses.load_hypothesis_sources(own)
     check_diagnose_request(request, recording.kind)
     load_options(cell.plan, overrides=request.overrides)  # what is wrong with them is stated before minutes of work

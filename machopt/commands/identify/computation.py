@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.term_parser import parse_term
 from machopt.commands.identify.record_conventions import refuse_other_conventions
 from machopt.commands.input_hashes import compute_input_hashes
+from machopt.commands.recording_cell import load_recording_cell
 from machopt.data_types.cell import Cell, describe_fixed_external_joints
 from machopt.data_types.documents.identification_document import MISFIT_WARNING, IdentificationDocument
 from machopt.data_types.measurements.recording import Recording
@@ -59,8 +59,8 @@ def compute_identification(
     check_identify_request(request)
     options = convert_to_options(request, tuple(parse_term(t) for t in request.terms))
     progress("reading cell and recording")
-    cell = load_cell(request.cell, allow_external=request.allow_external, bodies=False) if cell is None else cell
     recording = drop_unused_readings(_read_recordings(request.recordings))
+    cell = cell or load_recording_cell(request.cell, recording, allow_external=request.allow_external)
     check_no_mimic_joints(cell, "identify")
     robot = load_robot(cell)
     tests = build_load_test_experiment(recording, robot, cell.tool.T_flange_tcp)

@@ -45,7 +45,7 @@ class Recording:
 
     kind: RecordingKind
     source: str  # folder name, for messages
-    q: Array  # (N, n) rad (m of a joint that slides), joint positions by encoder; n = 6 but in motion
+    q: Array  # (N, n) rad (m of a joint that slides), joint positions by encoder; n = 6 of a planned arm
     pose: Ints  # (N,) same label: same robot pose; numbered by q where the file has no column
     cycle: Ints  # (N,) same label inside a pose: same load cycle; every reading its own where there is no column
     session: Ints  # (N,) same label: same day and set-up; all 0 where there is no column
@@ -81,6 +81,11 @@ class Recording:
     warnings: tuple[str, ...] = ()
     files: tuple[str, ...] = ()  # names of the data files; empty where nothing was read
     file: Ints | None = None  # (N,) index into files; None: all readings stand in the first
+
+    @property
+    def needs_any_chain(self) -> bool:
+        """Whether the arm may be another chain than six revolute joints."""
+        return self.kind == "motion" or any(self.prismatic) or self.q.shape[1] != 6
 
     def __len__(self) -> int:
         return len(self.q)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_pair_location
+from machopt.data_types.locations import MOST_JOINTS, format_joint_pair_location
 from machopt.effects import prior_scales
 from machopt.effects.protocol import (
     COMPLIANCE,
@@ -29,7 +29,9 @@ from machopt.effects.protocol import (
 from machopt.numerics.array_types import Array
 
 WORD = "joint_coupling"
-PLACES = tuple(format_joint_pair_location(i, j) for i in range(1, 7) for j in range(i + 1, 7))
+PLACES = tuple(
+    format_joint_pair_location(i, j) for i in range(1, MOST_JOINTS + 1) for j in range(i + 1, MOST_JOINTS + 1)
+)
 WRIST = ("joint:4-5", "joint:4-6", "joint:5-6")
 SHAFT_RATIOS = (
     0.02,

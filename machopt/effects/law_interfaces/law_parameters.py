@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.locations import MOST_JOINTS, format_joint_location
 
 Ints = NDArray[np.int64]
 Shape = tuple[float, ...]
@@ -20,7 +20,7 @@ DEFAULT_FORM_UNCERTAINTY = (
     0.08  # relative 1 sigma of a size caused by the form of its law: real gears deviate from equations
 )
 EXACT_FORM_UNCERTAINTY = 0.02  # the same for an exact law: limited by the knowledge of the arm that it acts through
-JOINTS = tuple(format_joint_location(i) for i in range(1, 7))
+JOINTS = tuple(format_joint_location(i) for i in range(1, MOST_JOINTS + 1))
 MEMORIES = (
     "cycle",
     "visit",

@@ -9,7 +9,7 @@ Names, places and typical wrong units. The corrections use them
 
 from __future__ import annotations
 
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.locations import MOST_JOINTS, format_column_location
 from machopt.effects.joint.drive_gain import DriveGainError
 from machopt.effects.protocol import Effect
 
@@ -29,7 +29,7 @@ UNITS = Effect(
     sentence="The column carries another unit than its name says, or another share of it.",
     port="record",
     places=(),
-    preferred_places=tuple(format_column_location(f"tau{n}_Nm") for n in range(1, 7)),
+    preferred_places=tuple(format_column_location(f"tau{n}_Nm") for n in range(1, MOST_JOINTS + 1)),
     motor_laws=(DriveGainError(),),
     plausible_sizes={"%": 60.0},
     preposition="in",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.data_types.locations import format_link_location
+from machopt.data_types.locations import MOST_JOINTS, format_link_location
 from machopt.effects.compliance_matrices.body_compliance_laws import TWO_PLANES, UniformBeamLaw
 from machopt.effects.compliance_matrices.tapered_tube import TAPERED, read_tube_law
 from machopt.effects.protocol import Effect
@@ -13,7 +13,7 @@ EFFECT = Effect(
     short_noun="link compliance",
     sentence="The link body bends or twists; the joint beside it does not.",
     port="body",
-    places=tuple(format_link_location(i) for i in range(1, 7)),
+    places=tuple(format_link_location(i) for i in range(1, MOST_JOINTS + 1)),
     body_laws=(UniformBeamLaw(("EI_Nm2",)), UniformBeamLaw(("GJ_Nm2",)), UniformBeamLaw(), TWO_PLANES, TAPERED),
     file_reader=read_tube_law,
     is_elastic=True,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.errors import TooManyArmJointsError
 from machopt.kinematics.inverse.as_built_solver import AsBuiltSolver
 from machopt.kinematics.inverse.spherical_wrist import KinematicBranches, SphericalWristSolver
 from machopt.kinematics.robot import Robot
@@ -78,7 +79,15 @@ def build_solver(robot: Robot) -> InverseKinematicsSolver:
 
     Args:
         robot: kinematic model.
+
+    Raises:
+        TooManyArmJointsError: the arm has more than six joints.
     """
+    if len(robot.joints) > 6:
+        raise TooManyArmJointsError(
+            f"the arm has {len(robot.joints)} joints ({', '.join(robot.joints)}); a motion can be planned for six",
+            where="robot.arm_joints",
+        )
     if robot.coupling is not None:
         return LinkageSolver(robot, build_solver(robot.uncoupled_robot))
     if robot.nominal is not None:

@@ -260,8 +260,8 @@ def diagnose_motion_recording(
     channel = allowed[0]
     options.progress(f"signals and equations, channel {channel}")
     motion = MotionDiagnosis(cell=cell, recording=recording, channel=channel, options=options, seed=seed)
-    six = len(cell.arm_joints) == 6 and not cell.arm_prismatic
-    terms = _list_known_terms(cell, load_robot(cell), read_stated_masses(cell)) if six else ()
+    whole = len(cell.arm_joints) >= 6 and not cell.arm_prismatic
+    terms = _list_known_terms(cell, load_robot(cell), read_stated_masses(cell)) if whole else ()
     d, problem = existing_terms.diagnose_with_known_terms(
         terms,
         motion.run,

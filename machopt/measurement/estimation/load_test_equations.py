@@ -50,6 +50,11 @@ class LoadTestExperiment:
         return int(self.measured.shape[1])
 
     @property
+    def joint_count(self) -> int:
+        """Number of joints of the arm, n."""
+        return int(self.state.J.shape[2])
+
+    @property
     def lever_length(self) -> Array:
         """Vector (N, 3) m in base_link axes from the TCP to the reference point of the recorded moments."""
         if self.wrench_point is None:
@@ -106,7 +111,7 @@ class LoadTestExperiment:
             terms: Linear terms fitted together with the joints.
 
         Returns:
-            (N, D, 6 + P) m, rad per unit of each coefficient.
+            (N, D, n + P) m, rad per unit of each coefficient.
         """
         J = self.state.J
         tau = np.einsum("nci,nc->ni", J, self.wrench)

@@ -30,7 +30,7 @@ def compute_reading_covariance(
 
     Args:
         experiment: N readings with D coordinates.
-        compliance: (6,) current joint compliance, rad/(N·m).
+        compliance: (n,) current joint compliance, rad/(N·m).
         terms: Terms with their current values.
         stated: Standard uncertainty of each channel; None if not stated.
         typical: (D/3,) error of a coordinate if the uncertainty of displacement or rotation is not stated, m
@@ -66,21 +66,22 @@ def compute_reading_covariance(
 
 
 def compute_joint_sensitivity(J: Array, wrench: Array, compliance: Array) -> Array:
-    """∂δ/∂q (N, 6, 6) of δ = Σ_a c_a J_a (J_aᵀ w) for a wrench fixed in base axes at the TCP.
+    """∂δ/∂q (N, 6, n) of δ = Σ_a c_a J_a (J_aᵀ w) for a wrench fixed in base axes at the TCP.
 
     Column a of J is (v_a, z_a). Turning joint i carries joint a > i along, and moves only the TCP for a < i:
     ∂J_a/∂q_i = (z_i × v_a, z_i × z_a) for i ≤ a, (z_a × v_i, 0) for i > a.
 
     Args:
-        J: (N, 6, 6) at the TCP, base_link axes.
+        J: (N, 6, n) at the TCP, base_link axes.
         wrench: (N, 6) N, N·m.
-        compliance: (6,) rad/(N·m).
+        compliance: (n,) rad/(N·m).
     """
-    v, z = np.moveaxis(J[:, :3], 2, 0), np.moveaxis(J[:, 3:], 2, 0)  # (6, N, 3)
+    v, z = np.moveaxis(J[:, :3], 2, 0), np.moveaxis(J[:, 3:], 2, 0)  # (n, N, 3)
     tau = np.einsum("nca,nc->na", J, wrench)
     out = np.zeros_like(J)
-    for i in range(6):
-        for a in range(6):
+    joints = J.shape[2]
+    for i in range(joints):
+        for a in range(joints):
             if compliance[a] == 0:
                 continue
             turned = np.zeros((len(J), 6))

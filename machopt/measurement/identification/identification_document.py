@@ -252,7 +252,7 @@ def _compute_90_percent_intervals(
         (min(float(low), j.k), max(float(high), j.k)) if j.identified else (float(low), float(high))
         for j, (low, high) in zip(found.joints, sure.stiffness_interval(), strict=True)
     ]
-    return joints, [(float(low), float(high)) for low, high in sure.interval[6:]]
+    return joints, [(float(low), float(high)) for low, high in sure.interval[sure.joint_count :]]
 
 
 def _convert_to_finite(value: float) -> float | None:

@@ -72,7 +72,7 @@ def identify_stiffness(
     model = _select_model_terms(robot, T_flange_tcp, prior, options)
     nominal = None if prior is None else prior.joints
     findings = check_experiment(
-        experiment, robot, T_flange_tcp, nominal, len(list_fit_coefficients(model.fitted_terms))
+        experiment, robot, T_flange_tcp, nominal, len(list_fit_coefficients(experiment.joint_count, model.fitted_terms))
     )
     messages = refuse_record_faults(experiment, findings, options.accept)
     solved = _fit_constant_model(experiment, robot, T_flange_tcp, model, nominal, options, masses)
@@ -157,9 +157,11 @@ def _fit_constant_model(
     equilibrium = LoadedEquilibriumModel(experiment, robot, T_flange_tcp, masses)
     if not model.geometric:
         return _refine_with_load(plain, equilibrium, fitted) if options.load_effect else plain
-    about = equilibrium.linearise(np.maximum(plain.settled.x[:6], 0.0))
+    about = equilibrium.linearise(np.maximum(plain.settled.compliance, 0.0))
     weights = fitted(about).fit  # determined once; then only the equilibrium is updated
-    settled = refine_at_equilibrium(equilibrium, plain.settled.x[:6], lambda e: fitted(e, weights).settled.x[:6])
+    settled = refine_at_equilibrium(
+        equilibrium, plain.settled.compliance, lambda e: fitted(e, weights).settled.compliance
+    )
     last = fitted(settled.linear, weights)
     return _ConstantSolution(last.fit, last.uncertainty, last.settled, settled.influence)
 
@@ -175,17 +177,20 @@ def _refine_with_load(
     remove and that the intervals of the linear law do not contain. One round suffices for a correction of a few
     percent.
     """
-    c = np.maximum(plain.settled.x[:6], 0.0)
+    c = np.maximum(plain.settled.compliance, 0.0)
     try:
         about = equilibrium.linearise(c)
     except InputError:  # unstable under this load: the recording has another fault, which other checks report
         return plain
     again = fitted(about)
     known = np.array(
-        [a.identified and b.identified for a, b in zip(plain.settled.status[:6], again.settled.status[:6], strict=True)]
+        [
+            a.identified and b.identified
+            for a, b in zip(plain.settled.joint_status, again.settled.joint_status, strict=True)
+        ]
     )
-    sigma = np.where(known, again.uncertainty.sigma[:6], np.inf)
-    moved = np.abs(again.settled.x[:6] - plain.settled.x[:6])
+    sigma = np.where(known, again.uncertainty.sigma[: len(c)], np.inf)
+    moved = np.abs(again.settled.compliance - plain.settled.compliance)
     if not (moved > thresholds.IDENTIFIED.load_matters * sigma).any():
         return plain
     worst = int(np.argmax(moved / sigma))
@@ -220,10 +225,10 @@ def _fit_grid_if_useful(solved: _ConstantSolution, options: IdentifyOptions) -> 
             None,
             f"constant: fewer than {thresholds.IDENTIFIED.poses_for_grid} poses say nothing of a change over space",
         )
-    known = np.array([s.identified for s in solved.settled.status[:6]])
+    known = np.array([s.identified for s in solved.settled.joint_status])
     if not known.any():
         return None, "constant: no joint is identified"
-    hold = np.where(known, np.nan, 1.0 / np.where(known, 1.0, solved.settled.x[:6]))
+    hold = np.where(known, np.nan, 1.0 / np.where(known, 1.0, solved.settled.compliance))
     origin = None if options.grid_origin is None else np.array(options.grid_origin)
     try:
         if options.model == "auto":

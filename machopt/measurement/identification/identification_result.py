@@ -27,7 +27,7 @@ from machopt.numerics.array_types import Array
 class JointResult:
     """One joint of the constant model."""
 
-    joint: int  # 1 … 6
+    joint: int  # 1 … n
     k: float  # N·m/rad; the cell's value or a bound if not identified
     interval: tuple[float, float]  # N·m/rad; upper end inf if zero compliance cannot be excluded
     sigma: float  # rad/(N·m), standard error of the compliance; inf without data

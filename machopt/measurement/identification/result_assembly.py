@@ -64,7 +64,7 @@ def assemble_identification(parts: IdentificationStages) -> IdentificationResult
     fit, sure, settled, grid = parts.fit, parts.uncertainty, parts.settled, parts.grid
     x = settled.x.copy()
     if grid is not None:
-        x[6:] = grid.terms
+        x[settled.joint_count :] = grid.terms
     residual, holdout_residual, sigma = _compute_residuals(parts, x)
     fitted_errors, holdout_errors = summarise_residuals(fit, residual), summarise_residuals(fit, holdout_residual)
     outliers = list_outliers(fit)
@@ -108,14 +108,15 @@ def _compute_residuals(parts: IdentificationStages, x: Array) -> tuple[Array, Ar
     if grid is None:
         return fit.y - A @ x, parts.heldout, sigma
     at = parts.experiment.T_base_tcp[:, :3, 3]
-    k = compute_joint_stiffness(ArmStiffness(joints=1.0 / parts.settled.x[:6], grid=grid.grid), at).k
-    residual = fit.y - np.einsum("ndj,nj->nd", A[..., :6], 1.0 / k) - A[..., 6:] @ x[6:]
+    k = compute_joint_stiffness(ArmStiffness(joints=1.0 / parts.settled.compliance, grid=grid.grid), at).k
+    n = parts.settled.joint_count
+    residual = fit.y - np.einsum("ndj,nj->nd", A[..., :n], 1.0 / k) - A[..., n:] @ x[n:]
     left_out = parts.heldout.copy()
     left_out[grid.inside] = grid.heldout.grid
     shape = np.array(grid.grid.shape)
     index = np.clip(np.floor((at - grid.grid.origin) / grid.grid.cell).astype(int), 0, shape - 1)
     cell = index @ np.array([1, shape[0], shape[0] * shape[1]])
-    rows, joints = grid.inside, A[..., :6]
+    rows, joints = grid.inside, A[..., :n]
     variance = np.einsum("ndj,njk,ndk->nd", joints[rows], grid.covariance[cell[rows]], joints[rows], optimize=True)
     sigma[rows] = np.sqrt(np.maximum(variance, 0.0))
     return residual, left_out, sigma
@@ -131,7 +132,7 @@ def _build_stiffness(parts: IdentificationStages, x: Array) -> ArmStiffness:
     found = [t.to_file() for t, good in zip(set_term_coefficients(parts.fit.terms, x), identified, strict=True) if good]
     geometric = [StiffnessTerm("geometric_stiffness", "arm")] if parts.geometric else []
     return ArmStiffness(
-        joints=1.0 / settled.x[:6],
+        joints=1.0 / settled.compliance,
         covariance=settled.covariance,
         grid=None if parts.grid is None else parts.grid.grid,
         terms=(*(t.to_file() for t in parts.known_terms), *found, *geometric),
@@ -141,10 +142,10 @@ def _build_stiffness(parts: IdentificationStages, x: Array) -> ArmStiffness:
 def _build_joint_results(
     fit: StiffnessFit, sure: CoefficientUncertainty, settled: SettledCoefficients
 ) -> tuple[JointResult, ...]:
-    k, interval = 1.0 / settled.x[:6], sure.stiffness_interval()
+    k, interval = 1.0 / settled.compliance, sure.stiffness_interval()
     # unidentified joints at the cell's values can shift an identified joint; its interval must contain its value
-    low = np.where([s.identified for s in settled.status[:6]], np.minimum(interval[:, 0], k), interval[:, 0])
-    high = np.where([s.identified for s in settled.status[:6]], np.maximum(interval[:, 1], k), interval[:, 1])
+    low = np.where([s.identified for s in settled.joint_status], np.minimum(interval[:, 0], k), interval[:, 0])
+    high = np.where([s.identified for s in settled.joint_status], np.maximum(interval[:, 1], k), interval[:, 1])
     return tuple(
         JointResult(
             joint=j + 1,
@@ -158,7 +159,7 @@ def _build_joint_results(
             expected=s.expected,
             inflation=s.inflation,
         )
-        for j, s in enumerate(settled.status[:6])
+        for j, s in enumerate(settled.joint_status)
     )
 
 

@@ -61,7 +61,9 @@ def _list_identifiability_warnings(
             f"singular design: no reading tells {', '.join(names)} apart, or shows them at all; other poses and loads "
             "are needed"
         )
-    out += [describe_unidentified_joint(j + 1, s.reason) for j, s in enumerate(settled.status[:6]) if not s.identified]
+    out += [
+        describe_unidentified_joint(j + 1, s.reason) for j, s in enumerate(settled.joint_status) if not s.identified
+    ]
     for t, term in enumerate(fit.terms):
         term_statuses = [s for u, s in zip(fit.unknowns, settled.status, strict=True) if u.term == t]
         if not any(s.identified for s in term_statuses):
@@ -183,7 +185,7 @@ def build_notes(
         f"{100 * uncertainty.level:.0f} % intervals: cluster-robust, errors within a pose taken as dependent "
         f"({fit.clusters.poses} pose{'s' if fit.clusters.poses > 1 else ''})"
     )
-    for j, s in enumerate(settled.status[:6]):
+    for j, s in enumerate(settled.joint_status):
         if not s.identified:
             treatment = "at a bound" if settled.replaced[j] else "drawn to the cell's value or to a bound"
             stiffness = 1 / settled.x[j] if settled.x[j] else np.inf

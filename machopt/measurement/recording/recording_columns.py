@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.locations import MOST_JOINTS
 from machopt.data_types.measurements.recording import RecordingKind
 from machopt.measurement.recording.recording_table import COORDINATES, THREE, AllowedColumns, RecordingTable
 from machopt.numerics.array_types import Array
@@ -18,7 +19,6 @@ TILTS = ("tilt_x_mrad", "tilt_y_mrad")  # of measured poses: an inclinometer on 
 SEEN = ("target", "frame")  # of measured poses: which reflector, and from which stand of the tracker
 BRANCHES = {"load": 1, "unload": -1, "": 0}  # empty cell: not stated
 
-MOST_JOINTS = 12  # most joints in a motion
 Prismatic = tuple[bool, ...]  # one entry per joint: True if prismatic
 
 _MOST_LABEL = 2.0**53  # larger integers are not exact as doubles
@@ -133,7 +133,8 @@ _AT_REST = AllowedColumns(
         *LABELS,
         USED,
         *(name for channel in CHANNELS for name in channel.columns),
-        *(f"q{i}_mm" for i in range(1, 7)),
+        *(f"q{i}_deg" for i in range(7, MOST_JOINTS + 1)),
+        *(f"q{i}_mm" for i in range(1, MOST_JOINTS + 1)),
     ),
     words=("branch",),
     listed_names="pose, cycle, session, used, branch, "
@@ -159,9 +160,9 @@ _AT_POSES = AllowedColumns(
     sparse=TILTS,
 )
 _SLIDES = {
-    f"q{i}_mm": "joints that slide are read in recordings of kind absolute and motion; a load test is of six revolute "
-    "joints, q1_deg … q6_deg, and on a rail that stands still while it is measured they are enough"
-    for i in range(1, 7)
+    f"q{i}_mm": "joints that slide are read in recordings of kind absolute and motion; a load test is of "
+    "revolute joints, q1_deg …, and on a rail that stands still while it is measured they are enough"
+    for i in range(1, MOST_JOINTS + 1)
 }
 _AT_LOADS = replace(_AT_REST, refused_names={**_POSES_ONLY, **_TILTS, **_SLIDES})
 _ANY_JOINT = [
@@ -182,7 +183,7 @@ _IN_MOTION = AllowedColumns(
 
 
 def list_allowed_columns(kind: RecordingKind) -> AllowedColumns:
-    """Return the columns that a recording may have: any chain of joints for a motion, else an arm of six joints.
+    """Return the columns that a recording may have: any chain of joints for a motion, else six joints or more.
 
     Args:
         kind: Kind of the recording.
@@ -208,8 +209,6 @@ def find_sliding_joints(table: RecordingTable, kind: RecordingKind) -> Prismatic
     Raises:
         InputError: A joint is missing, or stated both as angle and as length.
     """
-    if kind != "motion":
-        return tuple(f"q{i}_mm" in table.numbers and f"q{i}_deg" not in table.numbers for i in range(1, 7))
     turns, slides = (
         {i for i in range(1, MOST_JOINTS + 1) if name.format(i) in table.numbers} for name in ("q{}_deg", "q{}_mm")
     )
@@ -217,6 +216,8 @@ def find_sliding_joints(table: RecordingTable, kind: RecordingKind) -> Prismatic
     if both:
         raise table.build_error(f"q{both[0]}_deg and q{both[0]}_mm both stand; a joint turns or slides, keep one")
     there = sorted(turns | slides)
+    if kind != "motion" and max(there, default=0) <= 6:  # read_channels lists what is missing of six
+        return tuple(i in slides for i in range(1, 7))
     left_out = [i for i in range(1, max(there, default=0)) if i not in there]
     if left_out:
         have = ", ".join(f"q{i}_mm" if i in slides else f"q{i}_deg" for i in there)

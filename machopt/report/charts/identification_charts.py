@@ -50,9 +50,13 @@ def build_identification_charts(data: IdentificationPageData) -> list[Spec]:
     if np.isfinite(data.heldout).any():
         charts.append(_build_holdout_chart(data))
     if data.subset is not None:
-        charts += [_build_subset_chart(data.subset, j) for j in range(6) if np.isfinite(data.subset.median[:, j]).any()]
+        charts += [
+            _build_subset_chart(data.subset, j)
+            for j in range(data.subset.median.shape[1])
+            if np.isfinite(data.subset.median[:, j]).any()
+        ]
     if data.grid is not None:
-        charts += [_build_grid_chart(data.grid, j) for j in range(6)]
+        charts += [_build_grid_chart(data.grid, j) for j in range(data.grid.k.shape[1])]
     return charts
 
 

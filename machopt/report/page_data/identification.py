@@ -23,15 +23,12 @@ from machopt.version import __version__
 MAJORITY_SHARE = 0.5  # share of the displacements' power; real arms show 0.8 and more (dumas2011 section 5.3)
 
 
-JOINTS = 6  # of the arm
-
-
 def _select_badge(found: IdentificationResult) -> tuple[str, str]:
     """Return tone and text of the badge."""
     if found.errors.explained < MAJORITY_SHARE:  # whatever the intervals say: this arm is not what was measured
         return "bad", "NOT EXPLAINED"
     known = sum(j.identified for j in found.joints)
-    if known == JOINTS:
+    if known == len(found.joints):
         return "warn" if found.warnings else "good", "IDENTIFIED"
     return ("warn", "IN PART") if known else ("bad", "NOT SEEN")
 
@@ -184,10 +181,10 @@ def _build_subset_study(found: IdentificationResult) -> SubsetSpread | None:
 
 
 def _compute_quantile(k: Array, percent: float) -> Array:
-    """(S, 6) percentile over the subsets that determine the joint; NaN where none does."""
-    out = np.full((len(k), 6), np.nan)
+    """(S, n) percentile over the subsets that determine the joint; NaN where none does."""
+    out = np.full((len(k), k.shape[2]), np.nan)
     for s, part in enumerate(k):
-        for j in range(6):
+        for j in range(part.shape[1]):
             column = part[np.isfinite(part[:, j]), j]
             if len(column):
                 out[s, j] = np.percentile(column, percent)

@@ -178,14 +178,14 @@ def _build_uncertainty(data: IdentificationPageData, have: set[str]) -> Body:
 def _build_grid(data: IdentificationPageData, have: set[str]) -> Body:
     if data.grid is None:
         return ""
-    small = [_build_chart_host(f"i-grid{j}", have) for j in range(6)]
     g = data.grid
+    small = [_build_chart_host(f"i-grid{j}", have) for j in range(g.k.shape[1])]
     rows = [
         [
             str(n),
             *(f"{v * 1e3:.0f}" for v in g.centre[n]),
             f"{g.readings[n]:.1f}",
-            *(f"{format_stiffness(g.k[n, j])} ± {100 * g.std[n, j] / g.k[n, j]:.0f} %" for j in range(6)),
+            *(f"{format_stiffness(g.k[n, j])} ± {100 * g.std[n, j] / g.k[n, j]:.0f} %" for j in range(g.k.shape[1])),
         ]
         for n in range(len(g.k))
     ]
@@ -193,7 +193,7 @@ def _build_grid(data: IdentificationPageData, have: set[str]) -> Body:
         TableColumn("Cell", "n"),
         *(TableColumn(f"{a} (mm)", "n") for a in "xyz"),
         TableColumn("Readings", "n"),
-        *(TableColumn(f"k{j + 1}", "n") for j in range(6)),
+        *(TableColumn(f"k{j + 1}", "n") for j in range(g.k.shape[1])),
     ]
     body = render_part("grid", 3, small) + build_folded_block("Cells", len(rows), build_table(columns, rows))
     lead = (

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from machopt.data_types.locations import format_joint_location, format_link_location, parse_location
+from machopt.data_types.locations import BASE, TOOL, format_joint_location, format_link_location, parse_location
 from machopt.effects.effect_wording import format_place
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, MismatchShare
 from machopt.report.svg.shapes import Style, SvgShape, build_shape, render_svg
@@ -69,7 +69,7 @@ def build_machine_strip(d: DiagnosisResult) -> Markup:
         out.append(build_shape("line", class_="grid", x1=_MARGIN, x2=_WIDTH, y1=y, y2=y))
         out.append(_build_text(_MARGIN - 6, y + 4, f"{100 * level:.0f}", "end", "tick"))
     out.append(_build_text(0, _TOP - 18, "Share of the mismatch (%)", "start", "label"))
-    out.extend(_build_arm([s for s in slots if s.location in _list_chain()]))
+    out.extend(_build_arm([s for s in slots if _is_on_chain(s.location)]))
     for slot in slots:
         share = shares.get(slot.location, math.nan)
         mine = _has_finding_at(d, slot.location)
@@ -88,7 +88,7 @@ def build_machine_strip(d: DiagnosisResult) -> Markup:
                 )
             )
             out.append(_build_text(slot.x, floor - high - 4, f"{100 * share:.0f}", "middle", "tick"))
-        if slot.location not in _list_chain():
+        if not _is_on_chain(slot.location):
             out.append(
                 build_shape(
                     "rect",
@@ -121,7 +121,7 @@ def build_machine_column(d: DiagnosisResult) -> Markup:
         d: The diagnosis.
     """
     shares, slots = _list_largest_shares(d), _list_slots(d)
-    chain = [s for s in slots if s.location in _list_chain()]
+    chain = [s for s in slots if _is_on_chain(s.location)]
     y = {s.location: _HEAD + _LINE * n + (_APART if n >= len(chain) else 0.0) for n, s in enumerate(slots)}
     high = max(y.values()) + 0.5 * _LINE
     room = _NARROW - _ZERO - _BESIDE
@@ -234,7 +234,7 @@ def _build_column_symbol(location: str, y: float) -> list[SvgShape]:
     if location == "tool":
         return [build_shape("path", d=f"M{x - 8:.1f} {y - 8:.1f}h16v7l-8 10l-8 -10z", fill=METAL)]
     ring: Style = {"fill": "#fff", "stroke": METAL}
-    if location not in _list_chain():
+    if not _is_on_chain(location):
         return [build_shape("rect", x=x - 6, y=y - 6, width=12, height=12, rx=3, stroke_width=1.6, **ring)]
     return (
         [build_shape("circle", cx=x, cy=y, r=6.5, stroke_width=3, **ring)]
@@ -243,8 +243,17 @@ def _build_column_symbol(location: str, y: float) -> list[SvgShape]:
     )
 
 
-def _list_chain() -> tuple[str, ...]:
-    return ("base", *(at(j) for j in range(1, 7) for at in (format_joint_location, format_link_location)), "tool")
+def _is_on_chain(location: str) -> bool:
+    place = parse_location(location)
+    return place.kind in (BASE, TOOL) or len(place.numbers) == 1
+
+
+def _list_chain(joints: int) -> tuple[str, ...]:
+    return (
+        "base",
+        *(at(j) for j in range(1, joints + 1) for at in (format_joint_location, format_link_location)),
+        "tool",
+    )
 
 
 def _list_slots(d: DiagnosisResult) -> list[_DiagramSlot]:
@@ -255,14 +264,15 @@ def _list_slots(d: DiagnosisResult) -> list[_DiagramSlot]:
     around = ["sensor:force", "sensor:displacement", "environment", "controller"]
     if d.channel == "torque":
         around = ["sensor:tau", "sensor:force", "environment", "controller"]
-    around += sorted({_find_slot(n) for n in named} - {*around} - {*_list_chain()})
-    step = (_WIDTH - _MARGIN - _GAP - 10) / (len(_list_chain()) + _WIDE * len(around))
+    chain = _list_chain(d.joint_count)
+    around += sorted({_find_slot(n) for n in named} - {*around} - {*chain})
+    step = (_WIDTH - _MARGIN - _GAP - 10) / (len(chain) + _WIDE * len(around))
     slots = []
-    for n, location in enumerate(_list_chain()):
+    for n, location in enumerate(chain):
         at = parse_location(location)
         label = f"{at.kind[0].upper()}{at.which}" if at.which else location
         slots.append(_DiagramSlot(location, (label,), _MARGIN + step * (n + 0.5)))
-    start = _MARGIN + _GAP + step * len(_list_chain())
+    start = _MARGIN + _GAP + step * len(chain)
     for n, location in enumerate(around):
         words = "the record" if location == "record" else format_place(location)
         slots.append(_DiagramSlot(location, _split_lines(words), start + _WIDE * step * (n + 0.5)))

@@ -26,10 +26,10 @@ from machopt.numerics.rigid_transforms import build_transform, cross_product, in
 from machopt.stiffness.terms.protocol import DefaultTerm, LinearTerm, TermCoefficient
 
 MIN_PLANE_SINE = 0.1  # sine of a link against the axis of joint 2, below which the arm has no plane there
-BASE, TOOL = 0, 6  # body indices
+BASE = 0  # body index
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SpringLocation:
     """Location of a body's compliance, with all joints at zero."""
 
@@ -38,11 +38,12 @@ class SpringLocation:
     end: Array  # (3,) m, origin of S in base_link
     shape: CompliantBody
     file_parameters: dict[str, Any] = field(default_factory=dict)  # keys of the file that define the location
+    is_tool: bool = False  # behind the flange: the body is the last link
 
     @property
     def first_loaded_body(self) -> int:
         """First body whose weight loads the spring; a link's own weight is distributed along it."""
-        return self.body + 1 if 0 < self.body < TOOL else self.body
+        return self.body if self.body == BASE or self.is_tool else self.body + 1
 
     def compute_frame(self, law: BodyLaw) -> Array:
         """Return (4, 4) S in base_link, with the axes of a law.
@@ -215,11 +216,17 @@ def _locate_in_link(robot: Robot, parameters: ParameterReader, location: str) ->
     }
     length = float(np.linalg.norm(end - start))
     if length < LEAST_LENGTH:
-        return SpringLocation(location, link, end, CompliantBody(axes=np.eye(3)), file_parameters)
+        return SpringLocation(
+            location=location,
+            body=link,
+            end=end,
+            shape=CompliantBody(axes=np.eye(3)),
+            file_parameters=file_parameters,
+        )
     body = CompliantBody(
         axes=build_beam_axes(end - start), length=length, normal=_compute_plane_normal(robot, (end - start) / length)
     )
-    return SpringLocation(location, link, end, body, file_parameters)
+    return SpringLocation(location=location, body=link, end=end, shape=body, file_parameters=file_parameters)
 
 
 def _check_beam_length(parameters: ParameterReader, place: SpringLocation) -> None:
@@ -259,7 +266,9 @@ def _compute_plane_normal(robot: Robot, along: Array) -> Array:
 def _locate_in_base(parameters: ParameterReader, location: str) -> SpringLocation:
     at = parameters.read_array("at_mm", (3,), np.zeros(3)) / 1e3
     file_parameters = {"at_mm": (at * 1e3).tolist()} if parameters.has_key("at_mm") else {}
-    return SpringLocation(location, BASE, at, CompliantBody(axes=np.eye(3)), file_parameters)
+    return SpringLocation(
+        location=location, body=BASE, end=at, shape=CompliantBody(axes=np.eye(3)), file_parameters=file_parameters
+    )
 
 
 def _locate_in_tool(robot: Robot, T_flange_tcp: Array, parameters: ParameterReader, location: str) -> SpringLocation:
@@ -272,11 +281,12 @@ def _locate_in_tool(robot: Robot, T_flange_tcp: Array, parameters: ParameterRead
     S = build_transform(build_beam_axes(axis), T_base_tcp[:3, 3])  # at the TCP, x out of the tool
     root = invert_transform(S) @ robot.T_base_flange_zero
     return SpringLocation(
-        location,
-        TOOL,
-        S[:3, 3],
-        CompliantBody(axes=S[:3, :3], length=length, root=root, uses_own_axes=True),
-        file_parameters,
+        location=location,
+        body=len(robot.joints),
+        end=S[:3, 3],
+        shape=CompliantBody(axes=S[:3, :3], length=length, root=root, uses_own_axes=True),
+        file_parameters=file_parameters,
+        is_tool=True,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from machopt.data_types.locations import is_on_arm
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import registry
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
@@ -43,7 +44,7 @@ def compile_terms(
     seen: set[tuple[str, str]] = set()
     for n, term in enumerate(terms):
         where = f"terms[{n}]"
-        _check_location(term, where, file)
+        _check_location(term, len(robot.joints), where, file)
         if (term.effect, term.location) in seen:
             raise CellError(f"{term.effect} at {term.location} is given twice; keep one", file=file, where=where)
         seen.add((term.effect, term.location))
@@ -83,14 +84,14 @@ def build_body_spring(term: StiffnessTerm, robot: Robot, T_flange_tcp: Array) ->
     Raises:
         InputError: as :func:`compile_terms`.
     """
-    _check_location(term, "terms", None)
+    _check_location(term, len(robot.joints), "terms", None)
     parameters = ParameterReader(term.parameters, "terms.parameters", None)
     spring = body_spring.build_body_term(term.effect, robot, T_flange_tcp, parameters, term.location)
     parameters.refuse_unread_keys()
     return spring
 
 
-def _check_location(term: StiffnessTerm, where: str, file: Any) -> None:
+def _check_location(term: StiffnessTerm, joints: int, where: str, file: Any) -> None:
     known = list_effects_and_locations()
     if term.effect not in known:
         hint = suggest_word(term.effect, known)
@@ -99,9 +100,10 @@ def _check_location(term: StiffnessTerm, where: str, file: Any) -> None:
             file=file,
             where=f"{where}.effect",
         )
-    if term.location not in known[term.effect]:
+    places = [place for place in known[term.effect] if is_on_arm(place, joints)]
+    if term.location not in places:
         raise CellError(
-            f"{term.effect} cannot be at {term.location!r}; valid: {_join_words(known[term.effect])}",
+            f"{term.effect} cannot be at {term.location!r}; valid: {_join_words(places)}",
             file=file,
             where=f"{where}.location",
         )

@@ -36,16 +36,19 @@ def limit_to_spring_range(terms: Sequence[LinearTerm], k: Array, limits: JointLi
 
     Args:
         terms: of a stiffness file.
-        k: (C, 6) N·m/rad, of each grid cell and of the constant model.
-        limits: lower and upper (6,) rad; None: any angle.
+        k: (C, n) N·m/rad, of each grid cell and of the constant model.
+        limits: lower and upper (n,) rad; None: any angle.
     """
-    ends = _get_limit_ends(limits)
+    ends = _get_limit_ends(limits, np.shape(k)[1])
     endless = [(least := t.bound_compliance(*ends)) is not None and bool(np.isneginf(least[1])) for t in terms]
     if not any(endless):
         return tuple(terms)
     rest = [t for t, e in zip(terms, endless, strict=True) if not e]
-    own = 1.0 / (np.asarray(k, float) + _compute_parallel_stiffness(rest, limits, most=True))
-    left = (own + sum((take for _, take, _ in _list_compliance_bounds(rest, limits)), np.zeros(6))).min(axis=0)
+    k = np.asarray(k, float)
+    own = 1.0 / (k + _compute_parallel_stiffness(rest, limits, k.shape[1], most=True))
+    left = (
+        own + sum((take for _, take, _ in _list_compliance_bounds(rest, limits, own.shape[1])), np.zeros(own.shape[1]))
+    ).min(axis=0)
     return tuple(t.limit_to_spring_range(left) if e else t for t, e in zip(terms, endless, strict=True))
 
 
@@ -56,11 +59,11 @@ def find_unstable_term(terms: Sequence[LinearTerm], k: Array, limits: JointLimit
 
     Args:
         terms: of a stiffness file; those of bodies are always positive.
-        k: (C, 6) N·m/rad, of each grid cell and of the constant model.
-        limits: lower and upper (6,) rad; None: any angle.
+        k: (C, n) N·m/rad, of each grid cell and of the constant model.
+        limits: lower and upper (n,) rad; None: any angle.
     """
     k = np.asarray(k, float)
-    weakest = k + _compute_parallel_stiffness(terms, limits, most=False)
+    weakest = k + _compute_parallel_stiffness(terms, limits, k.shape[1], most=False)
     if (weakest <= MIN_COMPLIANCE_SHARE * k).any():
         row, i = np.argwhere(weakest <= MIN_COMPLIANCE_SHARE * k)[0]
         message = (
@@ -68,9 +71,9 @@ def find_unstable_term(terms: Sequence[LinearTerm], k: Array, limits: JointLimit
             f"{k[row, i]:.3g}; less than that would work"
         )
         return UnstableTerm("gravity_compensator", format_joint_location(i + 1), message)
-    own = 1.0 / (k + _compute_parallel_stiffness(terms, limits, most=True))
-    bounds = _list_compliance_bounds(terms, limits)
-    least = sum((take for _, take, _ in bounds), np.zeros(6))
+    own = 1.0 / (k + _compute_parallel_stiffness(terms, limits, k.shape[1], most=True))
+    bounds = _list_compliance_bounds(terms, limits, k.shape[1])
+    least = sum((take for _, take, _ in bounds), np.zeros(own.shape[1]))
     lost = own + least <= MIN_COMPLIANCE_SHARE * own
     if lost.any():
         row, i = np.argwhere(lost)[0]
@@ -81,13 +84,13 @@ def find_unstable_term(terms: Sequence[LinearTerm], k: Array, limits: JointLimit
             f"{own[row, i]:.3g} (1/stiffness); less than that would work"
         )
         return UnstableTerm(effect, format_joint_location(i + 1), message)
-    coupling = np.zeros((6, 6))
+    coupling = np.zeros((own.shape[1], own.shape[1]))
     for term in terms:
         if term.coupled_joints is not None:
             i, j, slope = term.coupled_joints
             coupling[i, j] = coupling[j, i] = slope
     scale = np.sqrt(own + least)
-    values = np.linalg.eigvalsh(np.eye(6) + coupling / scale[:, :, None] / scale[:, None, :])
+    values = np.linalg.eigvalsh(np.eye(len(coupling)) + coupling / scale[:, :, None] / scale[:, None, :])
     row = int(values[:, 0].argmin())
     if values[row, 0] > MIN_COMPLIANCE_SHARE:
         return None
@@ -101,38 +104,42 @@ def find_unstable_term(terms: Sequence[LinearTerm], k: Array, limits: JointLimit
     )
 
 
-def _list_compliance_bounds(terms: Sequence[LinearTerm], limits: JointLimits | None) -> list[tuple[str, Array, str]]:
+def _list_compliance_bounds(
+    terms: Sequence[LinearTerm], limits: JointLimits | None, joints: int
+) -> list[tuple[str, Array, str]]:
     """Return effect, lower bound of its contribution to each joint's compliance (6,), and location, of reducing
     terms only.
     """
     out = []
     for term in terms:
-        found = term.bound_compliance(*_get_limit_ends(limits))
+        found = term.bound_compliance(*_get_limit_ends(limits, joints))
         if found is None:
             continue
         i, least, angle = found
         if least < 0.0:
-            take = np.zeros(6)
+            take = np.zeros(joints)
             take[i] = least
             out.append((term.effect, take, f" at {np.degrees(angle):.0f} deg" if np.isfinite(angle) else ""))
     return out
 
 
-def _compute_parallel_stiffness(terms: Sequence[LinearTerm], limits: JointLimits | None, *, most: bool) -> Array:
+def _compute_parallel_stiffness(
+    terms: Sequence[LinearTerm], limits: JointLimits | None, joints: int, *, most: bool
+) -> Array:
     """Return (6,) N·m/rad of springs parallel to the gears, at the angle where that is largest or smallest."""
-    out = np.zeros(6)
+    out = np.zeros(joints)
     for term in terms:
         if term.parallel_joint is not None:
-            value = term.compute_parallel_stiffness(_list_joint_angles(term.parallel_joint, limits))
+            value = term.compute_parallel_stiffness(_list_joint_angles(term.parallel_joint, limits, joints))
             out[term.parallel_joint] += value.max() if most else value.min()
     return out
 
 
-def _get_limit_ends(limits: JointLimits | None) -> JointLimits:
-    return (np.full(6, -np.pi), np.full(6, np.pi)) if limits is None else limits
+def _get_limit_ends(limits: JointLimits | None, joints: int) -> JointLimits:
+    return (np.full(joints, -np.pi), np.full(joints, np.pi)) if limits is None else limits
 
 
-def _list_joint_angles(i: int, limits: JointLimits | None) -> Array:
+def _list_joint_angles(i: int, limits: JointLimits | None, joints: int) -> Array:
     """Return the angles of a joint to check."""
-    low, high = _get_limit_ends(limits)
+    low, high = _get_limit_ends(limits, joints)
     return np.linspace(float(low[i]), float(high[i]), ANGLE_SAMPLES)

@@ -165,10 +165,11 @@ def convert_joint_map(joint_map: JointMap) -> JointConvention:
     Args:
         joint_map: Map from joint positions of the URDF to the controller's axis angles.
     """
-    inverse = np.linalg.inv(np.eye(6) + joint_map.coupling)
+    inverse = np.linalg.inv(np.eye(len(joint_map.sign)) + joint_map.coupling)
     M = joint_map.sign[:, None] * inverse
     z = -joint_map.sign * np.radians(joint_map.offset_deg)
-    changed = [j for j in range(6) if not np.allclose(M[j], np.eye(6)[j]) or abs(z[j]) > 0]
+    identity = np.eye(len(M))
+    changed = [j for j in range(len(M)) if not np.allclose(M[j], identity[j]) or abs(z[j]) > 0]
     words = tuple((j, "counts as the controller does (joint_map of the cell)") for j in changed)
     return JointConvention(M, z, words, stated=True)
 
@@ -199,7 +200,7 @@ def _search_conventions(
     """Return tested conventions, best first: combinations are built joint by joint from the best so far."""
     singles = list_single_conventions(q.shape[1])
     tried: dict[bytes, _TestedConvention] = {}
-    if joint_map is not None and q.shape[1] == 6:
+    if joint_map is not None and q.shape[1] == len(joint_map.sign):
         one = convert_joint_map(joint_map)
         if one.words:
             tried[_key(one)] = _TestedConvention(one, test(one.apply(q)))

@@ -57,7 +57,7 @@ def find_displacement_unit_fault(
         or _compute_unexplained_share(tests) > thresholds.RECORD.whole_off
     ):
         return None
-    usual, _ = ratio(np.full(6, GENERIC_STIFFNESS * (reach / GENERIC_REACH) ** 3))
+    usual, _ = ratio(np.full(tests.joint_count, GENERIC_STIFFNESS * (reach / GENERIC_REACH) ** 3))
     scatter = _compute_replicate_scatter(tests)
     for name, value, head, factor in sorted(SIZES, key=lambda s: abs(np.log(seen / s[1]))):
         as_stated = np.inf if alike else abs(np.log(max(usual, 1e-300)))

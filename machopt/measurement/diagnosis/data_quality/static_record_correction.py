@@ -105,7 +105,7 @@ def correct_static_record(
             break
         recording = corrected
         right = build_load_test_experiment(recording, robot, T_flange_tcp)
-        usual = _select_reference_stiffness(prior, estimate_reach(robot, T_flange_tcp))
+        usual = _select_reference_stiffness(prior, estimate_reach(robot, T_flange_tcp), len(robot.joints))
         chance = _compute_sign_test(
             tests.pose, _compute_misfit_by_pose(tests, usual), _compute_misfit_by_pose(right, usual)
         )
@@ -114,7 +114,7 @@ def correct_static_record(
     recording, exchanged = swapped_columns.correct_swapped_columns(recording, robot, T_flange_tcp, accept)
     rotated: list[Finding] = []
     if not exchanged and not {SENSOR_AXES, "columns"} & set(accept):
-        usual = _select_reference_stiffness(prior, estimate_reach(robot, T_flange_tcp))
+        usual = _select_reference_stiffness(prior, estimate_reach(robot, T_flange_tcp), len(robot.joints))
         recording, rotated = _correct_sensor_axes(recording, robot, T_flange_tcp, usual)
     return recording, [*odd, *findings, *more, *exchanged, *rotated], [*silent, *warnings]
 
@@ -223,18 +223,18 @@ def _merge_findings(findings: list[Finding], new: Finding) -> list[Finding]:
     return [both if f is old else f for f in findings]
 
 
-def _select_reference_stiffness(prior: Array | None, reach: float) -> Array:
-    """Return the joint stiffness (6,) N·m/rad of the cell, or of a typical arm of this reach (known arms: within a
+def _select_reference_stiffness(prior: Array | None, reach: float, joints: int) -> Array:
+    """Return the joint stiffness (n,) N·m/rad of the cell, or of a typical arm of this reach (known arms: within a
     factor 3.3).
     """
-    return np.full(6, 1e6 * (reach / 2.5) ** 3) if prior is None else prior
+    return np.full(joints, 1e6 * (reach / 2.5) ** 3) if prior is None else prior
 
 
 def _compute_misfit_by_pose(tests: LoadTestExperiment, stiffness: Array) -> Array:
     """Return the relative misfit (G,) of each pose for a stiffness, 0 to 1, translations and rotations equally
     weighted.
     """
-    predicted = tests.response()[:, :, :6] @ (1.0 / stiffness)
+    predicted = tests.response()[:, :, : len(stiffness)] @ (1.0 / stiffness)
     poses = np.unique(tests.pose)
     out = np.zeros(len(poses))
     for c in range(0, tests.dimensions, 3):

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from machopt.data_types.locations import parse_location
 from machopt.data_types.stiffness import SOFTEST, STIFFEST
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
@@ -224,6 +225,12 @@ class DiagnosisResult:
     next_experiment: str = ""
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints of the arm: at least six, and all that anything was looked for at."""
+        places = [*(x.location for x in self.limits), *(x.location for x in self.untestable)]
+        return max((n for place in places for n in parse_location(place).numbers), default=6)
 
 
 def compute_rms(values: Array) -> float:

@@ -48,7 +48,7 @@ def _build_load_history(r: StaticReadings, memory: int) -> GearLoadHistory:
     for rows in r.cycles:
         here, now = int(r.visit[rows[0]]), int(r.session[rows[0]])
         arrived, same = here != visit, now == session
-        weight = r.weight_torque[rows[0]] if memory > 1 else np.zeros(6)
+        weight = r.weight_torque[rows[0]] if memory > 1 else np.zeros(r.joint_count)
         first += [int(memory in EACH_CYCLE or (arrived and not (memory == 3 and same))), *(0 for _ in rows)]
         torque += [weight[None], r.load_torque[rows] + weight]
         if time is not None:

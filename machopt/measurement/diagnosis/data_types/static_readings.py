@@ -6,12 +6,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.locations import MOST_JOINTS, is_on_arm
 from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.effects.protocol import JointLoading
@@ -20,14 +22,14 @@ from machopt.numerics.array_types import Array
 from machopt.stiffness.terms import LinearTerm
 
 Ints = NDArray[np.int64]
-BODY_BEHIND_FLANGE = 7  # index of the first body attached to the flange
+BODY_BEHIND_FLANGE = MOST_JOINTS + 1  # index of the first body attached to the flange, behind any link
 
 
 @dataclass(frozen=True)
 class GearLoadHistory:
     """Sequence of K ≥ N states of all joints. Each cycle begins with the unloaded arm before its readings."""
 
-    torque: Array  # (K, 6) N·m
+    torque: Array  # (K, n) N·m
     time_gap: Array  # (K,) s since the state before, as :func:`machopt.effects.joint.creep.filter_first_order` takes it
     segment_start: Ints  # (K,) 1: a load history begins
     reading_states: Ints  # (N,) state of each reading
@@ -84,7 +86,7 @@ class StaticReadings:
     dimensions: int  # 3 or 6
     is_difference: bool  # deflection: loaded minus unloaded
     compliance: (
-        Array  # (6,) rad/(N·m) of the first base fit; with ``bodies`` the compliance through which sensor errors act
+        Array  # (n,) rad/(N·m) of the first base fit; with ``bodies`` the compliance through which sensor errors act
     )
     session: Ints  # (N,)
     visit: Ints  # (N,)
@@ -93,7 +95,7 @@ class StaticReadings:
         default_factory=dict, compare=False
     )  # cache of load histories by kind
     springs_only_compliance: Array | None = (
-        None  # (6,) rad/(N·m), springs fitted without other effects; None: ``compliance``
+        None  # (n,) rad/(N·m), springs fitted without other effects; None: ``compliance``
     )
     bodies: Array | None = None  # (N, 6, 6) compliance at the TCP of bodies found earlier; None: none
     inclinometer: InclinometerSetup | None = None  # adds two coordinates: rotation of a link about base x and y
@@ -101,21 +103,34 @@ class StaticReadings:
     def __len__(self) -> int:
         return len(self.wrench)
 
+    @property
+    def joint_count(self) -> int:
+        """Number of joints of the arm, n."""
+        return len(self.robot.joints)
+
+    def list_places(self, places: Iterable[str]) -> tuple[str, ...]:
+        """Return the places that this arm has.
+
+        Args:
+            places: Locations of an effect.
+        """
+        return tuple(p for p in places if is_on_arm(p, self.joint_count))
+
     @cached_property
     def load_torque(self) -> Array:
-        """Joint torques (N, 6) N·m of the recorded load, Jᵀw."""
+        """Joint torques (N, n) N·m of the recorded load, Jᵀw."""
         return np.asarray(np.einsum("nci,nc->ni", self.state.J, self.wrench))
 
     @cached_property
     def weight_torque(self) -> Array:
-        """Joint torques (N, 6) N·m of link and tool weights; zero if masses are unknown."""
+        """Joint torques (N, n) N·m of link and tool weights; zero if masses are unknown."""
         if self.masses is None:
-            return np.zeros((len(self), 6))
+            return np.zeros((len(self), self.joint_count))
         return compute_gravity_torque(self.robot, self.masses, self.state)[0]
 
     @property
     def torque(self) -> Array:
-        """Total joint torques (N, 6) N·m."""
+        """Total joint torques (N, n) N·m."""
         return self.load_torque + self.weight_torque
 
     @cached_property

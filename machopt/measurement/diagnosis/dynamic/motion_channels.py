@@ -60,7 +60,7 @@ def list_testable_channels(recording: Recording, cell: Cell) -> tuple[MotionChan
     other = recording.q_secondary
     if other is not None and any(np.isfinite(x).all() and np.ptp(x) > 1e-6 for x in other.T):
         out.append("link")
-    if recording.position is not None and len(cell.arm_joints) == 6 and not cell.arm_prismatic:
+    if recording.position is not None and len(cell.arm_joints) >= 6 and not cell.arm_prismatic:
         out.append("tip")
     if (recording.torque is not None or motor_currents.has_currents_only(recording)) and _build_dynamics(
         cell
@@ -204,9 +204,9 @@ def _build_channel_equations(
         ), []
     from machopt.kinematics.robot import load_robot
 
-    if scene.joints != 6:
+    if scene.joints < 6:
         raise RecordingError(
-            f"{scene.recording.source}: a tracked TCP needs an arm of six joints; the cell has {scene.joints}"
+            f"{scene.recording.source}: a tracked TCP needs an arm of six joints or more; the cell has {scene.joints}"
         )
     return tracked_tcp_channel.build_tracked_tcp_problem(scene, load_robot(scene.cell))
 

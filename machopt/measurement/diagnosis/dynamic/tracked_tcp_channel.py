@@ -68,10 +68,10 @@ def build_tracked_tcp_problem(
         raise RecordingError(f"{rec.source}: the channel tip needs x_mm, y_mm, z_mm")
     T_tool = cell.tool.T_flange_tcp
     commanded = rec.q_command is not None
-    commanded_angles = m.q if rec.q_command is None else np.ascontiguousarray(rec.q_command[m.index, :6])
+    commanded_angles = m.q if rec.q_command is None else np.ascontiguousarray(rec.q_command[m.index])
     scene.notes.append("the TCP is predicted from the " + ("commanded joints" if commanded else "encoders"))
     measured = rec.position[m.index]
-    lag = estimate_encoder_delays(scene, commanded_angles) if commanded else np.zeros(6)
+    lag = estimate_encoder_delays(scene, commanded_angles) if commanded else np.zeros(m.q.shape[1])
     commanded_angles = scene.true_angles(commanded_angles)
     # Jacobians and orientations at the encoder angles
     pose = _BentArm(robot, T_tool, scene.true_angles(m.q), np.zeros_like(m.q))
@@ -95,14 +95,14 @@ def build_tracked_tcp_problem(
                 location=format_joint_location(j),
                 key=build_joint_spring_key(j),
             )
-            for j in range(1, 7)
+            for j in range(1, m.q.shape[1] + 1)
         ]
         y_fine, pose = _linearise_at_equilibrium(scene, pose, measured - tip, load, followed)
     else:
         untestable.append(UntestableEffect("joint_backlash", "arm", "neither torques nor inertias are known"))
     y, base = m.subtract_period_mean(m.average_blocks(y_fine)), scene.average_coordinates(pose.columns(load))
     if load is not None:
-        for j in range(6) if scene.known_terms else ():
+        for j in range(m.q.shape[1]) if scene.known_terms else ():
             y = y - scene.average_coordinates(pose.J[:, :, j] * compute_known_twist(scene, j, load[:, j])[:, None])
     problem = scene.problem(
         "position",
@@ -125,7 +125,7 @@ def build_tracked_tcp_problem(
     out: list[EffectHypothesis] = []
     inertia = None if scene.dynamics is None else scene.dynamics.compute_own_inertia(m.q)
     fit = ExplainedPower(y, base, np.ones(3))
-    for j in range(6):
+    for j in range(m.q.shape[1]):
         if load is not None:
             out += build_gear_hypotheses(scene, j, load[:, j], None if inertia is None else inertia[:, j], fit)
         laws, taken_up = joint_angle_errors.build_motion_angle_hypotheses(scene, j, fit)

@@ -30,7 +30,7 @@ def compute_frame_columns(r: StaticReadings, place: str) -> Array:
 
     Args:
         r: Static readings.
-        place: Frame: ``base``, ``joint:1`` to ``joint:6``, or ``tool``.
+        place: Frame: ``base``, ``joint:1`` to ``joint:n``, or ``tool``.
 
     Returns:
         (N, D, 6) m, rad per m and rad, axes of base_link with all joints at zero.
@@ -39,15 +39,14 @@ def compute_frame_columns(r: StaticReadings, place: str) -> Array:
         ValueError: The state has no body poses.
     """
     n = len(r)
-    link = {as_built_joint_frames.BASE: 0, as_built_joint_frames.TOOL: 6}.get(
-        place, int(place[-1]) - 1 if place in JOINTS else 0
-    )
+    joint = JOINTS.index(place) if place in JOINTS else 0
+    link = r.joint_count if place == as_built_joint_frames.TOOL else joint
     if r.state.R_bodies is None or r.state.p_bodies is None:
         raise ValueError("the state was made without its bodies")
     R, p = r.state.R_bodies[:, link], r.state.p_bodies[:, link]
     flange = r.robot.T_base_flange_zero[:3, 3]
     origin = {as_built_joint_frames.BASE: np.zeros(3), as_built_joint_frames.TOOL: flange}.get(place)
-    at = R @ (r.robot.point[int(place[-1]) - 1] if origin is None else origin) + p
+    at = R @ (r.robot.point[joint] if origin is None else origin) + p
     out = np.zeros((n, 6, 6))
     out[:, :3, :3] = out[:, 3:, 3:] = R
     lever = r.state.T_base_tool[:, :3, 3] - at
@@ -69,7 +68,7 @@ def build_geometry_hypotheses(r: StaticReadings, base: Array) -> list[EffectHypo
     Returns:
         The hypotheses.
     """
-    places = JOINTS if r.recording.registration == "fit" else as_built_joint_frames.EFFECT.places
+    places = r.list_places(JOINTS if r.recording.registration == "fit" else as_built_joint_frames.EFFECT.places)
     out = []
     for place in places:
         columns = compute_frame_columns(r, place) * list_manufacturing_tolerances()

@@ -36,7 +36,7 @@ def build_joint_angle_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
     """
     out = []
     for effect in registry.select_angle_effects():
-        for where in effect.search_places:
+        for where in r.list_places(effect.search_places):
             by, _ = parse_joint_location(where)
             for law in effect.angle_laws:
                 grid = law.grid(compute_joint_angle_range(r, by))
@@ -59,7 +59,7 @@ def build_refined_harmonics(r: StaticReadings) -> list[EffectHypothesis]:
     """
     out = []
     for effect in registry.select_angle_effects():
-        for where in effect.search_places:
+        for where in r.list_places(effect.search_places):
             by, _ = parse_joint_location(where)
             own = compute_joint_angle_range(r, by)
             if own.max_shapes < LOW_ORDERS:

@@ -214,7 +214,7 @@ def build_load_test_couplings(r: StaticReadings) -> list[EffectHypothesis]:
     return [
         build_joint_pair_hypothesis(r, e, where, note, equation)
         for e in registry.select_joint_pair_effects()
-        for where in e.search_places
+        for where in r.list_places(e.search_places)
     ]
 
 
@@ -232,7 +232,7 @@ def build_pose_couplings(r: StaticReadings) -> list[EffectHypothesis]:
             r, e, where, "with the torque of the other joint", f"{e.joint_laws[0].equation} under weight and load"
         )
         for e in registry.select_joint_pair_effects()
-        for where in e.search_places
+        for where in r.list_places(e.search_places)
         if min(parse_joint_location(where)) >= WRIST and np.abs(r.torque[:, parse_joint_location(where)]).max() > 0.0
     ]
 

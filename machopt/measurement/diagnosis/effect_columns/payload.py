@@ -38,7 +38,7 @@ def build_static_payload_hypotheses(r: StaticReadings) -> list[EffectHypothesis]
     """
     if r.masses is None:
         return []
-    own = r.masses.body == 6
+    own = r.masses.body == r.joint_count
     flange = r.robot.T_base_flange_zero
     carried = float(r.masses.mass[own].sum())
     centre = r.masses.mass[own] @ r.masses.com[own] / carried if carried > 0.0 else flange[:3, 3]
@@ -139,7 +139,7 @@ def _compute_weight_columns(r: StaticReadings) -> Array:
     assert r.state.p_bodies is not None
     T = r.state.T_base_tool
     R = T[:, :3, :3] @ r.T_flange_tcp[:3, :3].T
-    flange = r.state.R_bodies[:, 6] @ r.robot.T_base_flange_zero[:3, 3] + r.state.p_bodies[:, 6]
+    flange = r.state.R_bodies[:, -1] @ r.robot.T_base_flange_zero[:3, 3] + r.state.p_bodies[:, -1]
     arm = flange - T[:, :3, 3]  # relative to the measured point (TCP or reflector)
     g = np.broadcast_to(r.masses.gravity, arm.shape)
     zero = np.zeros_like(arm)

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.locations import format_link_location
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.protocol import BodyLaw, Effect
@@ -23,7 +24,6 @@ from machopt.stiffness.terms.body_spring import BodySpring, SpringLocation, buil
 from machopt.stiffness.terms.compilation import build_body_spring
 
 NOTE = "out of what the joints' torques explain"
-LAST = "link:6"  # one body with the tool; tried as tool compliance
 WEIGHT = ", w weight and load"
 
 
@@ -38,7 +38,8 @@ def build_structure_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
     """
     out = []
     for effect in registry.select_body_effects():
-        for where in (p for p in effect.places if p != LAST):
+        last = format_link_location(r.joint_count)  # one body with the tool; tried as tool compliance
+        for where in (p for p in r.list_places(effect.places) if p != last):
             place = locate_spring(r.robot, r.T_flange_tcp, where)
             load = compute_carried_wrench(r, place)
             laws = [law for law in effect.body_laws if r.is_difference or law.includes_weight]

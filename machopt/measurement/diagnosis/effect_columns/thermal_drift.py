@@ -16,8 +16,6 @@ from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_frame_motion_matrix
 
-FOREARM = (3, 4, 5, 6)  # bodies that expand as one casting
-
 
 def build_thermal_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
     """Build all drift laws that the recording can show.
@@ -118,7 +116,8 @@ def compute_casting_columns(r: StaticReadings) -> Array:
     R = r.state.R_bodies
     points = [*r.robot.point, r.robot.T_base_flange_zero[:3, 3]]
     parts = []
-    for group in ((1,), (2,), FOREARM):
+    forearm = tuple(range(3, r.joint_count + 1))  # bodies that expand as one casting
+    for group in ((1,), (2,), forearm):
         moved = np.zeros((len(r), 6))
         for i in group:
             moved[:, :3] += R[:, i] @ (points[i] - points[i - 1])

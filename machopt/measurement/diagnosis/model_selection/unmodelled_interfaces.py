@@ -28,7 +28,7 @@ SETTLEMENT_LAW = "moves with the load in one session more than in another"
 POWERS: tuple[Shape, ...] = ((1.0,), (2.0,))  # exponents of the load
 MOST_DAYS = 4  # most sessions
 PULL_LAW = "is pulled at from outside"
-PULLED_LINKS = (4, 6)  # links at whose ends a hose may pull: forearm and flange
+FOREARM = 4  # link at whose end a hose may pull, beside the flange
 
 
 def build_interface_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
@@ -88,7 +88,7 @@ def build_interface_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
         build_uncatalogued_hypothesis(
             "tool", JUMP_LAW, _format_axes("the tool"), jumps(tool), (QUADRATIC_LAW, *SHARES)
         ),
-        *(_build_pull_force(r, link) for link in PULLED_LINKS),
+        *(_build_pull_force(r, link) for link in (FOREARM, r.joint_count)),
         *_build_floor_settlement(share, r.session, wide),
     ]
 
@@ -125,7 +125,7 @@ def _build_pull_force(r: StaticReadings, link: int) -> EffectHypothesis:
     assert r.state.p_bodies is not None
     at = (
         r.state.R_bodies[:, link] @ r.robot.point[link] + r.state.p_bodies[:, link]
-        if link < 6
+        if link < r.joint_count
         else _compute_flange_positions(r)
     )
     z = r.state.J[:, 3:, :link]
@@ -152,7 +152,7 @@ def _build_pull_force(r: StaticReadings, link: int) -> EffectHypothesis:
     columns = np.concatenate([column(*f) for f in [*forces, (-away, -own)]], axis=2)
     note = "is pulled at from outside by a force that follows its place, as a hose or a cable to the hall pulls"
     form = build_uncatalogued_hypothesis(
-        format_link_location(link) if link < 6 else "tool", PULL_LAW, note, lambda shape: columns, ((),)
+        format_link_location(link) if link < r.joint_count else "tool", PULL_LAW, note, lambda shape: columns, ((),)
     )
     return replace(
         form, is_approximate=True

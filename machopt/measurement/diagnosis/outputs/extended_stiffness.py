@@ -24,8 +24,6 @@ from machopt.stiffness.arm_stiffness import find_unstable_term
 from machopt.stiffness.terms.compilation import compile_terms
 from machopt.stiffness.terms.stability_check import UnstableTerm
 
-JOINTS = 6
-
 
 @dataclass(frozen=True)
 class ExtendedStiffness:
@@ -59,7 +57,7 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
     found = tuple(c for f, c in named if (f.effect, f.location) not in d.unwritten)
     unwritten = tuple(c for f, c in named if (f.effect, f.location) in d.unwritten)
     known = () if cell.stiffness is None else cell.stiffness.terms
-    if (cell.stiffness is None and len(springs) < JOINTS) or cell.arm_prismatic:
+    if (cell.stiffness is None and len(springs) < len(cell.arm_joints)) or cell.arm_prismatic:
         return ExtendedStiffness(None, None)
     rejected_terms = {id(t): why for t in found if (why := _explain_implausible_term(cell, t)) is not None}
     withheld = [t for t in found if id(t) in rejected_terms]
@@ -75,7 +73,7 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
     spring_limit = thresholds.RECORD.far_spring if weight_alone else np.inf
     before = _build_stiffness(cell, springs, known, lambda c: c.before, spring_limit)
     # with a joint's finding its jointly fitted spring is withheld too; for a body those of all joints
-    joints_without_findings = set(range(1, JOINTS + 1)) if withheld else set()
+    joints_without_findings = set(range(1, len(cell.arm_joints) + 1)) if withheld else set()
     after = _build_stiffness(
         cell,
         springs,
@@ -85,7 +83,7 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
     )
     while found and (wrong := _check_stiffness(cell, after)) is not None:
         out = _find_wrong_term(terms, new, wrong)
-        joints_without_findings.update(_list_joints(out) or range(1, JOINTS + 1))
+        joints_without_findings.update(_list_joints(out) or range(1, len(cell.arm_joints) + 1))
         withheld.append(out)
         said.append(
             f"{format_effect_in_sentence(out.effect, out.location)} is not in stiffness.yaml, and its joint "
@@ -140,10 +138,10 @@ def _build_stiffness(
 ) -> ArmStiffness:
     """Return joints with observable springs within a factor ``near`` of the cell's, and terms."""
     if not springs:
-        assert cell.stiffness is not None  # otherwise all six joints are observable
+        assert cell.stiffness is not None  # otherwise all joints are observable
         return cell.stiffness if terms == cell.stiffness.terms else replace(cell.stiffness, terms=terms)
     prior, out = None if cell.stiffness is None else cell.stiffness.joints, []
-    for j in range(JOINTS):
+    for j in range(len(cell.arm_joints)):
         c = springs.get(j + 1)
         value = 0.0 if c is None else of(c)
         sure = c is not None and is_spring_observable(value, c.sigma)

@@ -29,8 +29,6 @@ from machopt.measurement.identification.assessment.model_discrepancy import (
 from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
-JOINTS = 6
-
 
 def add_model_uncertainty(cell: Cell, found: DiagnosedRecording, stiffness: ArmStiffness | None) -> ArmStiffness | None:
     """Add covariance, position error and model discrepancy to a stiffness.
@@ -73,14 +71,14 @@ def estimate_position_error(found: DiagnosedRecording) -> PositionError | None:
     poses = len(np.unique(recording.pose[d.used]))
     if poses < thresholds.PROOF.fewest_groups or not np.isfinite([before, after]).all():
         return None
-    q = recording.q[d.used][:, :JOINTS]
+    q = recording.q[d.used]
     return PositionError(after, before, d.noise_floor / 1e3, poses, np.stack([q.min(axis=0), q.max(axis=0)], axis=1))
 
 
 def _compute_spring_covariance(cell: Cell, d: DiagnosisResult, stiffness: ArmStiffness) -> Array | None:
-    """Return the covariance (6, 6) of the joint compliances; joints with the cell's value keep its uncertainty."""
+    """Return the covariance (n, n) of the joint compliances; joints with the cell's value keep its uncertainty."""
     known = None if cell.stiffness is None else cell.stiffness.covariance
-    variance = np.zeros(JOINTS)
+    variance = np.zeros(len(stiffness.joints))
     refitted = {c.unknown.spring_joint: c for c in d.coefficients if c.unknown.spring_joint is not None}
     for j, k in enumerate(stiffness.joints):
         c = refitted.get(j + 1)
@@ -93,8 +91,8 @@ def _compute_spring_covariance(cell: Cell, d: DiagnosisResult, stiffness: ArmSti
 
 
 def _build_covariance(doubt: ModelDiscrepancy) -> Array:
-    """Return the covariance (6, 6) of the joints including the model discrepancy."""
-    at = [doubt.parts.index(f"joint {j}") for j in range(1, JOINTS + 1)]
+    """Return the covariance (n, n) of the joints including the model discrepancy."""
+    at = [doubt.parts.index(f"joint {j}") for j in range(1, len(doubt.torque) + 1)]
     ways = np.vstack([doubt.shift[at], doubt.modes[:, at]])
     return np.asarray(ways.T @ ways)
 

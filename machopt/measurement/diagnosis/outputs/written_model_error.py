@@ -29,7 +29,6 @@ from machopt.numerics.rigid_transforms import convert_to_rotation_vector, conver
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
 Flags = NDArray[np.bool_]
-JOINTS = 6
 REGISTRATION_STEPS = 12  # most Gauss–Newton steps of the registration
 CONVERGED_M = 1e-10  # m, change of the registration below which it is final
 UNDETERMINED = 1e-9  # relative singular value below which a direction of the registration stays nominal
@@ -90,7 +89,7 @@ def _compute_load_test_residual(cell: Cell, recording: Recording) -> Array:
 
 def _compute_pose_residual(cell: Cell, recording: Recording, fitted: Flags) -> Array:
     """Return the residual (N, 3) of measured poses with the registration fitted to some readings."""
-    stated = frozenset(range(1, JOINTS + 1)) if cell.stiffness is not None else frozenset()
+    stated = frozenset(range(1, len(cell.arm_joints) + 1)) if cell.stiffness is not None else frozenset()
     model = NominalPoseModel(recording, cell, load_robot(cell), read_stated_masses(cell), stated)
     terms = () if cell.stiffness is None else existing_terms.select_known_terms(cell.stiffness.terms)
     at = FirstPoseFit(

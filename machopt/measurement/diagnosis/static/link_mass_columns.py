@@ -16,8 +16,6 @@ from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown, UncertainInputs
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 
-LINKS = (1, 2, 3, 4, 5)  # the mass behind joint 6 is the payload's
-
 
 def build_link_mass_inputs(r: StaticReadings) -> UncertainInputs | None:
     """Build the displacement per relative change of each link's mass.
@@ -29,12 +27,12 @@ def build_link_mass_inputs(r: StaticReadings) -> UncertainInputs | None:
         Columns and unknowns; None where no stated mass moves the TCP.
     """
     parts, unknowns = [], []
-    for link in LINKS if r.masses is not None else ():
+    for link in range(1, r.joint_count) if r.masses is not None else ():  # the mass of the last link is the payload's
         own = _select_link(r.masses, link)
         if own is None:
             continue
         turned = r.compliance * compute_weight_torque(r.robot, own, r.state)
-        column = np.sum([r.lift_joint_twist(j, turned[:, j : j + 1])[:, :, 0] for j in range(6)], axis=0)
+        column = np.sum([r.lift_joint_twist(j, turned[:, j : j + 1])[:, :, 0] for j in range(r.joint_count)], axis=0)
         if np.sqrt(np.mean(column[:, :3] ** 2)) <= thresholds.RESTING.least_bend:
             continue
         parts.append(column)

@@ -119,7 +119,7 @@ def build_load_test_problem(
             location=format_joint_location(j),
             key=build_joint_spring_key(j),
         )
-        for j in range(1, 7)
+        for j in range(1, readings.joint_count + 1)
     ]
     unknowns += [
         BaseUnknown(
@@ -199,7 +199,7 @@ def compute_body_compliance(
     """
     if not bodies:
         return None
-    stiff = ArmStiffness(joints=np.full(6, RIGID), terms=tuple(bodies))
+    stiff = ArmStiffness(joints=np.full(q.shape[1], RIGID), terms=tuple(bodies))
     arm = ArmElasticity(robot, T_flange_tcp, stiff).evaluate(q)
     return np.stack([arm.compute_twist(np.broadcast_to(w, (len(q), 6))) for w in np.eye(6)], axis=2)
 
@@ -259,7 +259,7 @@ def build_load_test_catalogue(r: StaticReadings, curved: Array | None) -> Hypoth
     out: list[EffectHypothesis] = []
     missing: list[UntestableEffect] = []
     drives = np.quantile(np.abs(r.load_torque), 0.9, axis=0)
-    for j in range(6):
+    for j in range(r.joint_count):
         if drives[j] < thresholds.RESTING.turned_by_load * drives.max():
             missing.append(
                 UntestableEffect("joint_nonlinear_stiffness", format_joint_location(j + 1), "no load turns this joint")
@@ -298,7 +298,7 @@ def build_load_test_catalogue(r: StaticReadings, curved: Array | None) -> Hypoth
         axes["branch"] = r.recording.branch.astype(float)
     if r.recording.time is not None:
         axes["time"] = r.recording.time
-    axes |= {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
+    axes |= {f"q{j + 1}": r.state.q[:, j] for j in range(r.joint_count)}
     return HypothesisCatalogue(tuple(out), tuple(missing), axes)
 
 

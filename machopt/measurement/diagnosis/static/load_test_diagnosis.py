@@ -136,9 +136,9 @@ class _LoadTestEquations:
         """Build the problem about the coefficients of the last iteration.
 
         Args:
-            x: coefficients of the base model; the first six are joint compliances, rad/(N·m).
+            x: coefficients of the base model; the first n are joint compliances, rad/(N·m).
             doubted: base unknowns that are doubted; load tests have none.
             about: effects that were found.
         """
         del doubted
-        return self.build(np.maximum(x[:6], 0.0), about.bodies)
+        return self.build(np.maximum(x[: len(self._diagnosis.robot.joints)], 0.0), about.bodies)

@@ -191,7 +191,7 @@ def _compute_stated_displacement(r: StaticReadings, found: tuple[KinematicCorrec
     out = r.project_to_measured(np.zeros((len(r), 6)), BODY_BEHIND_FLANGE)
     if turned is not None:
         delta = turned.compute_correction(r.state.q)
-        out = out + sum(r.lift_joint_twist(j, delta[:, j : j + 1])[:, :, 0] for j in range(6))
+        out = out + sum(r.lift_joint_twist(j, delta[:, j : j + 1])[:, :, 0] for j in range(r.joint_count))
     for c in frames:
         at = structure_link_geometry.read_frame_offset(c.parameters)
         out = out + as_built_joint_frames.compute_frame_columns(r, c.location) @ np.concatenate([at.shift, at.turn])

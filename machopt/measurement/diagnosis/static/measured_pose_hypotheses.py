@@ -1,7 +1,7 @@
 """Hypotheses that measured TCP poses can show in addition to the base, and those that they cannot.
 
-A zero offset of joint 1 equals a rotation of the tracker frame. One of joint 6 equals a shift of the target if no
-orientation is measured. Effects that the base absorbs completely are listed as untestable. A step with the sign of a
+A zero offset of joint 1 equals a rotation of the tracker frame. One of the last joint equals a shift of the target if
+no orientation is measured. Effects that the base absorbs completely are listed as untestable. A step with the sign of a
 torque that gravity keeps on one side equals a zero offset and is offered as such only.
 """
 
@@ -82,7 +82,7 @@ def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) 
         *_list_untestable_effects(r),
     ]
     Q = compute_column_span(problem.base)
-    turning = np.array([format_joint_location(j + 1) not in slides for j in range(6)])
+    turning = np.array([format_joint_location(j + 1) not in slides for j in range(r.joint_count)])
     drives = np.quantile(np.abs(r.torque), 0.9, axis=0) * turning
     kinds = [e for e in registry.select_joint_torque_effects() if not e.has_memory]
     for j in map(int, np.flatnonzero(turning)):
@@ -124,7 +124,9 @@ def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) 
         if values is not None:
             axes[name] = values
     p = r.state.T_base_tool[:, :3, 3]
-    axes |= {name: p[:, k] for k, name in enumerate("xyz")} | {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
+    axes |= {name: p[:, k] for k, name in enumerate("xyz")} | {
+        f"q{j + 1}": r.state.q[:, j] for j in range(r.joint_count)
+    }
     testable_names = {(h.effect, h.location) for h in testable}
     untestable = tuple(m for m in missing if (m.effect, m.location) not in testable_names)
     finer = tuple(h for h in joint_angle_errors.build_refined_harmonics(r) if h.name in testable_names)
@@ -236,10 +238,11 @@ def _list_untestable_effects(r: StaticReadings) -> list[UntestableEffect]:
 
 
 def _explain_absorbed_effect(h: EffectHypothesis, r: StaticReadings) -> str:
+    last = format_joint_location(r.joint_count)
     if h.effect in ("joint_zero_offset", "joint_coupling") and h.location == "joint:1":
         return "it turns everything about an axis that stands still: the fitted tracker frame takes it up"
-    if h.effect == "joint_zero_offset" and h.location == "joint:6" and r.dimensions == 3 and not r.recording.targets:
+    if h.effect == "joint_zero_offset" and h.location == last and r.dimensions == 3 and not r.recording.targets:
         return "it shifts the target in the flange, which is fitted; measured orientations would show it"
-    if h.effect == "joint_zero_offset" and h.location == "joint:6":
+    if h.effect == "joint_zero_offset" and h.location == last:
         return "it turns all reflectors about one axis, and their places in the flange are fitted"
     return "what is refitted in any case takes it up altogether in these poses"

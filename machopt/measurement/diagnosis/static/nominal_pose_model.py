@@ -49,7 +49,7 @@ class FirstPoseFit:
     shift: Array  # (F, 3) m
     turn: Array  # (F, 3) rad
     target: Array  # (T, 3) m, flange axes, offset from the nominal position or the cell's TCP
-    compliance: Array  # (6,) rad/(N·m)
+    compliance: Array  # (n,) rad/(N·m)
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class NominalPoseModel:
         self.position = recording.position
         self.rotation = None if recording.quaternion is None else convert_quaternion_to_matrix(recording.quaternion)
         self.D = 3 if self.rotation is None else 6
-        self.settled: Array | None = None  # (N, 6) rad, equilibrium of the last prediction
+        self.settled: Array | None = None  # (N, n) rad, equilibrium of the last prediction
         self.free = recording.registration == "fit"  # tracker frames are fitted
         self.placed = self.free or bool(recording.targets)  # target positions are fitted
         self.frame_index, self.reflector_index = (
@@ -117,7 +117,7 @@ class NominalPoseModel:
         self.wrench = _convert_wrench_to_base(recording, robot, T, self.angles, state)  # about the TCP
         self.middle = state.T_base_tool[:, :3, 3].mean(axis=0)
         nominal = None if cell.stiffness is None else 1.0 / cell.stiffness.joints
-        self.nominal = np.full(6, thresholds.RESTING.usual_joint) if nominal is None else nominal
+        self.nominal = np.full(len(robot.joints), thresholds.RESTING.usual_joint) if nominal is None else nominal
         if robot.slides is not None:  # rigid along its axis: a constant weight shifts all points like a frame
             self.nominal = np.where(robot.slides, 0.0, self.nominal)
         # under gravity alone, joint deflections depend on the angles, as frames and harmonics do
@@ -139,15 +139,17 @@ class NominalPoseModel:
         columns, unknowns = self.columns(state, p)
         readings = self.build_readings(state, frame, frame.compliance)
         rest = columns[:, :, [u.spring_joint is None for u in unknowns]]
-        frames = [as_built_joint_frames.compute_frame_columns(readings, where) for where in JOINTS]
+        frames = [
+            as_built_joint_frames.compute_frame_columns(readings, where) for where in readings.list_places(JOINTS)
+        ]
         Q = compute_column_span(np.concatenate([rest, *frames], axis=2))
         least = thresholds.RESTING.seen_spring * compute_robust_spread(self.residual(frame, p, R)[:, :3])
         bend = state.J[:, : self.D] * (self.nominal * self.compute_torque(state))[:, None, :]
         shown = [
             compute_remaining_share(bend[:, :, j : j + 1], Q) * float(np.sqrt(np.mean(bend[:, :3, j] ** 2)))
-            for j in range(6)
+            for j in range(len(self.robot.joints))
         ]
-        return frozenset(j + 1 for j in range(6) if shown[j] < least)
+        return frozenset(j + 1 for j in range(len(shown)) if shown[j] < least)
 
     def compute_load(self, state: ArmState) -> Array:
         """Return the recorded load (N, 6) N, N·m referred to the measured points.
@@ -161,7 +163,7 @@ class NominalPoseModel:
         return np.concatenate([self.wrench[:, :3], self.wrench[:, 3:] + np.cross(lever, self.wrench[:, :3])], axis=1)
 
     def compute_torque(self, state: ArmState) -> Array:
-        """Return the joint torques (N, 6) N·m of load and weight.
+        """Return the joint torques (N, n) N·m of load and weight.
 
         Args:
             state: Arm state at the loaded equilibrium.
@@ -223,7 +225,7 @@ class NominalPoseModel:
         """
         parts, unknowns = [], []
         bend = state.J * self.compute_torque(state)[:, None, :]
-        for j in range(6):
+        for j in range(len(self.robot.joints)):
             if (
                 j + 1 not in self.kept_springs
                 and np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > thresholds.RESTING.least_bend

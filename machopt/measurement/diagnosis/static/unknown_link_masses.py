@@ -87,7 +87,7 @@ def build_link_moment_columns(
         (N, D, P) m, rad per kg·m, and the unknowns.
     """
     assert r.state.R_bodies is not None  # load-test states include bodies
-    z = np.moveaxis(r.state.J[:, 3:], 2, 0)  # (6, N, 3) axes
+    z = np.moveaxis(r.state.J[:, 3:], 2, 0)  # (n, N, 3) axes
     moved = compute_joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions]
     deflection = r.load_torque * r.compliance  # rad under the load
     prior = prior_scales.LINK_FIRST_MOMENT.scale * estimate_reach(r.robot, r.T_flange_tcp) ** 4
@@ -95,7 +95,7 @@ def build_link_moment_columns(
     for link in links:
         for k, name in enumerate("xyz"):
             u = r.state.R_bodies[:, link, :, k]
-            torque, extra = np.zeros((len(r), 6)), np.zeros((len(r), 6))
+            torque, extra = np.zeros((len(r), r.joint_count)), np.zeros((len(r), r.joint_count))
             for i in range(link):
                 torque[:, i] = _compute_dot_products(z[i], np.cross(u, gravity))
                 for other in range(link):

@@ -30,7 +30,6 @@ REFRACTION_LAW, AXIS_WOBBLE_LAW, NEIGHBOUR_JOINT_LAW = (
     "nods into the next axes",
 )
 POINT_PULL_LAW, LINE_PULL_LAW = "pulls towards a place", "pulls along a line to a place"
-PULLED_LINKS = (2, 3, 4, 5)  # links at whose ends a hose may be attached
 ORDERS: tuple[Shape, ...] = ((1.0,), (2.0,), (3.0,))  # harmonic orders per joint turn
 MAX_READINGS = 3000  # most readings for forms with more than ten coefficients, because of time and memory
 NEIGHBOUR_JOINTS = 2  # adjacent joints on either side whose rotations a wobble imitates
@@ -62,7 +61,7 @@ def build_unmodelled_pose_hypotheses(r: StaticReadings) -> list[EffectHypothesis
         )
         for axes, how in ((up, "up and down"), (every, "any way"))[: 1 if large else 2]
     ]
-    for j in range(6):
+    for j in range(r.joint_count):
         if np.ptp(r.state.q[:, j]) < thresholds.RESTING.least_wave:
             continue
         note = f"moves the arm behind joint {j + 1} by waves of its angle, beside the axis: one that nods, say"
@@ -73,7 +72,7 @@ def build_unmodelled_pose_hypotheses(r: StaticReadings) -> list[EffectHypothesis
     note = "is pulled by a force that follows its place, as a hose on a spring pulls"
     return out + [
         build_uncatalogued_hypothesis(format_link_location(k), name, note, _build_pull_force(r, k, name), ((),))
-        for k in PULLED_LINKS
+        for k in range(2, r.joint_count)  # links at whose ends a hose may be attached
         for name in (POINT_PULL_LAW, LINE_PULL_LAW)
     ]
 
@@ -98,7 +97,7 @@ def _compute_joint_waves(r: StaticReadings, j: int, shape: Shape) -> Array:
 
 
 def _build_neighbour_joint_waves(r: StaticReadings, j: int) -> Callable[[Shape], Array]:
-    near = [k for k in range(6) if 0 < abs(k - j) <= NEIGHBOUR_JOINTS]
+    near = [k for k in range(r.joint_count) if 0 < abs(k - j) <= NEIGHBOUR_JOINTS]
     return lambda shape: np.concatenate(
         [r.lift_joint_twist(k, _compute_joint_waves(r, j, shape)) for k in near], axis=2
     )

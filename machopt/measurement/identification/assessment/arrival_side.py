@@ -24,8 +24,6 @@ from machopt.measurement.identification import thresholds
 from machopt.numerics.array_types import Array, Ints
 from machopt.stiffness.discrepancy_columns import PLAY_COLUMN
 
-JOINTS = 6
-
 
 def estimate_loop_half_widths(tests: LoadTestExperiment, robust: Array) -> Array:
     """Estimate the half width of each gear's loop from rising and falling loads.
@@ -41,17 +39,17 @@ def estimate_loop_half_widths(tests: LoadTestExperiment, robust: Array) -> Array
     good: NDArray[np.bool_] = np.min(robust[:, :3], axis=1) > thresholds.IDENTIFIED.out
     kept = good[rising] & good[falling]
     rising, falling = rising[kept], falling[kept]
-    half = np.zeros(JOINTS)
+    half = np.zeros(tests.joint_count)
     if len(rising) < thresholds.IDENTIFIED.branch_pairs:
         return half
     y = 0.5 * (tests.measured[falling, :3] - tests.measured[rising, :3]).reshape(-1)
     J = tests.state.J[rising]
     torque = np.einsum("nci,nc->ni", J, tests.wrench[rising])
     weak = thresholds.IDENTIFIED.weak_torque * np.abs(torque).max(axis=0)
-    A = (J[:, :3] * np.tanh(torque / np.maximum(weak, 1e-9))[:, None, :]).reshape(len(y), JOINTS)
+    A = (J[:, :3] * np.tanh(torque / np.maximum(weak, 1e-9))[:, None, :]).reshape(len(y), tests.joint_count)
     x, _ = nnls(A, y)
     left = (y - A @ x).reshape(-1, 3)
-    meat = np.einsum("nci,nc->ni", A.reshape(-1, 3, JOINTS), left)
+    meat = np.einsum("nci,nc->ni", A.reshape(-1, 3, tests.joint_count), left)
     inverse = np.linalg.pinv(A.T @ A)
     sigma = np.sqrt(np.diag(inverse @ (meat.T @ meat) @ inverse))
     shown = x > thresholds.IDENTIFIED.loop_shown * sigma

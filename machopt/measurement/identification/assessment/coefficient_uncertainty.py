@@ -30,6 +30,7 @@ class CoefficientUncertainty:
     """Uncertainty of each coefficient of a fit."""
 
     level: float  # confidence level of the intervals, e.g. 0.9
+    joint_count: int  # n; the first coefficients are the joint compliances
     sigma: Array  # (P,) standard error; inf without data
     freedom: Array  # (P,) degrees of freedom of sigma
     interval: Array  # (P, 2) confidence intervals within the bounds; may be infinite
@@ -39,13 +40,14 @@ class CoefficientUncertainty:
     condition_plain: float  # condition number of B in dumas2011 eq. 22, unscaled
 
     def stiffness_interval(self) -> Array:
-        """Return the confidence intervals (6, 2) of the joint stiffnesses, N·m/rad.
+        """Return the confidence intervals (n, 2) of the joint stiffnesses, N·m/rad.
 
         The upper end is infinite if the interval of the compliance includes zero. The lower end uses at least one
         standard error of the compliance.
         """
-        least = np.where(np.isfinite(self.sigma[:6]), self.sigma[:6], 0.0)
-        low, high = self.interval[:6, 0], np.maximum(self.interval[:6, 1], least)
+        n = self.joint_count
+        least = np.where(np.isfinite(self.sigma[:n]), self.sigma[:n], 0.0)
+        low, high = self.interval[:n, 0], np.maximum(self.interval[:n, 1], least)
         with np.errstate(divide="ignore"):
             return np.stack([1.0 / high, 1.0 / np.maximum(low, 0.0)], axis=1)
 
@@ -84,6 +86,7 @@ def compute_coefficient_uncertainty(fit: StiffnessFit, level: float = 0.9) -> Co
     unit = fit.column
     return CoefficientUncertainty(
         level=level,
+        joint_count=fit.joint_count,
         sigma=sigma * unit,
         freedom=freedom,
         interval=interval * unit[:, None],

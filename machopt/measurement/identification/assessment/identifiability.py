@@ -68,9 +68,24 @@ class SettledCoefficients:
     pull: Array  # (P,) weight of the prior, for scaled coefficients
     target_values: Array  # (P,) prior means, scaled
     replaced: NDArray[np.bool_]  # (P,) set to ``target_values`` after solving
-    covariance: Array  # (6, 6) of the joint compliances; an unidentified one has 100 % uncertainty
+    covariance: Array  # (n, n) of the joint compliances; an unidentified one has 100 % uncertainty
     matrices: tuple[FittedMatrix, ...] = ()  # terms whose matrix must be positive semidefinite
     has_projected_matrices: tuple[int, ...] = ()  # terms whose fitted matrix was not and was projected
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints of the arm, n; their compliances are the first coefficients."""
+        return len(self.covariance)
+
+    @property
+    def compliance(self) -> Array:
+        """Joint compliances (n,) rad/(N·m)."""
+        return self.x[: self.joint_count]
+
+    @property
+    def joint_status(self) -> tuple[CoefficientStatus, ...]:
+        """Status of each joint compliance."""
+        return self.status[: self.joint_count]
 
     def solve(self, fit: StiffnessFit, H: Array, h: Array, *, matrices: bool = False) -> Array:
         """Solve other normal equations in the same scaled coefficients, for example without one pose.
@@ -113,7 +128,8 @@ def settle_coefficients(
     correlation: Array = np.asarray(M / np.sqrt(np.outer(np.diag(M), np.diag(M))), float)
     reference = np.full(P, np.nan)
     # a value that the readings certainly show also counts, in case the cell's is far too stiff
-    reference[:6] = np.abs(fit.x[:6]) if prior is None else np.maximum(1.0 / prior, uncertainty.interval[:6, 0])
+    n = fit.joint_count
+    reference[:n] = np.abs(fit.compliance) if prior is None else np.maximum(1.0 / prior, uncertainty.interval[:n, 0])
     standing = tuple(_assess_coefficient(fit, uncertainty, H, M, correlation, reference, j) for j in range(P))
     standing = _check_term_significance(fit, uncertainty, standing)
     known = np.array([s.identified for s in standing])
@@ -124,8 +140,8 @@ def settle_coefficients(
     mended = tuple(m.term for m in whole if has_negative_compliance(m.matrix(x)))
     if mended:
         x = replace(draft, matrices=whole).solve(fit, H, h, matrices=True)
-    joints = np.flatnonzero(known[:6])
-    covariance = np.diag(x[:6] ** 2)
+    joints = np.flatnonzero(known[:n])
+    covariance = np.diag(x[:n] ** 2)
     covariance[np.ix_(joints, joints)] = uncertainty.covariance[np.ix_(joints, joints)]
     together = _find_identifiable_combinations(fit, H, M, correlation, known)
     return replace(
@@ -150,7 +166,7 @@ def _draft_coefficients(
     pull, towards, replaced = np.zeros(P), np.zeros(P), np.zeros(P, bool)
     blind = np.abs(uncertainty.unobserved_directions).max(axis=1, initial=0.0) > 1e-6
     for j in np.flatnonzero(~known):
-        if j >= 6:  # an unidentified term is set to zero
+        if j >= fit.joint_count:  # an unidentified term is set to zero
             pull[j], replaced[j] = ZERO_SIGMA**-2, True
             continue
         k_low, k_high = uncertainty.stiffness_interval()[j]
@@ -168,7 +184,7 @@ def _draft_coefficients(
         pull=pull,
         target_values=towards,
         replaced=replaced,
-        covariance=np.zeros((6, 6)),
+        covariance=np.zeros((fit.joint_count, fit.joint_count)),
     )
 
 
@@ -243,8 +259,8 @@ def _find_identifiable_combinations(
 ) -> tuple[IdentifiableCombination, ...]:
     """Return pairs of joints that are identified only in combination."""
     out = []
-    for i in range(6):
-        for j in range(i + 1, 6):
+    for i in range(fit.joint_count):
+        for j in range(i + 1, fit.joint_count):
             if known[i] or known[j] or correlation[i, j] > -thresholds.IDENTIFIED.told_apart or H[i, i] <= 0:
                 continue
             weight = H[i, j] / H[i, i]  # weight of joint j's compliance relative to joint i's, scaled

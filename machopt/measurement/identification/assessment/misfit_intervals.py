@@ -23,7 +23,6 @@ from machopt.data_types.stiffness import ModelDiscrepancy
 from machopt.measurement.identification import thresholds
 from machopt.numerics.array_types import Array
 
-JOINTS = 6
 ROTATIONS, TRANSLATIONS = AXES[3:], AXES[:3]
 
 
@@ -100,18 +99,18 @@ def find_inseparable_sums(
 
     Args:
         stiffness: Fitted stiffness of the identified joints, N·m/rad, by joint (1-based).
-        axes: (6, 3) unit axes of the joints in base_link at q = 0.
+        axes: (n, 3) unit axes of the joints in base_link at q = 0.
         doubt: Model discrepancy of the written stiffness.
         sessions: Number of sessions.
         level: Confidence level.
 
     Returns:
-        Joint 1 with the base and joint 6 with the tool, where springs alone do not explain the readings.
+        Joint 1 with the base and the last joint with the tool, where springs alone do not explain the readings.
     """
     if not doubt.misfit:
         return ()
     out = []
-    for joint, body in ((1, "base"), (JOINTS, "tool")):
+    for joint, body in ((1, "base"), (len(axes), "tool")):
         if joint in stiffness and format_joint_name("joint", joint) in doubt.parts:
             weights = _weigh_shared_rotation(joint, body, axes[joint - 1], doubt)
             low, high = _compute_compliance_interval(weights, stiffness[joint], doubt, sessions, level)
@@ -142,10 +141,11 @@ def _compute_compliance_interval(
 
 
 def _estimate_body_size(doubt: ModelDiscrepancy, body: int, lever: float) -> float:
-    """Return the typical rotational compliance (rad/(N·m)) that the readings show of a body: 0 base, 6 tool."""
-    place = {0: "base", JOINTS: "tool"}.get(body, format_link_location(body))
+    """Return the typical rotational compliance (rad/(N·m)) that the readings show of a body: 0 base, n tool."""
+    last = len(doubt.torque)
+    place = {0: "base", last: "tool"}.get(body, format_link_location(body))
     turns = _compute_part_size(doubt, [format_body_name(place, a) for a in ROTATIONS])
-    if body != JOINTS or not lever > 0.0:
+    if body != last or not lever > 0.0:
         return turns
     return max(turns, _compute_part_size(doubt, [format_body_name(place, a) for a in TRANSLATIONS]) / lever**2)
 

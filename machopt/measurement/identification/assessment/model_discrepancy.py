@@ -144,17 +144,19 @@ def estimate_model_discrepancy(
     """
     own = len(suspects.names)
     weighed = suspects.masses is not None
-    more = (*list_elastic_columns(), *list_gear_columns(), *([LOADED] if weighed else []))
+    joints = state.q.shape[1]
+    gears = list_gear_columns(joints)
+    more = (*list_elastic_columns(joints), *gears, *([LOADED] if weighed else []))
     whole = replace(suspects, names=(*suspects.names, *more))
     N, D = readings.residual.shape
-    Z = whole.compute_columns(state, np.broadcast_to(k, (N, 6)), readings.wrench)[:, :D]
+    Z = whole.compute_columns(state, np.broadcast_to(k, (N, joints)), readings.wrench)[:, :D]
     size = compute_typical_sizes(whole, state, k, more)
     unit = np.concatenate([_compute_prior_sigma(suspects, k), size])
     Z = Z * unit
     known = np.zeros(len(unit))
     known[own + len(more) - 1] = float(weighed)
     readings = replace(readings, residual=readings.residual - Z @ known)  # from here on deviations from the prior mean
-    group = np.array([0] * own + [{True: 2}.get(n in list_gear_columns(), 3 if n == LOADED else 1) for n in more])
+    group = np.array([0] * own + [{True: 2}.get(n in gears, 3 if n == LOADED else 1) for n in more])
     usual = np.array(
         [TYPICAL_PLAY_RAD if parse_discrepancy_name(n).kind == PLAY_COLUMN else 0.0 for n in whole.names]
     ) / np.maximum(unit, 1e-300)
@@ -388,7 +390,7 @@ def list_coefficient_suspects(
     """
     torque = np.abs(np.einsum("nci,nc->ni", tests.state.J, tests.wrench))
     typical = np.quantile(torque, 0.9, axis=0)
-    own = [format_joint_name(JOINT, j) for j in range(1, 7)]
+    own = [format_joint_name(JOINT, j) for j in range(1, tests.joint_count + 1)]
     own += [format_term_name(n, p) for n, t in enumerate(arm.terms) for p in range(len(t.coefficients))]
     return DiscrepancyColumns(
         robot=arm.robot,

@@ -27,16 +27,16 @@ class SubsetStudyResult:
 
     tests: Ints  # (S,) size of the subset
     test_unit: str  # "readings" or "poses"
-    k: Array  # (S, R, 6) N·m/rad, R random subsets of each size
+    k: Array  # (S, R, n) N·m/rad, R random subsets of each size
 
     @property
     def spread(self) -> Array:
-        """Relative standard deviation (S, 6) of the compliance, equal to that of k to first order."""
+        """Relative standard deviation (S, n) of the compliance, equal to that of k to first order."""
         with np.errstate(invalid="ignore", divide="ignore"):
             c = 1.0 / self.k
-        out = np.full((len(self.tests), 6), np.nan)
+        out = np.full((len(self.tests), self.k.shape[2]), np.nan)
         for s, part in enumerate(c):
-            for j in range(6):
+            for j in range(part.shape[1]):
                 good = part[np.isfinite(part[:, j]), j]
                 if len(good) > len(part) // 2:
                     out[s, j] = good.std() / good.mean()
@@ -47,7 +47,7 @@ class SubsetStudyResult:
 class MonteCarloResult:
     """Joint compliances for randomly perturbed measurements."""
 
-    compliance: Array  # (R, 6) rad/(N·m), without bounds; NaN for joints not identified
+    compliance: Array  # (R, n) rad/(N·m), without bounds; NaN for joints not identified
     uncertainty: StandardUncertainty  # of the perturbations
     assumed: tuple[str, ...]  # channels whose uncertainty was estimated from the residuals
 
@@ -82,8 +82,8 @@ def run_subset_study(
     least = 1 if of == "poses" else max(1, -(-P // fit.y.shape[1]))
     sizes = np.unique(np.round(np.geomspace(least, N, SIZES)).astype(np.int64))
     together = np.concatenate([H.reshape(N, -1), h], axis=1)
-    k = np.full((len(sizes), SUBSETS, 6), np.nan)
-    identified = np.array([s.identified for s in settled.status[:6]])
+    k = np.full((len(sizes), SUBSETS, settled.joint_count), np.nan)
+    identified = np.array([s.identified for s in settled.joint_status])
     for r in range(SUBSETS):
         order = rng.permutation(N)
         starts = np.concatenate([[0], sizes[:-1]])
@@ -93,7 +93,7 @@ def run_subset_study(
             values = np.linalg.eigvalsh(Hs + np.diag(settled.pull))
             if values[0] <= 1e-9 * values[-1]:
                 continue
-            c = settled.solve(fit, Hs, total[P * P :])[:6]
+            c = settled.solve(fit, Hs, total[P * P :])[: settled.joint_count]
             k[s, r] = np.where(identified & (c > 0), 1.0 / np.where(c > 0, c, 1.0), np.nan)
     return SubsetStudyResult(sizes, of, k)
 
@@ -133,7 +133,7 @@ def run_monte_carlo(
     own = np.repeat([used.displacement or 0.0, used.rotation or 0.0], 3)[: e.dimensions]
     load = np.repeat([used.force or 0.0, used.moment or 0.0], 3)
     count = int(np.clip(READINGS_AT_MOST // len(e), FEWEST_DRAWS, draws))
-    out = np.empty((count, 6))
+    out = np.empty((count, settled.joint_count))
     for r in range(count):
         q = e.state.q + (used.joint or 0.0) * rng.standard_normal(e.state.q.shape)
         state = robot.compute_state(q, T_flange_tcp, bodies=bool(fit.terms)) if used.joint else e.state
@@ -150,8 +150,8 @@ def run_monte_carlo(
         )
         A = drawn.response(fit.terms) * fit.column
         y = fit.y + own * rng.standard_normal(fit.y.shape)
-        out[r] = _solve_coefficients(fit, A, y)[:6]
-    out[:, [not s.identified for s in settled.status[:6]]] = np.nan
+        out[r] = _solve_coefficients(fit, A, y)[: settled.joint_count]
+    out[:, [not s.identified for s in settled.joint_status]] = np.nan
     return MonteCarloResult(out, used, assumed)
 
 

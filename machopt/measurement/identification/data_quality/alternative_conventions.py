@@ -158,7 +158,7 @@ def _evaluate_convention(
     e: LoadTestExperiment, name: str, message: str, wrench: Array, measured: Array
 ) -> ConventionCandidate:
     other = replace(e, wrench=wrench, measured=measured)
-    A, y = other.response()[..., :6], measured
+    A, y = other.response()[..., : other.joint_count], measured
     size = np.repeat([max(estimate_robust_scale(y[:, c : c + 3]), 1e-15) for c in range(0, y.shape[1], 3)], 3)
     A, y = A / size[:, None], y / size
     x = fit_bounded_absolute_deviations(

@@ -163,7 +163,8 @@ def _fit_rotation(e: LoadTestExperiment, quantity: Quantity, frame: FrameName) -
 def _refine(e: LoadTestExperiment, quantity: Quantity, frame: FrameName, turn: Array) -> tuple[float, Array]:
     """Return the mean error and the rotation after Gauss–Newton steps over compliances and rotation together."""
     J, axes = e.state.J, _read_axes(e, frame)
-    c = np.zeros(6)
+    n = e.joint_count
+    c = np.zeros(n)
     for _ in range(STEPS):
         w, y = _apply_rotation(e, quantity, frame, turn)
         A = (J * np.einsum("nci,nc->ni", J, w)[:, None, :])[:, :3]
@@ -183,9 +184,9 @@ def _refine(e: LoadTestExperiment, quantity: Quantity, frame: FrameName, turn: A
         rows = (X / scale * weight[:, None, None]).reshape(-1, X.shape[2])
         b = (y[:, :3] * weight[:, None]).reshape(-1)
         free = np.linalg.lstsq(rows, b, rcond=1e-10)[0] / scale
-        if (free[:6] < 0).any():  # springs do not push: the bounded fit of the springs alone, then the rotation
-            free[:6] = nnls(rows[:, :6], b)[0] / scale[:6]
-        c, step = free[:6], free[6:]
+        if (free[:n] < 0).any():  # springs do not push: the bounded fit of the springs alone, then the rotation
+            free[:n] = nnls(rows[:, :n], b)[0] / scale[:n]
+        c, step = free[:n], free[n:]
         if len(step):
             length = float(np.linalg.norm(step))
             turn = convert_vector_to_rotation(step * min(1.0, 0.5 / max(length, 1e-12))) @ turn
@@ -219,7 +220,7 @@ def _compute_misfit(e: LoadTestExperiment, w: Array, y: Array) -> float:
     J, row = e.state.J, _compute_row_weights(w)
     A = (J * np.einsum("nci,nc->ni", J, w)[:, None, :])[:, :3]
     A = A / np.maximum(np.sqrt(np.mean(A**2, axis=(0, 1))), 1e-300)
-    return float(nnls((A * row[:, None, None]).reshape(-1, 6), (y[:, :3] * row[:, None]).reshape(-1))[1])
+    return float(nnls((A * row[:, None, None]).reshape(-1, e.joint_count), (y[:, :3] * row[:, None]).reshape(-1))[1])
 
 
 @dataclass(frozen=True)

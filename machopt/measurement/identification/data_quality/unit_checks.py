@@ -77,7 +77,7 @@ def check_displacement_units(
     Returns:
         The faults.
     """
-    generic = _compute_typical_stiffness(reach)
+    generic = _compute_typical_stiffness(reach, e.joint_count)
     s = _compute_displacement_ratio(e, generic, slice(0, 3))
     nominal = _compute_displacement_ratio(e, prior, slice(0, 3)) if prior is not None else np.nan
     if stated.unexplained > thresholds.CHECKED.explains or not s > 0:
@@ -185,7 +185,7 @@ def _find_wrong_load_unit(e: LoadTestExperiment, reach: float, prior: Array | No
     as_kilonewtons, as_newton_millimetres = e.wrench.copy(), e.wrench.copy()
     as_kilonewtons[:, :3] *= 1e3
     as_newton_millimetres[:, 3:] *= 1e-3
-    expected = _compute_typical_stiffness(reach) if prior is None else prior
+    expected = _compute_typical_stiffness(reach, e.joint_count) if prior is None else prior
     off = [
         abs(np.log(_compute_displacement_ratio(replace(e, wrench=w), expected, slice(0, 3)) or np.nan))
         for w in (as_kilonewtons, as_newton_millimetres)
@@ -217,13 +217,13 @@ def _build_rotation_fault(ratio: float, displacement_doubtful: bool) -> RecordFa
     )
 
 
-def _compute_typical_stiffness(reach: float) -> Array:
-    return np.full(6, GENERIC_STIFFNESS * (reach / GENERIC_REACH) ** 3)
+def _compute_typical_stiffness(reach: float, joints: int) -> Array:
+    return np.full(joints, GENERIC_STIFFNESS * (reach / GENERIC_REACH) ** 3)
 
 
 def _compute_displacement_ratio(e: LoadTestExperiment, stiffness: Array, rows: slice) -> float:
     """Return the robust ratio of measured to predicted displacement; NaN if there is none."""
-    predicted = e.response()[:, rows, :6] @ (1.0 / stiffness)
+    predicted = e.response()[:, rows, : e.joint_count] @ (1.0 / stiffness)
     load = np.linalg.norm(e.wrench[:, :3], axis=1) + np.linalg.norm(e.wrench[:, 3:], axis=1)
     if not predicted.any() or not e.measured[:, rows].any():
         return float("nan")

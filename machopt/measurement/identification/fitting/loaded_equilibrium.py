@@ -40,7 +40,7 @@ class LinearisedExperiment(LoadTestExperiment):
     y − (d(c₀) − S c₀) = S c + Σ_p x_p B_p w + error. Residuals equal those of the exact prediction at c₀.
     """
 
-    sensitivity: Array  # (N, D, 6) ∂d/∂c, S
+    sensitivity: Array  # (N, D, n) ∂d/∂c, S
 
     def select_readings(self, rows: NDArray[np.bool_] | Ints) -> LoadTestExperiment:
         """Return the selected readings.
@@ -65,7 +65,7 @@ class LinearisedExperiment(LoadTestExperiment):
             terms: Linear terms fitted together with the joints.
 
         Returns:
-            (N, D, 6 + P) m, rad per unit of each coefficient.
+            (N, D, n + P) m, rad per unit of each coefficient.
         """
         parts = [t.compute_response(self.state, self.wrench)[:, : self.dimensions] for t in terms]
         return np.concatenate([self.sensitivity, *parts], axis=-1)
@@ -84,10 +84,10 @@ class LoadedEquilibriumModel:
         """Predict the displacement under the recorded loads and its derivative, in base axes.
 
         Args:
-            compliance: (6,) joint compliance, rad/(N·m); zero is a rigid joint.
+            compliance: (n,) joint compliance, rad/(N·m); zero is a rigid joint.
 
         Returns:
-            Displacement (N, D) m, rad of the loaded relative to the unloaded pose, and its derivative (N, D, 6).
+            Displacement (N, D) m, rad of the loaded relative to the unloaded pose, and its derivative (N, D, n).
 
         Raises:
             InputError: The springs are unstable under a recorded load.
@@ -117,7 +117,7 @@ class LoadedEquilibriumModel:
         second order.
 
         Args:
-            compliance: (6,) joint compliance, rad/(N·m).
+            compliance: (n,) joint compliance, rad/(N·m).
 
         Returns:
             The linearised experiment.
@@ -128,11 +128,11 @@ class LoadedEquilibriumModel:
         return LinearisedExperiment(**{**given, "measured": e.measured - d + S @ compliance}, sensitivity=S)
 
     def _settle(self, c: Array, wrench: Array) -> tuple[ArmState, Array]:
-        """Return the equilibrium state and ∂θ/∂c (N, 6, 6)."""
+        """Return the equilibrium state and ∂θ/∂c (N, n, n)."""
         command = self.experiment.state.q
         if self.masses is None and not wrench.any():  # no joint is loaded
-            return self.experiment.state, np.zeros((len(command), 6, 6))
-        theta, eye = command.copy(), np.eye(6)
+            return self.experiment.state, np.zeros((*command.shape, command.shape[1]))
+        theta, eye = command.copy(), np.eye(command.shape[1])
         for _ in range(MOST_STEPS):
             state, tau, H = self._torque(theta, wrench)
             matrix = eye - c[:, None] * H
@@ -167,9 +167,9 @@ class LoadedEquilibriumModel:
 class EquilibriumFit:
     """Compliances fitted at the loaded equilibria."""
 
-    compliance: Array  # (6,) rad/(N·m)
+    compliance: Array  # (n,) rad/(N·m)
     linear: LinearisedExperiment  # about ``compliance``; used for covariance and residuals
-    start: Array  # (6,) rad/(N·m), linear fit
+    start: Array  # (n,) rad/(N·m), linear fit
     influence: Array  # (N,) relative change of the translation by K_C, weight and finite rotations
     rounds: int
 
@@ -181,8 +181,8 @@ def refine_at_equilibrium(
 
     Args:
         equilibrium: Readings and arm model.
-        start: (6,) compliance of the linear fit, rad/(N·m).
-        fit: Function that fits joint compliances (6,) ≥ 0 to a linear experiment; None: unweighted least
+        start: (n,) compliance of the linear fit, rad/(N·m).
+        fit: Function that fits joint compliances (n,) ≥ 0 to a linear experiment; None: unweighted least
             squares with rotations scaled to translations.
 
     Returns:
@@ -214,7 +214,7 @@ def compute_nonlinear_share(equilibrium: LoadedEquilibriumModel, compliance: Arr
 
     Args:
         equilibrium: Readings and arm model.
-        compliance: (6,) joint compliance, rad/(N·m).
+        compliance: (n,) joint compliance, rad/(N·m).
 
     Returns:
         (N,) 0 to 1.
@@ -231,14 +231,14 @@ def fit_unweighted_compliances(experiment: LoadTestExperiment) -> Array:
         experiment: Load tests in base axes.
 
     Returns:
-        (6,) rad/(N·m).
+        (n,) rad/(N·m).
     """
     from scipy.optimize import lsq_linear
 
-    A, y = experiment.response()[..., :6], experiment.measured
+    A, y = experiment.response()[..., : experiment.joint_count], experiment.measured
     size = [np.sqrt(np.mean(y[:, a : a + 3] ** 2)) for a in range(0, y.shape[1], 3)]
     scale = 1.0 / np.repeat(np.maximum(size, np.finfo(float).tiny), 3)
-    X, z = (A * scale[:, None]).reshape(-1, 6), (y * scale).reshape(-1)
+    X, z = (A * scale[:, None]).reshape(-1, experiment.joint_count), (y * scale).reshape(-1)
     column = np.linalg.norm(X, axis=0)
     column = np.where(column > 0, column, 1.0)
     return np.asarray(lsq_linear(X / column, z, bounds=(0.0, np.inf), tol=1e-14).x / column)

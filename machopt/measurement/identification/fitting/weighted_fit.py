@@ -52,21 +52,22 @@ class FitCoefficient:
     name: str  # "joint 3", or "link_compliance at link:4 1/EI"
     unit: str
     lower: float = 0.0
-    joint: int | None = None  # 1 … 6
+    joint: int | None = None  # 1 … n
     term: int | None = None  # index of its term
     coefficient: int = 0  # index in its term
 
 
-def list_fit_coefficients(terms: Sequence[LinearTerm] = ()) -> tuple[FitCoefficient, ...]:
-    """List the six joint compliances and then the coefficients of the terms.
+def list_fit_coefficients(joints: int, terms: Sequence[LinearTerm] = ()) -> tuple[FitCoefficient, ...]:
+    """List the joint compliances and then the coefficients of the terms.
 
     Args:
+        joints: Number of joints of the arm.
         terms: Linear terms.
 
     Returns:
         The coefficients.
     """
-    out = [FitCoefficient(name=f"joint {j}", unit="rad/(N·m)", lower=0.0, joint=j) for j in range(1, 7)]
+    out = [FitCoefficient(name=f"joint {j}", unit="rad/(N·m)", lower=0.0, joint=j) for j in range(1, joints + 1)]
     for t, term in enumerate(terms):
         for k, c in enumerate(term.coefficients):
             out.append(
@@ -136,8 +137,13 @@ class StiffnessFit:
 
     @property
     def compliance(self) -> Array:
-        """Joint compliances (6,) rad/(N·m)."""
-        return self.x[:6]
+        """Joint compliances (n,) rad/(N·m)."""
+        return self.x[: self.joint_count]
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints of the arm, n; their compliances are the first coefficients."""
+        return self.experiment.joint_count
 
     @property
     def residual(self) -> Array:
@@ -155,12 +161,13 @@ def set_term_coefficients(terms: Sequence[LinearTerm], x: Array) -> tuple[Linear
 
     Args:
         terms: Linear terms.
-        x: (6 + P,) coefficients; those of the terms follow the six joints.
+        x: (n + P,) coefficients; those of the terms follow the n joints.
 
     Returns:
         The terms.
     """
-    out, at = [], 6
+    out: list[LinearTerm] = []
+    at = len(x) - sum(len(term.coefficients) for term in terms)
     for term in terms:
         n = len(term.coefficients)
         out.append(term.with_values(x[at : at + n]))
@@ -221,7 +228,7 @@ def fit_stiffness(
     Source:
         Dumas et al. 2011, eqs. 16–26.
     """
-    what = list_fit_coefficients(terms)
+    what = list_fit_coefficients(experiment.joint_count, terms)
     A = experiment.response(terms)
     y = experiment.measured
     for term in fixed:
@@ -329,9 +336,10 @@ class _FitIteration:
         typical = np.array([estimate_robust_scale(residual[:, c : c + 3], len(x)) for c in range(0, D, 3)])
         weighting: ReadingWeights | None = None
         found: tuple[VarianceComponents, ...] = ()
+        joints = self.experiment.joint_count
         for _ in range(ROUNDS):
             known = set_term_coefficients(self.terms, x * self.column)
-            V = compute_reading_covariance(self.experiment, x[:6] * self.column[:6], known, stated, typical)
+            V = compute_reading_covariance(self.experiment, (x * self.column)[:joints], known, stated, typical)
             doubt = self._compute_covariance(residual, V, weighting) if self.robust else np.ones((N, D))
             weighting = ReadingWeights(V, (), doubt)
             parts = self.sums(weighting)

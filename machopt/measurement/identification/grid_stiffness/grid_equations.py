@@ -62,11 +62,12 @@ class GridEquations:
             The equations.
         """
         A = constant.A[rows]
-        joints = A[..., :6] * reference
-        keep = constant.x[6:] > constant.lower[6:]
-        fixed = np.where(keep, 0.0, constant.x[6:])
-        y = constant.y[rows] - joints[..., ~vary].sum(axis=-1) - A[..., 6:] @ fixed
-        scaled = (A[..., 6:] * constant.column[6:])[..., keep]
+        n = constant.joint_count
+        joints = A[..., :n] * reference
+        keep = constant.x[n:] > constant.lower[n:]
+        fixed = np.where(keep, 0.0, constant.x[n:])
+        y = constant.y[rows] - joints[..., ~vary].sum(axis=-1) - A[..., n:] @ fixed
+        scaled = (A[..., n:] * constant.column[n:])[..., keep]
         groups = constant.clusters if rows.all() else build_error_clusters(constant.experiment.select_readings(rows))
         A = np.concatenate([joints[..., vary], scaled], axis=-1)
         return cls(
@@ -148,7 +149,8 @@ class GridEquations:
 
     def first_unknowns(self) -> Array:
         """Return the unknowns (n,) of the constant model: log relative compliances by cell, then scaled terms."""
-        terms = (self.constant.x[6:] / self.constant.column[6:])[self.kept_columns]
+        n = self.constant.joint_count
+        terms = (self.constant.x[n:] / self.constant.column[n:])[self.kept_columns]
         return np.concatenate([np.zeros(len(self.places.cells) * int(self.varying_joints.sum())), terms])
 
     def linear(self, beta: Array) -> LinearisedResponse:

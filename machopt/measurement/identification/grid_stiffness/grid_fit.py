@@ -205,10 +205,11 @@ def _compute_pose_positions(fit: StiffnessFit) -> tuple[Array, Ints]:
 def _select_varying_joints(fit: StiffnessFit, hold: Array | None) -> tuple[Bools, Array]:
     """Return which joints vary (6,), and the reference compliance (6,); for fixed joints their value."""
     c = fit.compliance
-    is_fixed = np.full(6, np.nan) if hold is None else np.asarray(hold, float)
+    n = fit.joint_count
+    is_fixed = np.full(n, np.nan) if hold is None else np.asarray(hold, float)
     M = np.linalg.pinv(fit.normal.total()[0], hermitian=True)
-    sigma = np.sqrt(np.maximum(np.diag(M)[:6], 0.0)) * fit.column[:6]
-    seen = np.abs(fit.A[..., :6]).max(axis=(0, 1)) * c.max() > MIN_COLUMN_EFFECT * np.abs(fit.y).max()
+    sigma = np.sqrt(np.maximum(np.diag(M)[:n], 0.0)) * fit.column[:n]
+    seen = np.abs(fit.A[..., :n]).max(axis=(0, 1)) * c.max() > MIN_COLUMN_EFFECT * np.abs(fit.y).max()
     vary = ~np.isfinite(is_fixed) & seen & (c > thresholds.IDENTIFIED.varies * sigma)
     blind = ~np.isfinite(is_fixed) & ~seen
     if blind.any():
@@ -251,7 +252,8 @@ def _predict_cells(
     full = np.einsum("gc,cidj,gd->gij", weight, cov, weight, optimize=True)
     full += left[:, None, None] * np.diag(spread2)
     centre_cov = np.einsum("c,cidj,d->ij", mean, cov, mean, optimize=True) + unsure * np.diag(spread2)
-    log_c, log_cov, learned = np.zeros((G, 6)), np.zeros((G, 6, 6)), np.zeros((G, 6))
+    n = len(vary)
+    log_c, log_cov, learned = np.zeros((G, n)), np.zeros((G, n, n)), np.zeros((G, n))
     log_c[:, vary] = weight @ z
     log_cov[np.ix_(np.arange(G), vary, vary)] = full
     # prior variance of a cell about the estimated mean; undefined for a single cell
@@ -273,13 +275,14 @@ def _build_grid_fit(work: GridEquations, region: GridRegion, solution: _GridSolu
     log_cov = predicted.covariance
     c = work.reference * np.exp(predicted.cells)
     sigma = np.sqrt(np.diagonal(log_cov, axis1=1, axis2=2))
-    centre, around, spread = np.ones(6), np.zeros((6, 6)), np.zeros(6)
+    n = fit.joint_count
+    centre, around, spread = np.ones(n), np.zeros((n, n)), np.zeros(n)
     centre[vary] = np.exp(predicted.centre)
     centre *= work.reference
     around[np.ix_(vary, vary)] = predicted.centre_covariance
     spread[vary] = prior.spread
-    terms = fit.x[6:].copy()
-    terms[keep] = posterior.beta[len(work.places.cells) * int(vary.sum()) :] * fit.column[6:][keep]
+    terms = fit.x[n:].copy()
+    terms[keep] = posterior.beta[len(work.places.cells) * int(vary.sum()) :] * fit.column[n:][keep]
     with np.errstate(divide="ignore"):
         constant = 1.0 / fit.compliance
     return GridFit(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from machopt.data_types.locations import JOINT, LINK, format_joint_location, format_link_location, parse_location
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
 
     Body = Markup | str
 
-JOINT_LOCATIONS = tuple(format_joint_location(j) for j in range(1, 7))
-LINK_LOCATIONS = tuple(format_link_location(j) for j in range(1, 7))
-
 
 def build_limits_html(d: DiagnosisResult) -> Body:
     """Return matrices of effects over joints and links, a table of the rest, and the reasons; empty without limits.
@@ -31,14 +29,16 @@ def build_limits_html(d: DiagnosisResult) -> Body:
     reasons = {(u.effect, u.location): u.reason for u in d.untestable}
     if not least and not reasons:
         return ""
+    numbers = range(1, d.joint_count + 1)
+    joints, links = ([at(j) for j in numbers] for at in (format_joint_location, format_link_location))
     body: Body = ""
-    for title, places in (("Joints", JOINT_LOCATIONS), ("Links", LINK_LOCATIONS)):
+    for title, places in (("Joints", joints), ("Links", links)):
         effects = list(dict.fromkeys(e for e, where in [*least, *reasons] if where in places))
         rows = [_build_row(e, places, least, reasons) for e in effects]
         if rows:
-            columns = [TableColumn(title), TableColumn("Unit"), *(TableColumn(str(n), "html") for n in range(1, 7))]
+            columns = [TableColumn(title), TableColumn("Unit"), *(TableColumn(str(n), "html") for n in numbers)]
             body += build_table(columns, rows)
-    rest = [name for name in dict.fromkeys([*least, *reasons]) if name[1] not in (*JOINT_LOCATIONS, *LINK_LOCATIONS)]
+    rest = [name for name in dict.fromkeys([*least, *reasons]) if name[1] not in (*joints, *links)]
     if rest:
         columns = [TableColumn("Elsewhere"), TableColumn("Least size", "html"), TableColumn("Unit")]
         body += build_table(
@@ -104,7 +104,7 @@ def _group_names(names: list[tuple[str, str]]) -> str:
 
 def _build_row(
     effect: str,
-    places: tuple[str, ...],
+    places: Sequence[str],
     least: dict[tuple[str, str], DetectionLimit],
     reasons: dict[tuple[str, str], str],
 ) -> list[Body]:

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from machopt.data_types.locations import format_link_location, parse_location
+from machopt.data_types.locations import BASE, LINK, TOOL, parse_location
 from machopt.effects import registry
 from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
@@ -37,6 +37,7 @@ BODY = "body"  # family of compliant bodies
 SENSOR = "sensor"  # family of recording errors
 RELATIVE_UNITS = {"%": 0.01, "deg": np.pi / 180.0}  # relative size of a gain, of an angle
 JOINTS_BEFORE_WRIST = 3  # number of joints before the wrist
+LAST_LINK_OF_SIX = 5  # from this link on, links count as next to the tool
 
 
 @dataclass(frozen=True)
@@ -397,9 +398,14 @@ def _is_neighbour(a: EffectHypothesis, b: EffectHypothesis) -> bool:
     """Return whether the remainder of one law resembles the other: the same place or an adjacent body."""
     if a.location == b.location:
         return True
-    bodies = {"base": 0, "tool": 6} | {format_link_location(i): i for i in range(1, 7)}
-    both = [bodies.get(h.location) for h in (a, b)]
-    return both[0] is not None and both[1] is not None and abs(both[0] - both[1]) <= 1
+    places = [parse_location(h.location) for h in (a, b)]
+    links = [p.numbers[0] for p in places if p.kind == LINK]
+    if len(links) == 2:
+        return abs(links[0] - links[1]) <= 1
+    kinds = {p.kind for p in places}
+    return len(links) == 1 and (
+        (kinds == {LINK, BASE} and links[0] == 1) or (kinds == {LINK, TOOL} and links[0] >= LAST_LINK_OF_SIX)
+    )
 
 
 def select_simplest_law(model: WhitenedModel, scored: Sequence[ScoredHypothesis]) -> ScoredHypothesis:
