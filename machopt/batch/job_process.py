@@ -9,7 +9,8 @@ from typing import Any
 
 from machopt.batch.process_messages import JobMessage
 from machopt.data_types.documents.batch_document import BatchRowSection
-from machopt.data_types.documents.optimize_document import OptimizeDocument, ProcessSection, ToleranceEntry
+from machopt.data_types.documents.optimize_document import OptimizeDocument
+from machopt.data_types.documents.process_entries import ProcessSection, ToleranceEntry
 from machopt.errors import MachoptError
 
 DISK_ERROR_CODES = frozenset(
