@@ -62,7 +62,7 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	$(BIN)/mypy --config-file= --python-version 3.11 --ignore-missing-imports --follow-imports=silent benchmarks/*.py
+	$(BIN)/mypy --config-file benchmarks/mypy.ini
 
 check: lint test proofs
 
