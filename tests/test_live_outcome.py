@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser_driver import Browser
+from test_view_command import DOTS, driven
 
 from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.errors import InputError
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.view.live_job import LiveJob
-from machopt.view.run import SessionActions
+from machopt.view.run import SessionActions, ViewRequest, serve_view
 from machopt.view.session import ViewSession
 
 pytestmark = pytest.mark.slow
@@ -134,3 +136,37 @@ def test_without_a_process_nothing_is_asked_and_unknown_stays_unknown(tmp_path: 
     made = LiveJob.build(session.current.job_result)
     assert made.parts[0][1] is not None
     assert '"live": true' in session.build_html() or '"live":true' in session.build_html()
+
+
+def test_a_dragged_hole_shows_its_outcome_and_the_plan_comes_back_after_the_drop(tmp_path: Path) -> None:
+    (tmp_path / "job.csv").write_text(HOLES)
+    (tmp_path / "mine.yaml").write_text(DRILLING)
+    request = OptimizeRequest(
+        cell=CELLS / "kr240_drilling",
+        toolpath=tmp_path / "job.csv",
+        out=tmp_path / "out",
+        process=tmp_path / "mine.yaml",
+        overrides=("rotation_step_deg=10",),
+    )
+    asked = ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml")
+    server = serve_view(asked, quiet, quiet)
+
+    def user(browser: Browser) -> None:
+        browser.script("document.getElementById('rotation').scrollIntoView()")
+        x, y, _ = next(dot for dot in browser.script(DOTS) if dot[2] == 2)
+        mouse = browser.page.mouse
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x, y + (20 if y < 400 else -20))
+        browser.page.wait_for_selector(".pin[data-outcome]:not([data-outcome=''])")
+        said = browser.script("document.querySelector('.tip').innerText")
+        assert "outcome" in said
+        assert "error across" in said
+        assert "of ± 0.3 mm" in said
+        mouse.up()
+        assert browser.script("document.querySelectorAll('.pin[data-outcome]').length") == 0
+        browser.page.click(".wish + button")
+        assert browser.script("document.getElementById('told').textContent").startswith("Planned in")
+        assert browser.complaints == []
+
+    driven(server, user)

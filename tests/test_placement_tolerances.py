@@ -76,6 +76,7 @@ def get_estimator(site: PlacementSite) -> ToleranceEstimator:
     return found
 
 
+@pytest.mark.slow
 def test_the_bound_counts_what_passes_in_no_configuration(job: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against all configurations, one after the other; the grid's best sequence has no more in tolerance."""
     grids = []
