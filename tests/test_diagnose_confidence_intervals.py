@@ -19,7 +19,7 @@ from machopt.measurement.diagnosis.model_selection.evaluation import finding_est
 
 if TYPE_CHECKING:
     from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
-    from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedHypothesis
+    from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "diagnosis_chain_benchmark"))
 import generate_cases

@@ -28,7 +28,8 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_ratio_refinement
 from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
 from machopt.measurement.diagnosis.statistics import replicate_noise
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model, whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.measurement.diagnosis.statistics.whitening import build_whitening
 from machopt.numerics.array_types import Array
 

@@ -18,8 +18,9 @@ from machopt.measurement.diagnosis.model_selection.attribution import place_cert
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.search import extended_search, joint_selection
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_whitened_model, whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_whitened_model
 from machopt.measurement.diagnosis.statistics.outlier_rejection import find_repeated_deviations
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.numerics.array_types import Array
 
 

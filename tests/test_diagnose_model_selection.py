@@ -25,8 +25,9 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
 )
 from machopt.measurement.diagnosis.statistics import holdout_residuals, replicate_noise
 from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model, whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.measurement.diagnosis.statistics.whitening import build_whitening
 
 GROUPS, SESSIONS, EACH = 24, 2, 6

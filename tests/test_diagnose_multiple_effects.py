@@ -28,15 +28,11 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
     prune_joint_effects,
     select_effects,
 )
-from machopt.measurement.diagnosis.statistics import normal_equations_by_fold
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    build_base_model,
-    whiten_hypotheses,
-)
+from machopt.measurement.diagnosis.statistics import fold_rows, whitened_hypothesis
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, build_base_model
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_whitened_model as grams_model
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.measurement.diagnosis.statistics.whitening import build_whitening
 from machopt.numerics.array_types import Array
 
@@ -414,9 +410,9 @@ def test_products_with_a_model_are_worked_out_once_for_each_of_its_parts(monkeyp
     base, laws = model(MANY, 4)
     laws = whiten_hypotheses(base, [t.hypothesis for t in laws])
     worked: list[int] = []
-    plain = normal_equations_by_fold.compute_products_by_fold
+    plain = whitened_hypothesis.compute_products_by_fold
     monkeypatch.setattr(
-        normal_equations_by_fold, "compute_products_by_fold", lambda *given: worked.append(1) or plain(*given)
+        whitened_hypothesis, "compute_products_by_fold", lambda *given: worked.append(1) or plain(*given)
     )
     score_hypotheses(base, laws)
     first = len(worked)
@@ -440,7 +436,7 @@ def test_products_by_fold_are_those_of_each_fold(lengths: tuple[int, ...]) -> No
     rng = np.random.default_rng(sum(lengths))
     rows = np.split(rng.permutation(sum(lengths)), np.cumsum(lengths)[:-1])
     x, y = rng.normal(size=(sum(lengths), 3, 2)), rng.normal(size=(sum(lengths), 4))
-    folds = normal_equations_by_fold.FoldRows.of([(r, r) for r in rows])
-    found = normal_equations_by_fold.compute_products_by_fold(x, y, folds)
+    folds = fold_rows.FoldRows.of([(r, r) for r in rows])
+    found = fold_rows.compute_products_by_fold(x, y, folds)
     expected = np.stack([np.einsum("msi,mp->sip", x[r], y[r]) for r in rows])
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

@@ -33,12 +33,9 @@ from machopt.measurement.diagnosis.model_selection.search.shape_refinement impor
     compute_likelihood_margin,
     refine_law_shape,
 )
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedModel,
-    build_base_model,
-    whiten_hypotheses,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, build_base_model
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.measurement.diagnosis.statistics.whitening import build_whitening
 from machopt.numerics.array_types import Array
 

@@ -14,7 +14,7 @@ from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates 
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_two_number_refinement
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.numerics.array_types import Array
 
 GRID = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 3) for w in (0.2, 0.4))

@@ -11,12 +11,8 @@ from test_diagnose_multiple_effects import MANY, SIGMA, N, made, model
 
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Quantity
 from machopt.measurement.diagnosis.model_selection.search import joint_selection, predictive_score
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    build_whitened_model,
-    whiten_hypotheses,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, build_whitened_model
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.numerics.array_types import Array
 
 ZEROS = [f"joint:{j}" for j in range(1, 7)]

@@ -76,6 +76,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "model_selection.search.shape_refinement.NARROW",
     "model_selection.search.shape_refinement.NARROWER",
     "model_selection.search.progress_rate.REPORT_INTERVAL",
+    "statistics.fold_rows.MAX_PADDING",  # how products are computed, not which
     "statistics.normal_equations_by_fold.MIN_COLUMN_SQUARE",
     "statistics.normal_equations_by_fold.RIDGE",
     "dynamic.time_delays.LONGEST",

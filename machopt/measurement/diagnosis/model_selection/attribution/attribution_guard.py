@@ -37,7 +37,7 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
 )
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.statistics import holdout_residuals
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedHypothesis, whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.numerics.array_types import Array
 
 SMALL_GAIN_REASON = "explains little more than what is left beside it"

@@ -25,11 +25,8 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import refine_law_shape
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    whiten_hypotheses,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.numerics.array_types import Array
 
 RATIOS = (0.1, 0.15, 0.2, 0.28, 0.35, 0.45, 0.55, 0.7, 0.85)  # lever ratios a/L that are tried

@@ -13,7 +13,7 @@ from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 
 
 def compute_closed_share(state: SearchState, chosen: Sequence[SelectedEffect]) -> float:

@@ -16,10 +16,10 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import DetectionL
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import minimise_bounded_quadratics
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     MIN_COLUMN_SQUARE,
-    WhitenedHypothesis,
     WhitenedModel,
     invert_with_ridge,
 )
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 from machopt.numerics.array_types import Array
 
 DIRECTIONS = 8

@@ -24,11 +24,8 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
 )
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import compute_likelihood_margin
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    compute_cluster_robust_fit,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, compute_cluster_robust_fit
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 from machopt.numerics.array_types import Array
 
 MAX_LISTED = 10

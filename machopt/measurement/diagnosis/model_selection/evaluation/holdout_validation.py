@@ -10,7 +10,8 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
 from machopt.measurement.diagnosis.model_selection.search.joint_selection import search_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.statistics import holdout_residuals
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model, whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.measurement.diagnosis.statistics.whitening import build_whitening
 
 FLIPS = 4096

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     MIN_COLUMN_SQUARE,
-    WhitenedHypothesis,
     WhitenedModel,
     invert_with_ridge,
 )
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 from machopt.numerics.array_types import Array
 
 Ints = NDArray[np.int64]

@@ -12,10 +12,10 @@ from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     MIN_COLUMN_SQUARE,
     ModelColumns,
-    WhitenedHypothesis,
     WhitenedModel,
     invert_with_ridge,
 )
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 from machopt.numerics.array_types import Array, Ints
 
 MOST_SHAPES = 8  # most shapes of a law that is no harmonic

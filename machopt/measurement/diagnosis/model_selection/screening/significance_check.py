@@ -7,11 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import stdtrit
 
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    compute_cluster_robust_fit,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, compute_cluster_robust_fit
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 from machopt.numerics.array_types import Array
 
 

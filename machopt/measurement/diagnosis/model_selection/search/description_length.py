@@ -40,12 +40,8 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
     is_supported,
     is_supported_without_session_check,
 )
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    invert_with_ridge,
-    select_shape,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, select_shape
 
 MAX_EXCHANGED = 3  # most effects exchanged at once
 MAX_CANDIDATES = 8  # laws with the largest gains whose description length is computed per step

@@ -17,11 +17,8 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHyp
 from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, joint_selection
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.predictive_score import compute_set_score, get_required_gain
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    whiten_hypotheses,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 
 SearchOutcome = tuple[
     tuple[WhitenedHypothesis, ...], tuple[SelectedEffect, ...]

@@ -29,7 +29,8 @@ from machopt.measurement.diagnosis.model_selection.screening.significance_check 
     find_insignificant_laws,
     project_to_plausible_coefficients,
 )
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedHypothesis, WhitenedModel
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 from machopt.numerics.array_types import Array
 
 PAIR_CANDIDATES = 6

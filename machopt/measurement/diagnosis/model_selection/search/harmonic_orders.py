@@ -26,11 +26,8 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
     compute_least_gain,
     is_supported,
 )
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    whiten_hypotheses,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.numerics.array_types import Array
 
 MOST = 6  # most orders of a joint, as a safeguard

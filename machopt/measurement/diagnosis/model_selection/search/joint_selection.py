@@ -49,12 +49,8 @@ from machopt.measurement.diagnosis.model_selection.search.predictive_score impor
     score_together,
     select_zero_offsets,
 )
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    invert_with_ridge,
-    whiten_hypotheses,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.numerics.array_types import Array, Ints
 
 DEFAULT_MAX_EFFECTS = 3  # default number of effects of forward selection

@@ -25,12 +25,8 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
     add_selected_effects,
     has_plausible_sizes,
 )
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
-    WhitenedHypothesis,
-    WhitenedModel,
-    invert_with_ridge,
-    select_shape,
-)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, select_shape
 from machopt.numerics.array_types import Array, Ints
 
 

@@ -20,7 +20,8 @@ from machopt.measurement.diagnosis.model_selection.search.progress_rate import P
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import refine_chosen_shapes
 from machopt.measurement.diagnosis.statistics import outlier_rejection, replicate_noise
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model, whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.measurement.diagnosis.statistics.whitening import build_whitening
 from machopt.numerics.array_types import Array
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, HypothesisCatalogue
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedHypothesis, WhitenedModel
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 from machopt.measurement.diagnosis.statistics.whitening import ErrorWhitening
 from machopt.numerics.array_types import Array
 

@@ -16,7 +16,8 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
 )
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
-from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.numerics.array_types import Array
 
 RATIO_POINTS = 6  # shapes between two grid neighbours
