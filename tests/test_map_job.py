@@ -82,6 +82,35 @@ def test_the_error_is_that_of_the_compliance_under_the_stated_force(tmp_path: Pa
     assert p[order[0]] >= p[order[-1]]  # the smallest error has no lower probability than the largest
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("thrust_spread_percent: 30", "thrust_spread_percent: 80"),
+        ("clamp_N: 5000,", "clamp_N: 5000, wear: [1.0, 3.0],"),
+    ],
+)
+def test_a_clamp_above_the_thrust_is_drawn_with_no_spread(tmp_path: Path, change: tuple[str, str]) -> None:
+    text = DRILLING.replace("depth_mm: 12,", "depth_mm: 12, clamp_N: 5000,").replace(
+        "position_mm: 0.3", "position_mm: 0.5"
+    )
+    plain, changed = (
+        compute_map(build_request(tmp_path, one), lambda _: None).layers[0].values.value["p_in_1"]
+        for one in (text, text.replace(*change))
+    )
+    known = np.isfinite(plain)
+    assert np.ptp(plain[known]) > 0.0
+    # torque and the lateral force are drawn still; they move the hole by little
+    np.testing.assert_allclose(changed[known], plain[known], atol=0.03)
+
+
+def test_a_stated_normal_maps_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    head, *rows = ROWS.split("\n")
+    monkeypatch.setattr(f"{__name__}.ROWS", "\n".join([f"{head},nx,ny,nz", *(f"{row},1,0,0" for row in rows)]))
+    found = compute_map(build_request(tmp_path, DRILLING.replace("surface: floor", "surface: table")), lambda _: None)
+    assert "error_2" not in found.layers[0].values.value
+    assert any(w.startswith("push: no error is mapped") for w in found.result.warnings)
+
+
 def test_without_what_the_probability_needs_only_the_error_is_mapped(tmp_path: Path) -> None:
     found = compute_map(build_request(tmp_path, DRILLING.replace("thrust_spread_percent: 30,", "")), lambda _: None)
     value = found.layers[0].values.value

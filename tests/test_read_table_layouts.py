@@ -102,3 +102,13 @@ def test_a_table_without_column_move_has_no_way_between_them(tmp_path: Path) -> 
     text = "x_mm,y_mm,z_mm,kind,depth_mm,approach_mm,feed_mm_min\n10,10,-5,holes,5,3,100\n40,40,-3,path,,,200\n"
     with pytest.raises(InputError, match="column move"):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    "header", ["x_mm,\ty_mm,\tz_mm,i,j,k,feed_mm_min", 'x_mm,y_mm,z_mm,i,j,k,feed_mm_min,"note; x"']
+)
+def test_a_comma_separates_where_it_gives_the_header(tmp_path: Path, header: str) -> None:
+    file = tmp_path / "path.csv"
+    more = "," if "note" in header else ""
+    file.write_text(f"{header}\n1,2,3,0,0,1,600{more}\n4,5,6,0,0,1,600{more}\n", encoding="utf-8")
+    np.testing.assert_allclose(1e3 * read_toolpath(file, kind="path").position[-1], [4, 5, 6])

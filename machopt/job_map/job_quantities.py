@@ -45,7 +45,8 @@ class OperationLoad:
 
     one: ProcessOperation
     row: int  # toolpath point
-    force: Array  # (3,) N that the arm bears along travel, normal, axis
+    force: Array  # (3,) N of the process along travel, normal, axis
+    clamp: float = 0.0  # N, of a hole: the arm bears at least this along the axis
     moment: float  # N·m about the axis
     normal_sign: float  # of a milled wall: its normal is this times axis × travel; 0: the floor, or a hole
     is_known: bool  # a hole, or a surface whose normal is known
@@ -73,7 +74,10 @@ def build_job_quantities(
     out: list[MapQuantity] = []
     notes: list[str] = []
     for n, load in enumerate(_list_operation_loads(cell, toolpath, process, loads), 1):
-        out.append(_build_error_quantity(model, n, load))
+        if load.one.is_hole or load.is_known:
+            out.append(_build_error_quantity(model, n, load))
+        else:
+            notes.append(f"{load.one.label}: no error is mapped: its surface does not follow from the travel direction")
         why = model.find_missing(load)
         if why:
             notes.append(f"{load.one.label}: no probability is mapped: {why}")
@@ -102,12 +106,13 @@ def _list_operation_loads(
         mine = np.flatnonzero(holes.operation == k)
         if len(mine):
             h = int(mine[np.argmax(holes.thrust[mine])])
-            force = np.append(holes.force[h], max(holes.thrust[h], holes.clamp[h]))
+            force = np.append(holes.force[h], holes.thrust[h])
             out.append(
                 OperationLoad(
                     one=one,
                     row=int(holes.row[h]),
                     force=force,
+                    clamp=float(holes.clamp[h]),
                     moment=float(holes.torque[h]),
                     normal_sign=0.0,
                     is_known=True,
@@ -188,11 +193,13 @@ class _JobModel:
         travel = travel / np.linalg.norm(travel, axis=1, keepdims=True)
         return travel, np.cross(axis, travel), axis
 
-    def compute_error_rows(self, s: PostureStates, load: OperationLoad) -> Array:
-        """Return (M, K, 1 + R) error components by nominal stiffness and each of its errors: two across, or one."""
+    def compute_error_rows(self, s: PostureStates, load: OperationLoad, force: Array, moment: float) -> Array:
+        """Return (M, K, 1 + R) error components by nominal stiffness and each of its errors: two across, or one.
+
+        Force (3,) in N lies along travel, normal and axis, the moment in N·m about the axis.
+        """
         travel, normal, axis = self.compute_axes(s)
-        f = load.force
-        wrench = np.hstack([f[0] * travel + f[1] * normal + f[2] * axis, load.moment * axis])
+        wrench = np.hstack([force[0] * travel + force[1] * normal + force[2] * axis, moment * axis])
         external = None
         if self.setting.external_compliance is not None and self.setting.external is not None:
             values = np.tile(self.setting.external, (len(axis), 1))
@@ -206,9 +213,9 @@ def _build_error_quantity(model: _JobModel, n: int, load: OperationLoad) -> MapQ
     where = "across the hole" if load.one.is_hole else "normal to the surface"
 
     def compute(s: PostureStates) -> Array:
-        return np.asarray(np.linalg.norm(model.compute_error_rows(s, load)[:, :, 0], axis=1))
+        return np.asarray(np.linalg.norm(model.compute_error_rows(s, load, f, load.moment)[:, :, 0], axis=1))
 
-    f = load.force
+    f = np.append(load.force[:2], max(load.force[2], load.clamp))  # that the arm bears
     return _build_quantity(
         f"error_{n}",
         f"Error of {load.one.label}",
@@ -227,9 +234,12 @@ def _build_probability_quantity(model: _JobModel, n: int, load: OperationLoad) -
     limit = one.tolerance.position if one.is_hole else one.tolerance.surface
 
     def compute(s: PostureStates) -> Array:
-        rows = model.compute_error_rows(s, load)
+        # the force of the process is drawn; the clamp, which bears where it is larger, is not
+        rows = model.compute_error_rows(s, load, np.append(load.force[:2], 0.0), load.moment)
+        along = model.compute_error_rows(s, load, np.array([0.0, 0.0, 1.0]), 0.0)
         scaled = (factor[:, None] * draws.stiffness).T
-        parts = [rows[:, k] @ scaled + std * draws.position[:, k] for k in range(rows.shape[1])]
+        borne = (np.maximum(factor * load.force[2], load.clamp)[:, None] * draws.stiffness).T
+        parts = [rows[:, k] @ scaled + along[:, k] @ borne + std * draws.position[:, k] for k in range(rows.shape[1])]
         return np.asarray(np.mean(sum(p * p for p in parts) <= limit**2, axis=1))
 
     return _build_quantity(

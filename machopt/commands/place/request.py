@@ -52,6 +52,8 @@ def check_comparable_options(options: PlanOptions) -> None:
     wrong = None
     if options.method != "global":
         wrong = ("method", f"method {options.method} does not look for the best plan; global would work")
+    elif options.advised_feed_share is not None:
+        wrong = ("advised_feed_share", "places are compared at the feeds of the file; leaving it out would work")
     elif options.allow_gaps:
         wrong = ("allow_gaps", "a place could win by leaving the soft points out; false would work")
     elif options.fixed or options.steer:

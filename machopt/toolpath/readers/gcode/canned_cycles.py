@@ -121,7 +121,7 @@ def _compute_tapping_feeds(
         if pitch_mm is None:
             raise DrillingCycleError(f"{name}: thread size M{abs(size):g} is not in the coarse series; give the pitch")
     elif pitch:
-        pitch_mm = abs(pitch) * scale
+        pitch_mm = _convert_pitch(name, abs(pitch), values[13 if name == "CYCLE84" else 12], scale)
     else:
         return None, None
     speed, speed_out = (values[10], values[11]) if name == "CYCLE84" else (None, None)
@@ -129,6 +129,21 @@ def _compute_tapping_feeds(
     if not speed:
         return None, None
     return pitch_mm * speed, pitch_mm * (speed_out or speed)
+
+
+def _convert_pitch(name: str, pitch: float, unit: float | None, scale: float) -> float:
+    """Pitch in mm per turn; PITA: 0 or none in the unit of the program, 1 mm, 2 threads per inch, 3 inch per turn."""
+    if not unit:
+        return pitch * scale
+    if unit == 1:
+        return pitch
+    if unit == 2:
+        return 25.4 / pitch
+    if unit == 3:
+        return 25.4 * pitch
+    raise DrillingCycleError(
+        f"{name}: PITA={unit:g} is no unit of the pitch; expected 0, 1 (mm), 2 (1/inch) or 3 (inch)"
+    )
 
 
 def _parse_cycle_arguments(name: str, text: str) -> list[float | None]:

@@ -215,6 +215,10 @@ class GcodeReader(GWordReader):
             line: Line number in the file (1-based).
             text: Text in upper case without comments.
         """
+        if text.endswith(siemens_flow.NEXT_PASS):
+            self.code(line, text.removesuffix(siemens_flow.NEXT_PASS) + siemens_flow.RESTORE_MODES)
+            self.save_for_call()
+            return
         if text.startswith("%"):
             if text == siemens_flow.SAVE_MODES:
                 self.save_for_call()

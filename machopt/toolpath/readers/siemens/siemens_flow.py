@@ -36,6 +36,7 @@ NEEDS_FLOW = re.compile(
     re.IGNORECASE,
 )
 SAVE_MODES, RESTORE_MODES = "%SAVE", "%RESTORE"  # around a call of PROC … SAVE, for the reader
+NEXT_PASS = "%NEXT_PASS"  # of PROC … SAVE: the modes are restored and saved again
 _PREFIX = re.compile(r"(?:N\d+\s*)?(?:([A-Z_][A-Z0-9_]+)\s*:(?!=)\s*)?")
 _DEF = re.compile(r"DEF\s+(REAL|INT|BOOL)\b\s*(.*)")
 _IF_GOTO = re.compile(r"IF\s*(.*?)\s*(GOTO[BFC]?)\s+(\w+)\s*")
@@ -44,6 +45,7 @@ _CASE = re.compile(r"CASE\s*(.+?)\s*\bOF\b\s*(.*)")
 _CASE_BRANCH = re.compile(r"\s*([-+]?\d+\.?\d*|DEFAULT)\s+(GOTO[BFC]?)\s+(\w+)")
 _END = re.compile(r"(?<![\w\"])(?:M0*2|M30)(?![\w\"(=])")  # of a program; in a subprogram a return
 _AXIS_WORD = re.compile(r"(?<![A-Z_])[XYZABC]\s*(?:=|[-+.\d])")
+_QUOTED = re.compile(r'"[^"]*"?')  # text, which moves nothing
 _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.*)\bTO\b(.*)")
 _BLOCKS = {  # word → (closing word, words between)
     "IF": ("ENDIF", ("ELSE",)),
@@ -172,7 +174,11 @@ class SiemensFlow:
         value = self.variables.value
         if at in self.plain:
             text = self.lines.replace_expressions(code)
-            if self.modal is not None and _AXIS_WORD.search(code) and not any(call.modal for call in self.frames):
+            if (
+                self.modal is not None
+                and _AXIS_WORD.search(_QUOTED.sub("", code))
+                and not any(call.modal for call in self.frames)
+            ):
                 bound = bind_call(*self.modal, at + 1, line, self.variables)
                 bound.modal = True
                 return text, self._enter(bound)[1]
@@ -252,9 +258,10 @@ class SiemensFlow:
         text = RESTORE_MODES if call.program.saves_modes else ""
         if call.repeats:
             call.repeats -= 1
+            call.values.update({name: self.variables.values[to] for name, to in call.returned.items()})
             self.frames.append(call)
             enter_call(call, self.variables)
-            return "", call.program.first
+            return NEXT_PASS if text else "", call.program.first
         return text, call.back
 
     def _places(self, label: str, at: int) -> list[int]:

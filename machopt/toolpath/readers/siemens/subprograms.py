@@ -121,9 +121,10 @@ def compile_call_pattern(names: Sequence[str]) -> re.Pattern[str] | None:
     Args:
         names: Names of the programs.
     """
-    if not names:
+    callable_names = [name for name in names if not name.isdigit()]  # 10 in X-10 is no call of %_N_10_MPF
+    if not callable_names:
         return None
-    listed = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
+    listed = "|".join(map(re.escape, sorted(callable_names, key=len, reverse=True)))
     return re.compile(
         rf"(?<![\w=])(?:(MCALL|CALL|PCALL)\b\s*)?[\"/\w]*?(?<![A-Z0-9])(?:_N_)?({listed})(?:_SPF|_MPF)?\"?(?!\w|\s*[=:\[])"
     )

@@ -41,12 +41,12 @@ def find_layout(source: SourceFile) -> TableLayout | None:
     """
     titles: list[int] = []
     for line, text in iterate_data_lines(source):
-        separator = next((s for s in reversed(_SEPARATORS) if s in text), ",")
-        cells = [c.strip().strip('"') for c in text.split(separator)]
-        if not titles and len(cells) >= 3 and (_is_header(cells, "x") or all(map(is_number, cells))):
-            return TableLayout(line, separator)
-        if _is_header(cells, "xyz"):
-            return TableLayout(line, separator, tuple(titles))
+        for separator in _SEPARATORS:
+            cells = [c.strip().strip('"') for c in text.split(separator)]
+            if not titles and len(cells) >= 3 and (_is_header(cells, "x") or all(map(is_number, cells))):
+                return TableLayout(line, separator)
+            if _is_header(cells, "xyz"):
+                return TableLayout(line, separator, tuple(titles))
         titles.append(line)
         if len(titles) > _TITLE_LINES:
             break

@@ -64,8 +64,11 @@ def _check_stability(t: ResultComparison, found: ProcessSection) -> Iterable[str
         yield from check_equal(f"process.stability.{name}", getattr(stated, name), count)
     limit, depth = (t.points.read_numbers(name, empty=True) for name in ("a_lim_mm", "ap_mm"))
     ratio = np.where((words != "") & (words != "unknown"), limit / depth, np.nan)
-    if not np.isfinite(ratio).any() or stated.least_ratio is None or stated.least_point is None:
+    if not np.isfinite(ratio).any():
         yield from check_equal("process.stability.least_ratio", stated.least_ratio, None)
+        return
+    if stated.least_ratio is None or stated.least_point is None:
+        yield f"process.stability states no least ratio and its point; points.csv has {np.nanmin(ratio):.4g}"
         return
     rounding = PRINTED_DEPTH / float(np.nanmin(depth))
     yield from check_close("process.stability.least_ratio", stated.least_ratio, float(np.nanmin(ratio)), 0.0, rounding)
