@@ -108,9 +108,13 @@ class PlacementSearchResult:
 
     @property
     def is_optimal(self) -> bool:
-        """Whether no unplanned place of the grid can be better than the best plan."""
+        """Whether no unplanned place of the grid can be better than the best plan.
+
+        The limit of holes and points out of tolerance holds at the programmed feed. A motion that is slower there may
+        have fewer, so with some out of tolerance nothing is proven.
+        """
         best = self.best
-        return bool(best) and not can_beat(self.open_limit, best[0].rank)
+        return bool(best) and best[0].missed == 0 and not can_beat(self.open_limit, best[0].rank)
 
 
 def can_beat(limit: tuple[float, float], rank: tuple[float, float]) -> bool:

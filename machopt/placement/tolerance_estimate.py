@@ -1,8 +1,8 @@
 """Holes and points in tolerance at a place before any planning.
 
 Each hole or milled point is evaluated at its nearest station and at the programmed feed, as by ``objective:
-tolerance``. The bound counts the points that pass in at least one feasible configuration; no plan on the grid of
-rotations has more. Configurations with a low cost are tried first: most points pass in one of them.
+tolerance``. The bound counts the points that pass in at least one feasible configuration; at that feed no plan on the
+grid of rotations has more. Configurations with a low cost are tried first: most points pass in one of them.
 """
 
 from __future__ import annotations

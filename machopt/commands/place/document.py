@@ -163,8 +163,10 @@ def _format_verdict(siting: PlacementSearchResult, gain: float, code: int, edge:
     if siting.is_optimal:
         text += f"; no other of the {len(siting.places)} places can be better"
         text += ", by a grid of values of the external joints" if of_grid else ""
-    else:
+    elif siting.stopped:
         text += f"; stopped {siting.stopped}, a place left out may be better{_format_rest(siting, top)}"
+    else:
+        text += "; at the programmed feed no other place has more in tolerance, a motion that is slower may have"
     return text + (f"; at the edge of the range ({', '.join(edge)})" if edge else "")
 
 
