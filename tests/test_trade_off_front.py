@@ -263,3 +263,20 @@ def test_a_front_with_a_process_is_a_curve_and_is_verified(tmp_path: Path) -> No
 
 def _quote(text: str) -> str:
     return f'"{text}"' if "," in text else text
+
+
+@pytest.mark.slow
+def test_further_plans_with_rounded_rapid_corners_are_kept(tmp_path: Path) -> None:
+    rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min"]
+    for x, z, move in ((0, 100, "rapid,"), (0, 20, "rapid,"), (0, 0, "approach,1500"), (60, 0, "cut,3000")):
+        rows.append(f"{x},0,{z},0,0,1,{move}")
+    for x, y in ((60, 0), (200, 0), (200, 100), (60, 100)):
+        rows.append(f"{x},{y},100,0,0,1,rapid,")
+    rows += ["60,100,0,0,0,1,approach,1500", "0,100,0,0,0,1,cut,3000", "0,100,80,0,0,1,rapid,"]
+    table, out = tmp_path / "job.csv", tmp_path / "out"
+    table.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    cell = Path(__file__).resolve().parents[1] / "cells" / "kr500_milling"
+    outcome = run_optimize(OptimizeRequest(cell=cell, toolpath=table, out=out, front=True))
+    assert outcome.exit_code == 0
+    assert (out / "rapid_corners.csv").exists()
+    assert len((out / "front.csv").read_text(encoding="utf-8").splitlines()) > 2

@@ -11,9 +11,8 @@ import math
 import tempfile
 from pathlib import Path
 
-from machopt.commands.optimize.report_files import list_tool_names
+from machopt.commands.optimize.report_files import write_plan_tables
 from machopt.commands.optimize.request import OptimizeInputs
-from machopt.output.tables.plan_tables import write_points_csv, write_trajectory_csv
 from machopt.planning.job.job_planner import plan_job
 from machopt.planning.job.pareto_front import (
     FrontPlan,
@@ -82,10 +81,7 @@ def compute_trade_off_front(given: OptimizeInputs, requested: Plan, own: FrontPl
             continue
         with tempfile.TemporaryDirectory() as text:
             folder = Path(text)
-            write_points_csv(folder / "points.csv", job.points.table)
-            labels, kinds = [o.label for o in toolpath.operations], cell.external_prismatic
-            table = folder / "trajectory.csv"
-            write_trajectory_csv(table, timeline.trajectory, labels, kinds, list_tool_names(job.plan))
+            write_plan_tables(folder, job.plan, job.points, timeline, toolpath.engagement)
             if not check_contents(cell, toolpath, folder, options=other, manifest=None).ok:
                 continue
         found.append(measure_front_plan(name, changed, job.plan, timeline, job.points, requested))
