@@ -249,7 +249,7 @@ def test_what_is_saved_is_what_the_command_writes(
     assert capsys.readouterr() == ("", "")
     assert result.exit_code == 0
     timed = {"result.json", "report.html", "manifest.json"}
-    copies = {"points.parquet", "trajectory.parquet"}
+    copies = {"points.parquet", "rapid_corners.parquet", "trajectory.parquet"}
     table = pytest.importorskip("pyarrow.parquet").read_table(tmp_path / "out" / "points.parquet")
     for name in ("x_mm", "q3_deg", "deflection_mm"):
         np.testing.assert_array_equal(np.array(table[name], float), plan.points[name])
