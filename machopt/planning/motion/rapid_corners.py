@@ -243,8 +243,8 @@ def _shrink_failed_corners(corners: list[_Corner], space: CornerSpace) -> list[_
         if too_wide:
             _lower(corner, max(min(0.9 * space.deviation / corner.off, 0.9), 0.3))
             failed.append(corner.chain)
-    asked = [corner for corner, too_wide in zip(corners, wide, strict=True) if not too_wide]
-    for corner, hit in zip(asked, _find_hits(asked, space), strict=True):
+    narrow = [corner for corner, too_wide in zip(corners, wide, strict=True) if not too_wide]
+    for corner, hit in zip(narrow, _find_hits(narrow, space), strict=True):
         if hit or (space.barred is not None and space.barred(corner.fan)):
             _lower(corner, SMALLER)
             failed.append(corner.chain)

@@ -25,11 +25,11 @@ from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.document_sections import build_worst_point_entry
 from machopt.planning.plan_output.infeasibility_reasons import compute_reach_shortfall, list_breaks
 from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
+from machopt.planning.plan_output.joint_section import build_joint_section
 from machopt.planning.plan_output.plan_hints import describe_model_misfit, list_hints
 from machopt.planning.plan_output.point_table import PointResults, find_reason
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
 from machopt.report.page_data.optimize_feed_dips import count_feed_stops, list_feed_dips
-from machopt.report.page_data.optimize_joint_method import build_joint_method_rows
 from machopt.report.page_data.optimize_operations import list_operations
 from machopt.report.page_data.optimize_rotation_map import build_rotation_map
 from machopt.report.page_data.optimize_scene import build_optimize_scene
@@ -131,7 +131,7 @@ def build_report_data(
         information=_list_information(evidence.verification),
         programs=tuple(evidence.programs),
         front=tuple(_build_trade_off_point(p) for p in evidence.front),
-        joint_method=build_joint_method_rows(plan),
+        joint_method=build_joint_section(plan) or (),
         timings=tuple(evidence.timings.items()),
         events=toolpath.events,
         tolerances=build_tolerance_data(

@@ -13,7 +13,7 @@ from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.report.page_types import optimize_report as page
-from machopt.report.wording import result_verdict as told
+from machopt.report.wording.result_verdict import format_count
 
 
 def _find_worst(values: Array, worst_of: Callable[[Array], Any], *, partly: bool) -> float:
@@ -57,7 +57,7 @@ def list_operations(
                 worst_chosen=_find_worst(series["chosen"][cut], worst_of, partly=True),
                 nearest_miss=float(np.nanmin(miss)) if np.isfinite(miss).any() else float("nan"),
                 feed_held=float("nan"),
-                status="ok" if not bad else f"{told.format_count(bad, 'point')} infeasible",
+                status="ok" if not bad else f"{format_count(bad, 'point')} infeasible",
                 tool=tool.get(k, ""),
             )
         )

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.documents.optimize_document import JointMethodEntry
 from machopt.data_types.toolpath import IgnoredWord, ToolpathEvent
 from machopt.numerics.array_types import Array
-from machopt.report.page_types.joint_method import JointMethodRow
 from machopt.report.scene.scene_types import OptimizeScene
 
 Quantity = Literal["deflection", "stiffness", "index"]
@@ -392,7 +392,7 @@ class ReportData:
     information: tuple[InformationRow, ...] = ()
     programs: tuple[ProgramRow, ...] = ()
     front: tuple[TradeOffPoint, ...] = ()
-    joint_method: tuple[JointMethodRow, ...] = ()  # one a tool
+    joint_method: tuple[JointMethodEntry, ...] = ()  # one a tool
     timings: tuple[tuple[str, float], ...] = ()  # stage, s
     events: tuple[ToolpathEvent, ...] = ()
     tolerances: ToleranceData | None = None

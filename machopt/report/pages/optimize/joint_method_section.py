@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from machopt.data_types.documents.optimize_document import JointMethodEntry
 from machopt.report.page_shell import build_section
-from machopt.report.page_types.joint_method import JointMethodRow
 from machopt.report.page_types.optimize_report import ReportData
 from machopt.report.pages.report_tables import TableColumn, build_folded_block, build_table
 
@@ -38,31 +38,31 @@ def build_joint_method_section(data: ReportData) -> Markup | str:
     ]
     rows = [
         (
-            row.tool,
-            _format_seconds(row.fixed_path),
-            _format_seconds(row.joint),
+            _format_tool(data, n),
+            _format_seconds(row.fixed_path_s),
+            _format_seconds(row.joint_s),
             _format_change(row),
             "joint result" if row.accepted else "path of the plan",
             row.reason,
         )
-        for row in data.joint_method
+        for n, row in enumerate(data.joint_method)
     ]
-    body = build_table(columns, rows) + _build_windows(data.joint_method)
+    body = build_table(columns, rows) + _build_windows(data)
     return build_section("joint", "Rotation and feed together", LEAD, body)
 
 
-def _build_windows(outcomes: tuple[JointMethodRow, ...]) -> Markup | str:
+def _build_windows(data: ReportData) -> Markup | str:
     rows = [
         (
-            outcome.tool,
-            window.name,
+            _format_tool(data, n),
+            window.window,
             str(window.nodes),
-            _format_seconds(window.run_before),
-            _format_seconds(window.run_after),
+            _format_seconds(window.run_before_s),
+            _format_seconds(window.run_after_s),
             "yes" if window.accepted else "no",
             window.reason,
         )
-        for outcome in outcomes
+        for n, outcome in enumerate(data.joint_method)
         for window in outcome.windows
     ]
     if not rows:
@@ -83,7 +83,12 @@ def _format_seconds(value: float | None) -> str:
     return MISSING if value is None else f"{value:.1f}"
 
 
-def _format_change(row: JointMethodRow) -> str:
-    if row.fixed_path is None or row.joint is None:
+def _format_change(row: JointMethodEntry) -> str:
+    if row.fixed_path_s is None or row.joint_s is None:
         return MISSING
-    return f"{100 * (row.joint / row.fixed_path - 1):+.1f}"
+    return f"{100 * (row.joint_s / row.fixed_path_s - 1):+.1f}"
+
+
+def _format_tool(data: ReportData, n: int) -> str:
+    """Return the place of a tool in the job, from 1 on; empty with one tool."""
+    return str(n + 1) if len(data.joint_method) > 1 else ""
