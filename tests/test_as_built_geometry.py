@@ -103,7 +103,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('  - {effect: geometry, location: "joint:7", parameters: {xyz_mm: [0, 0, 0]}}\n', "joint:7"),
+        ('  - {effect: geometry, location: "joint:13", parameters: {xyz_mm: [0, 0, 0]}}\n', "joint:13"),
         ('  - {effect: geometry, location: "joint:2", parameters: {xyz_mm: [0, 0]}}\n', "three numbers"),
         ('  - {effect: geometry, location: "joint:2", parameters: {xyz_mm: [0, 0, 300]}}\n', "at most 50 mm"),
         ('  - {effect: geometry, location: "joint:2", parameters: {turn_deg: [0, 0, 1]}}\n', "turn_mrad"),

@@ -11,7 +11,7 @@ import pytest
 from machopt.batch.job_process import find_worst_tolerance
 from machopt.batch.request import BatchRequest
 from machopt.batch.run import run_batch
-from machopt.data_types.documents.optimize_document import ProcessSection, ToleranceEntry
+from machopt.data_types.documents.process_entries import ProcessSection, ToleranceEntry
 from machopt.errors import InputError
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"

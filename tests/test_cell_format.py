@@ -559,7 +559,7 @@ def test_mesh_of_a_type_nobody_reads_here(folder: Path) -> None:
 GRID = "grid: {origin_mm: [0, 0, 0], cell_mm: 300, shape: [2, 1, 1], joints_Nm_per_rad: [[1e6,1e6,1e6,1e6,1e6,1e6]]}\n"
 ROW = "[1e-12,0,0,0,0,0]"
 STIFF = [
-    ("machopt_stiffness: 1\n", ["joints_Nm_per_rad", "required key is missing", "six joint stiffnesses"]),
+    ("machopt_stiffness: 1\n", ["joints_Nm_per_rad", "required key is missing", "one stiffness per joint of the arm"]),
     (STIFFNESS.replace("380e3", "0"), ["line 2: joints_Nm_per_rad[5]", "found 0", "between 100 and 1e+10"]),
     (STIFFNESS.replace(", 380e3", ""), ["joints_Nm_per_rad", "a list of 5", "expected 6 values"]),
     (STIFFNESS + "grd: 1\n", ["line 3: grd", "did you mean 'grid'?"]),

@@ -100,13 +100,13 @@ def test_a_place_is_held_to_what_is_driven_too(
 ) -> None:
     cell, _ = on_the_margin
     carried = MovedBodies(False, frozenset(), np.zeros(3))
-    one, seconds, why = plan_at_placement(build_single_segment(cell, toolpath(ROWS)), carried, NO_SHIFT, OPTIONS)
+    placed = plan_at_placement(build_single_segment(cell, toolpath(ROWS)), carried, NO_SHIFT, OPTIONS)
     done = job(cell, OPTIONS)
     assert done.timeline is not None
     assert done.timeline.trajectory is not None
-    assert not why
-    assert seconds == done.timeline.trajectory.time[-1]  # as optimize drives it
-    assert one.options == OPTIONS
+    assert not placed.obstruction
+    assert placed.seconds == done.timeline.trajectory.time[-1]  # as optimize drives it
+    assert placed.plan.options == OPTIONS
     monkeypatch.setattr("machopt.planning.job.job_planner.SPARES", 0)
-    _, _, why = plan_at_placement(build_single_segment(cell, toolpath(ROWS)), carried, NO_SHIFT, OPTIONS)
-    assert "limit_margin_deg" in why
+    placed = plan_at_placement(build_single_segment(cell, toolpath(ROWS)), carried, NO_SHIFT, OPTIONS)
+    assert "limit_margin_deg" in placed.obstruction

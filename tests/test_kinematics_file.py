@@ -62,7 +62,7 @@ def entry(effect: str, location: str, parameters: str) -> str:
 REFUSED = [
     (entry("joint_zero_ofset", "joint:1", "offset_deg: 1"), ["line 3", "did you mean 'joint_zero_offset'?"]),
     (entry("link_compliance", "link:1", "EI: 1"), ["link_compliance", "stiffness.yaml"]),
-    (entry("joint_zero_offset", "joint:7", "offset_deg: 1"), ["corrections[0].location", "'joint:7'", "joint:6"]),
+    (entry("joint_zero_offset", "joint:13", "offset_deg: 1"), ["corrections[0].location", "'joint:13'", "joint:12"]),
     (entry("joint_coupling", "joint:5-4", "ratio: 0.001"), ["'joint:5-4'", "i < j"]),
     (entry("joint_zero_offset", "joint:1", "offset_rad: 1"), ["unknown key 'offset_rad'", "offset_deg"]),
     (entry("joint_zero_offset", "joint:1", ""), ["offset_deg is missing"]),
