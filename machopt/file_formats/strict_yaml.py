@@ -11,8 +11,9 @@ import re
 import typing
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
@@ -44,6 +45,9 @@ class StrictSchema(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
     HINTS: typing.ClassVar[dict[str, str]] = {}  # keys that others would write here, and what to do instead
+
+
+CACHED_CHARACTERS = 100_000  # longest text whose parsed form is kept
 
 
 @dataclass(frozen=True)
@@ -109,13 +113,10 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
     Raises:
         FileFormatError: not YAML, a duplicate key, a non-finite number.
     """
-    from ruamel import yaml as ruamel
     from ruamel.yaml.error import YAMLError
 
-    yaml = ruamel.YAML(typ="safe", pure=True)
-    yaml.version = (1, 2)
     try:
-        node = yaml.compose(text)
+        node = _compose_small(text) if len(text) <= CACHED_CHARACTERS else _compose(text)
     except RecursionError:
         raise FileFormatError("is nested too deeply", file=file) from None
     except YAMLError as err:
@@ -126,6 +127,21 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
     builder = _YamlValueBuilder(file)
     value = None if node is None else builder.build(node, (), ())
     return YamlDocument(value, builder.lines, file)
+
+
+def _compose(text: str) -> Any:
+    """Return the root node of YAML text; None of an empty one."""
+    from ruamel import yaml as ruamel
+
+    yaml = ruamel.YAML(typ="safe", pure=True)
+    yaml.version = (1, 2)
+    return yaml.compose(text)
+
+
+@lru_cache(maxsize=64)
+def _compose_small(text: str) -> Any:
+    """Return the node of a text that is read several times, as the files of folds are; nodes are never changed."""
+    return _compose(text)
 
 
 def validate_document(model: type[M], document: YamlDocument, prefix: KeyPath = ()) -> M:
