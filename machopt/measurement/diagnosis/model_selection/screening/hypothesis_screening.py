@@ -112,7 +112,7 @@ def _fit_on_all_readings(t: WhitenedHypothesis, mixed: Array, h: Array, M: Array
 def _fit_every_shape(t: WhitenedHypothesis, C: Array, h: Array, M: Array) -> tuple[Array, Array, Array]:
     """Return for every shape its coefficients (S, p), gain (S,) and visible share (S,)."""
     XX, Xy = t.sums
-    S, u = XX - _multiply_last(C, M) @ np.swapaxes(C, 1, 2), Xy - C @ (M @ h)
+    S, u = XX - (C @ M) @ np.swapaxes(C, 1, 2), Xy - C @ (M @ h)
     S, visible = _regularise_absorbed_directions(S, XX)
     x, gain = minimise_bounded_quadratics(S + t.precision_matrices, u, t.hypothesis.lower)
     return x, gain, visible
@@ -128,10 +128,9 @@ def _score_hypothesis(
     XX, Xy, yy, M_fold, x_fold, loss = folds
     C_f, XX_f, Xy_f = mixed, t.XX, t.Xy
     C_r, XX_r, Xy_r = C - C_f, XXc - XX_f, Xyc - Xy_f
-    F, count, p = Xy_r.shape
-    flat_C = C_r.reshape(F, count * p, -1)
-    S_r = XX_r - (flat_C @ M_fold).reshape(C_r.shape) @ np.swapaxes(C_r, 2, 3)
-    u_r = Xy_r - (flat_C @ x_fold[:, :, None]).reshape(F, count, p)
+    S_r = XX_r - (C_r @ M_fold[:, None]) @ np.swapaxes(C_r, 2, 3)
+    u_r = Xy_r - (C_r @ x_fold[:, None, :, None])[..., 0]
+    F, count, p = u_r.shape
     flat, _ = _regularise_absorbed_directions(S_r.reshape(-1, p, p), XX_r.reshape(-1, p, p))
     flat = flat + np.broadcast_to(known, (F, *known.shape)).reshape(flat.shape)
     xc, gain_r = minimise_bounded_quadratics(flat, u_r.reshape(-1, p), t.hypothesis.lower)
@@ -149,11 +148,6 @@ def _score_hypothesis(
         + 2 * np.einsum("fi,fip,fp->f", xc, C_p, xb)
     )
     return ScoredHypothesis(t, whole.shape, whole.x, whole.gain, whole.visible, loss - new)
-
-
-def _multiply_last(C: Array, M: Array) -> Array:
-    """Return C M (S, p, P) of C (S, p, P) in one multiplication: many small ones cost several times as much."""
-    return np.asarray((C.reshape(-1, C.shape[2]) @ M).reshape(C.shape))
 
 
 def minimise_bounded_quadratics(S: Array, u: Array, lower: tuple[float, ...]) -> tuple[Array, Array]:
@@ -214,9 +208,8 @@ def compute_chance_probability(
         t = s.whitened
         C = t.products_with(model)
         XX = t.sums[0]
-        CM = _multiply_last(C, M)
-        S, _ = _regularise_absorbed_directions(XX - CM @ np.swapaxes(C, 1, 2), XX)
-        taken = Xr @ CM.reshape(C.shape[0] * C.shape[1], len(M)).T
+        S, _ = _regularise_absorbed_directions(XX - (C @ M) @ np.swapaxes(C, 1, 2), XX)
+        taken = Xr @ (C @ M).reshape(C.shape[0] * C.shape[1], len(M)).T
         scores = t.products_by_cluster(model.w, r) - taken.reshape(len(Xr), *C.shape[:2])
         L = np.linalg.inv(np.linalg.cholesky(S))
         along = (L[None] @ scores[..., None])[..., 0]
