@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -193,8 +194,24 @@ def solve_general(robot: Robot, T_base_flange: Array) -> Array:
     return GeneralSolver.for_robot(robot).solve(T_base_flange)
 
 
+@dataclass(frozen=True)
+class _ArmGeometry:
+    """An arm as a key: arms of the same lines and flange are equal."""
+
+    lines: bytes
+    robot: Robot = field(repr=False, compare=False)
+
+
 def _select_eliminations(robot: Robot) -> tuple[float, tuple[DialyticElimination, ...]]:
     """Return the recall of the best formulation on the arm's own configurations, with it and two alternatives."""
+    lines = b"".join(np.ascontiguousarray(a).tobytes() for a in (robot.axis, robot.point, robot.T_base_flange_zero))
+    recall, ranked = _rank_eliminations(_ArmGeometry(lines, robot))
+    return recall, tuple(DialyticElimination.build(robot, c) for c in ranked)
+
+
+@lru_cache(maxsize=32)  # a command builds the solver of one arm several times
+def _rank_eliminations(arm: _ArmGeometry) -> tuple[float, tuple[EliminationChoice, ...]]:
+    robot = arm.robot
     choices = [
         EliminationChoice(reverse, k, e, u, HALF_ANGLE_PHASES)
         for reverse, k, (e, u) in itertools.product((False, True), (1, 2, 3), ((0, 2), (1, 2), (2, 1)))
@@ -202,7 +219,7 @@ def _select_eliminations(robot: Robot) -> tuple[float, tuple[DialyticElimination
     ranked = sorted(choices, key=lambda c: _test_elimination(robot, c, TRIAL_CONFIGURATIONS[0]), reverse=True)[:4]
     scores = {c: _test_elimination(robot, c, TRIAL_CONFIGURATIONS[1]) for c in ranked}
     ranked = sorted(ranked, key=scores.__getitem__, reverse=True)[:3]
-    return scores[ranked[0]][0], tuple(DialyticElimination.build(robot, c) for c in ranked)
+    return scores[ranked[0]][0], tuple(ranked)
 
 
 def _test_elimination(robot: Robot, choice: EliminationChoice, count: int) -> tuple[float, float, float]:
