@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
@@ -35,6 +35,7 @@ _CONSTANTS = {
     **dict.fromkeys(("false", "False", "FALSE"), False),
 }
 _MAX_NODES = 500_000  # an alias bomb expands beyond any real cell or stiffness grid
+_SHORT_TEXT = 20_000  # characters of a text whose nodes are kept, some MB
 _MAX_INT = 2**63
 MAX_DEPTH = 100  # levels of lists and mappings; a cell has six
 _TOO_DEEP = "MaxDepthExceededError"  # error of ruamel.yaml that older versions lack
@@ -47,9 +48,6 @@ class StrictSchema(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
     HINTS: typing.ClassVar[dict[str, str]] = {}  # keys that others would write here, and what to do instead
-
-
-CACHED_CHARACTERS = 100_000  # longest text whose parsed form is kept
 
 
 @dataclass(frozen=True)
@@ -118,7 +116,7 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
     from ruamel.yaml.error import YAMLError
 
     try:
-        node = _compose_small(text) if len(text) <= CACHED_CHARACTERS else _compose(text)
+        node = (_compose_short_text if len(text) <= _SHORT_TEXT else _compose_nodes)(text)
     except RecursionError:
         raise FileFormatError("is nested too deeply", file=file) from None
     except YAMLError as err:
@@ -133,8 +131,7 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
     return YamlDocument(value, builder.lines, file)
 
 
-def _compose(text: str) -> Any:
-    """Return the root node of YAML text; None of an empty one."""
+def _compose_nodes(text: str) -> typing.Any:
     from ruamel import yaml as ruamel
 
     yaml = ruamel.YAML(typ="safe", pure=True)
@@ -143,10 +140,8 @@ def _compose(text: str) -> Any:
     return yaml.compose(text)
 
 
-@lru_cache(maxsize=64)
-def _compose_small(text: str) -> Any:
-    """Return the node of a text that is read several times, as the files of folds are; nodes are never changed."""
-    return _compose(text)
+# A run reads many files twice: as it writes them and as it checks them. The nodes are only read, values are built anew.
+_compose_short_text = lru_cache(maxsize=64)(_compose_nodes)
 
 
 def validate_document(model: type[M], document: YamlDocument, prefix: KeyPath = ()) -> M:
