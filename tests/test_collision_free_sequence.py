@@ -117,9 +117,9 @@ def reachable(p: Plan) -> list[int]:
     S, rotations = c.feasible.shape[:2]
     free = c.feasible.copy()
     for s in range(S):
-        for r, b in np.argwhere(free[s].any(axis=2)):
-            if model.check_configurations(c.q[s, r, b][None], np.array([path.may_touch[path.stations[s]]])).hit[0]:
-                free[s, r, b] = False
+        r, b = np.nonzero(free[s].any(axis=2))
+        touch = np.full(len(r), path.may_touch[path.stations[s]])
+        free[s, r, b] &= ~model.check_configurations(c.q[s, r, b], touch).hit[:, None]
     alive = [{tuple(int(x) for x in v) for v in np.argwhere(free[0])}]
     steps = int(JUMP / (2 * np.pi / rotations) + 1e-9)
     for s in range(1, S):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosis_in_memory import diagnose_in_memory
 from simulated_hidden_effects import (
     ARCMIN,
     CELLS,
@@ -25,15 +26,12 @@ from simulated_hidden_effects import (
 )
 
 from machopt.cell.cell_reader import load_cell
-from machopt.commands.diagnose.run import run_diagnose
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.kinematics.robot import load_masses, load_robot
-from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.measurement.diagnosis.static import load_test_channel
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
-from machopt.measurement.recording import write_recording
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
 FORCES = {"kr240_drilling": 1500.0, "kr500_milling": 2500.0, "irb6700_drilling": 300.0, "cutting_cobot": 60.0}
@@ -51,10 +49,7 @@ def made(cell: str, seed: int, truth=None, *, rotations=False, frame="base", dir
 
 
 def diagnosed(tmp_path: Path, cell: str, recording: Recording):
-    write_recording(tmp_path / "recording", recording)
-    return run_diagnose(
-        DiagnoseRequest(cell=CELLS / cell, recordings=(tmp_path / "recording",), out=tmp_path / "out")
-    ).diagnosis
+    return diagnose_in_memory(CELLS / cell, recording, tmp_path / "recording").diagnosis
 
 
 def names(d) -> list[tuple[str, str]]:

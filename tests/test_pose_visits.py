@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from diagnosis_in_memory import diagnose_in_memory
 from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan_load_tests, solve_equilibrium
 
-from machopt.cli import main
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
 from machopt.measurement.diagnosis.data_types.pose_visits import label_unbroken_runs, nest_labels
-from machopt.measurement.recording import write_recording
 from machopt.numerics.array_types import Array, Ints
 
 CELL = CELLS / "kr240_drilling"
@@ -52,10 +50,7 @@ def relabel(recording: Recording, name: str) -> Recording:
 
 
 def diagnose(folder: Path, recording: Recording) -> dict[str, Any]:
-    write_recording(folder / "recording", recording)
-    command = ["diagnose", str(CELL), str(folder / "recording"), "-o", str(folder / "out"), "--quiet", "--force"]
-    assert main(command) == 0
-    return json.loads((folder / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    return diagnose_in_memory(CELL, recording, folder / "recording").result.to_json_types()
 
 
 @pytest.mark.parametrize("name", ["session", "cycle", "cycle, pose by pose", "no label"])

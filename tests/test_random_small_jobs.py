@@ -41,13 +41,13 @@ def random_small_job(seed: int, folder: Path) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(7))
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 5, 20])  # each cell once; 20 is a short job on the turntable
 def test_a_random_small_job_is_verified(seed: int, tmp_path: Path) -> None:
     assert random_small_job(seed, tmp_path) == 0
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("seed", range(100, 114))
+@pytest.mark.parametrize("seed", [*range(100, 104), *range(105, 114)])  # one long job on the turntable, two of others
 def test_random_small_jobs_are_verified(seed: int, tmp_path: Path) -> None:
     assert random_small_job(seed, tmp_path) == 0
 
@@ -116,6 +116,6 @@ def test_cuts_far_apart_on_a_rail_are_verified(tmp_path: Path) -> None:
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("seed", range(40, 52))
+@pytest.mark.parametrize("seed", range(40, 48))
 def test_random_cuts_on_a_rail_are_verified(seed: int, tmp_path: Path) -> None:
     assert run_cuts_along_rail(seed, tmp_path) == 0

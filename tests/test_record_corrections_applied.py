@@ -6,7 +6,6 @@ with the laws.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,14 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnosis_in_memory import diagnose_in_memory
 from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan_load_tests
 
 from machopt.cell.cell_reader import load_cell
-from machopt.cli import main
 from machopt.data_types.measurements.recording import Recording
 from machopt.kinematics.robot import load_robot
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
-from machopt.measurement.recording import write_recording
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import convert_vector_to_rotation
 
@@ -105,10 +103,7 @@ CASES = {
 def test_the_written_correction_lowers_the_error(name: str, tmp_path: Path) -> None:
     effect, change = CASES[name]
     recording, clean = recorded(change), recorded(lambda r: r)
-    write_recording(tmp_path / "recording", recording)
-    command = ["diagnose", str(CELL), str(tmp_path / "recording"), "-o", str(tmp_path / "out"), "--quiet"]
-    assert main(command) == 0
-    document = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    document = diagnose_in_memory(CELL, recording, tmp_path / "recording").result.to_json_types()
     found = [f for f in document["findings"] if f["effect"] == effect]
     assert found, [(f["effect"], f["location"]) for f in document["findings"]]
     before, after, least = misfit(recording), misfit(put_right(recording, found[0])), misfit(clean)

@@ -130,12 +130,12 @@ def test_the_point_of_a_reentry_stands_twice(tmp_path: Path) -> None:
     assert np.flatnonzero(divided.is_point).size == len(toolpath)
 
 
-def _plan(folder: Path, *overrides: str) -> OptimizeResult:
+def _plan(folder: Path, *overrides: str, step_deg: int = 15) -> OptimizeResult:
     toolpath = folder / "ring.csv"
     write_ring(toolpath)
     if not (folder / "cell").exists():
         shutil.copytree(CELL, folder / "cell")
-    options = ("rotation_step_deg=15", *overrides)
+    options = (f"rotation_step_deg={step_deg}", *overrides)
     return run_optimize(
         OptimizeRequest(
             cell=folder / "cell",
@@ -216,7 +216,7 @@ def test_what_knows_no_reentry_refuses_it(other: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_lift_without_room_is_not_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RetractMoves, "gap", lambda self, row: float("nan"))
-    outcome = _plan(tmp_path, STIFFER, "max_reentries=1")
+    outcome = _plan(tmp_path, STIFFER, "max_reentries=1", step_deg=30)
     assert outcome.exit_code == 0
     assert outcome.result.reentry is not None
     assert outcome.result.reentry[0].points == ()

@@ -92,7 +92,8 @@ def _solve_general_arm(cell: Path) -> None:
     (cell / "robot.urdf").write_text(_build_urdf(wrist_offset=0.1), encoding="utf-8")
     robot = load_robot(load_cell(cell))
     q = 0.1 + 0.05 * np.arange(6.0).reshape(3, 2, 1) + np.zeros(6)  # rad, six neighbouring configurations
-    GeneralSolver.for_robot(robot).solve_grid(robot.compute_fk(q.reshape(-1, 6)).reshape(3, 2, 4, 4))
+    solver = GeneralSolver.with_first_elimination(robot)
+    solver.solve_grid(robot.compute_fk(q.reshape(-1, 6)).reshape(3, 2, 4, 4))
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ import numpy as np
 
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import cross_product
 
 
 def compute_gravity_torque(robot: Robot, masses: RobotMasses, state: ArmState) -> tuple[Array, Array]:
@@ -28,10 +29,10 @@ def compute_gravity_torque(robot: Robot, masses: RobotMasses, state: ArmState) -
     """
     z, V, torque = _compute_carried_weight(robot, masses, state)
     joints = np.arange(len(robot.axis))
-    low, high = np.minimum.outer(joints, joints), np.maximum.outer(joints, joints)
-    slope = np.cross(z[..., low, :], V[..., high, :]) @ masses.gravity
+    ordered = cross_product(masses.gravity, z) @ np.swapaxes(V, -1, -2)  # [..., l, h] = (z_l × V_h)·a, valid for l ≤ h
+    slope = np.where(joints[:, None] <= joints, ordered, np.swapaxes(ordered, -1, -2))
     if robot.slides is not None:  # a sliding joint that moves all its load changes no lever
-        slope = np.where(robot.slides[low], 0.0, slope)
+        slope = np.where(robot.slides[np.minimum.outer(joints, joints)], 0.0, slope)
     C = robot.coupling
     return (torque, np.asarray(slope)) if C is None else (torque @ C, C.T @ slope @ C)
 
@@ -62,7 +63,7 @@ def _compute_carried_weight(robot: Robot, masses: RobotMasses, state: ArmState) 
     carried = masses.body[None, :] >= np.arange(1, len(robot.axis) + 1)[:, None]  # (n, B)
     weight = carried * masses.mass
     moment = np.einsum("kb,...bi->...ki", weight, at) - weight.sum(axis=1)[:, None] * origin
-    V = np.cross(z, moment)
+    V = cross_product(z, moment)
     if robot.slides is not None:
         V = np.where(robot.slides[:, None], weight.sum(axis=1)[:, None] * z, V)
     return z, V, np.asarray(V @ masses.gravity)

@@ -11,6 +11,7 @@ import re
 import typing
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -34,7 +35,10 @@ _CONSTANTS = {
     **dict.fromkeys(("false", "False", "FALSE"), False),
 }
 _MAX_NODES = 500_000  # an alias bomb expands beyond any real cell or stiffness grid
+_SHORT_TEXT = 20_000  # characters of a text whose nodes are kept, some MB
 _MAX_INT = 2**63
+MAX_DEPTH = 100  # levels of lists and mappings; a cell has six
+_TOO_DEEP = "MaxDepthExceededError"  # error of ruamel.yaml that older versions lack
 _SHOWN_PROBLEMS = 4
 _DEEPEST = 2  # levels of keys that are searched for a misplaced one
 
@@ -109,16 +113,15 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
     Raises:
         FileFormatError: not YAML, a duplicate key, a non-finite number.
     """
-    from ruamel import yaml as ruamel
     from ruamel.yaml.error import YAMLError
 
-    yaml = ruamel.YAML(typ="safe", pure=True)
-    yaml.version = (1, 2)
     try:
-        node = yaml.compose(text)
+        node = (_compose_short_text if len(text) <= _SHORT_TEXT else _compose_nodes)(text)
     except RecursionError:
         raise FileFormatError("is nested too deeply", file=file) from None
     except YAMLError as err:
+        if type(err).__name__ == _TOO_DEEP:
+            raise FileFormatError("is nested too deeply", file=file) from None
         mark = getattr(err, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None
         words = [w for w in (getattr(err, "context", None), getattr(err, "problem", None)) if w]
@@ -126,6 +129,19 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
     builder = _YamlValueBuilder(file)
     value = None if node is None else builder.build(node, (), ())
     return YamlDocument(value, builder.lines, file)
+
+
+def _compose_nodes(text: str) -> typing.Any:
+    from ruamel import yaml as ruamel
+
+    yaml = ruamel.YAML(typ="safe", pure=True)
+    yaml.version = (1, 2)
+    yaml.max_depth = MAX_DEPTH  # from ruamel.yaml 0.18.7 on; before, Python's own limit ends the parser
+    return yaml.compose(text)
+
+
+# A run reads many files twice: as it writes them and as it checks them. The nodes are only read, values are built anew.
+_compose_short_text = lru_cache(maxsize=64)(_compose_nodes)
 
 
 def validate_document(model: type[M], document: YamlDocument, prefix: KeyPath = ()) -> M:

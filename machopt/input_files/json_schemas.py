@@ -6,6 +6,7 @@ An editor checks and completes a file that begins with ``# yaml-language-server:
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 from pydantic import BaseModel
@@ -42,6 +43,7 @@ def format_schema_name(file: str) -> str:
     return f"{Path(file).stem}.schema.json"
 
 
+@cache
 def render_schema(file: str) -> str:
     """Render the schema of one YAML file.
 

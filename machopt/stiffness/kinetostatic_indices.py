@@ -16,6 +16,7 @@ import numpy as np
 
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import cross_product
 
 RANK_TOLERANCE = 1e-12  # a singular value this much smaller than the largest is rounding: the posture is singular
 UNAFFECTED_SHARE = 1e-9  # a direction with a smaller share in a lost one is not affected by the singularity
@@ -132,9 +133,9 @@ def compute_jacobian_derivative(J: Array) -> Array:
     """
     v, z = np.swapaxes(J[..., :3, :], -1, -2), np.swapaxes(J[..., 3:, :], -1, -2)
     k, i = np.indices((J.shape[-1], J.shape[-1]))
-    lin = np.cross(z[..., :, None, :], v[..., None, :, :])  # [..., k, i, :]
+    lin = cross_product(z[..., :, None, :], v[..., None, :, :])  # [..., k, i, :]
     lin = np.where((k <= i)[..., None], lin, np.swapaxes(lin, -2, -3))
-    ang = np.where((k < i)[..., None], np.cross(z[..., :, None, :], z[..., None, :, :]), 0.0)
+    ang = np.where((k < i)[..., None], cross_product(z[..., :, None, :], z[..., None, :, :]), 0.0)
     return np.swapaxes(np.concatenate([lin, ang], axis=-1), -1, -2)
 
 
@@ -154,7 +155,14 @@ def compute_geometric_stiffness(J: Array, wrench: Array) -> Array:
 
     Source: dumas2011 eq. 9.
     """
-    return np.asarray(np.einsum("...kci,...c->...ik", compute_jacobian_derivative(J), np.asarray(wrench, float)))
+    J, wrench = np.asarray(J, float), np.asarray(wrench, float)
+    v, z = np.swapaxes(J[..., :3, :], -1, -2), np.swapaxes(J[..., 3:, :], -1, -2)
+    force, moment = wrench[..., None, :3], wrench[..., None, 3:]
+    by_force = cross_product(force, z) @ np.swapaxes(v, -1, -2)  # [..., a, b] = f·(z_a × v_b), valid for a ≤ b
+    by_moment = cross_product(moment, z) @ np.swapaxes(z, -1, -2)  # [..., k, i] = m·(z_k × z_i), valid for k < i
+    upper = np.triu(np.ones(by_force.shape[-2:], bool))
+    out = np.where(upper, by_force, np.swapaxes(by_force, -1, -2))
+    return np.asarray(out + np.where(np.triu(upper, 1).T, np.swapaxes(by_moment, -1, -2), 0.0))
 
 
 def compute_loaded_compliance(J: Array, k: Array, K_C: Array) -> Array:

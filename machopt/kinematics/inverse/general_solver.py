@@ -10,7 +10,9 @@ when the solver is built (some tenths of a second); nothing is downloaded, deriv
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -61,7 +63,7 @@ class GeneralSolver:
     kind: Literal["three_parallel", "general"]
     branches: int  # 8 or 16, the second dimension of every result
     branch_stable: bool  # the same index is the same assembly mode at every pose
-    recall: float  # share of the trial configurations found again while building; 1 for the closed form
+    recall: float  # share of the trial configurations found again while building; 1 for the closed form, NaN untried
     closed: ThreeParallelSolver | None = field(repr=False, default=None)
     eliminations: tuple[DialyticElimination, ...] = field(
         repr=False, default=()
@@ -94,6 +96,21 @@ class GeneralSolver:
                 f"configurations again; six axes that move the flange in all six directions would work",
                 where="robot.arm_joints",
             )
+        return cls._with_eliminations(robot, recall, eliminations)
+
+    @classmethod
+    def with_first_elimination(cls, robot: Robot) -> GeneralSolver:
+        """Return a solver whose formulation was not chosen by trials: for warming up, where speed counts.
+
+        Args:
+            robot: kinematic model.
+        """
+        return cls._with_eliminations(robot, math.nan, (DialyticElimination.build(robot, _list_choices()[0]),))
+
+    @classmethod
+    def _with_eliminations(
+        cls, robot: Robot, recall: float, eliminations: tuple[DialyticElimination, ...]
+    ) -> GeneralSolver:
         return cls(
             robot=robot,
             kind="general",
@@ -193,16 +210,37 @@ def solve_general(robot: Robot, T_base_flange: Array) -> Array:
     return GeneralSolver.for_robot(robot).solve(T_base_flange)
 
 
+@dataclass(frozen=True)
+class _ArmGeometry:
+    """An arm as a key: arms of the same lines and flange are equal."""
+
+    lines: bytes
+    robot: Robot = field(repr=False, compare=False)
+
+
 def _select_eliminations(robot: Robot) -> tuple[float, tuple[DialyticElimination, ...]]:
     """Return the recall of the best formulation on the arm's own configurations, with it and two alternatives."""
-    choices = [
+    lines = b"".join(np.ascontiguousarray(a).tobytes() for a in (robot.axis, robot.point, robot.T_base_flange_zero))
+    recall, ranked = _rank_eliminations(_ArmGeometry(lines, robot))
+    return recall, tuple(DialyticElimination.build(robot, c) for c in ranked)
+
+
+@lru_cache(maxsize=32)  # a command builds the solver of one arm several times
+def _rank_eliminations(arm: _ArmGeometry) -> tuple[float, tuple[EliminationChoice, ...]]:
+    robot = arm.robot
+    ranked = sorted(_list_choices(), key=lambda c: _test_elimination(robot, c, TRIAL_CONFIGURATIONS[0]), reverse=True)[
+        :4
+    ]
+    scores = {c: _test_elimination(robot, c, TRIAL_CONFIGURATIONS[1]) for c in ranked}
+    ranked = sorted(ranked, key=scores.__getitem__, reverse=True)[:3]
+    return scores[ranked[0]][0], tuple(ranked)
+
+
+def _list_choices() -> list[EliminationChoice]:
+    return [
         EliminationChoice(reverse, k, e, u, HALF_ANGLE_PHASES)
         for reverse, k, (e, u) in itertools.product((False, True), (1, 2, 3), ((0, 2), (1, 2), (2, 1)))
     ]
-    ranked = sorted(choices, key=lambda c: _test_elimination(robot, c, TRIAL_CONFIGURATIONS[0]), reverse=True)[:4]
-    scores = {c: _test_elimination(robot, c, TRIAL_CONFIGURATIONS[1]) for c in ranked}
-    ranked = sorted(ranked, key=scores.__getitem__, reverse=True)[:3]
-    return scores[ranked[0]][0], tuple(DialyticElimination.build(robot, c) for c in ranked)
 
 
 def _test_elimination(robot: Robot, choice: EliminationChoice, count: int) -> tuple[float, float, float]:

@@ -88,11 +88,11 @@ def compute_assessment(
         The assessment.
     """
     used = np.ones(len(recording), bool) if recording.used is None else recording.used
-    residual = compute_written_residual(cell, model, recording, used)
+    residual = compute_written_residual(cell, model, recording, used, np.ones(len(recording), bool))
     heldout = residual.copy()
     for fold in folds:
         unseen = np.isin(recording.pose, fold.unseen_poses)
-        heldout[unseen] = compute_written_residual(cell, fold.model, recording, used & ~unseen)[unseen]
+        heldout[unseen] = compute_written_residual(cell, fold.model, recording, used & ~unseen, unseen)
     return ModelAssessment(replace(recording, used=used), model, folds, residual, heldout)
 
 

@@ -42,7 +42,9 @@ class WrittenModel:
     kinematics: KinematicCorrections | None
 
 
-def compute_written_residual(cell: Cell, model: WrittenModel, recording: Recording, fitted: Flags) -> Array:
+def compute_written_residual(
+    cell: Cell, model: WrittenModel, recording: Recording, fitted: Flags, wanted: Flags
+) -> Array:
     """Compute measured minus predicted positions or displacements of written files.
 
     Args:
@@ -50,39 +52,46 @@ def compute_written_residual(cell: Cell, model: WrittenModel, recording: Recordi
         model: Written files.
         recording: Corrected readings.
         fitted: (N,) readings that the registration is fitted to.
+        wanted: (N,) readings whose residuals are returned.
 
     Returns:
-        (N, 3) m.
+        (K, 3) m, of the K wanted readings.
     """
     cell = replace(
         cell,
         stiffness=model.stiffness if model.stiffness is not None else cell.stiffness,
         kinematics=model.kinematics if model.kinematics is not None else cell.kinematics,
     )
+    if not wanted.any():
+        return np.zeros((0, 3))
     if recording.kind == "deflection":
-        return _compute_load_test_residual(cell, recording)
-    return _compute_pose_residual(cell, recording, fitted)
+        return _compute_load_test_residual(cell, recording, wanted)
+    return _compute_pose_residual(cell, recording, fitted)[wanted]
 
 
-def _compute_load_test_residual(cell: Cell, recording: Recording) -> Array:
-    """Return the residual (N, 3) of load tests: springs and K_C in equilibrium, and terms."""
+def _compute_load_test_residual(cell: Cell, recording: Recording, wanted: Flags) -> Array:
+    """Return the residual (K, 3) of the wanted load tests: springs and K_C in equilibrium, and terms.
+
+    Only effects with a memory need the other readings.
+    """
     assert cell.stiffness is not None  # load tests show all springs, so that a file is written
     robot, T, masses = load_robot(replace(cell, kinematics=None)), cell.tool.T_flange_tcp, read_load_test_masses(cell)
     stiffness = replace(cell.stiffness, terms=existing_terms.select_known_terms(cell.stiffness.terms))
-    tests = build_load_test_experiment(recording, robot, T)
+    every = build_load_test_experiment(recording, robot, T)
+    tests = every.select_readings(wanted)
     compliance = np.clip(1.0 / stiffness.joints, 0.0, 1.0 / LEAST_STIFFNESS)
     out = tests.measured - tests.response() @ compliance
     curved = loaded_equilibrium_terms.compute_nonlinear_displacement(tests, robot, T, masses, compliance)
     if curved is not None:
         out = out - curved
     if stiffness.terms:
-        readings = load_test_channel.build_load_test_readings(recording, tests, robot, T, masses, compliance)
+        readings = load_test_channel.build_load_test_readings(recording, every, robot, T, masses, compliance)
         with_memory, settled = joint_torque.compute_memory_term_displacement(readings, stiffness.terms)
         springs = ArmStiffness(joints=stiffness.joints)
         whole = ArmElasticity(robot, T, replace(springs, terms=settled), cell.arm_limits, masses)
         alone = ArmElasticity(robot, T, springs)
-        moved = with_memory + whole.evaluate(recording.q).compute_twist(tests.wrench)
-        moved = moved - alone.evaluate(recording.q).compute_twist(tests.wrench)
+        moved = with_memory[wanted] + whole.evaluate(tests.state.q).compute_twist(tests.wrench)
+        moved = moved - alone.evaluate(tests.state.q).compute_twist(tests.wrench)
         out = out - moved[:, : tests.dimensions]
     return np.asarray(out[:, :3])
 

@@ -49,7 +49,7 @@ class ScoredHypothesis(FittedHypothesis):
 
 
 def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) -> list[ScoredHypothesis]:
-    """Score hypotheses together with a model, with cross-validation.
+    """Score hypotheses together with a model, with cross-validation; each is scored once with each model.
 
     Args:
         model: Whitened model.
@@ -58,13 +58,17 @@ def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) 
     Returns:
         Scored hypotheses.
     """
-    H, h = model.normal, model.Xy.sum(axis=0)
-    M = model.inverse
-    XX, Xy, yy = model.XX, model.Xy, model.yy
-    M_fold = invert_with_ridge(H - XX)
-    x_fold = np.einsum("fij,fj->fi", M_fold, h - Xy)
-    loss = yy - 2 * np.einsum("fi,fi->f", x_fold, Xy) + np.einsum("fi,fij,fj->f", x_fold, XX, x_fold)
-    return [_score_hypothesis(model, t, h, M, (XX, Xy, yy, M_fold, x_fold, loss)) for t in tried]
+    missing = [t for t in tried if model not in t.scores]
+    if missing:
+        H, h = model.normal, model.Xy.sum(axis=0)
+        M = model.inverse
+        XX, Xy, yy = model.XX, model.Xy, model.yy
+        M_fold = invert_with_ridge(H - XX)
+        x_fold = np.einsum("fij,fj->fi", M_fold, h - Xy)
+        loss = yy - 2 * np.einsum("fi,fi->f", x_fold, Xy) + np.einsum("fi,fij,fj->f", x_fold, XX, x_fold)
+        for t in missing:
+            t.scores[model] = _score_hypothesis(model, t, h, M, (XX, Xy, yy, M_fold, x_fold, loss))
+    return [score for t in tried if isinstance(score := t.scores[model], ScoredHypothesis)]
 
 
 def fit_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) -> list[FittedHypothesis]:
@@ -108,7 +112,8 @@ def _fit_on_all_readings(t: WhitenedHypothesis, mixed: Array, h: Array, M: Array
 def _fit_every_shape(t: WhitenedHypothesis, C: Array, h: Array, M: Array) -> tuple[Array, Array, Array]:
     """Return for every shape its coefficients (S, p), gain (S,) and visible share (S,)."""
     XX, Xy = t.sums
-    S, u = XX - (C @ M) @ np.swapaxes(C, 1, 2), Xy - C @ (M @ h)
+    rows = C.reshape(C.shape[0] * C.shape[1], C.shape[2])
+    S, u = XX - _multiply_transposed((rows @ M).reshape(C.shape), C), Xy - C @ (M @ h)
     S, visible = _regularise_absorbed_directions(S, XX)
     x, gain = minimise_bounded_quadratics(S + t.precision_matrices, u, t.hypothesis.lower)
     return x, gain, visible
@@ -124,9 +129,10 @@ def _score_hypothesis(
     XX, Xy, yy, M_fold, x_fold, loss = folds
     C_f, XX_f, Xy_f = mixed, t.XX, t.Xy
     C_r, XX_r, Xy_r = C - C_f, XXc - XX_f, Xyc - Xy_f
-    S_r = XX_r - (C_r @ M_fold[:, None]) @ np.swapaxes(C_r, 2, 3)
-    u_r = Xy_r - (C_r @ x_fold[:, None, :, None])[..., 0]
-    F, count, p = u_r.shape
+    F, count, p, P = C_r.shape
+    rows = C_r.reshape(F, count * p, P)  # one product a fold instead of one a shape
+    S_r = XX_r - _multiply_transposed((rows @ M_fold).reshape(C_r.shape), C_r)
+    u_r = Xy_r - (rows @ x_fold[:, :, None]).reshape(F, count, p)
     flat, _ = _regularise_absorbed_directions(S_r.reshape(-1, p, p), XX_r.reshape(-1, p, p))
     flat = flat + np.broadcast_to(known, (F, *known.shape)).reshape(flat.shape)
     xc, gain_r = minimise_bounded_quadratics(flat, u_r.reshape(-1, p), t.hypothesis.lower)
@@ -134,16 +140,28 @@ def _score_hypothesis(
     at = np.arange(F)
     xc = xc.reshape(F, count, p)[at, pick]
     C_r, C_p, XX_p, Xy_p = C_r[at, pick], C_f[at, pick], XX_f[at, pick], Xy_f[at, pick]
-    xb = x_fold - np.einsum("fpq,fiq,fi->fp", M_fold, C_r, xc)
+    xb = x_fold - _multiply(M_fold, (C_r * xc[:, :, None]).sum(axis=1))
     new = (
         yy
-        - 2 * np.einsum("fp,fp->f", xb, Xy)
-        - 2 * np.einsum("fi,fi->f", xc, Xy_p)
-        + np.einsum("fp,fpq,fq->f", xb, XX, xb)
-        + np.einsum("fi,fij,fj->f", xc, XX_p, xc)
-        + 2 * np.einsum("fi,fip,fp->f", xc, C_p, xb)
+        - 2 * (xb * Xy).sum(axis=1)
+        - 2 * (xc * Xy_p).sum(axis=1)
+        + (xb * _multiply(XX, xb)).sum(axis=1)
+        + (xc * _multiply(XX_p, xc)).sum(axis=1)
+        + 2 * (xc * _multiply(C_p, xb)).sum(axis=1)
     )
     return ScoredHypothesis(t, whole.shape, whole.x, whole.gain, whole.visible, loss - new)
+
+
+def _multiply(A: Array, x: Array) -> Array:
+    """Return A x for a batch of matrices (B, m, n) and vectors (B, n)."""
+    return np.asarray((A @ x[..., None])[..., 0])
+
+
+def _multiply_transposed(A: Array, B: Array) -> Array:
+    """Return A Bᵀ (..., p, p) for matrices (..., p, n); a sum where p is 1, as of most hypotheses."""
+    if A.shape[-2] == 1:
+        return np.asarray((A * B).sum(axis=-1)[..., None])
+    return np.asarray(A @ np.swapaxes(B, -1, -2))
 
 
 def minimise_bounded_quadratics(S: Array, u: Array, lower: tuple[float, ...]) -> tuple[Array, Array]:
@@ -157,7 +175,11 @@ def minimise_bounded_quadratics(S: Array, u: Array, lower: tuple[float, ...]) ->
     Returns:
         x (B, p), and the gain 2 uᵀx − xᵀSx (B,).
     """
-    x = np.linalg.solve(S, u[..., None])[..., 0]
+    if u.shape[-1] == 1:
+        free = u / S[..., 0]
+        held = np.maximum(free, 0.0) if lower and np.isfinite(lower[0]) else free
+        return held, np.asarray((held * (2 * u - S[..., 0] * held))[..., 0])
+    x = np.asarray(np.linalg.solve(S, u[..., None])[..., 0])
     if lower and any(np.isfinite(v) for v in lower):
         below = np.array([np.isfinite(v) for v in lower])
         active = np.zeros_like(x, bool)
@@ -169,8 +191,7 @@ def minimise_bounded_quadratics(S: Array, u: Array, lower: tuple[float, ...]) ->
             held = S * ~active[:, :, None] * ~active[:, None, :]
             held = held + np.einsum("bi,ij->bij", active.astype(float), np.eye(x.shape[1]))
             x = np.where(active, 0.0, np.linalg.solve(held, np.where(active, 0.0, u)[..., None])[..., 0])
-    gain = 2 * np.einsum("bi,bi->b", u, x) - np.einsum("bi,bij,bj->b", x, S, x)
-    return np.asarray(x), np.asarray(gain)
+    return np.asarray(x), np.asarray((x * (2 * u - _multiply(S, x))).sum(axis=1))
 
 
 def compute_chance_probability(
@@ -204,12 +225,13 @@ def compute_chance_probability(
         t = s.whitened
         C = t.products_with(model)
         XX = t.sums[0]
-        S, _ = _regularise_absorbed_directions(XX - (C @ M) @ np.swapaxes(C, 1, 2), XX)
-        taken = Xr @ (C @ M).reshape(C.shape[0] * C.shape[1], len(M)).T
+        CM = C.reshape(C.shape[0] * C.shape[1], len(M)) @ M
+        S, _ = _regularise_absorbed_directions(XX - _multiply_transposed(CM.reshape(C.shape), C), XX)
+        taken = Xr @ CM.T
         scores = t.products_by_cluster(model.w, r) - taken.reshape(len(Xr), *C.shape[:2])
-        L = np.linalg.inv(np.linalg.cholesky(S))
-        along = (L[None] @ scores[..., None])[..., 0]
-        p = along.shape[2]
+        p = scores.shape[2]
+        one = p == 1
+        along: Array = scores / np.sqrt(S[..., 0]) if one else _multiply(np.linalg.inv(np.linalg.cholesky(S)), scores)
         drawn = (signs @ along.reshape(len(along), -1)).reshape(flips, *along.shape[1:])
         if p == 1 and t.hypothesis.lower and np.isfinite(t.hypothesis.lower[0]):
             drawn = np.maximum(drawn, 0.0)
