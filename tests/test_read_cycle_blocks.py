@@ -91,3 +91,36 @@ def test_arguments_that_are_not_read_are_refused(tmp_path: Path, name: str) -> N
         read_toolpath(write(tmp_path, f"MCALL {CYCLE}\n{text}\nMCALL"))
     assert word in str(caught.value)
     assert "line 5:" in str(caught.value)
+
+
+DEPTH_MODES = {
+    "shank": ("CYCLE82(5,0,1,-3,,0,10)", "GMODE"),
+    "diameter": ("CYCLE81(5,0,1,6,,0,10,1,12)", "GMODE"),
+    "shank of deep holes": ("CYCLE83(5,0,1,-30,,-5,,0,0,0,1,0,0,0,0,0,0,10)", "GMODE"),
+    "incremental with DP": ("CYCLE81(5,0,1,-3,,0,0,1,11)", "AMODE"),
+    "absolute with DPR": ("CYCLE82(5,0,1,,3,0,0,1,12)", "AMODE"),
+}
+
+
+@pytest.mark.parametrize("name", DEPTH_MODES)
+def test_modes_that_change_the_depth_are_refused(tmp_path: Path, name: str) -> None:
+    text, word = DEPTH_MODES[name]
+    with pytest.raises(InputError) as caught:
+        read_toolpath(write(tmp_path, f"MCALL {text}\nX10\nMCALL"))
+    assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["CYCLE81(5,0,1,-3,,0,0,1,12)", "CYCLE82(5,0,1,,3,0,0,1,11)", "CYCLE82(5,0,1,-3,,0,0,1,0)"]
+)
+def test_modes_of_the_depth_that_is_given(tmp_path: Path, text: str) -> None:
+    path = read_toolpath(write(tmp_path, f"MCALL {text}\nX10\nMCALL"))
+    np.testing.assert_allclose(path.position[path.move == MoveKind.CUT] * 1e3, [[10, 0, -3]], atol=1e-9)
+
+
+@pytest.mark.parametrize(("distance", "height"), [("0.4", -9.6), ("2.5", -7.5), ("", -9.0), ("0", -9.0)])
+def test_the_distance_behind_which_a_peck_feeds_again(tmp_path: Path, distance: str, height: float) -> None:
+    cycle = f"CYCLE83(5,0,1,-20,,-10,,0,0,0,1,1,3,0,0,0,{distance},0,1,11211112)"
+    path = read_toolpath(write(tmp_path, f"MCALL {cycle}\nX10\nMCALL"))
+    approach = path.position[path.move == MoveKind.APPROACH][:, 2] * 1e3
+    np.testing.assert_allclose(approach[approach < 0.0], [height], atol=1e-9)

@@ -147,7 +147,9 @@ class SiemensCallReader(FrameWordReader):
             *harmless_words.SINUMERIK_CALLS,
             *_KNOWN,
         ):
-            what = "write each place in a block behind MCALL" if name == "CYCLE802" else "export its motion as G0 and G1"
+            what = (
+                "write each place in a block behind MCALL" if name == "CYCLE802" else "export its motion as G0 and G1"
+            )
             raise self.source.build_error(f"{name} is not supported: {what}", line)
         if _RUN_TOGETHER.fullmatch(name):
             raise self.source.build_error(f"found {name!r}; expected words such as X10.5 or G1", line)
@@ -219,9 +221,7 @@ class SiemensCallReader(FrameWordReader):
             raise self.source.build_error(f"{name}({text}): expected numbers", line) from None
         counts = v[5 : len(named)]
         if len(v) < len(named) or not all(n == round(n) and n >= 1 for n in counts) or math.prod(counts) > MOST_HOLES:
-            raise self.source.build_error(
-                f"{name}({text}): expected {', '.join(named)}; 1 to {MOST_HOLES} holes", line
-            )
+            raise self.source.build_error(f"{name}({text}): expected {', '.join(named)}; 1 to {MOST_HOLES} holes", line)
         if any(v[len(named) :]):
             further = next(n for n, value in enumerate(v) if n >= len(named) and value)
             raise self.source.build_error(
