@@ -167,8 +167,8 @@ def _check_depth_modes(name: str, values: list[float | None]) -> None:
     of_tip, of_depth = _DEPTH_MODES[name]
     if values[of_tip]:
         raise DrillingCycleError(
-            f"{name}: GMODE={values[of_tip]:g} counts the depth to the shank, or by the diameter of a centre hole. Write "
-            "the depth of the tip and GMODE 0"
+            f"{name}: GMODE={values[of_tip]:g} counts the depth to the shank, or by a diameter. Write the depth "
+            "of the tip and GMODE 0"
         )
     kind = (values[of_depth] or 0.0) % 10
     if (kind == 1.0 and values[3] is not None) or (kind == 2.0 and values[3] is None):

@@ -225,8 +225,8 @@ class SiemensCallReader(FrameWordReader):
         if any(v[len(named) :]):
             further = next(n for n, value in enumerate(v) if n >= len(named) and value)
             raise self.source.build_error(
-                f"{name}: argument {further + 1} ({given[further]}) is not read. Write the {len(named)} arguments before, or "
-                "each place in a block behind MCALL",
+                f"{name}: argument {further + 1} ({given[further]}) is not read. Write the {len(named)} arguments "
+                "before, or each place in a block behind MCALL",
                 line,
             )
         return v

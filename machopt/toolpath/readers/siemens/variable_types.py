@@ -88,7 +88,7 @@ def parse_definitions(parts: list[str]) -> list[VariableDefinition]:
         name = _NAME.fullmatch(head)
         if name is None or (equals and not value.strip()):
             raise MacroExpressionError(
-                f"DEF {part.strip()[:30]!r}: expected a name, or a name with one size such as A[10], and a value behind ="
+                f"DEF {part.strip()[:30]!r}: expected a name (A) or a name with one size (A[10]), and a value behind ="
             )
         size = None if name.group(2) is None else int(name.group(2))
         listed = _SET.fullmatch(value)

@@ -154,7 +154,7 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
     if asked and first is not None:
         raise _build_decimals_question(
             source,
-            f"{first.text} has no decimal point ({pointed + marked} coordinates of the file have one, {bare} have none)",
+            f"{first.text} has no decimal point ({pointed + marked} coordinates have one, {bare} have none)",
             first.line,
         )
     if first is None or not (marked or pointed) or control == "linuxcnc":
