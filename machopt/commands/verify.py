@@ -7,7 +7,12 @@ from dataclasses import dataclass, replace
 from machopt.cell.absolute_accuracy import apply_absolute_accuracy
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.tool_selection import select_job_tools
-from machopt.commands.input_hashes import build_manifest_file, list_cell_inputs, rename_duplicate_names
+from machopt.commands.input_hashes import (
+    PROCESS_ROLE,
+    build_manifest_file,
+    list_cell_inputs,
+    rename_duplicate_names,
+)
 from machopt.commands.toolpath_reading_options import build_known_robot
 from machopt.data_types.documents.verification_entries import InformationEntry
 from machopt.data_types.documents.verify_document import VerifyCheckEntry, VerifyDocument
@@ -68,6 +73,8 @@ def _verify_folder(request: VerifyRequest) -> VerifyResult:
         manifest: FolderManifest | None = read_manifest(request.out)[0]
     except InputError:
         manifest = None  # a failed check of its own, below
+    inputs = list_cell_inputs(cell)
+    _require_process_file(request, manifest, {f.name for f in inputs})
     used = resolve_options_in_force(request, cell, build_known_robot(cell), manifest)
     cell = select_job_tools(apply_absolute_accuracy(cell, used.options), used.toolpath)
     found = verify_folder(
@@ -75,7 +82,7 @@ def _verify_folder(request: VerifyRequest) -> VerifyResult:
         used.toolpath,
         request.out,
         options=used.options,
-        inputs=rename_duplicate_names((*list_cell_inputs(cell), build_manifest_file(request.toolpath, "toolpath"))),
+        inputs=rename_duplicate_names((*inputs, build_manifest_file(request.toolpath, "toolpath"))),
     )
     found = replace(found, checks=(*used.checks, *found.checks))
     missing = (*list_unchecked(cell, used.options, used.toolpath), *list_checks_not_run(found.checks))
@@ -86,3 +93,16 @@ def _verify_folder(request: VerifyRequest) -> VerifyResult:
         words = "intact, but without a motion: there was no feasible answer"
         return VerifyResult(found, 3, add_scope_to_verdict(words, missing), used.notes)
     return VerifyResult(found, 0, add_scope_to_verdict("verification passed", missing), used.notes)
+
+
+def _require_process_file(request: VerifyRequest, manifest: FolderManifest | None, present: set[str]) -> None:
+    """Raise InputError where the folder was made with a process file that neither the cell nor an option names."""
+    if request.process is not None or manifest is None:
+        return
+    missing = [f.name for f in manifest.inputs if f.role == PROCESS_ROLE and f.name not in present]
+    if missing:
+        raise InputError(
+            f"was made with the process file {missing[0]}, which the cell does not name; expected --process FILE with "
+            "that file",
+            file=request.out,
+        )
