@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from machopt.cell.absolute_accuracy import apply_absolute_accuracy
 from machopt.cell.cell_reader import load_cell
@@ -74,7 +75,8 @@ def _verify_folder(request: VerifyRequest) -> VerifyResult:
     except InputError:
         manifest = None  # a failed check of its own, below
     inputs = list_cell_inputs(cell)
-    _require_process_file(request, manifest, {f.name for f in inputs})
+    if cell.process is None:
+        _require_process_file(request.out, manifest)
     used = resolve_options_in_force(request, cell, build_known_robot(cell), manifest)
     cell = select_job_tools(apply_absolute_accuracy(cell, used.options), used.toolpath)
     found = verify_folder(
@@ -95,14 +97,12 @@ def _verify_folder(request: VerifyRequest) -> VerifyResult:
     return VerifyResult(found, 0, add_scope_to_verdict("verification passed", missing), used.notes)
 
 
-def _require_process_file(request: VerifyRequest, manifest: FolderManifest | None, present: set[str]) -> None:
-    """Raise InputError where the folder was made with a process file that neither the cell nor an option names."""
-    if request.process is not None or manifest is None:
-        return
-    missing = [f.name for f in manifest.inputs if f.role == PROCESS_ROLE and f.name not in present]
-    if missing:
+def _require_process_file(out: Path, manifest: FolderManifest | None) -> None:
+    """Raise InputError where the folder was made with a process file, and neither the cell nor an option names one."""
+    names = [] if manifest is None else [f.name for f in manifest.inputs if f.role == PROCESS_ROLE]
+    if names:
         raise InputError(
-            f"was made with the process file {missing[0]}, which the cell does not name; expected --process FILE with "
+            f"was made with the process file {names[0]}, which the cell does not name; expected --process FILE with "
             "that file",
-            file=request.out,
+            file=out,
         )
