@@ -85,7 +85,7 @@ def test_yaskawa_takes_the_largest_level_inside_the_zone(tmp_path: Path) -> None
     levels = np.array([0.001, 0.005, 0.012, 0.05, 0.1, 0.2, 0.3, 0.4])
     files = write_program(tmp_path, "PART", rounded(), "jbi", replace(PLAIN, position_levels=levels))
     found = [w.get("pl") for w in read_program(files[0]).configuration[:JOINTS]]
-    assert found == [None, 3, 3, None]
+    assert found == [0, 3, 3, 0]
 
 
 def test_before_an_event_and_at_the_end_of_a_part_the_robot_stops() -> None:
