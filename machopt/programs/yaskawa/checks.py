@@ -60,7 +60,7 @@ def _find_wrong_zones(case: ZoneCase) -> list[tuple[int, str]]:
     stated = case.controller.position_levels
     for k, words in enumerate(case.parsed.configuration):
         level = read_whole_number(words, "pl")
-        if level is None:
+        if "pl" not in words:
             out.append((k, "no PL: the controller rounds its end as it is set up"))
             continue
         if (level == 0 and not law.free[k]) or unsure[k]:
