@@ -140,8 +140,8 @@ def check_rapid_corners(
     deviation = np.full(len(x), np.inf)
     excess, unseen = np.zeros(len(triangles)), math.ceil(ONSET_S / float(motion.time[1] - motion.time[0]))
     for n, triangle in enumerate(triangles):
-        row = int(corners.sample[n])
-        arriving, leaving = x[corners.before[n] : row + 1], x[row : corners.after[n] + 1][::-1]
+        turn = int(corners.sample[n])
+        arriving, leaving = x[corners.before[n] : turn + 1], x[turn : corners.after[n] + 1][::-1]
         excess[n] = triangle.measure_excess(arriving, leaving, unseen)
         rows = np.arange(corners.before[n], corners.after[n] + 1)
         deviation[rows] = np.minimum(deviation[rows], triangle.measure_deviation(x[rows]))
