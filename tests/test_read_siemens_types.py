@@ -49,6 +49,8 @@ VALUES = {
     ),
     "ROUND of a half": ("", "X=ROUND(2.5)\nX=ROUND(0.5)\nX=ROUND(3.5)\n", "", [3, 1, 4]),
     "ROUND of a negative half": ("", "X=ROUND(-2.5)\n", "", [-2]),
+    "MOD": ("", "R1=7 MOD 3 R2=-7 MOD 3\nX=R1\nX=R2\n", "", [1, -1]),
+    "DIV": ("", "R1=7 DIV 2\nX=R1\n", "", [3]),
     "TRUNC": ("", "X=TRUNC(-2.7)\nX=TRUNC(2.7)\n", "", [-2, 2]),
     "ROUNDUP": ("", "X=ROUNDUP(3.1)\nX=ROUNDUP(3)\nX=ROUNDUP(-3)\n", "", [4, 3, -3]),
 }
@@ -79,6 +81,9 @@ REFUSED = {
     "STRING": ("DEF STRING[20] T\n", "X1\n", "DEF"),
     "AXIS": ("DEF AXIS A\n", "X1\n", "DEF"),
     "loop from a fraction": ("", "FOR R1=0.5 TO 3\nX=R1\nENDFOR\n", "0.5"),
+    "loop to a fraction": ("", "FOR R1=1 TO 2.5\nX=R1\nENDFOR\n", "2.5"),
+    "CASE of a fraction": ("", "R1=1.5\nCASE R1 OF 1 GOTOF A1\nA1: X1\n", "CASE 1.5"),
+    "MOD of a fraction": ("", "R1=7.5 MOD 2\nX=R1\n", "MOD"),
     "ROUNDUP below zero": ("", "X=ROUNDUP(-3.1)\n", "ROUNDUP"),
 }
 

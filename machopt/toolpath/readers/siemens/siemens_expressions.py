@@ -8,7 +8,12 @@ from collections.abc import Callable
 
 from machopt.file_formats.expression_parser import RecursiveDescentParser
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
-from machopt.toolpath.readers.siemens.variable_types import convert_to_type, round_away, round_half_up
+from machopt.toolpath.readers.siemens.variable_types import (
+    compute_remainder,
+    convert_to_type,
+    round_away,
+    round_half_up,
+)
 
 _RADIANS = math.radians
 _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {  # name → (arguments, function); angles in degrees
@@ -42,7 +47,12 @@ _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (  # weakest f
         ">=": lambda a, b: float(a >= b),
     },
     {"+": lambda a, b: a + b, "-": lambda a, b: a - b},
-    {"*": lambda a, b: a * b, "/": lambda a, b: a / b, "DIV": lambda a, b: float(math.trunc(a / b)), "MOD": math.fmod},
+    {
+        "*": lambda a, b: a * b,
+        "/": lambda a, b: a / b,
+        "DIV": lambda a, b: float(math.trunc(a / b)),
+        "MOD": compute_remainder,
+    },
     {"^": lambda a, b: a**b},  # Heidenhain
 )
 Values = dict[str, float]

@@ -330,6 +330,8 @@ class SiemensFlow:
         if not found or "".join(f.group() for f in found) != branches.rstrip():
             raise ProgramFlowError("expected CASE value OF number GOTOF label … DEFAULT GOTOF label", self.items[at][0])
         value = self.variables.value(formula)
+        if value != round(value):
+            raise MacroExpressionError(f"CASE {value:g}: expected a whole number to compare with")
         for branch in found:
             if branch.group(1) == "DEFAULT" or float(branch.group(1)) == value:
                 return self._jump(branch.group(2), branch.group(3), at)
@@ -357,11 +359,14 @@ class SiemensFlow:
         found = _FOR.fullmatch(code)
         if not found:
             raise ProgramFlowError("expected FOR name = value TO value", self.items[at][0])
-        name, start = found.group(1), self.variables.value(found.group(2))
-        if self.variables.types.get(name, "REAL") == "REAL" and start != round(start):
-            raise MacroExpressionError(f"FOR {name}={start:g}: a loop counts whole numbers; expected one as its start")
+        name, start, end = found.group(1), *map(self.variables.value, found.group(2, 3))
+        of_real = self.variables.types.get(name, "REAL") == "REAL"
+        if end != round(end) or (of_real and start != round(start)):
+            raise MacroExpressionError(
+                f"FOR {name}={start:g} TO {end:g}: a loop counts whole numbers; expected them as its start and end"
+            )
         self.variables.assign(name, start)
-        self.limits[at] = self.variables.value(found.group(3))
+        self.limits[at] = end
         return at + 1 if self.variables.values[name] <= self.limits[at] else self.partner[at] + 1
 
     def _next(self, at: int) -> int:

@@ -38,6 +38,17 @@ def round_away(value: float) -> float:
     return float(math.ceil(value))
 
 
+def compute_remainder(a: float, b: float) -> float:
+    """Carry out MOD, which is for whole numbers.
+
+    Raises:
+        MacroExpressionError: a number is not whole.
+    """
+    if a != round(a) or b != round(b):
+        raise MacroExpressionError(f"{a:g} MOD {b:g}: expected whole numbers")
+    return math.fmod(a, b)
+
+
 def convert_to_type(value: float, kind: str, name: str) -> float:
     """Convert a value as an assignment to a variable does.
 
