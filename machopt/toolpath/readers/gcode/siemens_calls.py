@@ -32,7 +32,7 @@ _PATTERNS = {  # arguments that are read; those behind them must be left out or 
     "HOLES2": ("centre", "centre", "radius", "first angle", "angle between", "number"),
     "CYCLE801": ("reference point", "reference point", "angle", "column distance", "row distance", "columns", "rows"),
 }
-_ALONE = re.compile(rf"{SIEMENS.pattern}|{'|'.join(_PATTERNS)}|CYCLE80[02]")  # in a block without motion
+_ALONE = re.compile(rf"{SIEMENS.pattern}|{'|'.join(_PATTERNS)}|CYCLE80[02]|MCALL")  # in a block without motion
 _MOTION_LETTERS = frozenset("XYZABCUVWIJK")
 _NO_MOTION = frozenset(("FRC", "FRCM", "FB"))  # feeds, of the named addresses
 
