@@ -205,3 +205,24 @@ def test_a_process_file_given_by_option_replaces_that_of_the_cell(job: Path, tmp
     arguments = ["verify", str(job / "cell"), str(job / "holes.csv"), str(job / "other"), "--quiet"]
     assert main([*arguments, "--process", str(file)]) == 0
     assert main(arguments) == 4
+
+
+def test_verify_names_the_option_for_a_process_file_that_the_cell_does_not_name(
+    job: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell = tmp_path / "cell"
+    shutil.copytree(job / "cell", cell)
+    (cell / "cell.yaml").write_text((cell / "cell.yaml").read_text().replace("process: process.yaml\n", ""))
+    process = tmp_path / "cutting.yaml"
+    shutil.move(cell / "process.yaml", process)
+    toolpath = str(job / "holes.csv")
+    out = tmp_path / "out"
+    assert main(["optimize", str(cell), toolpath, "-o", str(out), "--quiet", "--process", str(process)]) == 0
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert [entry["role"] for name, entry in manifest["inputs"].items() if "cutting" in name] == ["process"]
+    capsys.readouterr()
+    assert main(["verify", str(cell), toolpath, str(out), "--quiet"]) == 2
+    assert "--process" in capsys.readouterr().err
+    assert main(["verify", str(cell), toolpath, str(out), "--quiet", "--process", str(process)]) == 0
+    process.write_text(process.read_text().replace("3000", "3100"))
+    assert main(["verify", str(cell), toolpath, str(out), "--quiet", "--process", str(process)]) == 4

@@ -132,7 +132,7 @@ def test_words_of_each_maker(tmp_path: Path) -> None:
     jbi = texts["jbi"]
     assert "///NPOS 7,7,7,0,0,0" in jbi
     assert "///GROUP1 RB1,BS1\n///GROUP2 ST1\n" in jbi
-    assert "MOVJ C00001 BC00001 VJ=80.00 +MOVJ EC00001 VJ=80.00" in jbi
+    assert "MOVJ C00001 BC00001 VJ=80.00 PL=0 +MOVJ EC00001 VJ=80.00" in jbi
     assert "SMOVL C00003 BC00003 V=20.0 PL=0 +MOVJ EC00003 VJ=80.00" in jbi
     assert "BC00001=250.0000\n" in jbi
     assert '"a6", "rail", "turn"]' in texts["ros_json"]

@@ -85,10 +85,26 @@ def test_yaskawa_takes_the_largest_level_inside_the_zone(tmp_path: Path) -> None
     levels = np.array([0.001, 0.005, 0.012, 0.05, 0.1, 0.2, 0.3, 0.4])
     files = write_program(tmp_path, "PART", rounded(), "jbi", replace(PLAIN, position_levels=levels))
     found = [w.get("pl") for w in read_program(files[0]).configuration[:JOINTS]]
-    assert found == [None, 3, 3, None]
+    assert found == [0, 3, 3, 0]
 
 
 def test_before_an_event_and_at_the_end_of_a_part_the_robot_stops() -> None:
     zones = compute_blend_zones(rounded(ToolpathEvent(2, "coolant", "M8"))).distance
     np.testing.assert_allclose(zones[:4], [0.0, 0.0, PRINTED, 0.0])
     np.testing.assert_allclose(compute_blend_zones(rounded(), 2).distance[:4], [0.0, 0.0, PRINTED, 0.0])
+
+
+ZONED = ["rapid", "urscript", "urscript_movep", "val3", "krl", "krl_pos", "krl_spline", "fanuc", "fanuc_joint", "jbi"]
+
+
+@pytest.mark.parametrize("post", [*ZONED, "jbi_rectan"])
+def test_a_joint_move_that_stops_states_an_exact_stop(post: str, tmp_path: Path) -> None:
+    """Read back, no joint move has a zone that the program leaves to the controller."""
+    files = write_program(tmp_path, "PART", replace(rounded(), rapid_share=None, rapid_zone=None), post, PLAIN)
+    np.testing.assert_array_equal(read_program(files[0]).blend[:JOINTS], 0.0)
+
+
+@pytest.mark.parametrize("post", [*ZONED, "jbi_rectan"])
+def test_the_last_joint_move_before_a_line_stops(post: str, tmp_path: Path) -> None:
+    files = write_program(tmp_path, "PART", rounded(), post, PLAIN)
+    assert read_program(files[0]).blend[[0, JOINTS - 1]].tolist() == [0.0, 0.0]

@@ -32,7 +32,7 @@ def test_modal_words_blanks_and_odd_numbers(tmp_path: Path) -> None:
     t = read(
         tmp_path,
         "%\nO0001 (PART (nested) NAME)\nN10 G21 G90 G17\n(OPERATION: FACE)\nT5 M6\nS8000 M3\n"
-        "G0 X  10. Y-.5 Z5\nG1 Z-1. F300\nX-1.\n Y .25\nG0Z5.\nM30\nG1 X99\n",
+        "G0 X  10. Y-.5 Z5.\nG1 Z-1. F300\nX-1.\n Y .25\nG0Z5.\nM30\nG1 X99.\n",
     )
     assert mm(t).tolist() == [[10, -0.5, 5], [10, -0.5, -1], [-1, -0.5, -1], [-1, 0.25, -1], [-1, 0.25, 5]]
     assert [MoveKind(m).word for m in t.move] == ["rapid", "cut", "cut", "cut", "rapid"]

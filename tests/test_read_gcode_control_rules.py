@@ -221,7 +221,7 @@ def test_what_would_move_points_otherwise_is_refused(tmp_path: Path, body: str) 
         ("M98 P100 L2\nM30\nO100\nG91 G1 X1\nY1 M99", (2, 2, 10)),
         ("#5=0\nWHILE [#5 LT 3] DO1\nG65 P100 A1.\n#5=#5+1\nEND1\nM30\nO100\nG91 G1 X#1\nG90\nM99", (3, 0, 10)),
         ("G1 X1\nM98 P100\nM30\nO100\nG1 X5 Y5 Z-2 M99\nG1 X99", (5, 5, -2)),
-        ("G1 X1\nG0 Z50. M30\nG1 X9", (1, 0, 50)),
+        ("G1 X1\nG0 Z50 M30\nG1 X9", (1, 0, 50)),
         ("#1=0\nN10 #1=#1+1\nG1 X#1\nIF [#1 LT 3] GOTO 10\nM30\nO2\nN10 G1 X99\nM99", (3, 0, 10)),
         ("M98 P100\nG1 Y2\nM30\nO100\nIF [1 EQ 1] THEN G0 X8 M99\nG1 Y9\nM99", (8, 2, 10)),
         ("G90 G0 X2 G65 P100 A1.\nM30\nO100\nG91 G1 X#1\nG90\nM99", (3, 0, 10)),
@@ -233,7 +233,7 @@ def test_what_would_move_points_otherwise_is_refused(tmp_path: Path, body: str) 
 def test_words_beside_a_flow_word_are_carried_out(
     tmp_path: Path, body: str, place: tuple[float, float, float] | None
 ) -> None:
-    text = "%\nO1\nG21 G90 G94 G17 G54\nG0 X0 Y0 Z10.\nG1 F100\n" + body + "\n%\n"
+    text = "%\nO1\nG21 G90 G94 G17 G54\nG0 X0 Y0 Z10\nG1 F100\n" + body + "\n%\n"
     t = read(tmp_path, text)
     if place is not None:
         assert end(t) == pytest.approx(list(place))
@@ -317,8 +317,8 @@ def test_an_absurd_dwell_is_refused(tmp_path: Path, line: str) -> None:
         ("G99 G89 X5 Y5 Z-10 R2 P0.1\nG80", 0),
         ("G99 G81 X5 Y5 Z-5 R2\nG91 X5\nG80 G90", 1),
         ("G99 G81 X5 Y5 Z-5 R2\nX7\nG80 G90", 0),
-        ("G1 X5.\nG2 X5. Y-0.001 I50.", 2),
-        ("G1 X5.\nG3 X5.0001 Y0.0001 I1.", 2),
+        ("G1 X5.0\nG2 X5.0 Y-0.001 I50.0", 2),
+        ("G1 X5.0\nG3 X5.0001 Y0.0001 I1.0", 2),
         ("G1 X5\nG2 X5 Y0 I50", 0),
         ("G1 X5 (open\nG1 Y2", 1),
         ("G81 X1 Y1 Z-1 R2\nG0 X3\nG81 F100\nG80", 1),
@@ -366,7 +366,7 @@ def test_a_feed_that_takes_hours_is_refused(tmp_path: Path, body: str) -> None:
         read(tmp_path, HEAD + body + "\nM2\n")
 
 
-@pytest.mark.parametrize("body", ["G1 X1 F0.5", "G1 X100 F5", "G95\nS3000 M3\nG1 X100 F0.15", "G1 X5000. F60"])
+@pytest.mark.parametrize("body", ["G1 X1 F0.5", "G1 X100 F5", "G95\nS3000 M3\nG1 X100 F0.15", "G1 X5000.0 F60"])
 def test_slow_feeds_that_can_be_meant_are_read(tmp_path: Path, body: str) -> None:
     assert len(read(tmp_path, HEAD + body + "\nM2\n")) == 2
 
@@ -392,6 +392,13 @@ IMPLIED = [  # a file whose numbers mean something else by a parameter; the lett
     ("G21 G90\nG0X0Y0Z5(X5.)\nG1X1500F100;X1.\nM30\n", "X", 1.5),
     ("G21 G90\nG0X 0Y 0Z 00500\nG1X- 01500F100\nM30\n", "X", -1.5),
     ("G21G90G0X0Y0Z5.\nG1F100Z0.X1.\nG1X2.Y12000\nM30\n", "Y", 12.0),
+    # whole numbers with a point at their end beside some without
+    ("G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F100\nX10\nX20.\nY30\nM30\n", "Y", 0.03),
+    ("O1\nG21 G90\nG0 X0 Y0 Z5\nG1 Z-1. F100\nX10\nM30\n", "X", 0.01),
+    ("G21 G90\nG0 X0. Y0. Z5.5\nG1 Z-1.5 F100\nX10.\nX12\nY8\nX9\nM30\n", "X", 0.009),
+    ("O1\nG21 G90\nG0 X0 Y0 Z5.5\nG1 Z-1.5 F100\nG2 X10. I5. J0\nG1 Y4\nM30\n", "Y", 0.004),
+    ("G21 G90\nG0 X0 Y0 Z10.\nG81 X1.5 Y2 Z-3 R2 F100\nG80\nM30\n", "Y", 0.002),
+    ("G20 G90\nG0 X0 Y0 Z1.\nG1 Z-.1 F10\nX2\nM30\n", "X", 0.002 * 25.4),
 ]
 
 
@@ -405,6 +412,20 @@ def test_implied_decimals_are_asked_for_and_then_hold_everywhere(
     t = read(tmp_path, text, decimals=3)
     assert end(t)["XYZ".index(letter)] == pytest.approx(place)
     assert sum("--decimals 3" in w for w in t.warnings) == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "G21 G90\nG0 X0. Y0. Z5\nG1 Z-1 F100\nX10\nM30\n",  # a point behind zero marks nothing
+        "O1\nG21 G90\nG0 X0 Y0 Z5\nG1 Z-1.5 F100\nX10 Y12.25\nM30\n",  # points where they are needed
+        "o<a> sub\no<a> endsub\nG21 G90\nG0 X0 Y0 Z5.\nG1 Z-1 F100\nX10\nM2\n",  # LinuxCNC
+        "G21 G90\nM428\nM429\nG0 X0 Y0 Z5.\nG1 Z-1 F100\nX10\nM2\n",  # its five-axis switches
+        "O1\nG21 G90\nG0 X0. Y0. Z5.\nG1 Z-1. F100\nG4 P500\nX10.\nM30\n",  # no length
+    ],
+)
+def test_lengths_of_one_meaning_are_read_without_the_option(tmp_path: Path, text: str) -> None:
+    assert end(read(tmp_path, text))[0] == 10
 
 
 @pytest.mark.parametrize(
@@ -441,9 +462,9 @@ def test_increments_from_the_start_count_from_zero(tmp_path: Path) -> None:
     ("body", "said"),
     [
         ("G1 Z-1.5 F200.\nX15 Y10\nX25 Y20\nX12.5", True),
-        ("G1 Z-1. F200.\nX15\nX25\nX30", True),
+        ("G1 Z-1.0 F200.\nX15\nX25\nX30", True),
         ("G1 Z-1.5\nX15", True),
-        ("G1 Z-1.5\nG2 X10. I5 J0", True),
+        ("G1 Z-1.5\nG2 X10.0 I5 J0", True),
         ("G1 Z-1.5\nX15.", False),
         ("G1 Z-1.5\nX15.0", False),
         ("#<a>=1.5\nG1 Z-1.5\nX15", False),

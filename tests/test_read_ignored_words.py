@@ -137,8 +137,9 @@ def test_a_bare_number_where_the_others_are_marked_is_asked_for(tmp_path: Path) 
         read(tmp_path, text)
     assert mm(read(tmp_path, text, decimals=3))[3] == [0.005, 5, 0]
     assert mm(read(tmp_path, text, decimals=0))[3] == [5, 5, 0]
-    mixed = text.replace("X12.5", "Y7\nX8 Y9\nX12.5")  # written both ways: no mark
-    assert mm(read(tmp_path, mixed))[3] == [5, 5, 0]
+    mixed = text.replace("X12.5", "Y7\nX8 Y9\nX12.5")  # written both ways as often
+    with pytest.raises(InputError, match=r"X5 has no decimal point.*--decimals"):
+        read(tmp_path, mixed)
 
 
 def test_block_delete_is_told(tmp_path: Path) -> None:

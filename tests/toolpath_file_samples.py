@@ -197,8 +197,8 @@ M99
 )
 FIVE_AXES = Sample(
     "five.nc",
-    "%\nO2\nG21 G90 G54\nT1 M6\nG43.4 H1\nG0 X0 Y0 Z9 A30. C50.\nG1 X1. F500.\nX2. A31. C52.\nX3. A32. C54.\n"
-    "G49\nG43.5 H1\nG0 X0 Y0 Z9 I0 J3 K4\nG1 X1. F99. I0 J3 K4\nM30\n%\n",
+    "%\nO2\nG21 G90 G54\nT1 M6\nG43.4 H1\nG0 X0 Y0 Z9. A30. C50.\nG1 X1. F500.\nX2. A31. C52.\nX3. A32. C54.\n"
+    "G49\nG43.5 H1\nG0 X0 Y0 Z9. I0 J3 K4\nG1 X1. F99. I0 J3 K4\nM30\n%\n",
     {"machine": "table-ac@0,0,-50"},
     end="M30",
 )

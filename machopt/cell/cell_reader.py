@@ -348,6 +348,13 @@ class _CellReader:
             if hit.package is not None and hit.folder is not None:
                 found[hit.package] = hit.folder
             self.folder.read.append(path)
+            if path.suffix.lower() == ".dae" and path not in self.read:
+                self.read[path], up = read_collada_surface(path, fail)
+                if up != "Z_UP":
+                    self.warnings.append(
+                        f"{path.name} states {up}; as in RViz and MoveIt its coordinates are those of the link all the "
+                        "same"
+                    )
             self.mesh(path, mesh.scale, "link", fail, partial(_format_urdf_scale, mesh.scale))
         for solid in urdf.solids:
             at = partial(CellError, file=urdf.path, where=f"line {solid.line}: collision of link {solid.link!r}")

@@ -22,7 +22,7 @@ from machopt.cli import (
     toolpath_commands,
     view_command,
 )
-from machopt.cli.argument_errors import list_commands
+from machopt.cli.argument_errors import OptionParser, list_commands
 from machopt.cli.help_pages import ArrangedParser, arrange_help
 from machopt.cli.shared_options import add_common_options, warn_of_unused_options
 from machopt.errors import MachoptError
@@ -101,7 +101,7 @@ def _build_parser() -> argparse.ArgumentParser:
     parser = ArrangedParser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
     parser.add_argument("--version", action="version", version=f"machopt {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    common = argparse.ArgumentParser(add_help=False)
+    common = OptionParser(add_help=False)
     common.add_argument("--quiet", action="store_true", help="print only errors")
     common.add_argument("--json", action="store_true", help="print the result as a JSON object")
     common.add_argument("--debug", action="store_true", help="show the Python traceback of an error")

@@ -12,7 +12,78 @@ from machopt.spelling_suggestions import find_typo
 N = TypeVar("N")
 
 
-class CommandParser(argparse.ArgumentParser):
+class SingleValueAction(argparse._StoreAction):
+    """Value of an option that is given once; a repetition with another value contradicts the first one."""
+
+    _seen: tuple[argparse.Namespace, Any] | None = None
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
+    ) -> None:
+        """Store the value.
+
+        Args:
+            parser: The argument parser.
+            namespace: Object that receives the value.
+            values: The converted value.
+            option_string: The option as typed.
+
+        Raises:
+            argparse.ArgumentError: the option was given before with another value.
+        """
+        before = self._seen
+        if self.option_strings and before is not None and before[0] is namespace and before[1] != values:
+            raise argparse.ArgumentError(self, f"given twice, {before[1]} and {values}; expected one value")
+        self._seen = namespace, values
+        super().__call__(parser, namespace, values, option_string)
+
+
+class NamedValuesAction(argparse._AppendAction):
+    """Values of an option that may be repeated; one in the form NAME=VALUE states each name once."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
+    ) -> None:
+        """Append the value.
+
+        Args:
+            parser: The argument parser.
+            namespace: Object that receives the value.
+            values: The converted value.
+            option_string: The option as typed.
+
+        Raises:
+            argparse.ArgumentError: the name was given before with another value.
+        """
+        if "=" in str(self.metavar or ""):
+            name, value = _split_named_value(values)
+            for other in getattr(namespace, self.dest, None) or []:
+                other_name, other_value = _split_named_value(other)
+                if other_name == name and other_value != value:
+                    raise argparse.ArgumentError(
+                        self, f"{name} is given twice, {other_value} and {value}; expected one value"
+                    )
+        super().__call__(parser, namespace, values, option_string)
+
+
+def _split_named_value(value: Any) -> tuple[str, str]:
+    if isinstance(value, tuple):
+        return str(value[0]), str(value[1])
+    name, _, text = str(value).partition("=")
+    return name.strip(), text.strip()
+
+
+class OptionParser(argparse.ArgumentParser):
+    """Parser whose options refuse contradicting repetitions; also the parent of commands with common options."""
+
+    def __init__(self, *args: Any, **keywords: Any) -> None:
+        super().__init__(*args, **keywords)
+        for name in (None, "store"):
+            self.register("action", name, SingleValueAction)
+        self.register("action", "append", NamedValuesAction)
+
+
+class CommandParser(OptionParser):
     """Argument parser that reports errors in one line, without the usage text.
 
     Options are never abbreviated: an abbreviation may match another command's option, or a future one.

@@ -6,12 +6,13 @@ import argparse
 import math
 from typing import Any
 
+from machopt.cli.argument_errors import OptionParser
 from machopt.errors import OptionError
 
 
 def build_reading_parser() -> argparse.ArgumentParser:
     """Return a parent parser with the options."""
-    p = argparse.ArgumentParser(add_help=False)
+    p = OptionParser(add_help=False)
     p.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that states none")
     p.add_argument(
         "--machine", help="machine type that the rotary axes of the G-code are programmed for, e.g. table-ac, head-bc"

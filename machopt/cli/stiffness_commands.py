@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from machopt.cli.argument_errors import OptionParser
 from machopt.cli.effects_notice import warn_of_effect_code
 from machopt.cli.map_command import add_map_options
 from machopt.cli.option_values import parse_floats, parse_integers
@@ -30,7 +31,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         commands: The sub-parsers of the main parser.
         common: Parent parser with the options of every command.
     """
-    cell = argparse.ArgumentParser(add_help=False)
+    cell = OptionParser(add_help=False)
     add_shared_option(cell, "cell")
     add_shared_option(cell, "--out")
     add_shared_option(cell, "--force")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli import garbage_collection
+from machopt.cli.argument_errors import OptionParser
 from machopt.cli.check_lines import format_check_line, format_failed_verification, format_information_line
 from machopt.cli.compilation_notice import announce_compilation
 from machopt.cli.effects_notice import warn_of_effect_code
@@ -27,7 +28,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         commands: The sub-parsers of the main parser.
         common: Parent parser with the options of every command.
     """
-    planning = argparse.ArgumentParser(add_help=False)
+    planning = OptionParser(add_help=False)
     add_shared_option(planning, "--plan")
     add_shared_option(planning, "--set")
     add_shared_option(planning, "--allow-external")

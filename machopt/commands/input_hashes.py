@@ -11,7 +11,13 @@ from machopt.data_types.manifest import ManifestFile
 from machopt.output.file_hashes import build_manifest_file as output_build_manifest_file
 from machopt.output.file_hashes import compute_sha256
 
-_ROLE_BY_MARK = {b"machopt_stiffness": "stiffness", b"machopt_kinematics": "kinematics", b"machopt_cell": "cell"}
+PROCESS_ROLE = "process"
+_ROLE_BY_MARK = {
+    b"machopt_stiffness": "stiffness",
+    b"machopt_kinematics": "kinematics",
+    b"machopt_cell": "cell",
+    b"machopt_process": PROCESS_ROLE,
+}
 _HEAD_BYTES = 4096  # bytes in which a YAML file of ours says what it is
 _ROLE_BY_SUFFIX = {".urdf": "urdf", ".xacro": "urdf", ".srdf": "srdf"}
 

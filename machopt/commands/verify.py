@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from machopt.cell.absolute_accuracy import apply_absolute_accuracy
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.tool_selection import select_job_tools
-from machopt.commands.input_hashes import build_manifest_file, list_cell_inputs, rename_duplicate_names
+from machopt.commands.input_hashes import (
+    PROCESS_ROLE,
+    build_manifest_file,
+    list_cell_inputs,
+    rename_duplicate_names,
+)
 from machopt.commands.toolpath_reading_options import build_known_robot
 from machopt.data_types.documents.verification_entries import InformationEntry
 from machopt.data_types.documents.verify_document import VerifyCheckEntry, VerifyDocument
@@ -68,6 +74,9 @@ def _verify_folder(request: VerifyRequest) -> VerifyResult:
         manifest: FolderManifest | None = read_manifest(request.out)[0]
     except InputError:
         manifest = None  # a failed check of its own, below
+    inputs = list_cell_inputs(cell)
+    if cell.process is None:
+        _require_process_file(request.out, manifest)
     used = resolve_options_in_force(request, cell, build_known_robot(cell), manifest)
     cell = select_job_tools(apply_absolute_accuracy(cell, used.options), used.toolpath)
     found = verify_folder(
@@ -75,7 +84,7 @@ def _verify_folder(request: VerifyRequest) -> VerifyResult:
         used.toolpath,
         request.out,
         options=used.options,
-        inputs=rename_duplicate_names((*list_cell_inputs(cell), build_manifest_file(request.toolpath, "toolpath"))),
+        inputs=rename_duplicate_names((*inputs, build_manifest_file(request.toolpath, "toolpath"))),
     )
     found = replace(found, checks=(*used.checks, *found.checks))
     missing = (*list_unchecked(cell, used.options, used.toolpath), *list_checks_not_run(found.checks))
@@ -86,3 +95,14 @@ def _verify_folder(request: VerifyRequest) -> VerifyResult:
         words = "intact, but without a motion: there was no feasible answer"
         return VerifyResult(found, 3, add_scope_to_verdict(words, missing), used.notes)
     return VerifyResult(found, 0, add_scope_to_verdict("verification passed", missing), used.notes)
+
+
+def _require_process_file(out: Path, manifest: FolderManifest | None) -> None:
+    """Raise InputError where the folder was made with a process file, and neither the cell nor an option names one."""
+    names = [] if manifest is None else [f.name for f in manifest.inputs if f.role == PROCESS_ROLE]
+    if names:
+        raise InputError(
+            f"was made with the process file {names[0]}, which the cell does not name; expected --process FILE with "
+            "that file",
+            file=out,
+        )

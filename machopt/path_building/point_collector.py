@@ -385,7 +385,8 @@ class PathBuilder(ReadingNotes):
         off = np.abs(length - 1.0) > 1e-3
         if off.any():
             at = int(np.argmax(off))
-            self.warn(f"{int(off.sum())} tool axes are not of unit length; they were normalised", int(line[at]))
+            count = len(np.unique(line[off]))  # several points may come from one line
+            self.warn(f"lines with a tool axis that is not of unit length: {count}; it was normalised", int(line[at]))
         return np.asarray(axis / length[:, None])
 
 

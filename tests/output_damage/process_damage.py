@@ -118,6 +118,9 @@ COLUMNS = (  # column, factor, check that finds it
 )
 
 HOLE_COLUMNS = (
+    ("feed_max_mm_min", 1.6, "points.csv feed_max_mm_min is not too large"),
+    ("feed_max_mm_min", 0.4, "points.csv feed_max_mm_min is the largest"),
+    ("feed_max_mm_min", -1.0, "points.csv feed_max_mm_min"),
     ("m_axial_Nm", 1.05, "points.csv m_axial_Nm"),
     ("error_along_mm", 1.05, "points.csv error_along_mm"),
     ("error_across_mm", 1.3, "points.csv error_across_mm"),
@@ -126,7 +129,7 @@ HOLE_COLUMNS = (
 
 DAMAGES = [
     *(
-        Damage(f"points.csv {name} scaled", f"×{factor}", in_points(name, factor), check, "drilled")
+        Damage(f"points.csv {name} ×{factor}", f"×{factor}", in_points(name, factor), check, "drilled")
         for name, factor, check in HOLE_COLUMNS
     ),
     Damage(
@@ -146,6 +149,20 @@ DAMAGES = [
     *(
         Damage(f"points.csv {name} scaled", f"×{factor}", in_points(name, factor), check, "process")
         for name, factor, check in COLUMNS
+    ),
+    Damage(
+        "points.csv feed_max_mm_min lost",
+        "1 cell",
+        build_table_change("points.csv", partial(replace_word, "feed_max_mm_min", "")),
+        "points.csv feed_max_mm_min",
+        "process",
+    ),
+    Damage(
+        "points.csv feed_max_mm_min at a higher end",
+        "2880 → 400 mm/min",
+        build_table_change("points.csv", lambda rows: rows[5].update(feed_max_mm_min="400")),
+        "points.csv feed_max_mm_min is the largest",
+        "process",
     ),
     Damage(
         "points.csv outcome changed",

@@ -339,6 +339,8 @@ DAMAGES = [
     ),
     row("jbi", "a joint", "0.5 deg", swap(JBI, r"^C00005=(-?[\d.]+)", shifted(1, 0.5)), J),
     row("jbi", "the positioning level", "PL=8", swap(JBI, r"(V=25.0) PL=\d", r"\1 PL=8", 1), J + "zones"),
+    row("jbi", "no positioning level of a joint move", "PL removed", swap(JBI, r"^(MOVJ .*) PL=0", r"\1"), J + "zones"),
+    row("jbi", "the positioning level of a joint move", "PL=3", swap(JBI, r"^(MOVJ .*) PL=0", r"\1 PL=3"), J + "zones"),
     row("jbi", "END removed", "1 line", swap(JBI, r"^END\r\n", ""), J),
     row("jbi_rectan", "RCONF", "1 bit", swap(JBI, r"RCONF (\d)", lambda m: f"RCONF {1 - int(m[1])}"), J),
     row("jbi_rectan", "the user frame", "1 number", swap(JBI, r"///USER \d+", "///USER 9"), J),

@@ -84,6 +84,11 @@ def swap(file: str, pattern: str, by: str | Callable[[re.Match[str]], str]) -> C
     return apply
 
 
+def _enlarge_corner_and_program(job: Job) -> None:
+    put("before_percent", "50", 0)(job)
+    swap("krl/*.src", r"CPTP=\d+", "CPTP=100")(job)
+
+
 DAMAGES = [
     Damage("a corner's share of its move", "51 %", put("before_percent", "51"), "rapid corners between", "two cuts"),
     Damage("a corner's row", "beside a cut", put("from_sample", "1"), "rapid corners between", "two cuts"),
@@ -91,6 +96,17 @@ DAMAGES = [
         "a corner's joints", "0.01°", build_table_change(CORNERS, _turn_corner), "rapid corners as driven", "two cuts"
     ),
     Damage("a smaller corner", "5 %", put("after_percent", "5"), "rapid corners as driven", "two cuts"),
+    Damage("a larger corner", "24 to 50 %", put("before_percent", "50", 0), "rapid corner shares", "two cuts"),
+    Damage(
+        "a larger corner, driven later", "24 to 45 %", put("after_percent", "45", 3), "rapid corner shares", "two cuts"
+    ),
+    Damage(
+        "a larger corner and its program",
+        "24 to 50 %, CPTP 100",
+        _enlarge_corner_and_program,
+        "rapid corner shares",
+        "two cuts",
+    ),
     Damage("a rapid move off its line", "0.01°", build_table_change(MOTION, _bend_motion), "rapid corners", "two cuts"),
     Damage("a corner not listed", "1 of 4", build_table_change(CORNERS, _forget_corner), "rapid points", "two cuts"),
     Damage(
@@ -110,6 +126,45 @@ DAMAGES = [
             r"zonedata z1_(\w+):=\[FALSE,([\d.]+)",
             lambda m: f"zonedata z1_{m[1]}:=[FALSE,{10 * float(m[2]):.3f}",
         ),
+        "rapid/pass_csv.mod: zones",
+        "two cuts",
+    ),
+    Damage(
+        "reach of movej",
+        "x 10",
+        swap(
+            "val3/**/*.dtx",
+            r'blend="joint" leave="([\d.]+)" reach="([\d.]+)"',
+            lambda m: f'blend="joint" leave="{10 * float(m[1]):.4f}" reach="{10 * float(m[2]):.4f}"',
+        ),
+        "val3/pass_csv/pass_csv.pjx: zones",
+        "two cuts",
+    ),
+    Damage(
+        "C_PTP where the robot stops",
+        "first move",
+        swap("krl/*.src", r"PTP (\{[^}]*\})\r?\n", lambda m: f"PTP {m[1]} C_PTP\r\n"),
+        "krl/pass_csv.src: zones",
+        "two cuts",
+    ),
+    Damage(
+        "r where movej stops",
+        "5 mm",
+        swap("urscript/*.script", r"(movej.*r=)0\)", r"\g<1>0.005000)"),
+        "urscript/pass_csv.script: zones",
+        "two cuts",
+    ),
+    Damage(
+        "r where movel stops",
+        "5 mm",
+        swap("urscript/*.script", r"(movel.*r=)0\.000000\)", r"\g<1>0.005000)"),
+        "urscript/pass_csv.script: zones",
+        "two cuts",
+    ),
+    Damage(
+        "fine of MoveAbsJ",
+        "z1",
+        swap("rapid/*.mod", r"(MoveAbsJ .*),fine,", r"\g<1>,z1_pass_csv,"),
         "rapid/pass_csv.mod: zones",
         "two cuts",
     ),

@@ -43,7 +43,7 @@ def read_whole_mesh(path: Path, fail: ErrorFactory) -> bytes:
     """
     suffix = path.suffix.lower()
     if suffix not in READABLE:
-        raise fail(f"mesh {path.name} is of type {path.suffix or 'none'!r}; readable: {', '.join(READABLE)}")
+        raise fail(f"mesh {path.name} is of type {path.suffix or 'none'!r}; readable: {', '.join(READABLE)}, .dae")
     try:
         data = read_file(path, expected="a mesh", most=MESH)
     except InputError as problem:

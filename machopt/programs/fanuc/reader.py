@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +12,13 @@ from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
 from machopt.programs.fanuc.file_sections import FanucFile, FanucPosition, split_sections
 from machopt.programs.fanuc.harmless_words import FANUC
+from machopt.programs.fanuc.move_speed import (
+    SWITCHES,
+    MoveSpeedError,
+    compute_feed_of_duration,
+    parse_feed,
+    refuse_duration,
+)
 from machopt.programs.reading.called_files import find_called_file
 from machopt.programs.reading.harmless_words import compile_beginning_pattern
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
@@ -31,11 +37,8 @@ from machopt.programs.reading.rotation_conventions import (
 
 _MOTION = re.compile(r"([JLCA])\s+(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
 _POSITION = re.compile(r"(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
-_SPEED = re.compile(r"(\d*\.?\d+)\s*(%|mm/sec|cm/min|inch/min|in/min|deg/sec|msec|sec)", re.IGNORECASE)
-_SECONDS = re.compile(r"(\d*\.?\d+)\s*(m?)sec\b", re.IGNORECASE)
 _END = re.compile(r"\b(FINE|CNT\s*\d+|CD\s*\d+|CR\s*\d+|CNT\s*R\[\d+\])", re.IGNORECASE)
 _FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d+)")
-_TO_M_S = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0, "in/min": 0.0254 / 60.0}
 _MODIFIER = re.compile(
     r"(?:ACC\s*\d+|COORD|PTH|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
 )
@@ -44,9 +47,6 @@ _EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |SPOT|Spot|WAIT|PULSE")
 _STRANGE_MOTION = re.compile(r"[A-Z]\s+(?:P|PR|PAL_\d+)\s*\[")
 _BRANCH = re.compile(r"LBL\s*\[|(?:IF|ENDIF|ELSE|END)\b")
 _JUMP = re.compile(r"(?:JMP\b|FOR\b|ENDFOR\b|SELECT\b|SKIP\b|.*\bJMP\s+LBL)")
-_SWITCHES = re.compile(  # an output at a time or distance before or after the target
-    r"\b(?:T[AB]|DB)\s*-?\d*\.?\d+\s*(?:sec|mm)\s*,?\s*(?:[DRG]O|AO|F)\[[^\]]*\]\s*=\s*[\w.()]+", re.IGNORECASE
-)
 _FRAME_SET = re.compile(r"(?:UFRAME|UTOOL)(?:_NUM\b|\s*\[)")
 _POSITION_SET = re.compile(r"P\s*\[[^\]]*\]\s*=")
 _DECIDES = re.compile(r"\bCALL\b|\bOVERRIDE\b|,\s*(?:UFRAME|UTOOL|P\s*\[)")
@@ -77,6 +77,7 @@ class _FanucReader:
         self.user_frame: int | None = None
         self.tool: int | None = None
         self.moves = 0
+        self.feed = math.nan  # of the straight move before, m/s
         self.row: list[tuple[Array, re.Match[str], int]] = []  # A moves so far: pose, words, line
         self.jump: tuple[int, str, SourceFile] | None = None
         self.branches: list[tuple[int, str]] = []  # IF … THEN that are open: line and text
@@ -164,7 +165,8 @@ class _FanucReader:
         kind = JOINT if motion.group(1) == "J" else LINEAR
         tail, incremental = re.subn(r"\bINC\b,?", " ", motion.group(4), flags=re.IGNORECASE)
         feed, blend = self.read_motion_options(tail, line, part)
-        tail = _SWITCHES.sub(" ", tail)  # their seconds are no time of the move
+        if kind == LINEAR:
+            feed = self.read_duration(tail, found, incremental > 0, feed, line, part)
         if incremental:
             self.step(found, kind, feed, blend, line, part)
             return
@@ -183,12 +185,24 @@ class _FanucReader:
             self.out.joint(axes, line, given, kind=kind)
             return
         v = found.values
-        if kind == LINEAR and (seconds := _SECONDS.search(tail)) and self.out.last is not None:
-            way = float(np.linalg.norm(_build_pose(v)[:3, 3] - self.out.last[:3, 3]))
-            feed = way / (float(seconds.group(1)) * (1e-3 if seconds.group(2) else 1.0) or math.inf)
-            given = replace(given, feed=feed)
         rows = compute_fixed_xyz_rotation(v["W"], v["P"], v["R"])
         self.out.pose(kind, rows, (v["X"] * 1e-3, v["Y"] * 1e-3, v["Z"] * 1e-3), line, given)
+
+    def read_duration(
+        self, tail: str, to: FanucPosition, incremental: bool, feed: float, line: int, part: FanucFile
+    ) -> float:
+        """Feed in m/s of a straight move, which may be stated as a duration."""
+        way = None
+        if "X" in to.values and (incremental or self.out.last is not None):
+            place = np.array([to.values[c] for c in "XYZ"]) * 1e-3
+            start = np.zeros(3) if incremental or self.out.last is None else self.out.last[:3, 3]
+            way = float(np.linalg.norm(place - start))
+        try:
+            found = compute_feed_of_duration(tail, way, self.feed)
+        except MoveSpeedError as problem:
+            raise self.out.error(str(problem), line, part.source) from problem
+        self.feed = feed if found is None else found
+        return self.feed
 
     def step(self, by: FanucPosition, kind: int, feed: float, blend: float, line: int, part: FanucFile) -> None:
         """INC: add the numbers of the position to the present one, along the user frame."""
@@ -221,7 +235,7 @@ class _FanucReader:
         self.row.append((_build_pose(found.values), motion, line))
         if len(self.row) < 3:
             return
-        feed, blend = self.read_motion_options(motion.group(4), line, part)
+        feed, blend = self.read_arc_options(motion.group(4), line, part)
         a, b, c = (row[0] for row in self.row[-3:])
         via = b if len(self.row) == 3 else compute_halfway_pose(a, b, c)
         given = MoveAttributes(feed=feed, blend=blend, external=found.other_groups, configuration=found.configuration)
@@ -238,7 +252,7 @@ class _FanucReader:
         self.moves += 1
         via = self.position(part, first[2], first[3], first[0])
         end = self.position(part, second.group(1), second.group(2), line)
-        feed, blend = self.read_motion_options(second.group(3), line, part)
+        feed, blend = self.read_arc_options(second.group(3), line, part)
         poses = []
         for p in (via, end):
             if "X" not in p.values:
@@ -247,17 +261,20 @@ class _FanucReader:
         given = MoveAttributes(feed=feed, blend=blend, external=end.other_groups, configuration=end.configuration)
         self.out.circle(poses[0], poses[1], line, given)
 
+    def read_arc_options(self, text: str, line: int, part: FanucFile) -> tuple[float, float]:
+        """Read feed in m/s and blend in m of an arc."""
+        try:
+            refuse_duration(text)
+        except MoveSpeedError as problem:
+            raise self.out.error(str(problem), line, part.source) from problem
+        return self.read_motion_options(text, line, part)
+
     def read_motion_options(self, text: str, line: int, part: FanucFile) -> tuple[float, float]:
         """Read feed in m/s and blend in m from the text behind a position."""
-        feed, blend = math.nan, math.nan
-        for switched in _SWITCHES.findall(text):
+        blend = math.nan
+        for switched in SWITCHES.findall(text):
             self.out.event(switched, "comment")
-        text = _SWITCHES.sub(" ", text)
-        speed = _SPEED.search(text)
-        if speed is not None:
-            factor = _TO_M_S.get(speed.group(2).lower())
-            feed = float(speed.group(1)) * factor if factor is not None else math.nan
-            text = text[: speed.start()] + text[speed.end() :]
+        feed, text = parse_feed(SWITCHES.sub(" ", text))
         end = _END.search(text)
         if end is not None:
             word = end.group(1).upper()

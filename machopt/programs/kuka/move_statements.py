@@ -23,8 +23,8 @@ class KrlMoves:
     def __init__(self, out: ProgramBuilder, memory: KrlMemory) -> None:
         self.out, self.memory = out, memory
         self.targets = KrlTargets(memory)
-        self.corner = 0.0  # m, $APO.CDIS
-        self.joint_corner = 0.0  # % of half a move, $APO.CPTP
+        self.corner = math.nan  # m, $APO.CDIS; the controller holds it until the program sets it
+        self.joint_corner = math.nan  # % of half a move, $APO.CPTP; the controller holds it until the program sets it
 
     def move(self, word: str, rest: str, line: int) -> None:
         """Carry out a motion.

@@ -60,6 +60,9 @@ def _find_wrong_zones(case: ZoneCase) -> list[tuple[int, str]]:
     stated = case.controller.position_levels
     for k, words in enumerate(case.parsed.configuration):
         level = read_whole_number(words, "pl")
+        if "pl" not in words:
+            out.append((k, "no PL: the controller rounds its end as it is set up"))
+            continue
         if (level == 0 and not law.free[k]) or unsure[k]:
             continue
         if level and law.rapid is not None and law.rapid[k] > 0.0:
@@ -85,7 +88,7 @@ def _find_wrong_zones(case: ZoneCase) -> list[tuple[int, str]]:
 def _copy_printed_columns(words: Sequence[Words]) -> dict[str, Sequence[object]]:
     rconf = [w.get("rconf") for w in words]
     return {
-        "rapid_pl": [float(read_whole_number(w, "pl") or "nan") for w in words],
+        "rapid_pl": [read_whole_number(w, "pl") or 0 for w in words],
         "pl": [read_whole_number(w, "pl") for w in words],
         "rconf": [",".join(map(str, r)) if isinstance(r, tuple) else "" for r in rconf],
     }

@@ -6,7 +6,8 @@ arm 1, front 0 or rear 1, then for R, T and S: 0 below 180°, 1 from 180°.
 Positioning levels PL=0 … 8 are distances that parameters of the controller hold (S1CxG33 and on, as users describe
 them), so a program cannot know them: the cell may state them (``controller.position_levels_mm``), and then the largest
 that keeps to the tolerance is taken. Without them PL=1 stands only where rounding over half of the shorter line, which
-no level exceeds, keeps to it; everywhere else PL=0, an exact stop.
+no level exceeds, keeps to it; everywhere else PL=0, an exact stop. Joint moves state PL=0 too: without PL a controller
+rounds their ends as it is set up.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.numerics.array_types import Array
 from machopt.programs.writing.coarse_feeds import check_slowest_feed
 from machopt.programs.writing.external_axes import build_external_fields
 from machopt.programs.writing.maker_rules import CornerPassing, MakerRules
@@ -50,13 +50,13 @@ def compute_position_levels(job: PostJob) -> NDArray[np.int64]:
     return np.asarray(np.searchsorted(stated, limit * (1.0 + 1e-9), side="right"), np.int64)
 
 
-def _compute_rapid_levels(job: PostJob) -> Array:
-    """(M,) PL of the joint moves whose ends are rounded, NaN where none is written."""
+def _compute_rapid_levels(job: PostJob) -> NDArray[np.int64]:
+    """(M,) PL of the joint moves; 0 where the plan stops, because without PL the controller rounds as it is set up."""
     limit, stated = job.zone.rapid, job.controller.position_levels
     if limit is None or stated is None:
-        return np.full(len(job.program), np.nan)
+        return np.zeros(len(job.program), np.int64)
     level = np.searchsorted(stated, limit * (1.0 + 1e-9), side="right")
-    return np.where((job.blend > 0.0) & (limit > 0.0) & (level > 0), level, np.nan)
+    return np.where((job.blend > 0.0) & (limit > 0.0), level, 0).astype(np.int64)
 
 
 def _find_reason_to_stop(job: PostJob) -> str:

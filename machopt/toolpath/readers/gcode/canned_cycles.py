@@ -13,6 +13,7 @@ from machopt.toolpath.readers.gcode.syntax.dwell_units import Control, convert_d
 _FEED_OUT = {74, 84, 85, 89}
 _PECK = {73, 83}
 _DWELLING = tuple(f"CYCLE8{n}" for n in (2, 3, 4, 5, 6, 8, 9))
+_DEPTH_MODES = {"CYCLE81": (6, 8), "CYCLE82": (6, 8), "CYCLE83": (17, 19)}  # places of GMODE and AMODE
 SIEMENS = re.compile(r"CYCLE(?:8[1-9]|840)")
 
 
@@ -147,7 +148,7 @@ def _convert_pitch(name: str, pitch: float, unit: float | None, scale: float) ->
 
 
 def _parse_cycle_arguments(name: str, text: str) -> list[float | None]:
-    """The 18 arguments of a cycle, None where one is left out."""
+    """The 24 arguments of a cycle, None where one is left out."""
     values: list[float | None] = []
     for part in map(str.strip, text.split(",")):
         try:
@@ -156,7 +157,25 @@ def _parse_cycle_arguments(name: str, text: str) -> list[float | None]:
                 raise ValueError
         except ValueError:
             raise DrillingCycleError(f"{name}: argument {part!r} is not a number") from None
-    return values + [None] * (18 - len(values))
+    return values + [None] * (24 - len(values))
+
+
+def _check_depth_modes(name: str, values: list[float | None]) -> None:
+    """Refuse modes under which DP and DPR mean something else: GMODE (shank or diameter) and AMODE (which of both)."""
+    if name not in _DEPTH_MODES:
+        return
+    of_tip, of_depth = _DEPTH_MODES[name]
+    if values[of_tip]:
+        raise DrillingCycleError(
+            f"{name}: GMODE={values[of_tip]:g} counts the depth to the shank, or by a diameter. Write the depth "
+            "of the tip and GMODE 0"
+        )
+    kind = (values[of_depth] or 0.0) % 10
+    if (kind == 1.0 and values[3] is not None) or (kind == 2.0 and values[3] is None):
+        raise DrillingCycleError(
+            f"{name}: AMODE={values[of_depth]:g} says that the depth is {'DPR' if kind == 1.0 else 'DP'}; found the "
+            "other one. Write only the one that counts"
+        )
 
 
 def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.nan) -> DrillingCycle:
@@ -175,6 +194,7 @@ def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.na
         DrillingCycleError: an argument is invalid, or depth or planes are missing.
     """
     values = _parse_cycle_arguments(name, text)
+    _check_depth_modes(name, values)
     rtp, rfp, sdis, dp, dpr = values[:5]
     if rtp is None or rfp is None or (dp is None and dpr is None):
         raise DrillingCycleError(f"{name}: expected retract plane, reference plane, safety distance and depth")
@@ -194,7 +214,7 @@ def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.na
     way_in, way_out = _compute_tapping_feeds(name, values, scale, rpm)
     if name == "CYCLE85":  # FFR, RFF
         way_in, way_out = ((v or 0.0) * scale for v in values[6:8])
-    gap = abs(values[14] or 0.0) if chip_break else 0.0
+    gap = abs(values[14 if chip_break else 16] or 0.0) if deep else 0.0  # VRT, or DIS1 behind which it feeds again
     stepwise = name == "CYCLE84" and (values[15] or 0.0) % 10 in (1.0, 2.0) and (values[16] or 0.0) > 0.0
     if stepwise:  # _VARI, _DAM, _VRT
         peck, chip_break, gap = values[16] or 0.0, (values[15] or 0.0) % 10 == 1.0, abs(values[17] or 0.0)

@@ -156,6 +156,12 @@ class DrillingMoveReader(ArcMoveReader):
         cycle = self._check_cycle(cycle, b.line)
         self.end_contour("a drilling cycle follows")
         repeats = 1
+        if words.get("K", 1.0) > 1.0 and cycle.first_peck > 0.0 and not self.incremental and not self.siemens:
+            raise self.source.build_error(
+                f"K{words['K']:g} of {cycle.name}: Fanuc repeats the hole at its place, on Haas it is a depth. "
+                "Leave it out, or write L for repeats",
+                b.line,
+            )
         for letter in ("L", "K"):
             if letter in words:
                 repeats = round(words.pop(letter))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from machopt.file_formats.source_file import normalise_word
@@ -9,10 +10,15 @@ from machopt.toolpath.readers import harmless_words
 from machopt.toolpath.readers.gcode.block_motion import TANGENTIAL, THROUGH
 from machopt.toolpath.readers.gcode.canned_cycles import SIEMENS, parse_siemens_cycle
 from machopt.toolpath.readers.gcode.frame_words import FrameWordReader
-from machopt.toolpath.readers.gcode.geometry.hole_patterns import MOST_HOLES, generate_hole_circle, generate_hole_row
+from machopt.toolpath.readers.gcode.geometry.hole_patterns import (
+    MOST_HOLES,
+    generate_hole_circle,
+    generate_hole_grid,
+    generate_hole_row,
+)
 from machopt.toolpath.readers.gcode.geometry.polar_coordinates import find_plane_axes
 from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
-from machopt.toolpath.readers.gcode.syntax.word_meanings import REFUSED_CALLS
+from machopt.toolpath.readers.gcode.syntax.word_meanings import ADDRESSES, REFUSED_CALLS
 
 # not Sinumerik's ;$PATH=/_N_WKS_DIR, a folder of the control
 OPERATION = re.compile(r"^[^\w$]*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
@@ -21,6 +27,14 @@ _FRAMES = ("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRR
 _KNOWN = ("SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "MCALL", "CYCLE80", "TOROT", "TOFRAME")  # carried out
 _AXIS_WAYS = {"ORIVECT": True, "ORIPLANE": True, "ORIAXES": False, "ORIMACHAX": False}  # in one plane or by axes
 _DEFAULT_FGROUP = {"X", "Y", "Z"}
+_PATTERNS = {  # arguments that are read; those behind them must be left out or zero
+    "HOLES1": ("reference point", "reference point", "angle", "first distance", "distance", "number"),
+    "HOLES2": ("centre", "centre", "radius", "first angle", "angle between", "number"),
+    "CYCLE801": ("reference point", "reference point", "angle", "column distance", "row distance", "columns", "rows"),
+}
+_ALONE = re.compile(rf"{SIEMENS.pattern}|{'|'.join(_PATTERNS)}|CYCLE80[02]|MCALL")  # in a block without motion
+_MOTION_LETTERS = frozenset("XYZABCUVWIJK")
+_NO_MOTION = frozenset(("FRC", "FRCM", "FB"))  # feeds, of the named addresses
 
 
 class SiemensCallReader(FrameWordReader):
@@ -34,15 +48,22 @@ class SiemensCallReader(FrameWordReader):
             words: Words of the block: letter or name → number; may be changed in place.
         """
         for name, args in b.calls:
-            if SIEMENS.fullmatch(name) and any(letter in words for letter in "XYZABC"):
-                raise self.source.build_error(
-                    f"words of a motion in the block of {name}: the control moves before it drills. The motion "
-                    "in a block of its own, ahead of the cycle, would work",
-                    b.line,
-                )
+            if _ALONE.fullmatch(name):
+                self._refuse_motion_beside(name, words, b)
             self.call(name, args, words, b)
         if any(name == "MCALL" for name, _ in b.calls):
             self.once = 0  # the cycle is carried out at the points that follow
+
+    def _refuse_motion_beside(self, name: str, words: dict[str, float], b: ProgramBlock) -> None:
+        """Raise InputError for words of a motion in the block of a cycle: its call stands in a block of its own."""
+        found = [letter for letter in words if letter in _MOTION_LETTERS]
+        found += [f"{word}=" for word in b.named if word in ADDRESSES - _NO_MOTION]
+        if found:
+            raise self.source.build_error(
+                f"{found[0]} in the block of {name}: a cycle is called in a block of its own. Write the motion in the "
+                "block before it",
+                b.line,
+            )
 
     def call(self, name: str, args: str, words: dict[str, float], b: ProgramBlock) -> None:
         """Carry out one call.
@@ -88,7 +109,7 @@ class SiemensCallReader(FrameWordReader):
             self.swivel(args, b.line)
         elif name in ("CIP", "CT"):
             self.motion, self.canned = (THROUGH if name == "CIP" else TANGENTIAL), None
-        elif name in ("HOLES1", "HOLES2"):
+        elif name in _PATTERNS:
             self.pattern(name, args, b.line)
         else:
             return False
@@ -126,7 +147,10 @@ class SiemensCallReader(FrameWordReader):
             *harmless_words.SINUMERIK_CALLS,
             *_KNOWN,
         ):
-            raise self.source.build_error(f"{name} is not supported: export its motion as G0 and G1", line)
+            what = (
+                "write each place in a block behind MCALL" if name == "CYCLE802" else "export its motion as G0 and G1"
+            )
+            raise self.source.build_error(f"{name} is not supported: {what}", line)
         if _RUN_TOGETHER.fullmatch(name):
             raise self.source.build_error(f"found {name!r}; expected words such as X10.5 or G1", line)
 
@@ -157,10 +181,11 @@ class SiemensCallReader(FrameWordReader):
         self.check_mirror()
 
     def pattern(self, name: str, text: str, line: int) -> None:
-        """HOLES1(SPCA, SPCO, STA1, FDIS, DBH, NUM): a row; HOLES2(CPA, CPO, RAD, STA1, INDA, NUM): a circle.
+        """Drill a row (HOLES1), a circle (HOLES2) or a grid (CYCLE801) of holes.
 
-        Places are in the axes of the working plane: X, Y in G17; Z, X in G18; Y, Z in G19. The modal cycle (MCALL) is
-        carried out at every hole.
+        HOLES1(SPCA, SPCO, STA1, FDIS, DBH, NUM); HOLES2(CPA, CPO, RAD, STA1, INDA, NUM); CYCLE801(SPCA, SPCO, STA,
+        DIS1, DIS2, NUM1, NUM2). Places are in the axes of the working plane: X, Y in G17; Z, X in G18; Y, Z in G19. The
+        modal cycle (MCALL) is carried out at every hole.
 
         Args:
             name: Name of the call.
@@ -172,14 +197,36 @@ class SiemensCallReader(FrameWordReader):
         """
         if self.modal_call is None:
             raise self.source.build_error(f"{name} without a modal cycle (MCALL CYCLE81 …) before it", line)
-        try:
-            v = [float(part) if part.strip() else 0.0 for part in text.split(",")]
-        except ValueError:
-            raise self.source.build_error(f"{name}({text}): expected six numbers", line) from None
-        if len(v) != 6 or v[5] != round(v[5]) or not 0 < v[5] <= MOST_HOLES:
-            raise self.source.build_error(f"{name}({text}): expected six numbers, the last one of holes", line)
-        count, (first, second) = round(v[5]), find_plane_axes(self.plane)
-        for place in generate_hole_row(v, count) if name == "HOLES1" else generate_hole_circle(v, count):
+        v = self._parse_pattern(name, text, line)
+        first, second = find_plane_axes(self.plane)
+        if name == "CYCLE801":
+            columns, rows = round(v[5]), round(v[6])
+            places = generate_hole_grid((v[0], v[1]), (v[3], v[4]), columns, rows, v[2])
+            self.out.warn_once("the order of the holes of CYCLE801 is that of its rows, every second one back", line)
+        else:
+            generate = generate_hole_row if name == "HOLES1" else generate_hole_circle
+            places = generate(v, round(v[5]))
+        for place in places:
             hole = list(self.p)
             hole[first], hole[second] = place[0] * self.scale, place[1] * self.scale
             self.holes(self.modal_call, {}, hole, ProgramBlock(line=line, words=[]))
+
+    def _parse_pattern(self, name: str, text: str, line: int) -> list[float]:
+        """Arguments of a pattern; further ones (frame instead of grid, shear, hidden holes …) must be left out or 0."""
+        named = _PATTERNS[name]
+        given = [part.strip().strip('"') for part in text.split(",")]
+        try:
+            v = [float(part) if part else 0.0 for part in given]
+        except ValueError:
+            raise self.source.build_error(f"{name}({text}): expected numbers", line) from None
+        counts = v[5 : len(named)]
+        if len(v) < len(named) or not all(n == round(n) and n >= 1 for n in counts) or math.prod(counts) > MOST_HOLES:
+            raise self.source.build_error(f"{name}({text}): expected {', '.join(named)}; 1 to {MOST_HOLES} holes", line)
+        if any(v[len(named) :]):
+            further = next(n for n, value in enumerate(v) if n >= len(named) and value)
+            raise self.source.build_error(
+                f"{name}: argument {further + 1} ({given[further]}) is not read. Write the {len(named)} arguments "
+                "before, or each place in a block behind MCALL",
+                line,
+            )
+        return v

@@ -16,6 +16,26 @@ from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleEr
 _RAPID = 99999.0  # MAX or FMAX as a feed
 _SIDES = {1: (-1.0, 0.0, 0.0), 2: (0.0, -1.0, 0.0), 3: (1.0, 0.0, 0.0), 4: (0.0, 1.0, 0.0)}  # Q214
 SUPPORTED = (1, 2, 17, 200, 201, 202, 203, 204, 205, 206, 207, 209, 240, 241)
+_NOT_NEGATIVE = {  # the control takes no negative number for them
+    200: "set-up clearance",
+    202: "plunging depth",
+    204: "second set-up clearance",
+    205: "least plunging depth",
+    206: "feed",
+    208: "feed of the way out",
+    210: "dwell at the top",
+    211: "dwell at depth",
+    212: "decrement",
+    213: "number of chip breaks",
+    253: "feed of the way to the start",
+    256: "retraction for a chip break",
+    257: "depth between chip breaks",
+    258: "upper advanced stop distance",
+    259: "lower advanced stop distance",
+    379: "depth of the start",
+    403: "factor of the speed of the way out",
+}
+_PECKING = (200, 203, 205)  # cycles with Q202
 _OLD_WORDS = {
     "DIST": "SETUP",
     "SETUP": "SETUP",
@@ -95,6 +115,7 @@ def build_q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) ->
         raise DrillingCycleError("cycle 240 with Q343=1 takes its depth from the tool's point angle: not in the file")
     if 201 not in q or 200 not in q:
         raise DrillingCycleError(f"cycle {number} without Q200 (clearance) or Q201 (depth)")
+    _check_signs(number, q)
     if q[201] > 0.0:
         raise DrillingCycleError(_is_upward_depth("Q201", q[201]))
     top = q.get(203, 0.0) * scale
@@ -125,9 +146,24 @@ def build_q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) ->
         dwell=q.get(211, 0.0),
         synchronous=number == 209,
         **_list_pecks(number, q, scale, top),
-        gap=abs(q.get(258 if number == 205 else 256, 0.0)) * (pitch if number == 209 else 1.0) * scale or 1.0,
-        gap_last=abs(q[259]) * scale if number == 205 and q.get(259) and q.get(258) else None,
+        gap=q.get(258 if number == 205 else 256, 0.0) * (pitch if number == 209 else 1.0) * scale or 1.0,
+        gap_last=q[259] * scale if number == 205 and q.get(259) and q.get(258) else None,
     )
+
+
+def _check_signs(number: int, q: dict[int, float]) -> None:
+    """Refuse what the control refuses: a negative distance, time or feed, and a plunging depth of zero.
+
+    Source: Heidenhain, TNC 426/430, User's Manual, 8.3 "Cycles for Drilling": Q202, Q256, Q257 and Q258 are incremental
+    distances; one movement goes to depth where Q202 equals or exceeds it, and Q257=0 breaks no chips.
+    """
+    for name, meaning in _NOT_NEGATIVE.items():
+        if q.get(name, 0.0) < 0.0:
+            raise DrillingCycleError(f"cycle {number} with Q{name}={q[name]:g} ({meaning}): expected 0 or more")
+    if number in _PECKING and q.get(202) == 0.0:
+        raise DrillingCycleError(
+            f"cycle {number} with Q202=0 (plunging depth): expected a number above zero, {abs(q[201]):g} for one stroke"
+        )
 
 
 def _compute_feed_back(number: int, feed: float, back_feed: float | None, q: dict[int, float]) -> float:
@@ -144,18 +180,18 @@ def _list_pecks(number: int, q: dict[int, float], scale: float, top: float) -> d
     fields: dict[str, Any] = {"peck_from": top}
     if number in (205, 241) and q.get(379, 0.0) != 0.0:
         start_feed = q.get(253, math.nan)
-        fields["start"] = fields["peck_from"] = top - abs(q[379]) * scale
+        fields["start"] = fields["peck_from"] = top - q[379] * scale
         fields["start_feed"] = start_feed * scale if 0.0 < start_feed < _RAPID else math.nan
     if number in (200, 203, 205):
-        fields["first_peck"] = max(q.get(202, 0.0), 0.0) * scale
+        fields["first_peck"] = q.get(202, 0.0) * scale
     if number in (203, 205):
-        fields["decrement"] = max(q.get(212, 0.0), 0.0) * scale
-        fields["least_peck"] = max(q.get(205, 0.0), 0.0) * scale
+        fields["decrement"] = q.get(212, 0.0) * scale
+        fields["least_peck"] = q.get(205, 0.0) * scale
     if number == 203 and q.get(213, 0.0) > 0.0:
         fields["chip_break"], fields["breaks_before_out"] = True, round(q[213])
     if number == 205 and q.get(257, 0.0) > 0.0:
         fields["break_every"] = q[257] * scale
-        fields["break_gap"] = abs(q.get(256, 0.0)) * scale
+        fields["break_gap"] = q.get(256, 0.0) * scale
     if number == 209 and q.get(257, 0.0) > 0.0:
         fields["first_peck"], fields["chip_break"] = q[257] * scale, q.get(256, 0.0) != 0.0
     return fields
@@ -176,6 +212,9 @@ def _build_back_boring(q: dict[int, float], scale: float) -> BackBoringCycle:
     missing = [f"Q{n}" for n in (200, 249, 250, 251, 252, 214) if n not in q]
     if missing:
         raise DrillingCycleError(f"cycle 204 without {', '.join(missing)}")
+    for name in (200, 250, 251, 252, 253, 254, 255):
+        if q.get(name, 0.0) < 0.0:
+            raise DrillingCycleError(f"cycle 204 with Q{name}={q[name]:g}: expected 0 or more")
     if not q[249] > 0.0:
         raise DrillingCycleError(f"Q249={q[249]:g}: expected a depth above zero, which is bored upwards")
     side = _SIDES.get(round(q[214]))

@@ -92,11 +92,12 @@ class LineEvaluator:
             value = self.variables.part(code, begin)[0]
             if mode is not None:
                 return f" {name}={mode.group(1)}({value:.9f}) "
-            is_variable = parameter or address or name in self.variables.values
-            if not is_variable and (_MOVES_TOO.search(code) or name.partition("[")[0] not in self.read):
+            base = name.partition("[")[0]
+            is_variable = parameter or address or name in self.variables.values or base in self.variables.types
+            if not is_variable and (_MOVES_TOO.search(code) or base not in self.read):
                 return f" {name}={value:.9f} "  # no variable: those are assigned in blocks of their own
-            if parameter or not address or name in self.variables.values:
-                self.variables.values[name] = value
+            if parameter or not address or name in self.variables.values or base in self.variables.types:
+                self.variables.assign(name, value)
                 return f" {name}={value:.9f} " if parameter else ""  # older drilling cycles take R2, R3, R10 as words
             return f" {name}{value:.9f} " if len(name) == 1 else f" {name}={value:.9f} "
 

@@ -46,6 +46,8 @@ def find_part(block: bool, begins: list[int], ends: list[int], marks: list[int],
     if ends and stop is None:
         return "its second label does not follow the first one"
     last = at - 1 if stop is None or (not ends and first < at < stop) else stop
+    if stop is None and first > at:
+        return "its label lies ahead, so the part needs an end: expected a second label, or ENDLABEL: behind the label"
     if last < first or first <= at <= last:
-        return "the part has no end (a second label or ENDLABEL) that leaves out the REPEAT itself"
+        return "the part between its two labels contains the REPEAT itself; expected an end before or behind it"
     return first, last

@@ -8,6 +8,12 @@ from collections.abc import Callable
 
 from machopt.file_formats.expression_parser import RecursiveDescentParser
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
+from machopt.toolpath.readers.siemens.variable_types import (
+    compute_remainder,
+    convert_to_type,
+    round_away,
+    round_half_up,
+)
 
 _RADIANS = math.radians
 _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {  # name → (arguments, function); angles in degrees
@@ -21,8 +27,8 @@ _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {  # name → (argumen
     "ABS": (1, abs),
     "POT": (1, lambda v: v * v),
     "TRUNC": (1, math.trunc),
-    "ROUND": (1, round),
-    "ROUNDUP": (1, math.ceil),
+    "ROUND": (1, round_half_up),
+    "ROUNDUP": (1, round_away),
     "LN": (1, math.log),
     "EXP": (1, math.exp),
     "MINVAL": (2, min),
@@ -41,7 +47,12 @@ _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (  # weakest f
         ">=": lambda a, b: float(a >= b),
     },
     {"+": lambda a, b: a + b, "-": lambda a, b: a - b},
-    {"*": lambda a, b: a * b, "/": lambda a, b: a / b, "DIV": lambda a, b: float(math.trunc(a / b)), "MOD": math.fmod},
+    {
+        "*": lambda a, b: a * b,
+        "/": lambda a, b: a / b,
+        "DIV": lambda a, b: float(math.trunc(a / b)),
+        "MOD": compute_remainder,
+    },
     {"^": lambda a, b: a**b},  # Heidenhain
 )
 Values = dict[str, float]
@@ -54,7 +65,24 @@ class SiemensVariables:
 
     def __init__(self) -> None:
         self.values: dict[str, float] = {"TRUE": 1.0, "FALSE": 0.0, "$PI": math.pi}
+        self.types: dict[str, str] = {}  # name without index → type; R parameters and undefined names are REAL
         self._read: dict[tuple[str, int], tuple[Expression, int]] = {}  # parsed once, evaluated often
+
+    def assign(self, name: str, value: float) -> None:
+        """Assign a value, converted to the type of the variable.
+
+        Args:
+            name: Name of the variable, with its index where it is an element of an array.
+            value: The value.
+
+        Raises:
+            MacroExpressionError: the type does not hold the value, or the array has no such element.
+        """
+        base, index, _ = name.partition("[")
+        kind = self.types.get(base)
+        if kind is not None and index and name not in self.values:
+            raise MacroExpressionError(f"{name} is no element of the array {base}")
+        self.values[name] = value if kind is None else convert_to_type(value, kind, name)
 
     def value(self, text: str) -> float:
         """Evaluate one expression.

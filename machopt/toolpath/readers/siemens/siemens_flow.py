@@ -29,7 +29,9 @@ from machopt.toolpath.readers.siemens.subprograms import (
     index_programs,
     leave_call,
     parse_call,
+    split_arguments,
 )
+from machopt.toolpath.readers.siemens.variable_types import convert_to_type, parse_definitions
 
 NEEDS_FLOW = re.compile(
     r"\bR\[?\d+\]?\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BFCS]?|CASE|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR|CALL|PCALL|EXTERN)\b|\bPROC\s|%_N_\w+_SPF",
@@ -38,7 +40,7 @@ NEEDS_FLOW = re.compile(
 SAVE_MODES, RESTORE_MODES = "%SAVE", "%RESTORE"  # around a call of PROC … SAVE, for the reader
 NEXT_PASS = "%NEXT_PASS"  # of PROC … SAVE: the modes are restored and saved again
 _PREFIX = re.compile(r"(?:N\d+\s*)?(?:([A-Z_][A-Z0-9_]+)\s*:(?!=)\s*)?")
-_DEF = re.compile(r"DEF\s+(REAL|INT|BOOL)\b\s*(.*)")
+_DEF = re.compile(r"DEF\s+(REAL|INT|BOOL|CHAR)\b\s*(.*)")
 _IF_GOTO = re.compile(r"IF\s*(.*?)\s*(GOTO[BFC]?)\s+(\w+)\s*")
 _GOTO = re.compile(r"(GOTO[BFC]?)\s+(\w+)\s*|(GOTOS)\s*")
 _CASE = re.compile(r"CASE\s*(.+?)\s*\bOF\b\s*(.*)")
@@ -141,9 +143,10 @@ class SiemensFlow:
         at = 0
         guard = StepGuard(len(self.items))
         if self.owners and self.owners[0].parameters:  # called from outside: with the defaults only
-            self.variables.values.update(
-                {p.name: self.variables.value(p.default) for p in self.owners[0].parameters if p.default}
-            )
+            for p in self.owners[0].parameters:
+                self.variables.types[p.name] = p.type
+                if p.default:
+                    self.variables.assign(p.name, self.variables.value(p.default))
         while at < len(self.items) or self.frames:
             before, frames = at, len(self.frames)
             line, _, code, comments = self.items[at] if at < len(self.items) else (self.items[-1][0], None, "", [])
@@ -196,7 +199,7 @@ class SiemensFlow:
         if found := _CASE.fullmatch(code):
             return "", self._case(at, *found.groups())
         if found := _DEF.fullmatch(code):
-            self._define(found.group(2))
+            self._define(*found.groups())
             return "", at + 1
         word = self._block_word(code)
         if word is not None:
@@ -327,6 +330,8 @@ class SiemensFlow:
         if not found or "".join(f.group() for f in found) != branches.rstrip():
             raise ProgramFlowError("expected CASE value OF number GOTOF label … DEFAULT GOTOF label", self.items[at][0])
         value = self.variables.value(formula)
+        if value != round(value):
+            raise MacroExpressionError(f"CASE {value:g}: expected a whole number to compare with")
         for branch in found:
             if branch.group(1) == "DEFAULT" or float(branch.group(1)) == value:
                 return self._jump(branch.group(2), branch.group(3), at)
@@ -354,9 +359,14 @@ class SiemensFlow:
         found = _FOR.fullmatch(code)
         if not found:
             raise ProgramFlowError("expected FOR name = value TO value", self.items[at][0])
-        name = found.group(1)
-        self.variables.values[name] = self.variables.value(found.group(2))
-        self.limits[at] = self.variables.value(found.group(3))
+        name, start, end = found.group(1), *map(self.variables.value, found.group(2, 3))
+        of_real = self.variables.types.get(name, "REAL") == "REAL"
+        if end != round(end) or (of_real and start != round(start)):
+            raise MacroExpressionError(
+                f"FOR {name}={start:g} TO {end:g}: a loop counts whole numbers; expected them as its start and end"
+            )
+        self.variables.assign(name, start)
+        self.limits[at] = end
         return at + 1 if self.variables.values[name] <= self.limits[at] else self.partner[at] + 1
 
     def _next(self, at: int) -> int:
@@ -364,12 +374,19 @@ class SiemensFlow:
         found = _FOR.fullmatch(self.items[start][2])
         assert found is not None
         name = found.group(1)
-        self.variables.values[name] = self.variables.values.get(name, 0.0) + 1.0
+        self.variables.assign(name, self.variables.values.get(name, 0.0) + 1.0)
         return start + 1 if self.variables.values[name] <= self.limits.get(start, 0.0) else at + 1
 
-    def _define(self, text: str) -> None:
-        for part in text.split(","):
-            name, equals, value = part.partition("=")
-            if self.frames:
-                hide_variable(self.frames[-1], name.strip(), self.variables)
-            self.variables.values[name.strip()] = self.variables.value(value) if equals else 0.0
+    def _define(self, kind: str, text: str) -> None:
+        for found in parse_definitions(split_arguments(text)):
+            names = [found.name] if found.size is None else [f"{found.name}[{k}]" for k in range(found.size)]
+            given = [self.variables.value(part) for part in split_arguments(found.values)] if found.values else []
+            if len(given) > (1 if found.repeats else len(names)):
+                raise MacroExpressionError(f"DEF {found.name}: {len(given)} values for {len(names)} elements")
+            given = given * len(names) if found.repeats else given
+            for k, name in enumerate(names):
+                if self.frames:
+                    hide_variable(self.frames[-1], name, self.variables)
+                value = given[k] if k < len(given) else 0.0
+                self.variables.values[name] = convert_to_type(value, kind, name)
+            self.variables.types[found.name] = kind

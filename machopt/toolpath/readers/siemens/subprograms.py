@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,13 +9,13 @@ from dataclasses import dataclass, field
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 from machopt.toolpath.readers.program_flow.subroutines import FlowItem
 from machopt.toolpath.readers.siemens.siemens_expressions import SiemensVariables
+from machopt.toolpath.readers.siemens.variable_types import NUMBER_TYPES, convert_to_type
 
 HEAD = re.compile(r"%_N_(\w+?)_(?:SPF|MPF)\b.*|(?:N\d+\s*)?PROC\s+(\w+)\b\s*(.*)")
 _SIGNATURE = re.compile(r"\(([^()]*)\)")
 _PARAMETER = re.compile(
     r"(VAR\s+)?(REAL|INT|BOOL|CHAR|STRING|AXIS|FRAME)\b(?:\s*\[[^\]]*\])?\s*([A-Z_]\w*)?\s*(?:=(.*))?"
 )
-_NUMBERS = ("REAL", "INT", "BOOL")
 _REPEATS = re.compile(r"P\s*(?:=\s*(.+)|(\d+))")
 _NAME = re.compile(r"[A-Z_]\w*(?:\[\s*\d+\s*\])?")
 MAX_REPEATS = 9999  # of the address P of a call
@@ -52,6 +51,7 @@ class SubprogramCall:
     repeats: int = 0  # still to be done after this one
     values: dict[str, float] = field(default_factory=dict)  # of the parameters
     hidden: dict[str, float | None] = field(default_factory=dict)  # the caller's values; None: it had none
+    hidden_types: dict[str, str | None] = field(default_factory=dict)  # the caller's types of these names
     returned: dict[str, str] = field(default_factory=dict)  # VAR parameter → the caller's variable
     modal: bool = False  # by MCALL
 
@@ -157,7 +157,7 @@ def parse_call(code: str, pattern: re.Pattern[str] | None) -> CallText | None:
 def bind_call(call: CallText, program: Subprogram, back: int, line: int, variables: SiemensVariables) -> SubprogramCall:
     """Evaluate the arguments of a call.
 
-    A parameter without argument has its default, else zero. INT rounds, BOOL is zero or one.
+    A parameter without argument has its default, else zero. INT and CHAR round, BOOL is zero or one.
 
     Args:
         call: The call as written.
@@ -184,11 +184,11 @@ def bind_call(call: CallText, program: Subprogram, back: int, line: int, variabl
     bound = SubprogramCall(back=back, program=program, line=line, repeats=round(times) - 1)
     for k, parameter in enumerate(program.parameters):
         text = texts[k].strip() if k < len(texts) else ""
-        if parameter.type not in _NUMBERS:
+        if parameter.type not in NUMBER_TYPES:
             if text:
                 raise ProgramFlowError(
                     f"{call.name}: parameter {parameter.name} is of type {parameter.type}; followed are "
-                    f"{', '.join(_NUMBERS)}. Expand the call",
+                    f"{', '.join(NUMBER_TYPES)}. Expand the call",
                     line,
                 )
             continue
@@ -197,14 +197,8 @@ def bind_call(call: CallText, program: Subprogram, back: int, line: int, variabl
                 raise ProgramFlowError(f"{call.name}: VAR {parameter.name} needs a variable; found {text!r}", line)
             bound.returned[parameter.name] = re.sub(r"^R\[\s*(\d+)\s*\]$", r"R\1", text)
         value = variables.value(text or parameter.default or "0")
-        bound.values[parameter.name] = _convert_value(value, parameter.type)
+        bound.values[parameter.name] = convert_to_type(value, parameter.type, parameter.name)
     return bound
-
-
-def _convert_value(value: float, kind: str) -> float:
-    if kind == "INT":
-        return math.floor(value + 0.5)
-    return float(value != 0.0) if kind == "BOOL" else value
 
 
 def enter_call(call: SubprogramCall, variables: SiemensVariables) -> None:
@@ -214,8 +208,10 @@ def enter_call(call: SubprogramCall, variables: SiemensVariables) -> None:
         call: The call.
         variables: Variables of the program flow; changed in place.
     """
+    types = {parameter.name: parameter.type for parameter in call.program.parameters}
     for name, value in call.values.items():
         hide_variable(call, name, variables)
+        variables.types[name] = types[name]
         variables.values[name] = value
 
 
@@ -227,7 +223,9 @@ def hide_variable(call: SubprogramCall, name: str, variables: SiemensVariables) 
         name: Name of the variable.
         variables: Variables of the program flow.
     """
+    base = name.partition("[")[0]
     call.hidden.setdefault(name, variables.values.get(name))
+    call.hidden_types.setdefault(base, variables.types.get(base))
 
 
 def leave_call(call: SubprogramCall, variables: SiemensVariables) -> None:
@@ -243,8 +241,15 @@ def leave_call(call: SubprogramCall, variables: SiemensVariables) -> None:
             variables.values.pop(name, None)
         else:
             variables.values[name] = value
+    for name, kind in call.hidden_types.items():
+        if kind is None:
+            variables.types.pop(name, None)
+        else:
+            variables.types[name] = kind
     call.hidden.clear()
-    variables.values.update(returned)
+    call.hidden_types.clear()
+    for name, value in returned.items():
+        variables.assign(name, value)
 
 
 def find_closing_bracket(text: str, at: int) -> int:
@@ -263,7 +268,7 @@ def find_closing_bracket(text: str, at: int) -> int:
 
 
 def split_arguments(text: str) -> list[str]:
-    """Split arguments at the commas outside of brackets and quotes.
+    """Split arguments at the commas outside of round and square brackets and quotes.
 
     Args:
         text: Text between the brackets of a call.
@@ -274,7 +279,7 @@ def split_arguments(text: str) -> list[str]:
     parts, depth, quoted = [""], 0, False
     for c in text:
         quoted ^= c == '"'
-        depth += (c == "(") - (c == ")")
+        depth += (c in "([") - (c in ")]")
         if c == "," and depth == 0 and not quoted:
             parts.append("")
         else:

@@ -164,7 +164,9 @@ def read_hole_lengths(table: RowTable, name: str, is_hole: NDArray[np.bool_]) ->
     values = table.columns.numbers[table.names[name]]
     bad = is_hole & ~(values > 0.0)
     if bad.any():
-        raise table.error(f"the {name} of a hole is not above zero", int(np.argmax(bad)), table.names[name])
+        at = int(np.argmax(bad))
+        found = "is empty" if np.isnan(values[at]) else f"is {values[at]:g}"
+        raise table.error(f"the {name} of a hole {found}; expected a length above zero", at, table.names[name])
     return np.asarray(values)
 
 

@@ -8,6 +8,7 @@ m_axial_Nm                                of the samples on the way to the point
 error_*                                   C w of :mod:`machopt.verification.motion.stiffness.arm_compliance` at the
                                           joints of the motion, part and compensation counted in
 f1_Hz, a_lim_mm, chatter                  :mod:`machopt.verification.motion.checks.stability_columns`
+feed_max_mm_min                           :mod:`machopt.verification.motion.checks.largest_feeds`
 p_in, outcome                             20,000 plain random draws (:mod:`machopt.verification.motion.process.draws`)
 ========================================  =========================================================================
 """
@@ -29,6 +30,7 @@ from machopt.verification.checks import (
     build_skipped_check,
     build_worst_value_check,
 )
+from machopt.verification.motion.checks.largest_feeds import LargestFeeds
 from machopt.verification.motion.checks.stability_columns import StabilityTables, check_stability
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
@@ -72,7 +74,8 @@ def check_process_columns(
     missing = [name for name in (*FORCE_COLUMNS, "p_in") if name not in points.numbers]
     if missing:
         return [build_count_check("points.csv process columns", missing, "columns")]
-    loads = recompute_loads(cell, toolpath, find_largest_feed(toolpath, motion), toolpath.process_operation)
+    driven = find_largest_feed(toolpath, motion)
+    loads = recompute_loads(cell, toolpath, driven, toolpath.process_operation)
     checks = [*_check_forces(points, loads), *_check_contact_columns(cell, toolpath, points)]
     name = "points.csv predicted errors"
     if cell.stiffness is None:
@@ -87,6 +90,21 @@ def check_process_columns(
     tables = StabilityTables(cell=cell, toolpath=toolpath, loads=loads, points=true_points, arm=arm, law=law)
     checks += [*_check_errors(points, found), *check_stability(tables, options.min_stability_ratio)]
     checks.append(_check_tolerances(cell, toolpath, points))
+    if not find_unsupported_draws(cell):
+
+        def compute_probability(feed: Array) -> Array:
+            assert toolpath.process_operation is not None
+            own = recompute_loads(cell, toolpath, feed, toolpath.process_operation)
+            return predict_errors(cell, toolpath, own, true_motion, true_points, arm, law).p_in
+
+        checks += LargestFeeds(
+            cell=cell,
+            toolpath=toolpath,
+            points=points,
+            loads=loads,
+            driven=driven,
+            compute_probability=compute_probability,
+        ).check()
     return [*checks, *_check_probabilities(cell, points, found), _check_unknown(cell, toolpath, points, found)]
 
 

@@ -7,11 +7,14 @@ it ends, which are corners or stops), with the steps Δ_a to it and Δ_b from it
 
 with the shares α and β of the table: on one of the two straight moves, or in the triangle that the table states. u, v
 are found by least squares. A controller that rounds the corner within these shares stays in the same triangle. So the
-whole triangle is searched for contacts, along chords parallel to its base.
+whole triangle is searched for contacts, along chords parallel to its base. The shares are those that were driven: the
+last sample on the move to the corner lies before α, and the first one on the move from it behind β, but for the time in
+which the departure from the move is smaller than what the table prints.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +35,8 @@ JOINT_TOLERANCE_DEG = 1e-5  # corner and points.csv: nine and six decimals
 WHOLE = 1e-6  # of an index
 CHORD_M, CHORD_RAD = 5e-3, float(np.radians(2.0))  # distance of the chords, at the tool and in the joints
 LEAST_CHORDS = 2
+DEPARTED = 1e-8  # share of the other move at which a sample has left its own; joints have nine decimals
+ONSET_S = 4e-3  # in which a move of 1 rad or 1 m covers that share, beginning with a jerk of 1 rad/s³ or 1 m/s³
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,22 @@ class CornerTriangle:
         inside &= u / self.share[0] + v / self.share[1] <= 1.0 + PRINTED_SHARE / self.share.min()
         return np.minimum(np.minimum(*sides), np.where(inside, off, np.inf))
 
+    def measure_excess(self, arriving: Array, leaving: Array, before: int) -> float:
+        """Return by how much the stated shares exceed those that were driven.
+
+        Args:
+            arriving: (A, n) rad or m, samples up to the corner.
+            leaving: (L, n) rad or m, samples from the corner on, in reverse order.
+            before: samples in which a departure may be unseen.
+        """
+        excess = 0.0
+        for n, x in enumerate((arriving, leaving)):
+            parts = self.resolve(x)[:2]
+            own, other = parts[n], parts[1 - n]
+            last = int(np.flatnonzero(other <= DEPARTED)[-1]) if (other <= DEPARTED).any() else 0
+            excess = max(excess, float(self.share[n] - own[max(last - before, 0)]))
+        return excess
+
 
 def list_corner_triangles(corners: RapidCorners, x: Array) -> list[CornerTriangle]:
     """Return the triangles of the corners; a neighbour that is a corner is where its moves meet.
@@ -117,7 +138,11 @@ def check_rapid_corners(
     off = np.zeros(len(x))
     touched = np.zeros(len(x), bool)
     deviation = np.full(len(x), np.inf)
+    excess, unseen = np.zeros(len(triangles)), math.ceil(ONSET_S / float(motion.time[1] - motion.time[0]))
     for n, triangle in enumerate(triangles):
+        turn = int(corners.sample[n])
+        arriving, leaving = x[corners.before[n] : turn + 1], x[turn : corners.after[n] + 1][::-1]
+        excess[n] = triangle.measure_excess(arriving, leaving, unseen)
         rows = np.arange(corners.before[n], corners.after[n] + 1)
         deviation[rows] = np.minimum(deviation[rows], triangle.measure_deviation(x[rows]))
         touched[rows] = True
@@ -134,6 +159,13 @@ def check_rapid_corners(
     return [
         *out,
         build_worst_value_check("rapid corners as driven", "deg", off, OFF_TOLERANCE_DEG, motion.describe_row),
+        build_worst_value_check(
+            "rapid corner shares",
+            "%",
+            100.0 * np.append(excess, 0.0),
+            100.0 * PRINTED_SHARE,
+            lambda n: motion.describe_row(int(corners.sample[n])) if n < len(corners) else "there are none",
+        ),
         build_worst_value_check(
             "rapid corners at the points",
             "deg",

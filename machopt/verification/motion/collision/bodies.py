@@ -266,7 +266,7 @@ def build_bodies(cell: Cell, arm: UrdfKinematics) -> list[CoalBody]:
     out = []
     for g in geometry.geometryObjects:
         joint, shape = int(g.parentJoint), g.geometry
-        if g.meshPath.endswith(".dae.stl"):
+        if g.meshPath.lower().endswith((".dae.stl", ".dae")):
             shape = load_mesh(Path(g.meshPath), np.asarray(g.meshScale, float))
         out.append(_build_body(g.name, "link", arm.link_of(int(g.parentFrame)), joint, g.placement.homogeneous, shape))
     flange, part = arm.model.njoints, arm.model.njoints + 1

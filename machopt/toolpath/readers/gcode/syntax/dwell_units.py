@@ -10,23 +10,28 @@ from machopt.file_formats.source_file import SourceFile
 
 Control = Literal["fanuc", "linuxcnc", ""]
 MAX_DWELL_S = 300.0  # of a block; warming-up programs wait a few minutes
-_LINUXCNC = re.compile(r"#\s*<|^\s*O\s*(?:<|\d+\s*(?:SUB|CALL|IF|DO|WHILE|REPEAT)\b)", re.IGNORECASE | re.MULTILINE)
+_LINUXCNC = re.compile(  # M428 to M430: switches of its five-axis kinematics
+    r"#\s*<|^\s*O\s*(?:<|\d+\s*(?:SUB|CALL|IF|DO|WHILE|REPEAT)\b)|^\s*M4(?:28|29|30)(?!\d)",
+    re.IGNORECASE | re.MULTILINE,
+)
 _FANUC = re.compile(r"^\s*[O:]\s*\d+\s*(?:\(|;|$)|M9[89](?!\d)|G65(?![\d.])", re.IGNORECASE | re.MULTILINE)
 _SURELY_MS = 100.0  # without a decimal point: no dwell in a hole takes minutes
 
 
 def find_control(source: SourceFile) -> Control:
-    """Detect the control by words that only one kind of control has.
+    """Detect the control by words that only one kind of control has, else by LinuxCNC's ending ``.ngc``.
 
     Args:
         source: Lines of the file, with its path and the builders of its errors.
 
     Returns:
-        The control; empty where no such word occurs.
+        The control; empty where nothing tells.
     """
     if source.find_line(_LINUXCNC) is not None:
         return "linuxcnc"
-    return "fanuc" if source.find_line(_FANUC) is not None else ""
+    if source.find_line(_FANUC) is not None:
+        return "fanuc"
+    return "linuxcnc" if source.path.suffix.lower() == ".ngc" else ""
 
 
 def convert_dwell(value: float, *, letter: str, bare: bool, control: Control) -> float:

@@ -24,6 +24,7 @@ _BARE = re.compile(r"[XYZUVWIJR]\s*[-+]?\s*0*[1-9]\d*(?![\d.])", re.IGNORECASE |
 _CYCLE = re.compile(r"G(?:7[346]|8[1-9])(?!\d)")
 _CYCLE_END = re.compile(r"G0*(?:80|[0123])(?![\d.])")
 _OTHER_MEANING = re.compile(r"G0*4(?![\d.])|M19(?!\d)")  # X, U and P of a dwell, R of a spindle position
+_VECTORS, _VECTORS_END = re.compile(r"G43\.5(?!\d)"), re.compile(r"G49(?![\d.])")  # I, J, K are the tool's direction
 _LARGE = 10_000  # without a point beside numbers that have one: ten metres, or ten inches in ten-thousandths
 _LARGE_WITHOUT = 1_000  # the same in a file without any point, or one that marks its whole numbers (X5.)
 _EXAMPLES = 2
@@ -85,21 +86,26 @@ def _clean_code(raw: str, blocks: BlockReader) -> str:
 
 
 def _iterate_length_words(source: SourceFile, blocks: BlockReader) -> Iterator[_LengthWord]:
+    vectors = False
     for line, raw in enumerate(source.lines, 1):
         text = _clean_code(raw, blocks)
+        vectors = (vectors and _VECTORS_END.search(text) is None) or _VECTORS.search(text) is not None
         if _OTHER_MEANING.search(text):
             continue
         for found in _TOKEN.finditer(text):
-            if found.group(1) in _DOUBTED:
+            if found.group(1) in _DOUBTED and not (vectors and found.group(1) in "IJ"):
                 yield _LengthWord(found.group(1), found.group(4), line, found.group().strip())
 
 
 def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
     """Require the option for the decimals of a G-code file whose numbers are ambiguous.
 
-    Ambiguous: numbers with leading zeros; any whole number in a file that marks most of its whole numbers (``X5.``);
-    large ones in a file whose other numbers have points; 1000 and more in a file without any points. All others count
-    whole units, as on LinuxCNC and on controls whose parameter says so; beside words with a point that is stated.
+    Ambiguous: numbers with leading zeros; any whole number in a file that marks whole numbers by a point (``X5.``), but
+    for LinuxCNC; large ones in a file whose other numbers have points; 1000 and more in a file without any points. All
+    others count whole units, as on LinuxCNC and on controls whose parameter says so; beside words with a point that is
+    stated. Source: Mitsubishi M700V, Programming Manual,
+    "Decimal Point Input": X1 is 0.001 mm with input I and 1 mm with input II, X1. is 1 mm with both; Fanuc's parameter
+    3401 decides the same.
 
     Args:
         source: Lines of the file, with its path and the builders of its errors.
@@ -115,6 +121,7 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
     if source.find_line(_BARE) is None:
         return ""
     marked = pointed = bare = 0
+    marks_whole = False  # a whole number other than zero is written with a point at its end
     zeros: _LengthWord | None = None
     first: _LengthWord | None = None
     large: list[_LengthWord] = []
@@ -122,6 +129,7 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
         if not word.bare:
             if word.letter in "XYZ":
                 marked += word.number.endswith(".")
+                marks_whole = marks_whole or (word.number.endswith(".") and float(word.number) > 0.0)
                 pointed += not word.number.endswith(".")
         elif (size := int(word.number)) > 0:
             zeros = zeros or (word if word.leading_zeros else None)
@@ -131,7 +139,9 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
                 large.append(word)
     if zeros is not None:
         raise _build_decimals_question(source, f"{zeros.text} has leading zeros and no decimal point", zeros.line)
-    if source.find_line(_EXPRESSIONS) is not None:  # in expressions whole numbers are usual
+    control = find_control(source)
+    asked = first is not None and marks_whole and control != "linuxcnc"
+    if source.find_line(_EXPRESSIONS) is not None and not asked:  # in expressions whole numbers are usual
         return ""
     least = _LARGE if pointed and not marked else _LARGE_WITHOUT
     doubted = next((w for w in large if int(w.number) >= least), None)
@@ -141,13 +151,13 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
         raise _build_decimals_question(
             source, f"{doubted.text} has no decimal point ({which} of the file {has} a decimal point)", doubted.line
         )
-    if first is not None and marked > 2 * bare:  # written both ways as often, the point means nothing to the writer
+    if asked and first is not None:
         raise _build_decimals_question(
             source,
-            f"{first.text} has no decimal point ({marked} whole numbers have one, {bare} have none)",
+            f"{first.text} has no decimal point ({pointed + marked} coordinates have one, {bare} have none)",
             first.line,
         )
-    if first is None or not (marked or pointed) or find_control(source) == "linuxcnc":
+    if first is None or not (marked or pointed) or control == "linuxcnc":
         return ""
     return (
         f"lengths without a decimal point count whole units (first {first.text}, line {first.line}); where a parameter "
