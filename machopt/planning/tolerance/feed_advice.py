@@ -22,7 +22,7 @@ from machopt.planning.error_probability.draws import UncertaintyDraws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.tolerance.error_columns import compute_twist_columns
-from machopt.planning.tolerance.hole_errors import HoleErrorModel, HoleTerms, compute_hole_probability
+from machopt.planning.tolerance.hole_errors import HoleErrorModel, HoleTerms
 from machopt.planning.tolerance.surface_errors import (
     BLOCK,
     SurfaceErrorModel,
@@ -92,7 +92,7 @@ def find_load_scale(every: HoleTerms) -> float:
     target = model.process.quantile
 
     def passes(scale: float) -> bool:
-        return compute_hole_probability(model, h, terms.compute_errors(scale)) >= target
+        return terms.compute_probability(scale) >= target
 
     scales = [WIDEST * n / STEPS for n in range(STEPS + 1)]
     n = next((n for n in range(STEPS, -1, -1) if passes(scales[n])), -1)
@@ -103,8 +103,7 @@ def find_load_scale(every: HoleTerms) -> float:
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if passes(middle) else (low, middle)
-        few = compute_hole_probability(model, h, terms.compute_errors(low))
-        excess = few - compute_hole_probability(model, h, every.compute_errors(low))
+        excess = terms.compute_probability(low) - every.compute_probability(low)
         if excess <= 0.0 or target > model.process.quantile:
             return low
         target, high = model.process.quantile + excess, low

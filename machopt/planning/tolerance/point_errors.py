@@ -38,8 +38,8 @@ from machopt.planning.tolerance.hole_errors import (
     EXIT,
     HoleDraws,
     HoleErrorModel,
+    LoadFactors,
     build_hole_model,
-    compute_hole_probability,
     compute_nominal_hole_errors,
     draw_hole_errors,
     draw_hole_terms,
@@ -167,7 +167,8 @@ class _ErrorTable:
     def _add_holes(self, holes: HoleTargets) -> None:
         model = build_hole_model(self.plan, self.chosen, self.process, holes, self.spread)
         draws = build_draws(self.spread, self.hole_draws)
-        isolated = _isolate(draws.take_first(SHARE_DRAWS), self.spread)
+        isolated = _isolate(draws.take_first(SHARE_DRAWS), self.spread) if self.is_full else {}
+        factors = {k: LoadFactors.of(self.process, k, draws) for k in np.unique(holes.operation).tolist()}
         scales = np.full(len(holes.row), np.nan)  # by which the load of each hole may grow
         for h, row in enumerate(holes.row.tolist()):
             one = self.process.operations[holes.operation[h]]
@@ -180,19 +181,18 @@ class _ErrorTable:
             why = find_missing_input(
                 self.process, one, self.spread, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT))
             )
-            terms = draw_hole_terms(model, h, draws, position=True)
-            full = terms.compute_errors()
+            shared = factors[int(holes.operation[h])]
+            terms = draw_hole_terms(model, h, draws, position=True, factors=shared)
             if self.is_full:
                 scales[h] = np.nan if why else find_load_scale(terms)
-                self._write_interval(row, full)
+                self._write_interval(row, terms.compute_errors())
                 self._add_hole_variance(model, h, row, isolated)
             if why:
                 self._mark_unknown(row, why)
-                self.p_deflection[row] = compute_hole_probability(
-                    model, h, draw_hole_errors(model, h, draws, position=False)
-                )
+                bare = draw_hole_terms(model, h, draws, position=False, factors=shared)
+                self.p_deflection[row] = bare.compute_probability()
                 continue
-            self.p_in[row] = compute_hole_probability(model, h, full)
+            self.p_in[row] = terms.compute_probability()
             self.outcome[row] = find_outcome(float(self.p_in[row]), self.process.quantile)
         if self.is_full:
             self._add_hole_causes(model)
