@@ -61,7 +61,8 @@ def _interpolate(x: float, table: Array) -> float:
     g = 1.0 - f
     blend = f * f * (3.0 - 2.0 * f)
     low, high = table[k, 0], table[k + 1, 0]
-    return low + blend * (high - low) + f * g * (g * table[k, 1] - f * table[k + 1, 1])
+    out: float = low + blend * (high - low) + f * g * (g * table[k, 1] - f * table[k + 1, 1])
+    return out
 
 
 _TABLE = _build_table()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.process import CutSide, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.numerics.tall_products import multiply_tall
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
@@ -28,6 +27,12 @@ from machopt.verification.motion.process.draws import (
 from machopt.verification.motion.process.hole_strokes import HoleVisit
 from machopt.verification.motion.process.mill_load import compute_wall_force
 from machopt.verification.motion.process.point_loads import RecomputedLoads
+from machopt.verification.motion.process.pose_compliance import (
+    DrawnLoads,
+    PoseCompliance,
+    compute_components,
+    list_hole_rows,
+)
 from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
@@ -45,25 +50,6 @@ class PredictedErrors:
     axis: Array
     size: Array  # (N,) m, length of the displacement
     p_in: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Pose:
-    """One pose with its joint part and the rest of the compliance; of a table of poses, each array has a row a pose."""
-
-    axis: Array  # (3,)
-    travel: Array  # (3,)
-    R: Array  # (3, 3) CAM axes in base_link
-    place: Array  # (3,) m, programmed position in the CAM frame
-    J: Array  # (6, 6)
-    joints: Array  # (6,) compliance of the joints, rad/(N·m)
-    rest: Array  # (6, 6) compliance of everything else at the TCP
-    offset: Array  # (3,) m, compensation in base_link
-
-    def list_rows(self) -> list[_Pose]:
-        """Return the poses of a table."""
-        names = [f.name for f in fields(self)]
-        return [_Pose(**{name: getattr(self, name)[n] for name in names}) for n in range(len(self.axis))]
 
 
 def predict_errors(
@@ -153,18 +139,21 @@ class _Predictor:
         for hole, *poses in zip(holes, entry.list_rows(), bottom.list_rows(), strict=True):
             self._add_hole(hole, poses, out)
 
-    def _add_hole(self, hole: HoleVisit, poses: list[_Pose], out: PredictedErrors) -> None:
+    def _add_hole(self, hole: HoleVisit, poses: list[PoseCompliance], out: PredictedErrors) -> None:
         one = self.process.operations[hole.operation]
         strongest = max((s.point for s in hole.strokes), key=lambda p: self.loads.force[p, 2], default=hole.deepest)
         thrust, torque = float(self.loads.force[strongest, 2]), float(self.loads.moment[strongest])
         sideways = self.loads.force[strongest, :2]
         least = one.clamp or -math.inf  # without a foot the arm bears the thrust
-        nominal = [_deflect(p, self.cell, max(thrust, least), torque, None, sideways)[0] for p in poses]
-        row, entry, bottom = hole.deepest, nominal[0], nominal[1]
-        e, axis = entry[:3] + poses[0].offset, poses[0].axis
+        single = DrawnLoads(
+            thrust=np.array([max(thrust, least)]), torque=np.array([torque]), sideways=np.ones(1), nominal=sideways
+        )
+        entry, bottom = (compute_components(p, self.cell, single, None, np.eye(6))[0] for p in poses)
+        row, e, axis = hole.deepest, entry[:3] + poses[0].offset, poses[0].axis
         out.across[row] = np.linalg.norm(e - (e @ axis) * axis)
         out.along[row] = (bottom[:3] + poses[1].offset) @ poses[1].axis
-        out.axis[row] = max(float(np.linalg.norm(np.cross(t[3:], p.axis))) for t, p in zip(nominal, poses, strict=True))
+        turns = zip((entry, bottom), poses, strict=True)
+        out.axis[row] = max(float(np.linalg.norm(np.cross(t[3:], p.axis))) for t, p in turns)
         out.size[row] = np.linalg.norm(bottom[:3])
         sigma = get_position_std(self.cell, one.tolerance.reference)
         if self.compliances is not None and np.isfinite(sigma):
@@ -184,27 +173,34 @@ class _Predictor:
     def _draw_hole(
         self,
         one: ProcessOperation,
-        poses: list[_Pose],
+        poses: list[PoseCompliance],
         load: tuple[float, float, Array],
         sigma: float,
         draws: _HoleDraws,
     ) -> float:
         thrust, torque, sideways = load
         wear, limits = 0.5 * (one.wear[0] + one.wear[1]), one.tolerance
-        T, M = np.maximum(thrust / wear * draws.thrust, one.clamp or -math.inf), torque / wear * draws.torque
+        loads = DrawnLoads(
+            thrust=np.maximum(thrust / wear * draws.thrust, one.clamp or -math.inf),
+            torque=torque / wear * draws.torque,
+            sideways=draws.thrust / wear,
+            nominal=sideways,
+        )
         good = np.ones(DRAWS, bool)
         for n, pose in enumerate(poses):
-            twist = _deflect(pose, self.cell, T, M, self.compliances, (draws.thrust / wear)[:, None] * sideways)
-            twist[:, :3] += pose.offset + sigma * draws.noise
+            every = list_hole_rows(pose.axis)
+            rows = every[[0, 1, 3, 4]] if n == 0 else every[2:]
+            error = compute_components(pose, self.cell, loads, self.compliances, rows)
+            error += rows[:, :3] @ pose.offset
+            error[:, :-2] += draws.noise @ (sigma * rows[:-2, :3]).T
             if draws.part.any():
-                twist += self._move_part(pose.place, pose.R, draws.part)
-            x, y = _sideways(pose.axis)
-            angle = np.hypot(twist[:, 3:] @ x + draws.tilt[:, 0], twist[:, 3:] @ y + draws.tilt[:, 1])
-            good &= angle <= limits.axis
+                error += self._move_part(pose.place, pose.R, draws.part) @ rows.T
+            turn = error[:, -2:] + draws.tilt
+            good &= np.hypot(turn[:, 0], turn[:, 1]) <= limits.axis
             if n == 0:
-                good &= np.hypot(twist[:, :3] @ x, twist[:, :3] @ y) <= limits.position
+                good &= np.hypot(error[:, 0], error[:, 1]) <= limits.position
             else:
-                good &= np.abs(twist[:, :3] @ pose.axis) <= limits.depth
+                good &= np.abs(error[:, 0]) <= limits.depth
         return float(np.mean(good))
 
     def add_surfaces(self, out: PredictedErrors) -> None:
@@ -238,7 +234,9 @@ class _Predictor:
                 good = count_within(self.by_joint, found.by_joint[n], found.rest[n], own, moved, shift, limit)
                 out.p_in[row] = good / DRAWS
 
-    def _deflect_surfaces(self, one: ProcessOperation, rows: NDArray[np.intp], table: _Pose) -> _SurfaceDeflection:
+    def _deflect_surfaces(
+        self, one: ProcessOperation, rows: NDArray[np.intp], table: PoseCompliance
+    ) -> _SurfaceDeflection:
         """Return what the nominal load does at milled points."""
         left = np.cross(table.axis, table.travel)
         normal = self._find_normals(one, rows, table, left)
@@ -305,7 +303,7 @@ class _Predictor:
         wear = 0.5 * (one.wear[0] + one.wear[1])
         return wear * float(force[np.argmax(np.abs(force))]) / cutter.side_stiffness
 
-    def _find_normals(self, one: ProcessOperation, rows: NDArray[np.intp], table: _Pose, left: Array) -> Array:
+    def _find_normals(self, one: ProcessOperation, rows: NDArray[np.intp], table: PoseCompliance, left: Array) -> Array:
         """Return (n, 3) the outward normals of the surface: away from the material."""
         if one.surface == "floor":
             out = table.axis.copy()
@@ -334,7 +332,7 @@ class _Predictor:
                 return stroke.point - min(back, 1.0)
         return float(hole.deepest)
 
-    def _locate_poses(self, index: Array) -> _Pose:
+    def _locate_poses(self, index: Array) -> PoseCompliance:
         """Return a table of the poses at fractional toolpath indices (K,), K > 0."""
         joints = [self._interpolate_joints(float(i)) for i in index]
         q, external = (np.array([pair[n] for pair in joints]) for n in (0, 1))
@@ -351,7 +349,7 @@ class _Predictor:
             shift = (1 - f) * self.points.shift[low] + f * self.points.shift[high]
         compliance = 1.0 / state.k
         by_joints = np.einsum("nij,nj,nkj->nik", state.J, compliance, state.J)
-        return _Pose(
+        return PoseCompliance(
             axis=np.einsum("nij,nj->ni", R, axis),
             travel=np.einsum("nij,nj->ni", R, self.side[low]),
             R=R,
@@ -390,32 +388,3 @@ class _Predictor:
         accuracy = self.cell.accuracy
         angle = 0.0 if accuracy is None or one.tolerance.reference != "absolute" else accuracy.absolute_angle
         return (angle if np.isfinite(angle) else 0.0) * rng.standard_normal((DRAWS, 2))
-
-
-def _deflect(
-    pose: _Pose, cell: Cell, thrust: Array | float, torque: Array | float, drawn: Array | None, sideways: Array
-) -> Array:
-    """Return (D, 6) the twist under thrust, torque about the tool axis, and forces along travel and normal."""
-    thrust, torque, sideways = np.atleast_1d(thrust), np.atleast_1d(torque), np.atleast_2d(sideways)
-    force = thrust[:, None] * pose.axis + sideways @ np.stack([pose.travel, np.cross(pose.axis, pose.travel)])
-    wrench = np.hstack([force, torque[:, None] * pose.axis])
-    return _apply(pose, cell, wrench, drawn)
-
-
-def _apply(pose: _Pose, cell: Cell, wrench: Array, drawn: Array | None) -> Array:
-    """Return (D, 6) the twist of the tool relative to the part under wrenches, with drawn relative compliances."""
-    bent = multiply_tall(wrench, pose.J)
-    bent *= pose.joints
-    if drawn is not None:
-        bent = bent * drawn
-    twist = multiply_tall(bent, pose.J.T) + multiply_tall(wrench, pose.rest.T)
-    if cell.workpiece.stiffness is not None:
-        twist[:, :3] += ((wrench[:, :3] @ pose.R) / cell.workpiece.stiffness) @ pose.R.T
-    return np.asarray(twist)
-
-
-def _sideways(axis: Array) -> tuple[Array, Array]:
-    """Return two unit vectors across an axis."""
-    x = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
-    x /= np.linalg.norm(x)
-    return x, np.cross(axis, x)
