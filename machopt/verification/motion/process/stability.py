@@ -26,8 +26,8 @@ from machopt.data_types.stock import StockEngagement
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
-ANGLES, HALVINGS, DEPTHS = 2000, 14, 12  # 14: a limit is found to 3e-6 of itself
-SMALLEST_M, LARGEST_M, LADDER_STEP, LADDER_PART = 1e-5, 1.0, 1.05, 48
+ANGLES, HALVINGS, DEPTHS = 2000, 14, 12  # 14: a limit is found to 6e-6 of itself
+SMALLEST_M, LARGEST_M, LADDER_STEP, LADDER_PART = 1e-5, 1.0, 1.1, 32
 _RUNGS = math.ceil(math.log(LARGEST_M / SMALLEST_M) / math.log(LADDER_STEP))
 _LADDER: Array = SMALLEST_M * np.power(LADDER_STEP, np.arange(_RUNGS, dtype=np.float64))
 
