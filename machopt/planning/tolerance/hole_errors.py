@@ -150,15 +150,17 @@ class HoleTerms:
         tilt = np.maximum(np.hypot(at_entry[:, 0], at_entry[:, 1]), np.hypot(at_exit[:, 0], at_exit[:, 1]))
         return HoleDraws(across=y[:, ACROSS], along=y[:, ALONG], axis=tilt)
 
-    def compute_probability(self, scale: float = 1.0) -> float:
+    def compute_probability(self, scale: float = 1.0, turn: float | None = None) -> float:
         """Return the share of draws in which all tolerances hold, for a multiple of thrust and torque.
 
         Args:
-            scale: Factor on thrust and torque; the clamp stays.
+            scale: Factor on the thrust; the clamp stays.
+            turn: Factor on the torque; None: that of the thrust.
         """
+        turn = scale if turn is None else turn
         limits = self.model.process.operations[self.model.targets.operation[self.hole]].tolerance
         clamp, sizes = float(self.model.targets.clamp[self.hole]), (limits.position, limits.axis, limits.depth)
-        good = count_good_draws(scale * self.thrust, scale * self.torque, self.parts, self.tilt, clamp, sizes)
+        good = count_good_draws(scale * self.thrust, turn * self.torque, self.parts, self.tilt, clamp, sizes)
         return float(good / len(self.thrust))
 
 
