@@ -76,7 +76,7 @@ class AdvisedFeedSection(DocumentModel):
 
     share: Number
     slowed: Count  # holes and milled points driven at an advice below the file's feed
-    needed: Count  # holes and milled points whose advice is below the file's feed
+    needed: Count  # holes and milled points out of tolerance at the file's feeds that an advice brings into it
     file_feed_s: Known  # cycle time at the feeds of the file
 
 
