@@ -29,6 +29,7 @@ from machopt.verification.checks import (
     build_skipped_check,
     build_worst_value_check,
 )
+from machopt.verification.motion.checks.largest_feeds import build_largest_feeds, check_largest_feeds
 from machopt.verification.motion.checks.stability_columns import StabilityTables, check_stability
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
@@ -87,6 +88,11 @@ def check_process_columns(
     tables = StabilityTables(cell=cell, toolpath=toolpath, loads=loads, points=true_points, arm=arm, law=law)
     checks += [*_check_errors(points, found), *check_stability(tables, options.min_stability_ratio)]
     checks.append(_check_tolerances(cell, toolpath, points))
+    if not find_unsupported_draws(cell):
+        feed, some = build_largest_feeds(toolpath, true_points, loads)
+        at_limit = recompute_loads(cell, toolpath, feed, toolpath.process_operation)
+        limits = predict_errors(cell, toolpath, at_limit, true_motion, some, arm, law)
+        checks += check_largest_feeds(cell.process.quantile, some, limits.p_in, PROBABILITY)
     return [*checks, *_check_probabilities(cell, points, found), _check_unknown(cell, toolpath, points, found)]
 
 
