@@ -32,6 +32,7 @@ from machopt.planning.tolerance.surface_errors import (
     draw_surface_errors,
     take_surface_targets,
 )
+from machopt.planning.tolerance.wall_force import compute_wall_forces
 from machopt.process.binding.cutting_tools import build_drilling_layers, build_drilling_tool, build_milling_cutter
 from machopt.process.binding.point_loads import SAME_DEPTH, PointLoads, compute_mean_wear
 from machopt.process.drilling.feed_inversion import find_largest_feed
@@ -234,10 +235,14 @@ def _find_milling_feeds(
     few, quantile = draws.take_first(DRAWS), model.process.quantile
     factors = {id(some): compute_load_factors(own, slice(None), some) for some in (few, draws)}
 
+    bends = _compute_tool_bends(plan, own, loads, one, (low, high))
+    span = np.where(high > low, high - low, 1.0)
+
     def compute_probability(feed: Array, some: UncertaintyDraws, which: NDArray[np.intp]) -> Array:
         columns, tool = own.columns.copy(), own.tool.copy()
         edge, slope = (part if len(part) == 1 else part[which] for part in per_load)
-        columns[which], tool[which] = edge + slope * feed[:, None], own.tool[which] * feed / bite[which]
+        columns[which] = edge + slope * feed[:, None]
+        tool[which] = bends[0][which] + (bends[1] - bends[0])[which] * (feed - low[which]) / span[which]
         factor = factors[id(some)]
         factor = factor if len(factor) == 1 else factor[which]
         errors = draw_surface_errors(replace(own, columns=columns, tool=tool), which, some, factor, position=True)
@@ -257,6 +262,21 @@ def _find_milling_feeds(
         search = _FeedSearch(lambda feed, which: compute_probability(feed, draws, fails[which]), quantile, least)
         found[fails], ok[fails] = search.find_feeds(low[fails], found[fails])
     return np.where(ok, found * loads.spindle_speed[rows] * cutter.teeth, 0.0)
+
+
+def _compute_tool_bends(
+    plan: Plan, model: SurfaceErrorModel, loads: PointLoads, one: ProcessOperation, bites: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Return (n,) m the deflection of the tool along the normal at two feeds per tooth; between them it is linear."""
+    cutter, coefficients = plan.setup.cell.tool.cutter, model.process.materials[one.material].milling
+    assert coefficients is not None
+    if cutter is None or cutter.side_stiffness is None:
+        return np.zeros(len(bites[0])), np.zeros(len(bites[0]))
+    share = np.sum(model.normal * model.poses.normal, axis=1) / cutter.side_stiffness
+    low, high = (
+        share * compute_wall_forces(one, cutter, coefficients, loads, model.targets.row, bite) for bite in bites
+    )
+    return low, high
 
 
 @dataclass(frozen=True)
