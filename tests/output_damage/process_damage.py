@@ -139,6 +139,13 @@ DAMAGES = [
         "process",
     ),
     Damage(
+        "points.csv chatter withheld",
+        "1 cell",
+        build_table_change("points.csv", partial(replace_word, "chatter", "unknown")),
+        "points.csv chatter",
+        "process",
+    ),
+    Damage(
         "points.csv outcome withheld",
         "1 cell",
         build_table_change("points.csv", forget_outcome),
@@ -172,7 +179,13 @@ DAMAGES = [
             "result.json process",
             "process",
         )
-        for key, value in (("least_ratio", 9.0), ("least_point", 0), ("stable", 1), ("min_stability_ratio", 0.4))
+        for key, value in (
+            ("unknown_points", [[3, 4]]),
+            ("least_ratio", 9.0),
+            ("least_point", 0),
+            ("stable", 1),
+            ("min_stability_ratio", 0.4),
+        )
     ),
     Damage("result.json outcome counts", "1 point", in_process(count_one_more), "result.json process", "process"),
     Damage("result.json variance share", "×2", in_process(double_first_share), "result.json process", "process"),

@@ -86,4 +86,11 @@ def build_stability_section(
         stable=stable,
         unstable=sum(word != "" for word in columns.chatter) - stable - unknown,
         unknown=unknown,
+        unknown_points=tuple(_list_ranges([n for n, word in enumerate(columns.chatter) if word == "unknown"])),
     )
+
+
+def _list_ranges(points: list[int]) -> list[tuple[int, int]]:
+    """Return first and last of each row of neighbouring points."""
+    starts = [n for n, p in enumerate(points) if n == 0 or p != points[n - 1] + 1]
+    return [(points[a], points[b - 1]) for a, b in zip(starts, [*starts[1:], len(points)], strict=True)]
