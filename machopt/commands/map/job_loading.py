@@ -14,8 +14,10 @@ from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.toolpath.unknown_words import refuse_unknown_words
 
 
-def read_job(file: Path, cell: Cell) -> tuple[Cell, Toolpath]:
-    """Return the cell with the job's first tool on, and the toolpath of that tool with its operations.
+def read_job(file: Path, cell: Cell) -> tuple[Cell, Toolpath, tuple[str, ...]]:
+    """Return the cell with the job's first tool on, the toolpath of that tool with its operations, and notes.
+
+    A note names the tools that are not mapped: a posture of the map is that of one tool.
 
     Args:
         file: CAM file or point table.
@@ -27,5 +29,7 @@ def read_job(file: Path, cell: Cell) -> tuple[Cell, Toolpath]:
     toolpath = read_toolpath(file, **get_reading_options(cell))
     refuse_unknown_words(toolpath, file)
     toolpath = attach_process(cell.process, place_toolpath(toolpath, cell))
-    first = split_into_tool_segments(select_job_tools(cell, toolpath), toolpath)[0]
-    return first.cell, first.toolpath
+    first, *others = split_into_tool_segments(select_job_tools(cell, toolpath), toolpath)
+    names = dict.fromkeys(one.tool for one in others if one.tool != first.tool)
+    notes = (f"mapped with tool {first.tool} alone; not mapped: {', '.join(names)}",) if names else ()
+    return first.cell, first.toolpath, notes

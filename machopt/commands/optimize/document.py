@@ -115,8 +115,8 @@ def _list_warnings(made: OptimizeJobResult) -> tuple[str, ...]:
 def _list_unchecked_stability(made: OptimizeJobResult) -> tuple[str, ...]:
     """Return a warning where ``min_stability_ratio`` does not count at some milled points."""
     least = made.plan.options.min_stability_ratio
-    found = build_stability_section(made.points.table.process, least)
-    return (found.describe_unchecked(),) if least is not None and found is not None and found.unknown else ()
+    found = build_stability_section(made.points.table.process, least, made.points.table.status)
+    return (found.describe_unchecked(),) if least is not None and found is not None and found.unknown_points else ()
 
 
 def _compute_dwell_time(toolpath: Toolpath, points: PointResults) -> float:

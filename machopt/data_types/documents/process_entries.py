@@ -62,7 +62,7 @@ class StabilitySection(DocumentModel):
     stable: Count  # points
     unstable: Count
     unknown: Count
-    unknown_points: tuple[tuple[Count, Count], ...] = ()  # first and last of each row of points without a known limit
+    unknown_points: tuple[tuple[Count, Count], ...] = ()  # rows of points with a posture, limit unknown: first and last
 
     def describe(self) -> str:
         """Return the stability of the job in one or two sentences."""
@@ -75,14 +75,15 @@ class StabilitySection(DocumentModel):
         if least is None:
             return text
         text += f" (min_stability_ratio {least:g})"
-        return f"{text}. {self.describe_unchecked()}" if self.unknown else text
+        return f"{text}. {self.describe_unchecked()}" if self.unknown_points else text
 
     def describe_unchecked(self) -> str:
         """Return at which points ``min_stability_ratio`` is not kept because their limit is unknown."""
         shown = ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in self.unknown_points[:SHOWN_RANGES])
         more = " and others" if len(self.unknown_points) > SHOWN_RANGES else ""
+        count = sum(b - a + 1 for a, b in self.unknown_points)
         return (
-            f"min_stability_ratio does not count at {self.unknown} points, whose limit of the depth of cut is unknown: "
+            f"min_stability_ratio does not count at {count} points, whose limit of the depth of cut is unknown: "
             f"{shown}{more}"
         )
 

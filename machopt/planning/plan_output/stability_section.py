@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from machopt.data_types.documents.optimize_document import BestStabilityEntry
@@ -65,13 +67,14 @@ def describe_best_ratio(plan: Plan, station: int) -> str:
 
 
 def build_stability_section(
-    columns: ProcessColumns | None, min_stability_ratio: float | None
+    columns: ProcessColumns | None, min_stability_ratio: float | None, status: Sequence[str]
 ) -> StabilitySection | None:
     """Return the section; None where nothing is milled.
 
     Args:
         columns: Process columns of the job.
         min_stability_ratio: As requested; None: no limit.
+        status: Status of each point: one without a posture is not listed as unknown.
     """
     if columns is None or not any(columns.chatter):
         return None
@@ -79,6 +82,7 @@ def build_stability_section(
     limited = np.flatnonzero(np.isfinite(ratio))
     least = int(limited[np.argmin(ratio[limited])]) if len(limited) else None
     stable, unknown = (sum(word == name for word in columns.chatter) for name in ("stable", "unknown"))
+    reached = [n for n, word in enumerate(columns.chatter) if word == "unknown" and status[n] == "ok"]
     return StabilitySection(
         min_stability_ratio=min_stability_ratio,
         least_ratio=None if least is None else float(ratio[least]),
@@ -86,7 +90,7 @@ def build_stability_section(
         stable=stable,
         unstable=sum(word != "" for word in columns.chatter) - stable - unknown,
         unknown=unknown,
-        unknown_points=tuple(_list_ranges([n for n, word in enumerate(columns.chatter) if word == "unknown"])),
+        unknown_points=tuple(_list_ranges(reached)),
     )
 
 

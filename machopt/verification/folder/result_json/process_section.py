@@ -66,8 +66,11 @@ def _check_stability(t: ResultComparison, found: ProcessSection) -> Iterable[str
     counts["unstable"] = int(np.sum(words != "")) - sum(counts.values())
     for name, count in counts.items():
         yield from check_equal(f"process.stability.{name}", getattr(stated, name), count)
+    ok = np.array(t.points.read_words("status"), dtype=object) == "ok"
     listed = [p for first, last in stated.unknown_points for p in range(first, min(last + 1, len(words)))]
-    yield from check_equal("process.stability.unknown_points", listed, np.flatnonzero(words == "unknown").tolist())
+    yield from check_equal(
+        "process.stability.unknown_points", listed, np.flatnonzero((words == "unknown") & ok).tolist()
+    )
     limit, depth = (t.points.read_numbers(name, empty=True) for name in ("a_lim_mm", "ap_mm"))
     ratio = np.where((words != "") & (words != "unknown"), limit / depth, np.nan)
     if not np.isfinite(ratio).any():
