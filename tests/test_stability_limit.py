@@ -50,6 +50,7 @@ def test_the_limit_is_kept_and_verified(tmp_path: Path) -> None:
     stated = read_result(tmp_path / "kept")["process"]["stability"]
     assert stated["min_stability_ratio"] == 1.5
     assert stated["unstable"] == stated["unknown"] == 0
+    assert stated["unknown_points"] == []
     checks = {c["name"]: c["passed"] for c in read_result(tmp_path / "kept")["verification"]["checks"]}
     assert checks["as asked: min_stability_ratio"] is True
     assert checks["points.csv stability at min_stability_ratio"] is True

@@ -11,7 +11,6 @@ from machopt.commands.map.job_loading import read_job
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.data_types.manifest import add_scope_to_verdict
-from machopt.data_types.toolpath import Toolpath
 from machopt.errors import OptionError
 from machopt.job_map.job_quantities import build_job_quantities
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
@@ -89,10 +88,8 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
     progress("load")
     if cell is None:
         cell = load_cell(request.cell, allow_external=request.allow_external, process=request.process)
-    toolpath: Toolpath | None = None
-    left_out: tuple[str, ...] = ()
-    if request.toolpath is not None:
-        cell, toolpath, left_out = read_job(request.toolpath, cell)
+    job = None if request.toolpath is None else read_job(request.toolpath, cell)
+    cell = cell if job is None else job.cell
     plan_options = load_options(cell.plan, request.plan_file, list(request.overrides))
     options = resolve_request(request, cell)
     measured = read_measured_stiffness(request.measured) if request.measured is not None else None
@@ -101,9 +98,9 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
     robot, shapes = load_chain(cell)
     arm = build_reaching_arm(cell, robot, plan_options)
     setting = build_map_settings(cell, robot, options)
-    if toolpath is not None:
-        quantities, notes = build_job_quantities(cell, toolpath, setting)
-        setting = replace(setting, of_job=quantities, job_notes=(*left_out, *notes))
+    if job is not None:
+        quantities, notes = build_job_quantities(cell, job.toolpath, setting)
+        setting = replace(setting, of_job=quantities, job_notes=(*job.notes, *notes))
     criterion = select_criterion(options, setting)
     if isinstance(options.pick, int) and options.pick >= arm.solver.branches:
         raise OptionError(f"found branch {options.pick}; the arm has 0 to {arm.solver.branches - 1}", where="--pick")

@@ -35,7 +35,7 @@ from machopt.planning.plan_output.plan_hints import list_hints
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import build_process_section
 from machopt.planning.plan_output.reentry_section import build_reentry_section
-from machopt.planning.plan_output.stability_section import build_stability_section
+from machopt.planning.plan_output.stability_section import list_unchecked_stability
 from machopt.planning.plan_output.tilt_section import build_tilt_section
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
 from machopt.version import __version__
@@ -107,16 +107,11 @@ def _list_warnings(made: OptimizeJobResult) -> tuple[str, ...]:
         *describe_missing_plans(made.front, made.plan.options, [(s.stint.cell, s.stint.toolpath) for s in made.stints]),
         *describe_better_plans(made.front),
         *describe_low_feed(timeline.dips if timeline and timeline.trajectory else ()),
-        *_list_unchecked_stability(made),
+        *list_unchecked_stability(
+            made.points.table.process, made.plan.options.min_stability_ratio, made.points.table.status
+        ),
         *list_hints(made.plan),
     )
-
-
-def _list_unchecked_stability(made: OptimizeJobResult) -> tuple[str, ...]:
-    """Return a warning where ``min_stability_ratio`` does not count at some milled points."""
-    least = made.plan.options.min_stability_ratio
-    found = build_stability_section(made.points.table.process, least, made.points.table.status)
-    return (found.describe_unchecked(),) if least is not None and found is not None and found.unknown_points else ()
 
 
 def _compute_dwell_time(toolpath: Toolpath, points: PointResults) -> float:

@@ -96,5 +96,18 @@ def build_stability_section(
 
 def _list_ranges(points: list[int]) -> list[tuple[int, int]]:
     """Return first and last of each row of neighbouring points."""
-    starts = [n for n, p in enumerate(points) if n == 0 or p != points[n - 1] + 1]
-    return [(points[a], points[b - 1]) for a, b in zip(starts, [*starts[1:], len(points)], strict=True)]
+    starts = [p for n, p in enumerate(points) if n == 0 or p != points[n - 1] + 1]
+    ends = [p for n, p in enumerate(points) if n == len(points) - 1 or p != points[n + 1] - 1]
+    return list(zip(starts, ends, strict=True))
+
+
+def list_unchecked_stability(columns: ProcessColumns | None, least: float | None, status: Sequence[str]) -> list[str]:
+    """Return a warning where ``min_stability_ratio`` does not count at some milled points.
+
+    Args:
+        columns: Process columns of the job.
+        least: ``min_stability_ratio``; None: not requested.
+        status: Status of each point.
+    """
+    found = build_stability_section(columns, least, status)
+    return [found.describe_unchecked()] if least is not None and found is not None and found.unknown_points else []
