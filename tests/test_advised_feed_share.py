@@ -33,8 +33,11 @@ def write_pass(file: Path) -> Path:
 
 
 def optimize(job: Path, out: Path, **options: object) -> OptimizeDocument:
+    text = (CELL / "process.yaml").read_text(encoding="utf-8")
+    process = out.parent / "process.yaml"
+    process.write_text(text.replace("surface_mm: 0.1", "surface_mm: 0.086"), encoding="utf-8")
     request = OptimizeRequest(
-        cell=CELL, toolpath=job, out=out, process=CELL / "process.yaml", direct={"rotation_step_deg": 15, **options}
+        cell=CELL, toolpath=job, out=out, process=process, direct={"rotation_step_deg": 15, **options}
     )
     found = run_optimize(request)
     assert found.exit_code == 0
@@ -74,20 +77,29 @@ def test_what_is_slowed_passes_and_the_share_is_that_of_the_points(tmp_path: Pat
 
 
 def test_the_least_slowed_points_come_first() -> None:
-    programmed = np.full(6, 10.0)
+    reached = np.full(6, 10.0)
     advised = AdvisedFeeds(np.array([9.0, 5.0, 8.0, 0.0, np.nan, 20.0]), 0)
-    some, count, needed = advised.select_share(programmed, 0.5)
-    assert (count, needed) == (2, 3)
+    some = advised.select_share(reached, np.zeros(6, bool), 0.5)
+    assert (some.places.tolist(), some.needed) == ([0, 2], 3)
     assert np.isfinite(some.feed).tolist() == [True, False, True, False, False, False]
-    assert advised.select_share(programmed, 1.0)[1] == 3
-    assert (advised.select_share(programmed, 1.0)[0].limit_feeds()[[3, 4, 5]] == np.inf).all()
+    every = advised.select_share(reached, np.zeros(6, bool), 1.0)
+    assert len(every.places) == 3
+    assert (every.limit_feeds()[[3, 4, 5]] == np.inf).all()
+
+
+def test_points_that_pass_at_the_feeds_of_the_file_are_not_slowed() -> None:
+    advised = AdvisedFeeds(np.array([9.0, 5.0, 8.0, 7.0]), 0, target=np.array([0, 1, 2, 2]))
+    reached, passes = np.array([10.0, 4.0, 10.0, 10.0]), np.array([False, False, True, False])
+    some = advised.select_share(reached, passes, 1.0)  # the axes hold point 1 below its advice; 3 belongs to hole 2
+    assert (some.places.tolist(), some.needed) == ([0], 1)
+    assert (some.limit_feeds()[1:] == np.inf).all()
 
 
 def test_all_moves_of_a_hole_are_one() -> None:
     target = np.array([2, 2, 2, 5, 5, 5])
     advised = AdvisedFeeds(np.array([4.0, 4.0, 4.0, 9.0, 9.0, 9.0]), 0, target=target)
-    some, count, needed = advised.select_share(np.full(6, 10.0), 0.5)
-    assert (count, needed) == (1, 2)
+    some = advised.select_share(np.full(6, 10.0), np.zeros(6, bool), 0.5)
+    assert (some.places.tolist(), some.needed) == ([5], 2)
     assert np.isfinite(some.feed).tolist() == [False, False, False, True, True, True]
 
 

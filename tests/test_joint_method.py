@@ -32,6 +32,7 @@ from machopt.planning.posture_and_feed.window_builder import RunState, Window, b
 from machopt.planning.posture_and_feed.window_data import WindowData, WindowSolution
 from machopt.planning.posture_and_feed.window_problem import solve_window
 from machopt.planning.posture_and_feed.window_trial import TrialRefusal, compare_states, measure_run, try_solution
+from machopt.verification.tables.csv_columns import read_columns
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL = ROOT / "cells" / "kr500_milling"
@@ -218,6 +219,14 @@ def test_command_is_verified_and_never_slower(toolpath_file: Path) -> None:
     assert outcome.result.cycle_time_s <= entry.fixed_path_s + 1e-9
     assert entry.accepted or entry.reason
     assert all(window.accepted or window.reason for window in entry.windows)
+    table = read_columns(toolpath_file.parent / "out" / "points.csv")
+    pairs = [
+        (float(advised), float(largest))
+        for advised, largest in zip(table["feed_advised_mm_min"], table["feed_max_mm_min"], strict=True)
+        if advised and largest and float(largest) > 0.0
+    ]
+    assert len(pairs) > 20
+    assert all(advised <= largest * (1.0 + 1e-4) for advised, largest in pairs)  # of the driven postures
     page = (toolpath_file.parent / "out" / "report.html").read_text(encoding="utf-8")
     section = page.partition("<section id=joint>")[2].partition("</section>")[0]
     assert f"{entry.fixed_path_s:.1f}" in section

@@ -99,6 +99,54 @@ def test_at_another_rotation_it_is_what_a_plan_with_that_pin_says(tmp_path: Path
     assert told.outcome == columns.outcome[2]
 
 
+@pytest.fixture(scope="module")
+def compensated(tmp_path_factory: pytest.TempPathFactory) -> ViewSession:
+    return start(tmp_path_factory.mktemp("shifted"), "kr240_drilling", HOLES, DRILLING, "compensate=true")
+
+
+def test_with_a_compensation_the_unmoved_state_is_the_plan(compensated: ViewSession) -> None:
+    result = compensated.current.job_result
+    columns = result.points.table.process
+    assert result.plan.compensation is not None
+    assert columns is not None
+    for point in (2, 6):
+        found = compensated.find_outcome({"point": point, "phi_deg": np.degrees(find_phi(compensated, point))}).outcome
+        assert found is not None
+        assert found.outcome == columns.outcome[point]
+        assert found.error_mm == pytest.approx(1e3 * columns.errors["across"][point], rel=2e-3, abs=1e-4)
+        assert found.p_in == pytest.approx(columns.p_in[point], abs=0.02)
+
+
+@pytest.mark.parametrize("turn", [-40.0, 25.0])
+def test_with_a_compensation_another_rotation_is_that_of_a_new_plan(tmp_path: Path, turn: float) -> None:
+    session = start(tmp_path, "kr240_drilling", HOLES, DRILLING, "compensate=true")
+    plan = session.current.job_result.plan
+    row = int(np.searchsorted(plan.path.index, 2 - 1e-6))
+    phi = find_phi(session, 2) + np.radians(turn)
+    told = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
+    assert told is not None
+    gamma = float(np.degrees(wrap_angle(np.array(phi + plan.path.offset[row]))))
+    _, shown = session.replan({"fixed": [], "steer": [{"operation": "holes", "gamma_deg": gamma}]}, quiet)
+    assert shown
+    columns = session.current.job_result.points.table.process
+    assert columns is not None
+    assert told.error_mm == pytest.approx(1e3 * columns.errors["across"][2], rel=5e-3, abs=1e-4)
+    assert told.p_in == pytest.approx(columns.p_in[2], abs=0.02)
+    assert told.outcome == columns.outcome[2]
+
+
+def test_a_compensated_wall_at_the_chosen_rotation_is_the_plan(tmp_path: Path) -> None:
+    own = (CELLS / "kr500_milling" / "process.yaml").read_text()
+    session = start(tmp_path, "kr500_milling", WALL, own, "compensate=true")
+    columns = session.current.job_result.points.table.process
+    assert columns is not None
+    found = session.find_outcome({"point": 2, "phi_deg": np.degrees(find_phi(session, 2))}).outcome
+    assert found is not None
+    assert abs(found.error_mm) < 0.5 * abs(1e3 * session.current.job_result.points.table.deflection[2])
+    assert found.error_mm == pytest.approx(1e3 * columns.errors["normal"][2], rel=5e-3, abs=2e-4)
+    assert found.outcome == columns.outcome[2]
+
+
 def test_points_without_a_tolerance_have_no_outcome_and_bad_requests_are_refused(drilling: ViewSession) -> None:
     assert drilling.find_outcome({"point": 0, "phi_deg": 0.0}).outcome is None
     bad = ({}, {"point": 99, "phi_deg": 0.0}, {"point": True, "phi_deg": 0.0}, {"point": 2, "phi_deg": float("nan")})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,13 @@ import pytest
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
 from machopt.commands.map.computation import compute_map
+from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.errors import InputError
+from machopt.job_map import job_quantities
+from machopt.kinematics.robot import load_chain
+from machopt.planning.error_probability.draws import build_draws
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.workspace_map.posture_layers import build_map_settings
 from machopt.workspace_map.request import MapRequest
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
@@ -80,6 +87,63 @@ def test_the_error_is_that_of_the_compliance_under_the_stated_force(tmp_path: Pa
     assert ((p >= 0) & (p <= 1)).all()
     order = np.argsort(value["error_1"][reached])
     assert p[order[0]] >= p[order[-1]]  # the smallest error has no lower probability than the largest
+
+
+def test_the_worst_direction_of_travel_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pass along x and one along y: the error is the larger one of both maps."""
+    text = DRILLING.replace("travel: 100, normal: 0, axial: 40", "travel: 400, normal: 0, axial: 40")
+    head, *rows = ROWS.split("\n")
+    along = rows[-1].replace("50,0,0", "0,50,0")
+    maps = {}
+    for name, last in (("x", [rows[-1]]), ("y", [along]), ("both", [rows[-1], *rows[-3:-1], along])):
+        monkeypatch.setattr(f"{__name__}.ROWS", "\n".join([head, *rows[:-1], *last]))
+        (tmp_path / name).mkdir()
+        (layer,) = compute_map(build_request(tmp_path / name, text), lambda _: None).layers
+        maps[name] = layer.values.value
+    known = np.isfinite(maps["both"]["error_2"])
+    assert np.abs(maps["x"]["error_2"][known] - maps["y"]["error_2"][known]).max() > 1e-6
+    both = np.maximum(maps["x"]["error_2"], maps["y"]["error_2"])
+    np.testing.assert_allclose(maps["both"]["error_2"][known], both[known], rtol=1e-9)
+    least = np.minimum(maps["x"]["p_in_2"], maps["y"]["p_in_2"])
+    np.testing.assert_array_equal(maps["both"]["p_in_2"][known], least[known])
+
+
+def test_the_probability_is_that_of_the_planner_in_its_postures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Hole and floor of the job at the postures of a plan, by the price of tolerances with as many draws."""
+    monkeypatch.setattr(job_quantities, "DRAWS", 8192)
+    request = build_request(tmp_path)
+    given = load_optimize_inputs(
+        OptimizeRequest(
+            cell=request.cell,
+            toolpath=request.toolpath,
+            out=tmp_path / "plan",
+            process=request.process,
+            direct={"objective": "tolerance", "rotation_step_deg": 30},
+        )
+    )
+    stint = given.stints[0]
+    plan = find_best_plan(stint.cell, stint.toolpath, stint.restrict_options(given.options))
+    assert plan.pricing is not None
+    planned = plan.pricing.tolerance
+    assert planned is not None
+    pricing = replace(planned, draws=build_draws(planned.spread, 8192))
+    q = plan.chosen.assignment.q
+    found = compute_map(request, lambda _: None)
+    robot, _ = load_chain(stint.cell)
+    setting = build_map_settings(stint.cell, robot, found.options)
+    quantities, _ = job_quantities.build_job_quantities(stint.cell, stint.toolpath, setting)
+    by_key = {quantity.key: quantity for quantity in quantities}
+    for is_hole, key, rows in ((True, "p_in_1", pricing.holes.row), (False, "p_in_2", pricing.surfaces.row)):
+        points = np.searchsorted(plan.path.index, rows - 1e-6)
+        wanted = pricing.compute_probability(stint.cell, is_hole, np.arange(len(rows)), points, q[points])
+        at = q[points]
+        if is_hole:  # the position of a hole is that at its entry
+            at = pricing._shift_to_entry(np.arange(len(rows)), points, at)
+        found_p = by_key[key].function(setting.evaluate_states(at))
+        np.testing.assert_allclose(found_p, wanted, rtol=0, atol=0.02)
+        assert ((wanted > 0.02) & (wanted < 0.9999)).any()
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from process.delay_reference import ChebyshevMap, semi_discretization_radius
 from random_small_jobs import ROOT, choose_place_above_cut, random_job, write_job
 from stability_postures import build_delay_system, choose_rows
@@ -48,6 +50,7 @@ def test_the_limit_is_kept_and_verified(tmp_path: Path) -> None:
     stated = read_result(tmp_path / "kept")["process"]["stability"]
     assert stated["min_stability_ratio"] == 1.5
     assert stated["unstable"] == stated["unknown"] == 0
+    assert stated["unknown_points"] == []
     checks = {c["name"]: c["passed"] for c in read_result(tmp_path / "kept")["verification"]["checks"]}
     assert checks["as asked: min_stability_ratio"] is True
     assert checks["points.csv stability at min_stability_ratio"] is True
@@ -206,3 +209,44 @@ def test_modes_of_the_tool_count_in_the_limit(tmp_path: Path) -> None:
     assert "spindle" in words["free"]
     assert read_ratios(tmp_path / "kept").min() >= 0.76 * (1.0 - 1e-4)
     assert read_ratios(tmp_path / "free").min() < 0.76
+
+
+@pytest.mark.slow
+def test_points_of_unknown_stability_are_listed(tmp_path: Path) -> None:
+    """A flat end mill and a ball cutter, whose stability is not known: the constraint holds for the first alone."""
+    cell = tmp_path / "cell"
+    shutil.copytree(CELL, cell)
+    content = yaml.safe_load((cell / "cell.yaml").read_text(encoding="utf-8"))
+    flat = content.pop("tool")
+    ball = copy.deepcopy(flat)
+    ball["cutter"]["corner_radius_mm"] = 0.5 * ball["cutter"]["diameter_mm"]
+    content["tools"] = {"1": flat, "2": ball}
+    (cell / "cell.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation,tool,nx,ny,nz"]
+    for tool in (1, 2):
+        rows.append(f"60,-81,40,0,0,1,rapid,,a{tool},{tool},,,")
+        rows += [f"{60 - 20 * n},-81,-0.5,0,0,1,cut,1200,a{tool},{tool},0,-1,0" for n in range(5)]
+        rows.append(f"-20,-81,40,0,0,1,rapid,,a{tool},{tool},,,")
+    (tmp_path / "job.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    found = {}
+    for name, overrides in (("plain", ()), ("kept", ("min_stability_ratio=0.1",))):
+        request = OptimizeRequest(
+            cell=cell,
+            toolpath=tmp_path / "job.csv",
+            out=tmp_path / name,
+            overrides=("rotation_step_deg=30", *overrides),
+            process=PROCESS,
+        )
+        assert run_optimize(request).exit_code == 0
+        found[name] = read_result(tmp_path / name)
+    table = read_columns(tmp_path / "kept" / "points.csv")
+    unknown = [n for n, word in enumerate(table["chatter"]) if word == "unknown"]
+    stated = found["kept"]["process"]["stability"]
+    assert (stated["unknown"], stated["stable"] + stated["unstable"]) == (5, 5)
+    assert stated["unknown_points"] == [[unknown[0], unknown[-1]]]
+    assert len(found["kept"]["warnings"]) == len(found["plain"]["warnings"]) + 1
+    checks = {c["name"]: c["passed"] for c in found["kept"]["verification"]["checks"]}
+    assert checks["min_stability_ratio at points of unknown stability"] is None
+    assert "min_stability_ratio at points of unknown stability" not in {
+        c["name"] for c in found["plain"]["verification"]["checks"]
+    }

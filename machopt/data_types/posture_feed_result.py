@@ -38,5 +38,5 @@ class AdvisedFeedResult:
     feed: Array  # (N,) m/s of the move to each toolpath point: that of the file, or the advice where lower
     share: float
     slowed: int  # milled points and holes that are driven at an advice below the file's feed
-    needed: int  # milled points and holes whose advice is below the file's feed
+    needed: int  # milled points and holes out of tolerance at the feeds of the file that an advice brings into it
     file_feed_seconds: float  # cycle time at the feeds of the file; NaN: it cannot be driven

@@ -80,9 +80,8 @@ class RigidBodyDynamics:
         data = self.model.createData()
         out = np.empty((len(q), self.joints, self.joints))
         for k in range(len(q)):
-            upper = np.triu(pin.crba(self.model, data, q[k]))
-            out[k] = upper + np.triu(upper, 1).T
-        return out
+            out[k] = pin.crba(self.model, data, q[k])
+        return _fill_lower_triangles(out)
 
     def compute_body_mass_matrices(self, q: Array) -> Array:
         """Return the part of each body in the mass matrix, (n, N, n, n) kg·m²; their sum is the mass matrix.
@@ -100,9 +99,8 @@ class RigidBodyDynamics:
                     alone.inertias[other] = pin.Inertia.Zero()
             data = alone.createData()
             for k in range(len(q)):
-                upper = np.triu(pin.crba(alone, data, q[k]))
-                out[body, k] = upper + np.triu(upper, 1).T
-        return out
+                out[body, k] = pin.crba(alone, data, q[k])
+        return _fill_lower_triangles(out)
 
     def compute_own_inertia(self, q: Array) -> Array:
         """Return the diagonal of the mass matrix, (N, n) kg·m²: inertia of the arm at each joint.
@@ -257,6 +255,12 @@ def _replace_continuous_joints(cell: Cell) -> str:
             limit.set("lower", "-1000")
             limit.set("upper", "1000")
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _fill_lower_triangles(upper: Array) -> Array:
+    """Return symmetric matrices (..., n, n) from their upper triangles: pinocchio may leave the lower ones unset."""
+    half = np.triu(upper)
+    return np.asarray(half + np.swapaxes(np.triu(half, 1), -1, -2))
 
 
 def _list_inertia_components(I: Array) -> Array:  # noqa: E741 - the field's own symbol

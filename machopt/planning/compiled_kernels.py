@@ -102,6 +102,9 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
 
 
 MORE = (  # needed by some plans only: other arms, as-built geometry, external joints, gouges, stability, stock
+    ("planning.tolerance.good_draws", "count_good_draws", f"{_F1},{_F1},{_F2},{_F2},f8,UniTuple(f8,3)"),
+    ("verification.motion.process.draw_count", "count_within", f"{_F2},{_F1},f8,{_F1},{_F1},f8,f8"),
+    ("numerics.interval_shares", "_fill_shares", f"{_F2},{_F1},{_F1},{_F2},{_F1}"),
     ("process.stock.mesh_columns", "_fill_columns", f"{_F3},{_F1},{_F1},f4[:,::1],f4[:,::1],f4[:,::1]"),
     (
         "process.stock.path_removal",

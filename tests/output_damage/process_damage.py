@@ -113,6 +113,7 @@ COLUMNS = (  # column, factor, check that finds it
     ("error_normal_mm", 1.05, "points.csv error_normal_mm"),
     ("p_in", 0.8, "points.csv p_in"),
     ("tolerance_mm", 2.0, "points.csv tolerance_mm"),
+    ("feed_max_mm_min", 4.0, "points.csv feed_max_mm_min"),  # checked from above only
     ("f1_Hz", 1.05, "points.csv f1_Hz"),
     ("a_lim_mm", 3.0, "points.csv a_lim_mm"),  # checked from above only
 )
@@ -136,6 +137,13 @@ DAMAGES = [
         "points.csv chatter changed",
         "1 cell",
         build_table_change("points.csv", flip_chatter),
+        "points.csv chatter",
+        "process",
+    ),
+    Damage(
+        "points.csv chatter withheld",
+        "1 cell",
+        build_table_change("points.csv", partial(replace_word, "chatter", "unknown")),
         "points.csv chatter",
         "process",
     ),
@@ -187,7 +195,13 @@ DAMAGES = [
             "result.json process",
             "process",
         )
-        for key, value in (("least_ratio", 9.0), ("least_point", 0), ("stable", 1), ("min_stability_ratio", 0.4))
+        for key, value in (
+            ("unknown_points", [[3, 4]]),
+            ("least_ratio", 9.0),
+            ("least_point", 0),
+            ("stable", 1),
+            ("min_stability_ratio", 0.4),
+        )
     ),
     Damage("result.json outcome counts", "1 point", in_process(count_one_more), "result.json process", "process"),
     Damage("result.json variance share", "×2", in_process(double_first_share), "result.json process", "process"),

@@ -88,9 +88,8 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
     progress("load")
     if cell is None:
         cell = load_cell(request.cell, allow_external=request.allow_external, process=request.process)
-    toolpath = None
-    if request.toolpath is not None:
-        cell, toolpath = read_job(request.toolpath, cell)
+    job = None if request.toolpath is None else read_job(request.toolpath, cell)
+    cell = cell if job is None else job.cell
     plan_options = load_options(cell.plan, request.plan_file, list(request.overrides))
     options = resolve_request(request, cell)
     measured = read_measured_stiffness(request.measured) if request.measured is not None else None
@@ -99,9 +98,9 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
     robot, shapes = load_chain(cell)
     arm = build_reaching_arm(cell, robot, plan_options)
     setting = build_map_settings(cell, robot, options)
-    if toolpath is not None:
-        quantities, notes = build_job_quantities(cell, toolpath, setting)
-        setting = replace(setting, of_job=quantities, job_notes=notes)
+    if job is not None:
+        quantities, notes = build_job_quantities(cell, job.toolpath, setting)
+        setting = replace(setting, of_job=quantities, job_notes=(*job.notes, *notes))
     criterion = select_criterion(options, setting)
     if isinstance(options.pick, int) and options.pick >= arm.solver.branches:
         raise OptionError(f"found branch {options.pick}; the arm has 0 to {arm.solver.branches - 1}", where="--pick")

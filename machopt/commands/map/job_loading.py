@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.cell.tool_selection import select_job_tools, split_into_tool_segments
@@ -14,8 +15,19 @@ from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.toolpath.unknown_words import refuse_unknown_words
 
 
-def read_job(file: Path, cell: Cell) -> tuple[Cell, Toolpath]:
+@dataclass(frozen=True)
+class MappedJob:
+    """Job of a map, with the tool that the postures of the map hold."""
+
+    cell: Cell  # with that tool
+    toolpath: Toolpath  # of that tool
+    notes: tuple[str, ...]  # tools that are not mapped
+
+
+def read_job(file: Path, cell: Cell) -> MappedJob:
     """Return the cell with the job's first tool on, and the toolpath of that tool with its operations.
+
+    A note names the tools that are not mapped: a posture of the map is that of one tool.
 
     Args:
         file: CAM file or point table.
@@ -27,5 +39,7 @@ def read_job(file: Path, cell: Cell) -> tuple[Cell, Toolpath]:
     toolpath = read_toolpath(file, **get_reading_options(cell))
     refuse_unknown_words(toolpath, file)
     toolpath = attach_process(cell.process, place_toolpath(toolpath, cell))
-    first = split_into_tool_segments(select_job_tools(cell, toolpath), toolpath)[0]
-    return first.cell, first.toolpath
+    first, *others = split_into_tool_segments(select_job_tools(cell, toolpath), toolpath)
+    names = dict.fromkeys(one.tool for one in others if one.tool != first.tool)
+    notes = (f"the map holds for tool {first.tool}; not mapped: {', '.join(names)}",) if names else ()
+    return MappedJob(first.cell, first.toolpath, notes)

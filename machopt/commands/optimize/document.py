@@ -35,6 +35,7 @@ from machopt.planning.plan_output.plan_hints import list_hints
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.process_section import build_process_section
 from machopt.planning.plan_output.reentry_section import build_reentry_section
+from machopt.planning.plan_output.stability_section import list_unchecked_stability
 from machopt.planning.plan_output.tilt_section import build_tilt_section
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
 from machopt.version import __version__
@@ -106,6 +107,9 @@ def _list_warnings(made: OptimizeJobResult) -> tuple[str, ...]:
         *describe_missing_plans(made.front, made.plan.options, [(s.stint.cell, s.stint.toolpath) for s in made.stints]),
         *describe_better_plans(made.front),
         *describe_low_feed(timeline.dips if timeline and timeline.trajectory else ()),
+        *list_unchecked_stability(
+            made.points.table.process, made.plan.options.min_stability_ratio, made.points.table.status
+        ),
         *list_hints(made.plan),
     )
 

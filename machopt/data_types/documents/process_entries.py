@@ -50,6 +50,9 @@ class StockSection(DocumentModel):
     finished: StockComparisonSection | None  # null without one closed mesh as workpiece
 
 
+SHOWN_RANGES = 6  # of points, in a sentence
+
+
 class StabilitySection(DocumentModel):
     """Stability of the milled points: stable depth of cut over the planned one."""
 
@@ -59,16 +62,30 @@ class StabilitySection(DocumentModel):
     stable: Count  # points
     unstable: Count
     unknown: Count
+    unknown_points: tuple[tuple[Count, Count], ...] = ()  # rows of points with a posture, limit unknown: first and last
 
     def describe(self) -> str:
-        """Return the stability of the job in one sentence."""
+        """Return the stability of the job in one or two sentences."""
         total = self.stable + self.unstable + self.unknown
         text = f"{self.stable} of {total} milled points stable"
         text += f", {self.unknown} unknown" if self.unknown else ""
         if self.least_ratio is not None:
             text += f"; least ratio of stable to planned depth {self.least_ratio:.3g} at point {self.least_point}"
         least = self.min_stability_ratio
-        return text if least is None else f"{text} (min_stability_ratio {least:g})"
+        if least is None:
+            return text
+        text += f" (min_stability_ratio {least:g})"
+        return f"{text}. {self.describe_unchecked()}" if self.unknown_points else text
+
+    def describe_unchecked(self) -> str:
+        """Return at which points ``min_stability_ratio`` is not kept because their limit is unknown."""
+        shown = ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in self.unknown_points[:SHOWN_RANGES])
+        more = " and others" if len(self.unknown_points) > SHOWN_RANGES else ""
+        count = sum(b - a + 1 for a, b in self.unknown_points)
+        return (
+            f"min_stability_ratio does not count at {count} points, whose limit of the depth of cut is unknown: "
+            f"{shown}{more}"
+        )
 
 
 class AdvisedFeedSection(DocumentModel):
@@ -76,7 +93,7 @@ class AdvisedFeedSection(DocumentModel):
 
     share: Number
     slowed: Count  # holes and milled points driven at an advice below the file's feed
-    needed: Count  # holes and milled points whose advice is below the file's feed
+    needed: Count  # holes and milled points out of tolerance at the file's feeds that an advice brings into it
     file_feed_s: Known  # cycle time at the feeds of the file
 
 

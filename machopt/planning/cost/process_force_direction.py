@@ -28,10 +28,12 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import ProcessForce
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
+from machopt.numerics.identity_cache import IdentityCache
 from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath, compute_any_normal
 
 SIDEWAYS = float(np.sin(np.radians(10.0)))  # sin α₀
+_SIDEWAYS: IdentityCache[PlanningPath, Array] = IdentityCache()
 PLACES = 128  # samples of the averaging window; a corner is resolved to 1 % of its angle
 
 
@@ -41,7 +43,14 @@ def compute_sideways_directions(path: PlanningPath) -> Array:
 
     Args:
         path: planning points.
+
+    Returns:
+        An array that must not be written: it is kept with the path.
     """
+    return _SIDEWAYS.get(path, _compute_sideways)
+
+
+def _compute_sideways(path: PlanningPath) -> Array:
     path = path.programmed
     out = np.empty_like(path.position)
     for first, last in path.runs:
@@ -50,6 +59,7 @@ def compute_sideways_directions(path: PlanningPath) -> Array:
         out[rows] = run.direction(np.minimum(np.arange(len(rows)), max(len(rows) - 2, 0)), path.axis[rows])
     again = np.flatnonzero(path.is_reentry)
     out[again - 1] = out[again]  # the move of the file that leaves the point, whether the tool is lifted there or not
+    out.setflags(write=False)
     return out
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.numerics.array_types import Array
+from machopt.numerics.sobol_sequence import draw_scrambled_sobol
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 
 HOLE_DRAWS = 8192
@@ -72,11 +73,10 @@ def build_draws(spread: StiffnessSpread, count: int) -> UncertaintyDraws:
         count: Number of draws, a power of two.
     """
     from scipy.special import ndtri
-    from scipy.stats import qmc
 
     R = spread.dimensions
-    sobol = qmc.Sobol(R + _OTHER, scramble=True, rng=np.random.default_rng(SEED))
-    u = np.clip(sobol.random(2 * count), 1e-12, 1.0 - 1e-12)
+    u = draw_scrambled_sobol(R + _OTHER, 2 * count, np.random.default_rng(SEED))
+    u = np.clip(u, 1e-12, 1.0 - 1e-12)
     z = ndtri(u)
     good = np.flatnonzero(spread.is_positive(z[:, :R]))[:count]  # a draw with a negative compliance is repeated
     z, u = z[good], u[good]

@@ -22,6 +22,7 @@ from machopt.data_types.process import CuttingProcess
 from machopt.data_types.tolerance_prices import FAILED_POINT_PRICE, SHORTFALL_PRICE
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
+from machopt.numerics.interval_shares import compute_interval_shares
 from machopt.numerics.tall_products import multiply_tall
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import LoadDirections
@@ -295,8 +296,6 @@ class TolerancePricing:
     def _compute_surface_probability(
         self, cell: Cell, target: NDArray[np.intp], points: NDArray[np.intp], q: Array
     ) -> Array:
-        from scipy.special import ndtr
-
         axis, travel = self.directions.axial[points], self.travel[points]
         normal = np.cross(axis, travel)
         rows = self.surfaces.row[target]
@@ -318,9 +317,9 @@ class TolerancePricing:
         error = factor * (multiply_tall(row, self.draws.stiffness.T))
         if self.is_compensated:
             error = error - row[:, :1]
-        limit = np.array([[self.process.operations[k].tolerance.surface] for k in self.surfaces.operation[target]])
-        std = np.maximum(self._find_position_std(cell, target, self.surfaces), 1e-9)[:, None]
-        return np.asarray(np.mean(ndtr((limit - error) / std) - ndtr((-limit - error) / std), axis=1))
+        limit = np.array([self.process.operations[k].tolerance.surface for k in self.surfaces.operation[target]])
+        std = np.maximum(self._find_position_std(cell, target, self.surfaces), 1e-9)
+        return compute_interval_shares(error, limit, std)
 
     def _find_position_std(self, cell: Cell, target: NDArray[np.intp], targets: HoleTargets | SurfaceTargets) -> Array:
         """Return (M,) 1 sigma of a coordinate in m; zero where none is stated."""

@@ -27,6 +27,7 @@ from machopt.planning.posture_and_feed.advised_feeds import (
     compute_driven_outcomes,
     restore_file_feeds,
 )
+from machopt.planning.tolerance.process_results import find_driven_feed
 
 Drive = Callable[[Plan, Callable[[PlanOptions], Plan]], tuple[Plan, Plan, MotionTimeline | None]]
 TRIES = 3  # of driving with feeds that are lowered where a driven point is not in tolerance
@@ -95,9 +96,9 @@ def _find_reason_against(fixed: DrivenCandidate, joint: DrivenCandidate, wanted:
         return "its rapid moves or margins need another plan"
     if joint.seconds >= fixed.seconds - wanted.options.sample:
         return f"its cycle time is {joint.seconds:.2f} s, that of the fixed path {fixed.seconds:.2f} s"
-    before, after = (compute_driven_outcomes(c.driven, toolpath, c.timeline) for c in (fixed, joint))
-    if after["pass"] < before["pass"]:
-        return f"{after['pass']} points would be in tolerance, {before['pass']} are with the fixed path"
+    before, after = (compute_driven_outcomes(c.driven, toolpath, c.timeline).count("pass") for c in (fixed, joint))
+    if after < before:
+        return f"{after} points would be in tolerance, {before} are with the fixed path"
     return ""
 
 
@@ -117,13 +118,17 @@ def drive_share_of_advice(
     at_file_feed = DrivenCandidate(*drive(the_plan, again), AdvisedFeeds(np.full(len(toolpath), np.nan), 0))
     if not np.isfinite(at_file_feed.seconds):
         return at_file_feed.plan, at_file_feed.driven, at_file_feed.timeline
-    found = drive_at_advised_feeds(at_file_feed.plan, toolpath, drive, again, share)
-    _, slowed, needed = advise_feeds(found.plan, toolpath).select_share(toolpath.feed, share)
+    reached = find_driven_feed(toolpath, at_file_feed.timeline)
+    words = compute_driven_outcomes(at_file_feed.driven, toolpath, at_file_feed.timeline)
+    passes = np.array([word == "pass" for word in words], bool)
+    found = drive_at_advised_feeds(
+        at_file_feed.plan, toolpath, drive, again, lambda advised: advised.select_share(reached, passes, share)
+    )
     result = AdvisedFeedResult(
         feed=np.where(np.isnan(toolpath.feed), np.nan, np.fmin(toolpath.feed, found.advised.limit_feeds())),
         share=share,
-        slowed=slowed,
-        needed=needed,
+        slowed=len(found.advised.places),
+        needed=found.advised.needed,
         file_feed_seconds=at_file_feed.seconds,
     )
     plan, driven = (replace(one, advised_feed=result) for one in (found.plan, found.driven))
@@ -135,21 +140,23 @@ def drive_at_advised_feeds(
     toolpath: Toolpath,
     drive: Drive,
     again: Callable[[PlanOptions], Plan],
-    share: float | None = None,
+    select: Callable[[AdvisedFeeds], AdvisedFeeds] | None = None,
 ) -> DrivenCandidate:
     """Return a plan driven at the advice for its postures, which another plan in its place has, too.
+
+    Where the driven postures ask for less, because the motion rounds corners, the advice is lowered to theirs.
 
     Args:
         plan: Plan of one tool.
         toolpath: Its toolpath.
         drive: Computes the motion of a plan; its second argument plans anew with other options.
         again: Plans the same with other options for the whole job.
-        share: Of the points too fast for their tolerance; None: every advice holds.
+        select: Returns the part of an advice that is driven; None: every advice holds.
     """
 
     def advise(one: Plan) -> AdvisedFeeds:
         whole = advise_feeds(one, toolpath)
-        return whole if share is None else whole.select_share(toolpath.feed, share)[0]
+        return whole if select is None else select(whole)
 
     advised = advise(plan)
     found = plan
@@ -157,9 +164,7 @@ def drive_at_advised_feeds(
         start = apply_advised_feeds(restore_file_feeds(found, toolpath), advised)
         result = DrivenCandidate(*drive(start, again), advised)
         if result.plan.chosen.assignment is start.chosen.assignment:
-            if share is None or not np.isfinite(result.seconds):
-                break
-            slower = advised.lower_to(advise_feeds(result.driven, toolpath))
+            slower = advised.lower_to(advise_feeds(result.driven, toolpath)) if np.isfinite(result.seconds) else None
             if slower is None:
                 break
             advised = slower

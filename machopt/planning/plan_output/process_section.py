@@ -55,7 +55,7 @@ def build_process_section(
         sources=dict(summary.sources),
         validity=summary.validity,
         stability=build_stability_section(
-            points.table.process, None if plan is None else plan.options.min_stability_ratio
+            points.table.process, None if plan is None else plan.options.min_stability_ratio, points.table.status
         ),
         advised_feed=None if plan is None else _build_advised_feed_section(plan),
         stock=None if stock is None else _build_stock_section(stock),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from machopt.data_types.documents.optimize_document import BestStabilityEntry
@@ -65,13 +67,14 @@ def describe_best_ratio(plan: Plan, station: int) -> str:
 
 
 def build_stability_section(
-    columns: ProcessColumns | None, min_stability_ratio: float | None
+    columns: ProcessColumns | None, min_stability_ratio: float | None, status: Sequence[str]
 ) -> StabilitySection | None:
     """Return the section; None where nothing is milled.
 
     Args:
         columns: Process columns of the job.
         min_stability_ratio: As requested; None: no limit.
+        status: Status of each point: one without a posture is not listed as unknown.
     """
     if columns is None or not any(columns.chatter):
         return None
@@ -79,6 +82,7 @@ def build_stability_section(
     limited = np.flatnonzero(np.isfinite(ratio))
     least = int(limited[np.argmin(ratio[limited])]) if len(limited) else None
     stable, unknown = (sum(word == name for word in columns.chatter) for name in ("stable", "unknown"))
+    reached = [n for n, word in enumerate(columns.chatter) if word == "unknown" and status[n] == "ok"]
     return StabilitySection(
         min_stability_ratio=min_stability_ratio,
         least_ratio=None if least is None else float(ratio[least]),
@@ -86,4 +90,24 @@ def build_stability_section(
         stable=stable,
         unstable=sum(word != "" for word in columns.chatter) - stable - unknown,
         unknown=unknown,
+        unknown_points=tuple(_list_ranges(reached)),
     )
+
+
+def _list_ranges(points: list[int]) -> list[tuple[int, int]]:
+    """Return first and last of each row of neighbouring points."""
+    starts = [p for n, p in enumerate(points) if n == 0 or p != points[n - 1] + 1]
+    ends = [p for n, p in enumerate(points) if n == len(points) - 1 or p != points[n + 1] - 1]
+    return list(zip(starts, ends, strict=True))
+
+
+def list_unchecked_stability(columns: ProcessColumns | None, least: float | None, status: Sequence[str]) -> list[str]:
+    """Return a warning where ``min_stability_ratio`` does not count at some milled points.
+
+    Args:
+        columns: Process columns of the job.
+        least: ``min_stability_ratio``; None: not requested.
+        status: Status of each point.
+    """
+    found = build_stability_section(columns, least, status)
+    return [found.describe_unchecked()] if least is not None and found is not None and found.unknown_points else []

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
+from machopt.planning.error_probability.draws import HOLE_DRAWS
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.stations.planning_path import PlanningPath
@@ -30,6 +31,7 @@ class AdvisedFeeds:
     unstable: int  # points at which chatter is predicted
     unknown_because: str = ""  # why no point has an advice
     target: NDArray[np.intp] | None = None  # (N,) point that states the tolerance: of a hole the deepest; None: itself
+    needed: int = 0  # milled points and holes that are too fast at the feeds of the file, of a selected share
 
     @property
     def failing(self) -> int:
@@ -50,27 +52,31 @@ class AdvisedFeeds:
         least = float(self.feed[known].min()) if known.any() else np.inf
         return np.where(known, (1.0 - ROUNDING) * self.feed, np.where(self.feed == 0.0, least, np.inf))
 
-    def select_share(self, programmed: Array, share: float) -> tuple[AdvisedFeeds, int, int]:
+    @property
+    def places(self) -> NDArray[np.intp]:
+        """Milled points and deepest points of holes with an advice above zero, in order."""
+        target = np.arange(len(self.feed)) if self.target is None else self.target
+        return np.unique(target[np.isfinite(self.feed) & (self.feed > 0.0)])
+
+    def select_share(self, reached: Array, passes: NDArray[np.bool_], share: float) -> AdvisedFeeds:
         """Return the advice of some of the points that are too fast, those that it slows least.
 
-        Points that no feed brings into tolerance have no advice then.
+        A point that passes at the feeds of the file has no advice then; nor has one that no feed brings into tolerance.
 
         Args:
-            programmed: (N,) m/s, feeds of the file.
+            reached: (N,) m/s, feeds that the motion reaches at the feeds of the file.
+            passes: (N,) whether a milled point, or the deepest point of a hole, is in tolerance at them.
             share: Of the milled points and holes that are too fast.
-
-        Returns:
-            The advice, and how many of how many milled points and holes have it.
         """
         target = np.arange(len(self.feed)) if self.target is None else self.target
-        slower = np.isfinite(self.feed) & (self.feed > 0.0) & (self.feed < programmed)
-        slowing = np.where(slower, programmed / np.where(slower, self.feed, 1.0), 0.0)
+        slower = np.isfinite(self.feed) & (self.feed > 0.0) & (self.feed < reached) & ~passes[target]
+        slowing = np.where(slower, reached / np.where(slower, self.feed, 1.0), 0.0)
         places = np.unique(target[slower])
         worst = np.array([slowing[target == place].max() for place in places])
         count = math.ceil(share * len(places) - 1e-9)
         taken = places[np.argsort(worst, kind="stable")[:count]]
         feed = np.where(slower & np.isin(target, taken), self.feed, np.nan)
-        return replace(self, feed=feed), count, len(places)
+        return replace(self, feed=feed, needed=len(places))
 
     def lower_to(self, driven: AdvisedFeeds) -> AdvisedFeeds | None:
         """Return the advice lowered where that for the driven postures is lower; None where it is nowhere.
@@ -127,8 +133,8 @@ def restore_file_feeds(plan: Plan, toolpath: Toolpath) -> Plan:
     return replace(plan, path=replace(plan.path, feed=toolpath.feed[find_ending_points(plan.path)]))
 
 
-def compute_driven_outcomes(plan: Plan, toolpath: Toolpath, timeline: MotionTimeline | None) -> dict[str, int]:
-    """Return how many points have each outcome at the feeds that the motion reaches.
+def compute_driven_outcomes(plan: Plan, toolpath: Toolpath, timeline: MotionTimeline | None) -> tuple[str, ...]:
+    """Return (N,) the outcome of each point at the feeds that the motion reaches; empty where there is none.
 
     Args:
         plan: Plan of one tool, as driven.
@@ -137,10 +143,11 @@ def compute_driven_outcomes(plan: Plan, toolpath: Toolpath, timeline: MotionTime
     """
     loads = compute_loads(plan.setup.cell, toolpath, find_driven_feed(toolpath, timeline))
     if loads is None:
-        return {"pass": 0}
+        return ("",) * len(toolpath)
     cam_plan = return_to_cam_axes(plan)
     dynamics = compute_cutting_dynamics(cam_plan, toolpath, loads)
-    return compute_point_errors(cam_plan, toolpath, loads, wall_force=dynamics.wall_force).count_outcomes()
+    found = compute_point_errors(cam_plan, toolpath, loads, wall_force=dynamics.wall_force, hole_draws=HOLE_DRAWS)
+    return found.outcome
 
 
 def find_ending_points(path: PlanningPath) -> NDArray[np.intp]:

@@ -191,11 +191,31 @@ def solve_station(
     Returns:
         Joints (R, A, 6) rad, and (R, A) the reason without what the user forbids.
     """
-    row = path.stations[[station]]
-    poses = arm.in_base(path.external[row], compute_tcp_poses(path, row, candidates.phi_at()[[station]]))
+    q, reason = solve_stations(path, arm, candidates, np.array([station], np.intp))
+    return q[0], reason[0]
+
+
+def solve_stations(
+    path: PlanningPath, arm: PlanningArm, candidates: CandidateGrid, stations: NDArray[np.intp]
+) -> tuple[Array, NDArray[np.uint8]]:
+    """Return all branches of the arm at every rotation of some stations, usable or not.
+
+    Args:
+        path: planning points.
+        arm: arm model.
+        candidates: grid of rotations.
+        stations: (S,) station indices.
+
+    Returns:
+        Joints (S, R, A, 6) rad, and (S, R, A) the reason without what the user forbids.
+    """
+    rows = path.stations[stations]
+    poses = arm.in_base(path.external[rows], compute_tcp_poses(path, rows, candidates.phi_at()[stations]))
     branches = arm.solver.solve((poses @ invert_transform(arm.T_flange_tcp)).reshape(-1, 4, 4))
     shift_angles(arm.origin, branches.q)
-    return branches.q, check_branches(branches, arm.margins, arm.windings, arm.lower, arm.upper)[0]
+    reason = check_branches(branches, arm.margins, arm.windings, arm.lower, arm.upper)[0]
+    shape = (len(stations), -1)
+    return branches.q.reshape(*shape, *branches.q.shape[1:]), reason.reshape(*shape, reason.shape[1])
 
 
 def _turning_poses(path: PlanningPath, arm: PlanningArm) -> tuple[Array, Array, Array]:

@@ -63,6 +63,16 @@ def compute_position_scatter(
     return PositionScatter(std, tilt, lost, sides, _compute_pose_root(cell, poses, absolute))
 
 
+def has_position_draws(scatter: PositionScatter, pose: int) -> bool:
+    """Return whether lost motion or the pose of the part count at one pose.
+
+    Args:
+        scatter: Position scatter of the poses.
+        pose: Index of the pose.
+    """
+    return bool(scatter.lost_motion[pose].any() or scatter.pose_root[pose].any())
+
+
 def draw_position(scatter: PositionScatter, pose: int, draws: UncertaintyDraws) -> Array:
     """Return (D, 6) the drawn twist of lost motion and pose of the part at one pose, without position noise.
 

@@ -19,26 +19,23 @@ from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.stability.tool_limit import compute_tool_limit
 from machopt.planning.tolerance.error_columns import TargetPoses, locate_poses
+from machopt.planning.tolerance.wall_force import FEEDS, SIDES, compute_wall_forces
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
 from machopt.process.milling.engagement_angles import compute_contact_arc
 from machopt.process.milling.instantaneous_force import (
-    compute_surface_generation_load,
     compute_waveform,
     find_peak_force,
 )
-from machopt.process.milling.milling_cut import CutSide, MillingCut
+from machopt.process.milling.milling_cut import MillingCut
 from machopt.process.stability.depth_limit import compute_depth_limit, compute_tooth_period
 from machopt.process.stability.directional_matrix import compute_directional_matrix
 from machopt.process.stability.resonance import find_resonances
 from machopt.process.stability.structural_modes import StructuralModes, compute_arm_modes
 from machopt.process.stock.contact_load import compute_contact_matrix
-from machopt.process.stock.contact_waveform import compute_contact_peaks, compute_contact_wall_forces
+from machopt.process.stock.contact_waveform import compute_contact_peaks
 
-FEEDS = 9  # feeds per tooth at which a force within the revolution is computed; linear between them
 WIDEST_DEPTH = 10.0  # times the planned depth: a larger limit is written as none
-HEIGHTS = 33  # heights of the wall at which the force is computed that makes it
-_SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +141,7 @@ class _DynamicsTable:
         if one.takes_stock:
             self._add_stock_milling(one, rows, poses, modes)
             return
-        for code, side in _SIDES.items():
+        for code, side in SIDES.items():
             mine = np.flatnonzero(self.loads.side[rows] == code)
             if not len(mine):
                 continue
@@ -172,9 +169,7 @@ class _DynamicsTable:
         found, ap = self.toolpath.engagement.select_points(wanted), self.loads.ap
         bite, wear = self.loads.bite, compute_mean_wear(one)
         self.peak[rows] = wear * compute_contact_peaks(coefficients, cutter, one.spindle, found, bite)[rows]
-        if geometry is not None and geometry.side_stiffness is not None and one.surface == "side":
-            walls = compute_contact_wall_forces(coefficients, cutter, one.spindle, found, self.loads.side, bite)
-            self.wall[rows] = wear * walls[rows]
+        self.wall[rows] = compute_wall_forces(one, geometry, coefficients, self.loads, rows, bite[rows])
         mine = np.flatnonzero(np.isfinite(ap[rows]))
         if not len(mine):
             return
@@ -201,14 +196,7 @@ class _DynamicsTable:
         wear = compute_mean_wear(one)
         peaks = [find_peak_force(compute_waveform(coefficients, cutter, cut, depths, float(f))) for f in feeds]
         self.peak[rows] = wear * np.interp(bite, feeds, peaks)
-        if geometry is None or geometry.side_stiffness is None or one.surface != "side":
-            return
-        heights = np.linspace(0.0, depths[1], HEIGHTS)
-        walls = []
-        for f in feeds:
-            load = compute_surface_generation_load(coefficients, cutter, cut, depths, float(f), heights)[:, 1]
-            walls.append(load[np.argmax(np.abs(load))])
-        self.wall[rows] = wear * np.interp(bite, feeds, walls)
+        self.wall[rows] = compute_wall_forces(one, geometry, coefficients, self.loads, rows, bite)
 
     def _add_stability(
         self,

@@ -18,8 +18,14 @@ from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.error_probability.targets import HoleTargets
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
-from machopt.planning.tolerance.arm_accuracy import PositionScatter, compute_position_scatter, draw_position
+from machopt.planning.tolerance.arm_accuracy import (
+    PositionScatter,
+    compute_position_scatter,
+    draw_position,
+    has_position_draws,
+)
 from machopt.planning.tolerance.error_columns import TargetPoses, compute_twist_columns, locate_poses
+from machopt.planning.tolerance.good_draws import count_good_draws
 from machopt.process.binding.point_loads import compute_mean_wear
 
 ENTRY, EXIT = 0, 1
@@ -115,12 +121,12 @@ class HoleTerms:
 
     model: HoleErrorModel
     hole: int
-    noise: UncertaintyDraws | None  # None: deflection alone
     thrust: Array  # (D,) N, without the clamp
     torque: Array  # (D,) N·m
-    axial: Array  # (D, 7) components by a unit thrust, in the order of _list_component_rows
-    turning: Array  # (D, 7) by a unit torque
-    rest: Array  # (D, 7) that do not depend on thrust and torque
+    parts: (
+        Array  # (D, 21) components in the order of _list_component_rows: 7 by a unit thrust, 7 by a unit torque, rest
+    )
+    tilt: Array  # (D, 2) rad, turns of the arm that no load causes; zeros where they do not count
 
     def take_first(self, count: int) -> HoleTerms:
         """Return the parts of the first draws.
@@ -128,15 +134,8 @@ class HoleTerms:
         Args:
             count: Number of draws.
         """
-        return replace(
-            self,
-            noise=None if self.noise is None else self.noise.take_first(count),
-            thrust=self.thrust[:count],
-            torque=self.torque[:count],
-            axial=self.axial[:count],
-            turning=self.turning[:count],
-            rest=self.rest[:count],
-        )
+        some = {name: getattr(self, name)[:count] for name in ("thrust", "torque", "parts", "tilt")}
+        return replace(self, **some)
 
     def compute_errors(self, scale: float = 1.0) -> HoleDraws:
         """Return the errors for a multiple of thrust and torque.
@@ -145,14 +144,50 @@ class HoleTerms:
             scale: Factor on thrust and torque; the clamp stays.
         """
         thrust = np.maximum(scale * self.thrust, self.model.targets.clamp[self.hole])
-        y = thrust[:, None] * self.axial + (scale * self.torque)[:, None] * self.turning + self.rest
-        noise = 0.0 if self.noise is None else self.model.scatter[ENTRY].tilt_std[self.hole] * self.noise.tilt
-        at_entry, at_exit = y[:, TILT_ENTRY] + noise, y[:, TILT_EXIT] + noise
+        y = thrust[:, None] * self.parts[:, :7] + (scale * self.torque)[:, None] * self.parts[:, 7:14]
+        y += self.parts[:, 14:]
+        at_entry, at_exit = y[:, TILT_ENTRY] + self.tilt, y[:, TILT_EXIT] + self.tilt
         tilt = np.maximum(np.hypot(at_entry[:, 0], at_entry[:, 1]), np.hypot(at_exit[:, 0], at_exit[:, 1]))
         return HoleDraws(across=y[:, ACROSS], along=y[:, ALONG], axis=tilt)
 
+    def compute_probability(self, scale: float = 1.0, turn: float | None = None) -> float:
+        """Return the share of draws in which all tolerances hold, for a multiple of thrust and torque.
 
-def draw_hole_terms(model: HoleErrorModel, h: int, draws: UncertaintyDraws, *, position: bool) -> HoleTerms:
+        Args:
+            scale: Factor on the thrust; the clamp stays.
+            turn: Factor on the torque; None: that of the thrust.
+        """
+        turn = scale if turn is None else turn
+        limits = self.model.process.operations[self.model.targets.operation[self.hole]].tolerance
+        clamp, sizes = float(self.model.targets.clamp[self.hole]), (limits.position, limits.axis, limits.depth)
+        good = count_good_draws(scale * self.thrust, turn * self.torque, self.parts, self.tilt, clamp, sizes)
+        return float(good / len(self.thrust))
+
+
+@dataclass(frozen=True)
+class LoadFactors:
+    """Factors of thrust and torque of one operation relative to an unworn tool, (D,) each."""
+
+    thrust: Array
+    torque: Array
+
+    @classmethod
+    def of(cls, process: CuttingProcess, operation: int, draws: UncertaintyDraws) -> LoadFactors:
+        """Return the factors, which all holes of an operation share.
+
+        Args:
+            process: Content of process.yaml.
+            operation: Operation of the process.
+            draws: The draws.
+        """
+        one = process.operations[operation]
+        thrust, torque = (draws.compute_load_factor(process, one, torque=flag) for flag in (False, True))
+        return cls(thrust, torque)
+
+
+def draw_hole_terms(
+    model: HoleErrorModel, h: int, draws: UncertaintyDraws, *, position: bool, factors: LoadFactors | None = None
+) -> HoleTerms:
     """Return the drawn parts of the errors of one hole.
 
     Args:
@@ -160,32 +195,39 @@ def draw_hole_terms(model: HoleErrorModel, h: int, draws: UncertaintyDraws, *, p
         h: Index of the hole.
         draws: The draws.
         position: Include position, lost motion and pose of the part; False: deflection alone.
+        factors: Factors of its load, where they are known.
     """
-    process = model.process
-    one = process.operations[model.targets.operation[h]]
-    wear = compute_mean_wear(one)
-    factor = draws.compute_load_factor(process, one)
+    operation = int(model.targets.operation[h])
+    wear = compute_mean_wear(model.process.operations[operation])
+    if factors is None:
+        factors = LoadFactors.of(model.process, operation, draws)
     rows = model.rows[ENTRY][h], model.rows[EXIT][h]
     columns = np.concatenate([model.axial[h], model.turning[h], model.lateral[h]])
-    drawn = multiply_tall(draws.stiffness, columns.T)  # (D, 21)
-    axial, turning, rest = drawn[:, :7], drawn[:, 7:14], (factor / wear)[:, None] * drawn[:, 14:]
+    parts = multiply_tall(draws.stiffness, columns.T)  # (D, 21)
+    rest = parts[:, 14:]
+    if model.lateral[h].any():
+        rest *= (factors.thrust / wear)[:, None]
     linear = np.concatenate([P[:, :3] for P in rows])  # (7, 3) of a displacement that both poses share
     if model.local:
-        axial = axial + model.local * (draws.local @ linear.T)
+        parts[:, :7] += model.local * (draws.local @ linear.T)
     rest += np.concatenate([P[:, :3] @ model.poses[pose].offset[h] for pose, P in enumerate(rows)])
+    tilt = np.zeros((len(draws), 2))
     if position:
-        shift = [draw_position(model.scatter[pose], h, draws) @ P.T for pose, P in enumerate(rows)]
+        first = 0
+        for pose, P in enumerate(rows):
+            if has_position_draws(model.scatter[pose], h):
+                rest[:, first : first + len(P)] += draw_position(model.scatter[pose], h, draws) @ P.T
+            first += len(P)
         std = np.concatenate([np.full(len(P), np.nan_to_num(model.scatter[n].std[h])) for n, P in enumerate(rows)])
-        rest += np.hstack(shift) + std * (draws.position @ linear.T)
+        rest += draws.position @ (std[:, None] * linear).T
+        tilt = model.scatter[ENTRY].tilt_std[h] * draws.tilt
     return HoleTerms(
         model=model,
         hole=h,
-        noise=draws if position else None,
-        thrust=model.targets.thrust[h] / wear * factor,
-        torque=model.targets.torque[h] / wear * draws.compute_load_factor(process, one, torque=True),
-        axial=axial,
-        turning=turning,
-        rest=rest,
+        thrust=model.targets.thrust[h] / wear * factors.thrust,
+        torque=model.targets.torque[h] / wear * factors.torque,
+        parts=parts,
+        tilt=tilt,
     )
 
 
@@ -218,20 +260,6 @@ def compute_nominal_hole_errors(model: HoleErrorModel, h: int) -> HoleDraws:
         h: Index of the hole.
     """
     return draw_hole_errors(model, h, build_nominal_draw(model.spread), position=False)
-
-
-def compute_hole_probability(model: HoleErrorModel, h: int, errors: HoleDraws) -> float:
-    """Return the share of draws in which all tolerances of a hole hold.
-
-    Args:
-        model: The error model.
-        h: Index of the hole.
-        errors: Its errors over the draws.
-    """
-    limits = model.process.operations[model.targets.operation[h]].tolerance
-    good = errors.distance <= limits.position
-    good &= (errors.axis <= limits.axis) & (np.abs(errors.along) <= limits.depth)
-    return float(np.mean(good))
 
 
 def build_sideways(axis: Array) -> Array:

@@ -1,7 +1,7 @@
 """Error and outcome of one hole or milled point at another rotation, fast enough for a handle that is dragged.
 
-Only the posture of that point changes. Force and feed are those of the plan; a compensation, which would follow the
-rotation, does not count.
+Only the posture of that point changes. Force and feed are those of the plan. A compensation follows the rotation: the
+shift of the point is computed anew from the compliance there, as for a plan.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
+from machopt.planning.compensation.shifted_points import shift_points
 from machopt.planning.error_probability.targets import compute_tip_length, list_hole_targets
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
+from machopt.planning.sampling.joint_path import solve_joint_path
 from machopt.planning.tolerance.cutting_dynamics import compute_cutting_dynamics
 from machopt.planning.tolerance.point_errors import PointErrors, compute_point_errors
 from machopt.planning.tolerance.process_results import find_driven_feed
@@ -45,7 +46,7 @@ class LiveOutcome:
 class LiveOutcomes:
     """One tool's plan with what no rotation changes."""
 
-    plan: Plan  # without compensation
+    plan: Plan
     toolpath: Toolpath
     loads: PointLoads
     wall_force: Array  # (N,)
@@ -67,9 +68,6 @@ class LiveOutcomes:
         wall_force = compute_cutting_dynamics(plan, toolpath, loads).wall_force
         holes = list_hole_targets(cell.process, toolpath, loads, compute_tip_length(cell.tool.cutter))
         spans = zip(np.floor(holes.entry).tolist(), holes.exit.tolist(), holes.row.tolist(), strict=True)
-        if plan.compensation is not None:
-            path = replace(plan.path, position=plan.path.position - plan.compensation.offset)
-            plan = replace(plan, path=path, compensation=None)
         return cls(plan, toolpath, loads, wall_force, tuple(spans))
 
     def evaluate(self, point: int, phi: float, seed: Array) -> LiveOutcome | None:
@@ -82,9 +80,8 @@ class LiveOutcomes:
         """
         first, last, row = next((s for s in self.spans if s[0] <= point <= s[1]), (float(point), float(point), point))
         rows = np.flatnonzero((self.plan.path.index >= first - 1e-6) & (self.plan.path.index <= last + 1e-6))
-        assignment = self._turn_rows(rows, phi, seed)
-        chosen = replace(self.plan.chosen, assignment=assignment)
-        plan = replace(self.plan, chosen=chosen)
+        plan = self._turn_rows(rows, phi, seed)
+        assignment = plan.chosen.assignment
         found = compute_point_errors(plan, self.toolpath, self.loads, wall_force=self.wall_force, only=row)
         if not found.outcome[row]:
             return None
@@ -92,15 +89,19 @@ class LiveOutcomes:
             return LiveOutcome(point=row, outcome=NOT_REACHED)
         return self._describe(row, found)
 
-    def _turn_rows(self, rows: NDArray[np.intp], phi: float, seed: Array) -> JointAssignment:
-        """Return the assignment with some planning points at another rotation."""
+    def _turn_rows(self, rows: NDArray[np.intp], phi: float, seed: Array) -> Plan:
+        """Return the plan with some planning points at another rotation, shifted against the deflection there."""
         plan, before = self.plan, self.plan.chosen.assignment
         angles, seeds = np.full(len(plan.path.index), np.nan), np.full(before.q.shape, np.nan)
         angles[rows], seeds[rows] = phi, seed
-        turned = solve_joint_path(plan.path, plan.setup.arm, plan.setup.robot, angles, seeds)
+        if plan.compensation is None:
+            turned = solve_joint_path(plan.path, plan.setup.arm, plan.setup.robot, angles, seeds)
+        else:
+            plan, turned = shift_points(plan, rows, angles, seeds)
         q, reason = before.q.copy(), before.reason.copy()
         q[rows], reason[rows] = turned.q[rows], turned.reason[rows]
-        return replace(before, q=q, reason=reason)
+        chosen = replace(plan.chosen, assignment=replace(before, q=q, reason=reason))
+        return replace(plan, chosen=chosen)
 
     def _describe(self, row: int, found: PointErrors) -> LiveOutcome:
         process = self.plan.setup.cell.process

@@ -32,14 +32,15 @@ from machopt.planning.error_probability.targets import (
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.error_causes import compute_contributions, name_largest
-from machopt.planning.tolerance.feed_advice import FeedLimits, find_hole_feeds, find_load_scale, find_surface_feeds
+from machopt.planning.tolerance.feed_advice import FeedLimits, HoleFeedSearch, find_load_scale, find_surface_feeds
 from machopt.planning.tolerance.hole_errors import (
     ENTRY,
     EXIT,
     HoleDraws,
     HoleErrorModel,
+    HoleTerms,
+    LoadFactors,
     build_hole_model,
-    compute_hole_probability,
     compute_nominal_hole_errors,
     draw_hole_errors,
     draw_hole_terms,
@@ -167,7 +168,12 @@ class _ErrorTable:
     def _add_holes(self, holes: HoleTargets) -> None:
         model = build_hole_model(self.plan, self.chosen, self.process, holes, self.spread)
         draws = build_draws(self.spread, self.hole_draws)
-        isolated = _isolate(draws.take_first(SHARE_DRAWS), self.spread)
+        isolated = _isolate(draws.take_first(SHARE_DRAWS), self.spread) if self.is_full else {}
+        factors = {k: LoadFactors.of(self.process, k, draws) for k in np.unique(holes.operation).tolist()}
+
+        def draw_terms(h: int, *, position: bool = True) -> HoleTerms:
+            return draw_hole_terms(model, h, draws, position=position, factors=factors[int(holes.operation[h])])
+
         scales = np.full(len(holes.row), np.nan)  # by which the load of each hole may grow
         for h, row in enumerate(holes.row.tolist()):
             one = self.process.operations[holes.operation[h]]
@@ -180,23 +186,22 @@ class _ErrorTable:
             why = find_missing_input(
                 self.process, one, self.spread, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT))
             )
-            terms = draw_hole_terms(model, h, draws, position=True)
-            full = terms.compute_errors()
+            terms = draw_terms(h)
             if self.is_full:
                 scales[h] = np.nan if why else find_load_scale(terms)
-                self._write_interval(row, full)
+                self._write_interval(row, terms.compute_errors())
                 self._add_hole_variance(model, h, row, isolated)
             if why:
                 self._mark_unknown(row, why)
-                self.p_deflection[row] = compute_hole_probability(
-                    model, h, draw_hole_errors(model, h, draws, position=False)
-                )
+                bare = draw_terms(h, position=False)
+                self.p_deflection[row] = bare.compute_probability()
                 continue
-            self.p_in[row] = compute_hole_probability(model, h, full)
+            self.p_in[row] = terms.compute_probability()
             self.outcome[row] = find_outcome(float(self.p_in[row]), self.process.quantile)
         if self.is_full:
             self._add_hole_causes(model)
-            self._write_feeds(find_hole_feeds(self.plan, model, self.loads, scales))
+            search = HoleFeedSearch(self.plan, model, self.loads, draw_terms)
+            self._write_feeds(search.find_feeds(scales))
 
     def _write_feeds(self, found: FeedLimits) -> None:
         """Write the feeds of points whose outcome is known."""

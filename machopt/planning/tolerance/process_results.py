@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.process_columns import ProcessColumns, ProcessSummary, ToleranceSummary
-from machopt.data_types.toolpath import Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.draws import HOLE_DRAWS, has_unknown_chisel_edge
 from machopt.planning.motion.trajectory_builder import MotionTimeline
@@ -67,7 +67,9 @@ def summarise_tolerances(
 
 
 def find_driven_feed(toolpath: Toolpath, timeline: MotionTimeline | None) -> Array:
-    """Return (N,) the largest feed of the move that ends at each point, m/s; the programmed one without a motion.
+    """Return (N,) the largest feed of the cut that ends at each point, m/s; the programmed one without a motion.
+
+    The retract move that leaves a point does not count.
 
     Args:
         toolpath: Toolpath of one tool.
@@ -76,7 +78,7 @@ def find_driven_feed(toolpath: Toolpath, timeline: MotionTimeline | None) -> Arr
     if timeline is None or timeline.trajectory is None:
         return toolpath.feed
     trajectory = timeline.trajectory
-    known = np.isfinite(trajectory.point) & np.isfinite(trajectory.feed)
+    known = np.isfinite(trajectory.point) & np.isfinite(trajectory.feed) & (trajectory.move == MoveKind.CUT)
     end = np.ceil(trajectory.point[known] - 1e-9).astype(int)
     largest = np.full(len(toolpath), -np.inf)
     np.maximum.at(largest, np.clip(end, 0, len(toolpath) - 1), trajectory.feed[known])

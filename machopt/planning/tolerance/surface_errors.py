@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.process import CuttingProcess
 from machopt.numerics.array_types import Array
+from machopt.numerics.interval_shares import compute_interval_shares
 from machopt.numerics.tall_products import multiply_tall
 from machopt.planning.error_probability.draws import UncertaintyDraws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
@@ -157,10 +158,7 @@ def compute_surface_probability(errors: Array, limit: Array, std: Array) -> Arra
         limit: (n,) m.
         std: (n,) m, position noise.
     """
-    from scipy.special import ndtr
-
-    t, s = limit[:, None], np.maximum(std, 1e-12)[:, None]
-    return np.asarray(np.mean(ndtr((t - errors) / s) - ndtr((-t - errors) / s), axis=1))
+    return compute_interval_shares(errors, limit, std)
 
 
 def take_surface_targets(model: SurfaceErrorModel, rows: NDArray[np.intp]) -> SurfaceErrorModel:

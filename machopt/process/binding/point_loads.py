@@ -31,6 +31,7 @@ from machopt.process.milling.milling_cut import CutSide, MillingCut
 from machopt.process.stock.contact_load import compute_contact_load, summarise_contact
 
 OPPOSITE: dict[CutSide, CutSide] = {"up": "down", "down": "up", "slot": "slot"}
+SAME_DEPTH = 12  # decimals of a depth in m: picometres
 _SIGNS: dict[CutSide, int] = {"up": 1, "down": -1, "slot": 0}
 
 
@@ -153,18 +154,22 @@ class _LoadBuilder:
     def _add_holes(self, one: ProcessOperation, holes: list[DrilledHole]) -> None:
         stroke = build_drilling_stroke(build_drilling_tool(self.cutter, one), build_drilling_layers(self.process, one))
         wear = compute_mean_wear(one)
+        alike: dict[tuple[float, float], list[tuple[int, float, float]]] = {}  # strokes between the same depths
         for hole in holes:
             for n in np.flatnonzero(hole.is_cutting):
                 row = int(hole.rows[n])
                 self._check_speed(one, row)
                 self.bite[row] = self.feed[row] / self.speed[row]
-                first = max(float(hole.start_depth[n]), 0.0)
+                first, last = max(float(hole.start_depth[n]), 0.0), float(hole.end_depth[n])
                 if first >= stroke.through_depth:  # below the stack
                     continue
-                found = compute_stroke_maximum(stroke, self.bite[row], float(hole.end_depth[n]), first)
-                self.force[row, 2] = wear * float(found.thrust[0])
-                self.moment[row] = wear * float(found.torque[0]) * (1.0 if one.spindle == "cw" else -1.0)
-                self.clamp[row] = one.clamp
+                alike.setdefault((round(first, SAME_DEPTH), round(last, SAME_DEPTH)), []).append((row, first, last))
+        for found in alike.values():
+            rows, (_, first, last) = np.array([row for row, _, _ in found], np.intp), found[0]
+            load = compute_stroke_maximum(stroke, self.bite[rows], last, first)
+            self.force[rows, 2] = wear * load.thrust
+            self.moment[rows] = wear * load.torque * (1.0 if one.spindle == "cw" else -1.0)
+            self.clamp[rows] = one.clamp
         if one.clamp > 0 and any((self.force[hole.rows, 2] > one.clamp).any() for hole in holes):
             self.notes.append(
                 f"{one.label}: the thrust is more than the clamp force of {one.clamp:g} N, so that the foot lifts"

@@ -78,23 +78,20 @@ def _evaluate_grid(n: int, omega: Array, zeta: Array, g: Array, grid: Array, sum
     """The same at every frequency of a grid; real and imaginary parts of both eigenvalues fill four rows."""
     count = len(grid)
     sums[:, :count] = 0.0
+    x, y = sums[8], sums[9]
     for i in range(n):
         square, damping = omega[i] * omega[i], 2.0 * zeta[i] * omega[i]
-        g0, g1, g2, g3 = g[0, i], g[1, i], g[2, i], g[3, i]
         for k in range(count):
             w = grid[k]
             re = square - w * w
             im = damping * w
-            q = 1.0 / (re * re + im * im)
-            x, y = re * q, -im * q
-            sums[0, k] += g0 * x
-            sums[1, k] += g0 * y
-            sums[2, k] += g1 * x
-            sums[3, k] += g1 * y
-            sums[4, k] += g2 * x
-            sums[5, k] += g2 * y
-            sums[6, k] += g3 * x
-            sums[7, k] += g3 * y
+            q = np.divide(1.0, re * re + im * im)
+            x[k], y[k] = re * q, -im * q
+        for part in range(4):
+            gain, real, imaginary = g[part, i], sums[2 * part], sums[2 * part + 1]
+            for k in range(count):
+                real[k] += gain * x[k]
+                imaginary[k] += gain * y[k]
     for k in range(count):
         one, two = _solve_pair(
             complex(sums[0, k], sums[1, k]),
@@ -103,6 +100,12 @@ def _evaluate_grid(n: int, omega: Array, zeta: Array, g: Array, grid: Array, sum
             complex(sums[6, k], sums[7, k]),
         )
         found[0, k], found[1, k], found[2, k], found[3, k] = one.real, one.imag, two.real, two.imag
+
+
+@jit_compile
+def _compute_modulus(z: complex) -> float:
+    """|z|, faster than with safety against overflow."""
+    return math.sqrt(z.real * z.real + z.imag * z.imag)
 
 
 @jit_compile
@@ -127,9 +130,12 @@ def _refine(
         one, two = _evaluate(w, n, omega, zeta, g)
         p = _compute_delay_factor(w, T, law)
         one, two = p * one, p * two
-        near_one, near_two = abs(f_low - one) + abs(f_high - one), abs(f_low - two) + abs(f_high - two)
+        near_one, near_two = (
+            _compute_modulus(f_low - one) + _compute_modulus(f_high - one),
+            _compute_modulus(f_low - two) + _compute_modulus(f_high - two),
+        )
         f = one if near_one <= near_two else two
-        if abs(f.imag) <= RESIDUAL * abs(f) or high - low <= 1e-13 * high:
+        if abs(f.imag) <= RESIDUAL * _compute_modulus(f) or high - low <= 1e-13 * high:
             break
         if (f.imag > 0.0) == (f_low.imag > 0.0):
             low, f_low, ya = w, f, f.imag
@@ -197,8 +203,8 @@ def _search_interval(
 ) -> tuple[float, float]:
     """Largest Re(p µ) above ``needed`` at which p µ is real between two frequencies, and its frequency."""
     best, at = needed, np.nan
-    straight = abs(left[0] - right[0]) + abs(left[1] - right[1])
-    crossed = abs(left[0] - right[1]) + abs(left[1] - right[0])
+    straight = _compute_modulus(left[0] - right[0]) + _compute_modulus(left[1] - right[1])
+    crossed = _compute_modulus(left[0] - right[1]) + _compute_modulus(left[1] - right[0])
     parts = DIVISIONS if min(straight, crossed) > AMBIGUOUS * max(straight, crossed) else 1
     x0, p1, p2 = ends[0], left[0], left[1]
     for part in range(parts):
@@ -209,7 +215,9 @@ def _search_interval(
             q1, q2 = _evaluate(x1, n, omega, zeta, g)
             p = _compute_delay_factor(x1, T, law)
             q1, q2 = p * q1, p * q2
-        if abs(p1 - q1) + abs(p2 - q2) > abs(p1 - q2) + abs(p2 - q1):
+        if _compute_modulus(p1 - q1) + _compute_modulus(p2 - q2) > _compute_modulus(p1 - q2) + _compute_modulus(
+            p2 - q1
+        ):
             q1, q2 = q2, q1
         for branch in range(2):
             fa, fb = (p1, q1) if branch == 0 else (p2, q2)
@@ -243,7 +251,8 @@ def _find_crossing(
             break
         one, two = complex(found[0, k], found[1, k]), complex(found[2, k], found[3, k])
         bound = max(one.real * one.real + one.imag * one.imag, two.real * two.real + two.imag * two.imag)
-        small = law == EXACT and 4.0 * bound < (PRUNED * needed) ** 2  # |p| ≤ 2
+        turn = grid[k] * T
+        small = law == EXACT and min(4.0, turn * turn) * bound < (PRUNED * needed) ** 2  # |p| ≤ 2 and |p| ≤ ωT
         if small and was_small:  # neither end of the interval can count
             known = False
             continue
@@ -329,7 +338,7 @@ def find_depth_limits(
     for k in range(CIRCLE_POINTS):
         tangents[k] = math.tan(math.pi * ((k + 0.5) / CIRCLE_POINTS - 0.5))
     size = n * (CIRCLE_POINTS + 1) + LOW_POINTS + TAIL_POINTS + delay_points
-    grid, sums, found = np.empty(size), np.empty((8, size)), np.empty((4, size))
+    grid, sums, found = np.empty(size), np.empty((10, size)), np.empty((4, size))
     om, ze, g = np.empty(n), np.empty(n), np.empty((4, n))
     index = np.empty(n, np.int64)
     for row in range(omega.shape[0]):

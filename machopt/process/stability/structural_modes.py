@@ -54,13 +54,14 @@ def compute_arm_modes(
     """
     M, J = np.asarray(mass_matrix, float), np.asarray(jacobian, float)
     count, n = M.shape[:2]
-    root = _compute_root(np.asarray(compliance, float), count, n)
-    values, vectors = np.linalg.eigh(np.swapaxes(root, -1, -2) @ M @ root)
+    C = np.asarray(compliance, float)
+    scaled, moved = _scale_by_springs(M, J, C, count, n) if C.ndim < 3 else _scale_by_root(M, J, C)
+    values, vectors = np.linalg.eigh(scaled)
     values, vectors = values[:, ::-1], vectors[:, :, ::-1]
     if not (values > 0.0).all():
         raise CuttingInputError("the mass matrix is not positive definite: modes need masses and inertias", key="modes")
     omega = np.ascontiguousarray(1.0 / np.sqrt(values))
-    shape = np.swapaxes(J @ root @ vectors * omega[:, None, :], -1, -2)
+    shape = np.swapaxes(moved @ vectors * omega[:, None, :], -1, -2)
     return StructuralModes(omega, np.broadcast_to(_list_damping(damping, n), omega.shape).copy(), shape)
 
 
@@ -118,16 +119,21 @@ def merge_modes(one: StructuralModes, other: StructuralModes) -> StructuralModes
     )
 
 
-def _compute_root(compliance: Array, count: int, n: int) -> Array:
-    """Return L with L Lᵀ = C, (P, n, n)."""
-    if compliance.ndim < 3:
-        if not (compliance > 0.0).all():
-            raise CuttingInputError("a joint compliance is not larger than 0", key="stiffness")
-        return np.asarray(np.broadcast_to(np.sqrt(compliance), (count, n))[..., None] * np.eye(n))
+def _scale_by_springs(M: Array, J: Array, compliance: Array, count: int, n: int) -> tuple[Array, Array]:
+    """Return Lᵀ M L (P, n, n) and J L (P, 3, n) for springs of the joints alone, L Lᵀ = C."""
+    if not (compliance > 0.0).all():
+        raise CuttingInputError("a joint compliance is not larger than 0", key="stiffness")
+    root = np.broadcast_to(np.sqrt(compliance), (count, n))
+    return root[:, :, None] * M * root[:, None, :], J * root[:, None, :]
+
+
+def _scale_by_root(M: Array, J: Array, compliance: Array) -> tuple[Array, Array]:
+    """Return Lᵀ M L (P, n, n) and J L (P, 3, n), L Lᵀ = C."""
     try:
-        return np.asarray(np.linalg.cholesky(compliance))
+        root = np.linalg.cholesky(compliance)
     except np.linalg.LinAlgError as problem:
         raise CuttingInputError("the joint compliance is not positive definite", key="stiffness") from problem
+    return np.swapaxes(root, -1, -2) @ M @ root, J @ root
 
 
 def _list_damping(damping: Sequence[float] | float, n: int) -> Array:

@@ -9,7 +9,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.sampling.configurations import solve_station
+from machopt.planning.sampling.configurations import solve_stations
 from machopt.planning.stability.depth_ratio import StabilityModel
 from machopt.report.page_data.optimize_series import interpolate_path_length
 from machopt.report.page_types import optimize_report as page
@@ -35,7 +35,8 @@ def build_stability_map(plan: Plan, toolpath: Toolpath, s: Array) -> page.Stabil
     shown = milled[np.unique(np.linspace(0, len(milled) - 1, min(len(milled), STATIONS)).round().astype(int))]
     number = plan.chosen.assignment.branch[path.stations[shown]]
     branch = np.minimum(np.searchsorted(c.branch, number), len(c.branch) - 1)
-    q = np.array([solve_station(path, setup.arm, c, s)[0][:, max(b, 0)] for s, b in zip(shown, number, strict=True)])
+    every = solve_stations(path, setup.arm, c, shown)[0]  # (S, R, A, 6)
+    q = every[np.arange(len(shown)), :, np.maximum(number, 0)]
     reached = c.usable | (c.reason == InfeasibilityReason.UNSTABLE)
     usable = reached[shown[:, None], np.arange(c.q.shape[1])[None], branch[:, None]]
     usable &= (c.branch[branch] == number)[:, None]

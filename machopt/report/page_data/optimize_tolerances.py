@@ -41,7 +41,7 @@ def build_tolerance_data(
     if summary is None or columns is None:
         return None
     rows = _list_rows(points.table, columns, summary)
-    found = build_stability_section(columns, least)
+    found = build_stability_section(columns, least, points.table.status)
     total = sum(summary.after.values())
     return page.ToleranceData(
         headline=format_headline(summary),

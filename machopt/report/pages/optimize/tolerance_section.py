@@ -36,9 +36,10 @@ def build_tolerance_section(data: ReportData, charts: set[str]) -> Body:
         body += _build_outcomes(found)
         body += render_part("heading", "Holes and points, worst first") + _build_points(data, found)
     body += join_markup(render_part("chart", name) for name in _CHARTS if name in charts)
-    if found.stability is not None:
+    if found.stability_words:
         body += render_part("heading", "Stability over the rotation: stable depth of cut over the planned depth")
         body += render_part("lead", found.stability_words)
+    if found.stability is not None:
         body += render_part("scrolled", draw_stability_map(found.stability))
     if found.stock:
         body += render_part("heading", "Stock and finished part") + build_pair_table("Quantity", "Value", found.stock)

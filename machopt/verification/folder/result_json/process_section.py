@@ -9,9 +9,13 @@ import numpy as np
 
 from machopt.data_types.documents.process_entries import ProcessSection
 from machopt.verification.folder.result_json.comparison_inputs import ResultComparison, check_close, check_equal
+from machopt.verification.motion.process.hole_strokes import list_holes
+from machopt.verification.motion.process.point_loads import find_operations
+from machopt.verification.tables.advised_feeds import ADVISED
 
 OUTCOMES = ("pass", "marginal", "fail", "unknown")
 SHARE_TOLERANCE = 1e-6
+SLOWED = 5e-4  # share: half of what an advice keeps below the largest feed
 PRINTED_DEPTH = 1e-4  # mm, last decimal of a_lim_mm
 
 
@@ -62,6 +66,11 @@ def _check_stability(t: ResultComparison, found: ProcessSection) -> Iterable[str
     counts["unstable"] = int(np.sum(words != "")) - sum(counts.values())
     for name, count in counts.items():
         yield from check_equal(f"process.stability.{name}", getattr(stated, name), count)
+    ok = np.array(t.points.read_words("status"), dtype=object) == "ok"
+    listed = [p for first, last in stated.unknown_points for p in range(first, min(last + 1, len(words)))]
+    yield from check_equal(
+        "process.stability.unknown_points", listed, np.flatnonzero((words == "unknown") & ok).tolist()
+    )
     limit, depth = (t.points.read_numbers(name, empty=True) for name in ("a_lim_mm", "ap_mm"))
     ratio = np.where((words != "") & (words != "unknown"), limit / depth, np.nan)
     if not np.isfinite(ratio).any():
@@ -85,11 +94,19 @@ def _check_advised_feed(t: ResultComparison, found: ProcessSection) -> Iterable[
             yield "process.advised_feed does not fit advised_feed_share of the options"
         return
     yield from check_equal("process.advised_feed.share", stated.share, share)
-    slower = t.points.read_numbers("feed_advised_mm_min", empty=True) < t.points.read_numbers("feed_mm_min", empty=True)
-    if not min(stated.slowed, 1) <= int(slower.sum()):
-        yield f"process.advised_feed.slowed is {stated.slowed}, points.csv lowers {int(slower.sum())} feeds"
+    yield from check_equal("process.advised_feed.slowed", stated.slowed, len(_find_slowed_places(t)))
     if stated.slowed != math.ceil(share * stated.needed - 1e-9):
         yield f"process.advised_feed.slowed is {stated.slowed} of {stated.needed}, the share is {share:g}"
+
+
+def _find_slowed_places(t: ResultComparison) -> set[int]:
+    """Return the milled points and deepest points of holes whose exported feed is below that of the file."""
+    advised, of_file = (t.points.read_numbers(name, empty=True) for name in (ADVISED, "feed_mm_min"))
+    assert t.cell.process is not None
+    place = np.arange(len(advised))
+    for hole in list_holes(t.cell.process, t.toolpath, find_operations(t.cell.process, t.toolpath)):
+        place[[stroke.point for stroke in hole.strokes]] = hole.deepest
+    return set(place[advised < (1.0 - SLOWED) * of_file].tolist())
 
 
 def _check_tolerances(t: ResultComparison, found: ProcessSection, words: np.ndarray) -> Iterable[str]:

@@ -22,7 +22,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.process import CuttingProcess, ProcessOperation
-from machopt.data_types.toolpath import Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import (
     VerificationCheck,
@@ -109,19 +109,19 @@ def check_process_columns(
 
 
 def find_largest_feed(toolpath: Toolpath, motion: ExportedMotion) -> Array:
-    """Return (N,) the largest feed of the samples on the way to each point, m/s.
+    """Return (N,) the largest feed of the cutting samples on the way to each point, m/s.
 
     Args:
         toolpath: The toolpath.
         motion: The exported motion.
     """
     out = toolpath.feed.copy()
-    order = np.flatnonzero(np.isfinite(motion.point))
-    end = np.ceil(motion.point[order] - 1e-9).astype(int)
-    for point in np.unique(end[(end >= 0) & (end < len(toolpath))]):
-        reached = float(np.max(motion.feed[order[end == point]], initial=0.0))
-        if reached > 0 and np.isfinite(toolpath.feed[point]):
-            out[point] = min(reached, toolpath.feed[point])
+    end = np.ceil(np.nan_to_num(motion.point, nan=-1.0) - 1e-9).astype(int)
+    cuts = np.flatnonzero((motion.move == MoveKind.CUT) & (end >= 0) & (end < len(toolpath)))
+    reached = np.zeros(len(toolpath))
+    np.maximum.at(reached, end[cuts], motion.feed[cuts])
+    slower = (reached > 0) & np.isfinite(toolpath.feed)
+    out[slower] = np.minimum(reached, toolpath.feed)[slower]
     return out
 
 

@@ -3,7 +3,7 @@
 ========================  ==========================================================================================
 check                     condition
 ========================  ==========================================================================================
-chatter                   the word follows from a_lim_mm and ap_mm
+chatter                   the word follows from a_lim_mm and ap_mm; unknown only where it cannot be computed
 f1_Hz                     is that of :mod:`machopt.verification.motion.process.stability`, at 40 points
 a_lim_mm                  is not above the limit of the second law below ωT = 1, at 40 points
 min_stability_ratio       a_lim_mm over ap_mm is not below it, at all milled points
@@ -22,7 +22,12 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.process import CutSide, ProcessOperation
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.checks import (
+    VerificationCheck,
+    build_count_check,
+    build_skipped_check,
+    build_worst_value_check,
+)
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
 from machopt.verification.motion.process.point_loads import RecomputedLoads
@@ -128,10 +133,10 @@ def check_stability(tables: StabilityTables, least: float | None) -> list[Verifi
         least: ``min_stability_ratio``; None: none is requested.
     """
     points, cell = tables.points, tables.cell
-    checks = [_check_words(points)]
-    if least is not None:
-        checks.append(_check_stated_ratios(tables, least))
     model = ModeModel(cell, tables.arm)
+    checks = [_check_words(tables, is_computable=model.has_inertia and not cell.mimics)]
+    if least is not None:
+        checks += [*_check_stated_ratios(tables, least), *_list_unknown(points)]
     rows = np.flatnonzero(np.isfinite(points.numbers["f1_Hz"]) & points.ok)
     if not len(rows) or not model.has_inertia or cell.mimics:
         return checks
@@ -141,24 +146,39 @@ def check_stability(tables: StabilityTables, least: float | None) -> list[Verifi
     return checks
 
 
-def _check_words(points: ExportedPoints) -> VerificationCheck:
+def _check_words(tables: StabilityTables, *, is_computable: bool) -> VerificationCheck:
+    """Compare the words with limit and depth; ``unknown`` is wrong where modes, damping and a flat cutter are there."""
+    points, cutter = tables.points, tables.cell.tool.cutter
+    damping = None if tables.cell.process is None else tables.cell.process.damping
+    is_damped = damping is not None and all(damping.get_ratio(n) is not None for n in range(6))
+    is_computable &= is_damped and cutter is not None and cutter.corner == 0
     columns = (points.numbers["a_lim_mm"], points.numbers["ap_mm"])
     wrong = [
         f"point {p}: {word}, limit {a:.4g} mm at {ap:.4g} mm"
-        for p, word, a, ap in zip(points.point, points.words["chatter"], *columns, strict=True)
-        if word and np.isfinite(a) and (word == "stable") != (ap < a)
+        for p, word, a, ap, ok in zip(points.point, points.words["chatter"], *columns, points.ok, strict=True)
+        if (word and np.isfinite(a) and (word == "stable") != (ap < a)) or (word == "unknown" and ok and is_computable)
     ]
     return build_count_check("points.csv chatter", wrong, "rows")
 
 
-def _check_stated_ratios(tables: StabilityTables, least: float) -> VerificationCheck:
+def _check_stated_ratios(tables: StabilityTables, least: float) -> list[VerificationCheck]:
+    """Return the check of the stated ratios; none where this tool has no point of known stability."""
     rows = tables.find_milled_rows()
-    name = "as asked: min_stability_ratio"
     if not len(rows):
-        return build_count_check(name, ["no point states its stability"], "points")
+        return []
     ratio, at = tables.compute_ratios(rows), tables.points.point[rows]
-    short = np.maximum(least - ratio, 0.0)
-    return build_worst_value_check(name, "1 below", short, RATIO_SHARE * least, lambda n: f"point {at[n]}")
+    short, limit = np.maximum(least - ratio, 0.0), RATIO_SHARE * least
+    name = "as asked: min_stability_ratio"
+    return [build_worst_value_check(name, "1 below", short, limit, lambda n: f"point {at[n]}")]
+
+
+def _list_unknown(points: ExportedPoints) -> list[VerificationCheck]:
+    """Return a check that could not be made at the points whose limit is stated as unknown."""
+    unknown = points.point[np.array([word == "unknown" for word in points.words["chatter"]], bool)]
+    if not len(unknown):
+        return []
+    why = f"{len(unknown)} points state no limit of the depth of cut, the first is point {unknown[0]}"
+    return [build_skipped_check("min_stability_ratio at points of unknown stability", why)]
 
 
 def _check_limits(tables: StabilityTables, model: ModeModel, rows: Rows) -> list[VerificationCheck]:

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import ProcessForce
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
+from machopt.numerics.identity_cache import IdentityCache
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 
 MIN_ACROSS_SINE = 0.17364817766693033  # sin 10°
+_SIDEWAYS: IdentityCache[Toolpath, Array] = IdentityCache()
 WINDOW_PIECES = 200  # of a window
 MIN_PARALLEL_COSINE = 0.9998476951563913  # cos 1°
 
@@ -69,7 +71,14 @@ def compute_sideways_directions(toolpath: Toolpath) -> Array:
 
     Args:
         toolpath: The toolpath, points in the workpiece frame, SI.
+
+    Returns:
+        An array that must not be written: it is kept with the toolpath.
     """
+    return _SIDEWAYS.get(toolpath, _compute_sideways)
+
+
+def _compute_sideways(toolpath: Toolpath) -> Array:
     out = np.zeros((len(toolpath), 3))
     for first, last in list_runs(toolpath):
         pieces, at = list_run_pieces(toolpath, first, last)
@@ -84,6 +93,7 @@ def compute_sideways_directions(toolpath: Toolpath) -> Array:
         side, moves = _project_lead(lead, axis), size > 0
         out[rows] = side
         out[rows[moves]] = _blend_directions(step[moves] / size[moves, None], axis[moves], side[moves])
+    out.setflags(write=False)
     return out
 
 

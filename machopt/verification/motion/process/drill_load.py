@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from machopt.data_types.cell import CutterGeometry
 from machopt.data_types.process import CuttingProcess, ProcessOperation
+from machopt.numerics.array_types import Array
 
 RINGS, DEPTHS = 400, 400
 
 
-def compute_drill_load(
-    process: CuttingProcess, one: ProcessOperation, cutter: CutterGeometry, feed: float, start: float, end: float
-) -> tuple[float, float]:
-    """Return the largest thrust in N and the largest torque in N·m of a stroke, without wear.
+@dataclass(frozen=True)
+class LipEngagement:
+    """Parts of the lips in each of L layers at D depths of a stroke."""
+
+    width: Array  # (L, D) m
+    area: Array  # (L, D) m²
+    tip: Array  # (L, D) 1 where the tip is in the layer
+    kappa: float  # rad, half the point angle
+    lips: int
+
+
+def measure_engagement(one: ProcessOperation, cutter: CutterGeometry, start: float, end: float) -> LipEngagement:
+    """Return how much of the lips cuts during a stroke, whatever the feed.
 
     Args:
-        process: Content of process.yaml.
         one: The operation.
         cutter: The cutter of the tool.
-        feed: m per revolution.
         start: m below the surface, where the stroke begins.
         end: m, where it ends.
     """
@@ -37,18 +46,40 @@ def compute_drill_load(
     depths = np.linspace(start, last, DEPTHS)
     bends = [t + d for t in tops if math.isfinite(t) for d in (0.0, 1e-9, point)]
     depths = np.unique([*depths, *(b for b in bends if start < b < last)])
-    thrust, torque = np.zeros(len(depths)), np.zeros(len(depths))
+    at = depths[:, None] - lag
+    inside = [(at > tops[n]) & (at <= tops[n + 1]) for n in range(len(one.layers))]
+    tip = [(depths > tops[n]) & (depths <= tops[n + 1]) for n in range(len(one.layers))]
+    return LipEngagement(
+        width=np.array([found @ width for found in inside]),
+        area=np.array([found @ area for found in inside]),
+        tip=np.array(tip, float),
+        kappa=kappa,
+        lips=lips,
+    )
+
+
+def compute_drill_load(
+    process: CuttingProcess, one: ProcessOperation, cutter: CutterGeometry, feed: float, engaged: LipEngagement
+) -> tuple[float, float]:
+    """Return the largest thrust in N and the largest torque in N·m of a stroke, without wear.
+
+    Args:
+        process: Content of process.yaml.
+        one: The operation.
+        cutter: The cutter of the tool.
+        feed: m per revolution.
+        engaged: What of the lips cuts.
+    """
+    thrust, torque = np.zeros(engaged.width.shape[1]), np.zeros(engaged.width.shape[1])
     for n, layer in enumerate(one.layers):
         c = process.materials[layer.material].drilling
         assert c is not None
-        chip = feed / lips * math.sin(kappa) * 1e3  # mm
+        chip = feed / engaged.lips * math.sin(engaged.kappa) * 1e3  # mm
         pressure = c.kc1_Pa * chip**-c.mc * (1.0 - one.rake / 100.0)
-        at = depths[:, None] - lag
-        inside = (at > tops[n]) & (at <= tops[n + 1])
-        thrust += 0.5 * pressure * feed * math.sin(kappa) * (inside @ width)
-        torque += pressure * feed / (2.0 * math.pi) * (inside @ area)
-        if inner == 0.0 and c.chisel_Pa and cutter.web and one.kind == "drilling":
-            thrust += np.where((depths > tops[n]) & (depths <= tops[n + 1]), c.chisel_Pa * cutter.web * feed, 0.0)
+        thrust += 0.5 * pressure * feed * math.sin(engaged.kappa) * engaged.width[n]
+        torque += pressure * feed / (2.0 * math.pi) * engaged.area[n]
+        if _get_lips(one, cutter)[0] == 0.0 and c.chisel_Pa and cutter.web and one.kind == "drilling":
+            thrust += c.chisel_Pa * cutter.web * feed * engaged.tip[n]
     return float(thrust.max()), float(torque.max())
 
 

@@ -47,11 +47,8 @@ def list_holes(process: CuttingProcess, toolpath: Toolpath, operation: np.ndarra
 
 def _group_points(process: CuttingProcess, toolpath: Toolpath, operation: np.ndarray) -> Iterator[list[int]]:
     group: list[int] = []
-    for point in range(len(toolpath)):
-        if toolpath.move[point] != MoveKind.CUT or operation[point] < 0:
-            continue
-        if not process.operations[operation[point]].is_hole:
-            continue
+    is_hole = np.array([*(one.is_hole for one in process.operations), False])  # −1: no operation
+    for point in np.flatnonzero((toolpath.move == MoveKind.CUT) & is_hole[operation]).tolist():
         if group and not _is_same_hole(toolpath, operation, group[-1], point):
             yield group
             group = []

@@ -12,10 +12,16 @@ from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.process.contact_load import compute_contact_load, find_contact_sides
-from machopt.verification.motion.process.drill_load import compute_drill_load, compute_through_depth
+from machopt.verification.motion.process.drill_load import (
+    LipEngagement,
+    compute_drill_load,
+    compute_through_depth,
+    measure_engagement,
+)
 from machopt.verification.motion.process.hole_strokes import HoleVisit, list_holes
 from machopt.verification.motion.process.mill_load import compute_mill_load
 
+SAME_DEPTH = 12  # decimals of a depth in m
 _OTHER_SIDE: dict[str, Literal["up", "down", "slot"]] = {"up": "down", "down": "up", "slot": "slot"}
 
 
@@ -70,6 +76,7 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
     clamp, side, bite, sigma = np.zeros(n), np.zeros(n, int), np.full(n, np.nan), np.zeros(n)
     speed = _find_speeds(process, toolpath, operation)
     holes = list_holes(process, toolpath, operation)
+    engaged: dict[tuple[int, float, float], LipEngagement] = {}  # of equal strokes
     for hole in holes:
         one = process.operations[hole.operation]
         through = compute_through_depth(one, cell.tool.cutter)
@@ -82,7 +89,10 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
             assert cell.tool.cutter is not None
             if stroke.start >= through:  # below the stack
                 continue
-            load = compute_drill_load(process, one, cell.tool.cutter, feed[p] / speed[p], stroke.start, stroke.end)
+            key = hole.operation, round(stroke.start, SAME_DEPTH), round(stroke.end, SAME_DEPTH)
+            if key not in engaged:
+                engaged[key] = measure_engagement(one, cell.tool.cutter, stroke.start, stroke.end)
+            load = compute_drill_load(process, one, cell.tool.cutter, feed[p] / speed[p], engaged[key])
             force[p, 2], moment[p] = (_mean_wear(one) * value for value in load)
             moment[p] *= 1.0 if one.spindle == "cw" else -1.0
             clamp[p] = one.clamp

@@ -6,16 +6,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.process import CutSide, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.numerics.tall_products import multiply_tall
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
 from machopt.verification.motion.process.contact_load import compute_contact_wall_force
+from machopt.verification.motion.process.draw_count import count_within
 from machopt.verification.motion.process.draws import (
     DRAWS,
     SEED,
@@ -26,10 +27,17 @@ from machopt.verification.motion.process.draws import (
 from machopt.verification.motion.process.hole_strokes import HoleVisit
 from machopt.verification.motion.process.mill_load import compute_wall_force
 from machopt.verification.motion.process.point_loads import RecomputedLoads
+from machopt.verification.motion.process.pose_compliance import (
+    DrawnLoads,
+    PoseCompliance,
+    compute_components,
+    list_hole_rows,
+)
 from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
 _SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
+_STATED = {"up": 1, "down": -1}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,20 +50,6 @@ class PredictedErrors:
     axis: Array
     size: Array  # (N,) m, length of the displacement
     p_in: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Pose:
-    """One pose with its joint part and the rest of the compliance."""
-
-    axis: Array  # (3,)
-    travel: Array  # (3,)
-    R: Array  # (3, 3) CAM axes in base_link
-    place: Array  # (3,) m, programmed position in the CAM frame
-    J: Array  # (6, 6)
-    joints: Array  # (6,) compliance of the joints, rad/(N·m)
-    rest: Array  # (6, 6) compliance of everything else at the TCP
-    offset: Array  # (3,) m, compensation in base_link
 
 
 def predict_errors(
@@ -85,6 +79,17 @@ def predict_errors(
     predictor.add_holes(out)
     predictor.add_surfaces(out)
     return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class _SurfaceDeflection:
+    """What the nominal load does at K milled points, in base_link."""
+
+    normal: Array  # (K, 3) unit, away from the material
+    twist: Array  # (K, 6) of the tool relative to the part
+    tool: Array  # (K,) m, deflection of the tool along the normal
+    by_joint: Array  # (K, 6) m, error along the normal by each joint
+    rest: Array  # (K,) m, error by everything else
 
 
 @dataclass(frozen=True)
@@ -119,6 +124,7 @@ class _Predictor:
         self.walls: dict[tuple[str, str], tuple[Array, Array]] = {}
         self.hole_draws: dict[int, _HoleDraws] = {}  # by operation
         self.compliances = draw_compliances(cell.stiffness, np.random.default_rng(SEED))
+        self.by_joint = np.empty((6, 0)) if self.compliances is None else np.ascontiguousarray(self.compliances.T)
 
     def add_holes(self, out: PredictedErrors) -> None:
         holes = [
@@ -126,23 +132,28 @@ class _Predictor:
             for hole in self.loads.holes
             if self.process.operations[hole.operation].tolerance.is_given and self.points.ok[hole.deepest]
         ]
+        if not holes:
+            return
         entry = self._locate_poses(np.array([self._find_entry(hole) for hole in holes]))
         bottom = self._locate_poses(np.array([float(hole.deepest) for hole in holes]))
-        for hole, *poses in zip(holes, entry, bottom, strict=True):
+        for hole, *poses in zip(holes, entry.list_rows(), bottom.list_rows(), strict=True):
             self._add_hole(hole, poses, out)
 
-    def _add_hole(self, hole: HoleVisit, poses: list[_Pose], out: PredictedErrors) -> None:
+    def _add_hole(self, hole: HoleVisit, poses: list[PoseCompliance], out: PredictedErrors) -> None:
         one = self.process.operations[hole.operation]
         strongest = max((s.point for s in hole.strokes), key=lambda p: self.loads.force[p, 2], default=hole.deepest)
         thrust, torque = float(self.loads.force[strongest, 2]), float(self.loads.moment[strongest])
         sideways = self.loads.force[strongest, :2]
         least = one.clamp or -math.inf  # without a foot the arm bears the thrust
-        nominal = [_deflect(p, self.cell, max(thrust, least), torque, None, sideways)[0] for p in poses]
-        row, entry, bottom = hole.deepest, nominal[0], nominal[1]
-        e, axis = entry[:3] + poses[0].offset, poses[0].axis
+        single = DrawnLoads(
+            thrust=np.array([max(thrust, least)]), torque=np.array([torque]), sideways=np.ones(1), nominal=sideways
+        )
+        entry, bottom = (compute_components(p, self.cell, single, None, np.eye(6))[0] for p in poses)
+        row, e, axis = hole.deepest, entry[:3] + poses[0].offset, poses[0].axis
         out.across[row] = np.linalg.norm(e - (e @ axis) * axis)
         out.along[row] = (bottom[:3] + poses[1].offset) @ poses[1].axis
-        out.axis[row] = max(float(np.linalg.norm(np.cross(t[3:], p.axis))) for t, p in zip(nominal, poses, strict=True))
+        turns = zip((entry, bottom), poses, strict=True)
+        out.axis[row] = max(float(np.linalg.norm(np.cross(t[3:], p.axis))) for t, p in turns)
         out.size[row] = np.linalg.norm(bottom[:3])
         sigma = get_position_std(self.cell, one.tolerance.reference)
         if self.compliances is not None and np.isfinite(sigma):
@@ -162,27 +173,34 @@ class _Predictor:
     def _draw_hole(
         self,
         one: ProcessOperation,
-        poses: list[_Pose],
+        poses: list[PoseCompliance],
         load: tuple[float, float, Array],
         sigma: float,
         draws: _HoleDraws,
     ) -> float:
         thrust, torque, sideways = load
         wear, limits = 0.5 * (one.wear[0] + one.wear[1]), one.tolerance
-        T, M = np.maximum(thrust / wear * draws.thrust, one.clamp or -math.inf), torque / wear * draws.torque
+        loads = DrawnLoads(
+            thrust=np.maximum(thrust / wear * draws.thrust, one.clamp or -math.inf),
+            torque=torque / wear * draws.torque,
+            sideways=draws.thrust / wear,
+            nominal=sideways,
+        )
         good = np.ones(DRAWS, bool)
         for n, pose in enumerate(poses):
-            twist = _deflect(pose, self.cell, T, M, self.compliances, (draws.thrust / wear)[:, None] * sideways)
-            twist[:, :3] += pose.offset + sigma * draws.noise
+            every = list_hole_rows(pose.axis)
+            rows = every[[0, 1, 3, 4]] if n == 0 else every[2:]
+            error = compute_components(pose, self.cell, loads, self.compliances, rows)
+            error += rows[:, :3] @ pose.offset
+            error[:, :-2] += draws.noise @ (sigma * rows[:-2, :3]).T
             if draws.part.any():
-                twist += self._move_part(pose, draws.part)
-            x, y = _sideways(pose.axis)
-            angle = np.hypot(twist[:, 3:] @ x + draws.tilt[:, 0], twist[:, 3:] @ y + draws.tilt[:, 1])
-            good &= angle <= limits.axis
+                error += self._move_part(pose.place, pose.R, draws.part) @ rows.T
+            turn = error[:, -2:] + draws.tilt
+            good &= np.hypot(turn[:, 0], turn[:, 1]) <= limits.axis
             if n == 0:
-                good &= np.hypot(twist[:, :3] @ x, twist[:, :3] @ y) <= limits.position
+                good &= np.hypot(error[:, 0], error[:, 1]) <= limits.position
             else:
-                good &= np.abs(twist[:, :3] @ pose.axis) <= limits.depth
+                good &= np.abs(error[:, 0]) <= limits.depth
         return float(np.mean(good))
 
     def add_surfaces(self, out: PredictedErrors) -> None:
@@ -194,44 +212,55 @@ class _Predictor:
             rows = np.flatnonzero(mine)
             factor = draw_load_factors(self.process, one, rng)[0] / (0.5 * (one.wear[0] + one.wear[1]))
             part, noise = self._draw_part(one, rng), rng.standard_normal(DRAWS)
-            contact = rng.standard_normal(DRAWS)
-            poses = self._locate_poses(rows.astype(float))
-            for row, pose in zip(rows.tolist(), poses, strict=True):
-                spread = self.loads.contact_sigma[row]
+            contact, limit = rng.standard_normal(DRAWS), one.tolerance.surface
+            if not len(rows):
+                continue
+            table = self._locate_poses(rows.astype(float))
+            found = self._deflect_surfaces(one, rows, table)
+            out.size[rows] = np.linalg.norm(found.twist[:, :3], axis=1) + np.abs(found.tool)
+            known = self._has_normal(one, rows)
+            nominal = np.sum(found.normal * (found.twist[:, :3] + table.offset), axis=1) + found.tool
+            out.normal[rows] = np.where(known, nominal, np.nan)
+            sigma = get_position_std(self.cell, one.tolerance.reference)
+            if self.compliances is None or not np.isfinite(sigma):
+                continue
+            for n in np.flatnonzero(known).tolist():
+                row, spread = int(rows[n]), self.loads.contact_sigma[rows[n]]
                 own = factor * np.exp(spread * contact) if spread else factor
-                self._add_surface(one, row, pose, (own, part, noise), out)
+                moved = sigma * noise
+                if part.any():
+                    moved = moved + self._move_part(table.place[n], table.R[n], part)[:, :3] @ found.normal[n]
+                shift = float(found.normal[n] @ table.offset[n])
+                good = count_within(self.by_joint, found.by_joint[n], found.rest[n], own, moved, shift, limit)
+                out.p_in[row] = good / DRAWS
 
-    def _add_surface(
-        self,
-        one: ProcessOperation,
-        row: int,
-        pose: _Pose,
-        drawn: tuple[Array, Array, Array],
-        out: PredictedErrors,
-    ) -> None:
-        factor, part, noise = drawn
-        normal = self._find_normal(one, row, pose)
-        f = self.loads.arm_force[row]
-        force = f[0] * pose.travel + f[1] * np.cross(pose.axis, pose.travel) + f[2] * pose.axis
-        wrench = np.r_[force, self.loads.moment[row] * pose.axis]
-        twist = _apply(pose, self.cell, wrench[None], None)[0]
-        tool = self._bend_tool(one, row) * float(normal @ np.cross(pose.axis, pose.travel))
-        out.size[row] = np.linalg.norm(twist[:3]) + abs(tool)
+    def _deflect_surfaces(
+        self, one: ProcessOperation, rows: NDArray[np.intp], table: PoseCompliance
+    ) -> _SurfaceDeflection:
+        """Return what the nominal load does at milled points."""
+        left = np.cross(table.axis, table.travel)
+        normal = self._find_normals(one, rows, table, left)
+        f = self.loads.arm_force[rows]
+        force = f[:, :1] * table.travel + f[:, 1:2] * left + f[:, 2:] * table.axis
+        wrench = np.hstack([force, self.loads.moment[rows, None] * table.axis])
+        bent = np.einsum("nj,njk->nk", wrench, table.J) * table.joints
+        twist = np.einsum("nij,nj->ni", table.J, bent) + np.einsum("nij,nj->ni", table.rest, wrench)
+        if self.cell.workpiece.stiffness is not None:
+            pressed = np.einsum("nij,ni->nj", table.R, wrench[:, :3]) / self.cell.workpiece.stiffness
+            twist[:, :3] += np.einsum("nij,nj->ni", table.R, pressed)
+        tool = np.array([self._bend_tool(one, row) for row in rows.tolist()]) * np.sum(normal * left, axis=1)
+        by_joint = np.einsum("ni,nij->nj", normal, table.J[:, :3]) * bent  # error by each joint at nominal
+        rest = np.sum(normal * twist[:, :3], axis=1) - by_joint.sum(axis=1) + tool
+        return _SurfaceDeflection(normal=normal, twist=twist, tool=tool, by_joint=by_joint, rest=rest)
+
+    def _has_normal(self, one: ProcessOperation, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return (n,) whether the normal of the surface is known."""
         cutter = self.cell.tool.cutter
         rounded = cutter is not None and cutter.corner > 0
-        sigma = get_position_std(self.cell, one.tolerance.reference)
-        stated = self.toolpath.surface_normal is not None and np.isfinite(self.toolpath.surface_normal[row]).all()
-        known = stated or not (rounded or one.surface == "table")
-        if known:
-            out.normal[row] = normal @ (twist[:3] + pose.offset) + tool
-        if self.compliances is None or not np.isfinite(sigma) or not known:
-            return
-        by_joint = (normal @ pose.J[:3]) * (wrench @ pose.J) * pose.joints  # error by each joint at nominal
-        rest = float(normal @ twist[:3] - by_joint.sum()) + tool
-        error = (self.compliances @ by_joint + rest) * factor + normal @ pose.offset + sigma * noise
-        if part.any():
-            error = error + self._move_part(pose, part)[:, :3] @ normal
-        out.p_in[row] = float(np.mean(np.abs(error) <= one.tolerance.surface))
+        if not (rounded or one.surface == "table"):
+            return np.ones(len(rows), bool)
+        given = self.toolpath.surface_normal
+        return np.zeros(len(rows), bool) if given is None else np.asarray(np.isfinite(given[rows]).all(axis=1))
 
     def _bend_tool(self, one: ProcessOperation, row: int) -> float:
         """Return the deflection of the tool along axis × travel when the wall is made, m."""
@@ -274,17 +303,19 @@ class _Predictor:
         wear = 0.5 * (one.wear[0] + one.wear[1])
         return wear * float(force[np.argmax(np.abs(force))]) / cutter.side_stiffness
 
-    def _find_normal(self, one: ProcessOperation, row: int, pose: _Pose) -> Array:
-        """Return the outward normal of the surface: away from the material."""
-        given = None if self.toolpath.surface_normal is None else self.toolpath.surface_normal[row]
-        if given is not None and np.isfinite(given).all():
-            return np.asarray(pose.R @ given)
+    def _find_normals(self, one: ProcessOperation, rows: NDArray[np.intp], table: PoseCompliance, left: Array) -> Array:
+        """Return (n, 3) the outward normals of the surface: away from the material."""
         if one.surface == "floor":
-            return pose.axis
-        side = self.loads.side[row] or {"up": 1, "down": -1}.get(one.cut or "", 0)
-        hand = 1 if one.spindle == "cw" else -1
-        left = np.cross(pose.axis, pose.travel)
-        return left if side == 0 else -side * hand * left  # material left of travel: up milling with M3
+            out = table.axis.copy()
+        else:
+            side = np.where(self.loads.side[rows] != 0, self.loads.side[rows], _STATED.get(one.cut or "", 0))
+            hand = 1 if one.spindle == "cw" else -1
+            out = np.where(side == 0, 1, -side * hand)[:, None] * left  # material left of travel: up milling with M3
+        given = self.toolpath.surface_normal
+        if given is not None:
+            own = np.einsum("nij,nj->ni", table.R, given[rows])
+            out = np.where(np.isfinite(own).all(axis=1, keepdims=True), own, out)
+        return out
 
     def _find_entry(self, hole: HoleVisit) -> float:
         cutter = self.cell.tool.cutter
@@ -301,10 +332,8 @@ class _Predictor:
                 return stroke.point - min(back, 1.0)
         return float(hole.deepest)
 
-    def _locate_poses(self, index: Array) -> list[_Pose]:
-        """Return the poses at fractional toolpath indices (K,)."""
-        if not len(index):
-            return []
+    def _locate_poses(self, index: Array) -> PoseCompliance:
+        """Return a table of the poses at fractional toolpath indices (K,), K > 0."""
         joints = [self._interpolate_joints(float(i)) for i in index]
         q, external = (np.array([pair[n] for pair in joints]) for n in (0, 1))
         low = np.floor(index).astype(int)
@@ -320,19 +349,16 @@ class _Predictor:
             shift = (1 - f) * self.points.shift[low] + f * self.points.shift[high]
         compliance = 1.0 / state.k
         by_joints = np.einsum("nij,nj,nkj->nik", state.J, compliance, state.J)
-        return [
-            _Pose(
-                axis=R[n] @ axis[n],
-                travel=R[n] @ self.side[low[n]],
-                R=R[n],
-                place=position[n],
-                J=state.J[n],
-                joints=compliance[n],
-                rest=state.small_load_compliance[n] - by_joints[n],
-                offset=R[n] @ shift[n],
-            )
-            for n in range(len(index))
-        ]
+        return PoseCompliance(
+            axis=np.einsum("nij,nj->ni", R, axis),
+            travel=np.einsum("nij,nj->ni", R, self.side[low]),
+            R=R,
+            place=position,
+            J=state.J,
+            joints=compliance,
+            rest=state.small_load_compliance - by_joints,
+            offset=np.einsum("nij,nj->ni", R, shift),
+        )
 
     def _interpolate_joints(self, index: float) -> tuple[Array, Array]:
         """Return (6,) and (E,) joint positions at a fractional toolpath index."""
@@ -353,43 +379,12 @@ class _Predictor:
             return np.zeros((DRAWS, 6))
         return rng.multivariate_normal(np.zeros(6), covariance, size=DRAWS, method="svd")
 
-    def _move_part(self, pose: _Pose, part: Array) -> Array:
+    def _move_part(self, place: Array, R: Array, part: Array) -> Array:
         """Return (D, 6) the twist of the tool relative to the part that a displaced part makes."""
-        if not part.any():
-            return np.zeros((1, 6))
-        moved = part[:, :3] + np.cross(part[:, 3:], pose.place)
-        return -np.hstack([moved @ pose.R.T, part[:, 3:] @ pose.R.T])
+        moved = part[:, :3] + np.cross(part[:, 3:], place)
+        return -np.hstack([moved @ R.T, part[:, 3:] @ R.T])
 
     def _draw_tilt(self, one: ProcessOperation, rng: np.random.Generator) -> Array:
         accuracy = self.cell.accuracy
         angle = 0.0 if accuracy is None or one.tolerance.reference != "absolute" else accuracy.absolute_angle
         return (angle if np.isfinite(angle) else 0.0) * rng.standard_normal((DRAWS, 2))
-
-
-def _deflect(
-    pose: _Pose, cell: Cell, thrust: Array | float, torque: Array | float, drawn: Array | None, sideways: Array
-) -> Array:
-    """Return (D, 6) the twist under thrust, torque about the tool axis, and forces along travel and normal."""
-    thrust, torque, sideways = np.atleast_1d(thrust), np.atleast_1d(torque), np.atleast_2d(sideways)
-    force = thrust[:, None] * pose.axis + sideways @ np.stack([pose.travel, np.cross(pose.axis, pose.travel)])
-    wrench = np.hstack([force, torque[:, None] * pose.axis])
-    return _apply(pose, cell, wrench, drawn)
-
-
-def _apply(pose: _Pose, cell: Cell, wrench: Array, drawn: Array | None) -> Array:
-    """Return (D, 6) the twist of the tool relative to the part under wrenches, with drawn relative compliances."""
-    bent = multiply_tall(wrench, pose.J)
-    bent *= pose.joints
-    if drawn is not None:
-        bent = bent * drawn
-    twist = multiply_tall(bent, pose.J.T) + multiply_tall(wrench, pose.rest.T)
-    if cell.workpiece.stiffness is not None:
-        twist[:, :3] += ((wrench[:, :3] @ pose.R) / cell.workpiece.stiffness) @ pose.R.T
-    return np.asarray(twist)
-
-
-def _sideways(axis: Array) -> tuple[Array, Array]:
-    """Return two unit vectors across an axis."""
-    x = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
-    x /= np.linalg.norm(x)
-    return x, np.cross(axis, x)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.process import CutSide, ProcessOperation
@@ -25,8 +26,10 @@ from machopt.data_types.stock import StockEngagement
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
-ANGLES, HALVINGS, DEPTHS = 2000, 40, 12
-LARGEST_M = 1.0
+ANGLES, HALVINGS, DEPTHS = 2000, 14, 12  # 14: a limit is found to 6e-6 of itself
+SMALLEST_M, LARGEST_M, LADDER_STEP, LADDER_PART = 1e-5, 1.0, 1.1, 32
+_RUNGS = math.ceil(math.log(LARGEST_M / SMALLEST_M) / math.log(LADDER_STEP))
+_LADDER: Array = SMALLEST_M * np.power(LADDER_STEP, np.arange(_RUNGS, dtype=np.float64))
 
 
 @dataclass(frozen=True)
@@ -118,33 +121,41 @@ class DelayLaw:
         H = np.sum([share * _average_directional_matrix(cell, one, start, end) for share, start, end in arcs], axis=0)
         return cls(zeta, modes.omega, modes.shape @ H @ modes.shape.T, 1.0 / (speed * cutter.teeth))
 
-    def find_eigenvalue(self, a: float) -> complex:
-        """Return the eigenvalue with the largest real part, 1/s.
+    def find_eigenvalues(self, depths: Array) -> NDArray[np.complex128]:
+        """Return (n,) the eigenvalue with the largest real part at each depth, 1/s.
 
         Args:
-            a: m, depth of cut.
+            depths: (n,) m, depths of cut.
         """
-        mass = np.eye(6) + 0.5 * a * self.T**2 * self.G
-        damping = np.diag(2.0 * self.zeta * self.omega) - a * self.T * self.G
-        inverse = np.linalg.inv(mass)
-        A = np.block([[np.zeros((6, 6)), np.eye(6)], [-inverse * self.omega**2, -inverse @ damping]])
+        a = depths[:, None, None]
+        inverse = np.linalg.inv(np.eye(6) + 0.5 * a * self.T**2 * self.G)
+        A = np.zeros((len(depths), 12, 12))
+        A[:, :6, 6:] = np.eye(6)
+        A[:, 6:, :6] = -inverse * self.omega**2
+        A[:, 6:, 6:] = -inverse @ (np.diag(2.0 * self.zeta * self.omega) - a * self.T * self.G)
         values = np.linalg.eigvals(A)
-        return complex(values[np.argmax(values.real)])
+        return np.asarray(values[np.arange(len(depths)), np.argmax(values.real, axis=1)], np.complex128)
 
     def find_limit(self) -> float:
         """Return the largest stable depth, m; inf where the law does not hold there or has none."""
         if np.isnan(self.zeta).any():
             return math.nan
-        high = 1e-5
-        while self.find_eigenvalue(high).real < 0.0:
-            high *= 1.05
-            if high > LARGEST_M:
-                return math.inf
-        low = high / 1.05
+        for first in range(0, len(_LADDER), LADDER_PART):
+            depths = _LADDER[first : first + LADDER_PART]
+            grows = np.flatnonzero(self.find_eigenvalues(depths).real >= 0.0)
+            if len(grows):
+                high = float(depths[grows[0]])
+                break
+        else:
+            return math.inf
+        low = high / LADDER_STEP
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if self.find_eigenvalue(middle).real < 0.0 else (low, middle)
-        return low if abs(self.find_eigenvalue(high).imag) * self.T < 1.0 else math.inf
+            low, high = (middle, high) if self._find_worst(middle).real < 0.0 else (low, middle)
+        return low if abs(self._find_worst(high).imag) * self.T < 1.0 else math.inf
+
+    def _find_worst(self, depth: float) -> complex:
+        return complex(self.find_eigenvalues(np.array([depth]))[0])
 
     def is_stable_to(self, depth: float) -> bool:
         """Return whether no eigenvalue grows at any of DEPTHS depths up to one, below ωT = 1 where the law holds.
@@ -154,8 +165,8 @@ class DelayLaw:
         """
         if np.isnan(self.zeta).any():
             return False
-        found = [self.find_eigenvalue(depth * n / DEPTHS) for n in range(1, DEPTHS + 1)]
-        return not any(value.real >= 0.0 and abs(value.imag) * self.T < 1.0 for value in found)
+        found = self.find_eigenvalues(depth * np.arange(1, DEPTHS + 1) / DEPTHS)
+        return not ((found.real >= 0.0) & (np.abs(found.imag) * self.T < 1.0)).any()
 
 
 def find_given_arc(cell: Cell, side: CutSide, ae: float) -> tuple[float, float, float]:
