@@ -31,13 +31,7 @@ def corner_job(number: int) -> list[Row]:
 
 def run_corner(cell: str, number: int, folder: Path) -> int:
     file = write_job(folder / "corner.csv", corner_job(number), np.array([0.0, 0.0, 30.0]), UP)
-    request = OptimizeRequest(
-        cell=ROOT / "cells" / cell,
-        toolpath=file,
-        out=folder / "out",
-        posts=POSTS,
-        overrides=("collision=false",),  # what is looked at is the turn of the axis; it takes three quarters of a plan
-    )
+    request = OptimizeRequest(cell=ROOT / "cells" / cell, toolpath=file, out=folder / "out", posts=POSTS)
     return run_optimize(request).exit_code
 
 
