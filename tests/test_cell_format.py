@@ -675,6 +675,8 @@ def test_alias_bomb_is_stopped() -> None:
         parse_yaml("a0: &a0 [1, 2]\n" + levels, "bomb.yaml")
 
 
-def test_deep_nesting_is_stopped() -> None:
+@pytest.mark.parametrize("text", ["[" * 5000, "{a: " * 200 + "1" + "}" * 200, "- " * 300 + "1"])
+def test_deep_nesting_is_stopped(text: str) -> None:
     with pytest.raises(InputError, match=r"deep\.yaml: is nested too deeply"):
-        parse_yaml("[" * 5000, "deep.yaml")
+        parse_yaml(text, "deep.yaml")
+    assert parse_yaml("[" * 50 + "1" + "]" * 50, "deep.yaml").value is not None

@@ -17,7 +17,14 @@ ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LOCK, TEST_LOCK = ROOT / ".requirements.lock", ROOT / ".requirements-test.lock"
 LOWEST, DOCS = ROOT / ".requirements-lowest.lock", ROOT / ".requirements-docs.lock"
-DISTRIBUTION = {"pinocchio": "pin", "coal": "coal", "eaik": "eaik", "hppfcl": "coal"}
+DISTRIBUTION = {
+    "copp_py": "copp-py",
+    "tesseract_robotics": "tesseract-robotics-nanobind",
+    "pinocchio": "pin",
+    "coal": "coal",
+    "eaik": "eaik",
+    "hppfcl": "coal",
+}
 """Import name → distribution, of what installs outside the usual folder or need not be there."""
 TOOLS = {
     "editables",

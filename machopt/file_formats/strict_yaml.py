@@ -37,6 +37,8 @@ _CONSTANTS = {
 _MAX_NODES = 500_000  # an alias bomb expands beyond any real cell or stiffness grid
 _SHORT_TEXT = 20_000  # characters of a text whose nodes are kept, some MB
 _MAX_INT = 2**63
+MAX_DEPTH = 100  # levels of lists and mappings; a cell has six
+_TOO_DEEP = "MaxDepthExceededError"  # error of ruamel.yaml that older versions lack
 _SHOWN_PROBLEMS = 4
 _DEEPEST = 2  # levels of keys that are searched for a misplaced one
 
@@ -118,6 +120,8 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
     except RecursionError:
         raise FileFormatError("is nested too deeply", file=file) from None
     except YAMLError as err:
+        if type(err).__name__ == _TOO_DEEP:
+            raise FileFormatError("is nested too deeply", file=file) from None
         mark = getattr(err, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None
         words = [w for w in (getattr(err, "context", None), getattr(err, "problem", None)) if w]
@@ -132,6 +136,7 @@ def _compose_nodes(text: str) -> typing.Any:
 
     yaml = ruamel.YAML(typ="safe", pure=True)
     yaml.version = (1, 2)
+    yaml.max_depth = MAX_DEPTH  # from ruamel.yaml 0.18.7 on; before, Python's own limit ends the parser
     return yaml.compose(text)
 
 

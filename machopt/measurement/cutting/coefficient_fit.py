@@ -206,7 +206,7 @@ def _solve(design: Array, force: Array) -> _Solution:
 
 def _find_outlier(design: Array, force: Array, solution: _Solution) -> tuple[int, str] | None:
     """Return the row with the largest externally studentised residual above the threshold, and the reason."""
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
     residual = force - design @ solution.values
     own = np.maximum(1.0 - solution.leverage, 1e-9)
@@ -216,7 +216,7 @@ def _find_outlier(design: Array, force: Array, solution: _Solution) -> tuple[int
         return None
     room = np.maximum(freedom - inner**2, 1e-9)
     outer = np.abs(inner) * np.sqrt((freedom - 1.0) / room)
-    bound = student.ppf(1.0 - OUTLIER_LEVEL / (2.0 * residual.size), freedom - 1.0)
+    bound = stdtrit(freedom - 1.0, 1.0 - OUTLIER_LEVEL / (2.0 * residual.size))
     excess = outer / bound
     row, component = np.unravel_index(int(np.argmax(excess)), excess.shape)
     if excess[row, component] <= 1.0:
@@ -232,12 +232,12 @@ def _count_outliers(reasons: list[str]) -> int:
 
 
 def _compute_intervals(solution: _Solution, design: Array, level: float) -> tuple[Array, Array]:
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
     information = np.einsum("nck,nck->ck", design, design) / solution.variance[:, None]
     tells = information > 0.05 * information.sum(axis=0)  # components with a share in a coefficient
     freedom = np.where(tells, np.maximum(solution.freedom, 1e-3)[:, None], np.inf).min(axis=0)
-    half = student.ppf(0.5 + 0.5 * level, freedom) * np.sqrt(np.diag(solution.covariance))
+    half = stdtrit(freedom, 0.5 + 0.5 * level) * np.sqrt(np.diag(solution.covariance))
     return solution.values - half, solution.values + half
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import ncx2, norm
+from scipy.special import chndtr, ndtri
 
 from machopt.measurement.design.two_model_discrimination import compute_noncentrality
 from machopt.numerics.array_types import Array, Ints
@@ -48,9 +48,9 @@ def compute_required_noncentrality(level: float = LEVEL, chance: float = POWER) 
     Returns:
         Noncentrality.
     """
-    critical = float(norm.isf(level / 2.0) ** 2)
-    guess = float((norm.isf(level / 2.0) + norm.ppf(chance)) ** 2)
-    assert abs(float(ncx2.sf(critical, 1, guess)) - chance) < 1e-3  # the opposite tail is negligible
+    critical = float(ndtri(level / 2.0) ** 2)
+    guess = float((ndtri(chance) - ndtri(level / 2.0)) ** 2)
+    assert abs(1.0 - float(chndtr(critical, 1, guess)) - chance) < 1e-3  # the opposite tail is negligible
     return guess
 
 

@@ -38,10 +38,15 @@ def estimate_robust_scale(residual: Array, fitted: int = 0) -> float:
             exactly as there are unknowns.
 
     Returns:
-        Standard deviation.
+        Standard deviation; NaN of no residuals, or where one is NaN.
     """
-    size = np.sort(np.abs(residual), axis=None)
-    return float(np.median(size[min(fitted, len(size) - 1) :]) / NORMAL)
+    size = np.abs(residual).reshape(-1)
+    if not len(size):
+        return float("nan")
+    first = min(fitted, len(size) - 1)  # the smallest ones are left out
+    low, high = first + (len(size) - first - 1) // 2, first + (len(size) - first) // 2
+    size = np.partition(size, (low, high, -1))  # NaN comes last; np.median would take twice as long
+    return float((size[low] + size[high]) / 2.0 / NORMAL) if not np.isnan(size[-1]) else float("nan")
 
 
 def fit_least_absolute_deviations(A: Array, y: Array, load: Array) -> Array:

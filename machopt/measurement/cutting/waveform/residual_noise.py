@@ -100,7 +100,7 @@ def compute_repeatable_ratio(phases: Sequence[Array], whitened: Sequence[Array],
     Returns:
         The ratio, about 1 without a misfit, and its 99 % quantile under noise alone.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     total, freedom = 0.0, -unknowns
     for phi, e in zip(phases, whitened, strict=True):
@@ -111,4 +111,4 @@ def compute_repeatable_ratio(phases: Sequence[Array], whitened: Sequence[Array],
             total += float(np.sum(sums[count > 0] ** 2 / count[count > 0]))
             freedom += int(np.sum(count > 0))
     freedom = max(freedom, 1)
-    return total / freedom, float(chi2.ppf(0.99, freedom)) / freedom
+    return total / freedom, float(chdtri(freedom, 0.01)) / freedom

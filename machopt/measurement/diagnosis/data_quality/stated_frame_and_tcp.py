@@ -11,7 +11,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from machopt.data_types.locations import format_column_location
 from machopt.data_types.measurements.recording import Recording, TrackerTarget
@@ -188,5 +188,5 @@ def _build_point_finding(
 
 def _build_estimate(value: float, sigma: float) -> EstimatedValue:
     """Return a normal estimate in mm with its intervals."""
-    half90, half95 = (float(norm.ppf(0.5 + level / 2.0)) * sigma for level in (0.90, 0.95))
+    half90, half95 = (float(ndtri(0.5 + level / 2.0)) * sigma for level in (0.90, 0.95))
     return EstimatedValue(value, "mm", (value - half90, value + half90), (value - half95, value + half95))

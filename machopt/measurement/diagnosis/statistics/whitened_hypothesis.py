@@ -45,6 +45,9 @@ class WhitenedHypothesis:
     products: Products = field(
         init=False, default_factory=WeakKeyDictionary, repr=False
     )  # cached products with model columns
+    scores: WeakKeyDictionary[WhitenedModel, object] = field(
+        init=False, default_factory=WeakKeyDictionary, repr=False
+    )  # cached scores with models
     summed: list[Array] = field(init=False, default_factory=list, repr=False)  # cache: last residuals, sums by cluster
     fold_rows: list[tuple[Rows, FoldRows]] = field(init=False, default_factory=list, repr=False)  # cache: last folds
 

@@ -162,7 +162,7 @@ class DiscrepancyState:
             beside: (N,) standard uncertainty of all other sources.
             small: Linearise about zero load.
         """
-        from scipy.stats import ncx2, norm
+        from scipy.special import chndtrix, ndtri
 
         d = self.discrepancy.found
         each = np.einsum("nc,nck->nk", along, self.compute_columns(_convert_to_wrench(force), small=small)[:, :3])
@@ -173,7 +173,7 @@ class DiscrepancyState:
         b = np.abs(each @ d.shift)
         safe = np.maximum(s, np.finfo(float).tiny)
         near = np.minimum(b / safe, FAR_RATIO)
-        half = np.where(b > FAR_RATIO * s, b + norm.ppf(0.9) * s, safe * np.sqrt(ncx2.ppf(0.9, 1, near**2)))
+        half = np.where(b > FAR_RATIO * s, b + ndtri(0.9) * s, safe * np.sqrt(chndtrix(0.9, 1, near**2)))
         return np.asarray(half / Z_90_PERCENT)
 
     def _compute_joint_rotation(self, part: DiscrepancyName, tau: Array, *, small: bool) -> Array:

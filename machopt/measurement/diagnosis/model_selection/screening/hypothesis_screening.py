@@ -49,7 +49,7 @@ class ScoredHypothesis(FittedHypothesis):
 
 
 def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) -> list[ScoredHypothesis]:
-    """Score hypotheses together with a model, with cross-validation.
+    """Score hypotheses together with a model, with cross-validation; each is scored once with each model.
 
     Args:
         model: Whitened model.
@@ -58,13 +58,17 @@ def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) 
     Returns:
         Scored hypotheses.
     """
-    H, h = model.normal, model.Xy.sum(axis=0)
-    M = model.inverse
-    XX, Xy, yy = model.XX, model.Xy, model.yy
-    M_fold = invert_with_ridge(H - XX)
-    x_fold = np.einsum("fij,fj->fi", M_fold, h - Xy)
-    loss = yy - 2 * np.einsum("fi,fi->f", x_fold, Xy) + np.einsum("fi,fij,fj->f", x_fold, XX, x_fold)
-    return [_score_hypothesis(model, t, h, M, (XX, Xy, yy, M_fold, x_fold, loss)) for t in tried]
+    missing = [t for t in tried if model not in t.scores]
+    if missing:
+        H, h = model.normal, model.Xy.sum(axis=0)
+        M = model.inverse
+        XX, Xy, yy = model.XX, model.Xy, model.yy
+        M_fold = invert_with_ridge(H - XX)
+        x_fold = np.einsum("fij,fj->fi", M_fold, h - Xy)
+        loss = yy - 2 * np.einsum("fi,fi->f", x_fold, Xy) + np.einsum("fi,fij,fj->f", x_fold, XX, x_fold)
+        for t in missing:
+            t.scores[model] = _score_hypothesis(model, t, h, M, (XX, Xy, yy, M_fold, x_fold, loss))
+    return [score for t in tried if isinstance(score := t.scores[model], ScoredHypothesis)]
 
 
 def fit_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) -> list[FittedHypothesis]:
