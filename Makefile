@@ -1,8 +1,9 @@
 # make run     build .venv from python3 alone, install machopt, do the main job on the shipped cell
 # make quick   unit tests, a minute  make test    all tests     (JOBS=n processes; the cores of this machine)
 # make proofs  statistics over many records, torture by kills: some minutes more
+# make suite   tests and proofs in one run, as in .ci/run: modules are imported and shared plans made once
 # make lint    format, lint, imports, types
-# make check   lint, test, proofs   make clean   remove .venv, .venv-lowest, .venv-docs and out/
+# make check   lint, suite   make clean   remove .venv, .venv-lowest, .venv-docs and out/
 # make coverage  all tests, counting branches: fails where a package of tests/branch_coverage.py falls below its floor
 # make lowest  the quick tests on the lowest versions that pyproject.toml allows, in .venv-lowest
 # make docs    the documentation as pages in out/docs, every link checked; built in .venv-docs, without machopt
@@ -25,7 +26,7 @@ PYTEST := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reor
 # the tests start hundreds of processes; each would compile the package anew
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run quick test proofs coverage lowest docs nightly slow lint check clean
+.PHONY: run quick test proofs suite coverage lowest docs nightly slow lint check clean
 .DELETE_ON_ERROR:
 
 run: $(VENV)/.installed
@@ -39,6 +40,9 @@ test: $(VENV)/.compiled
 
 proofs: $(VENV)/.compiled
 	$(PYTEST) -m proof $$(grep -l 'mark\.proof' tests/test_*.py tests/*/test_*.py)  # the others need not be imported
+
+suite: $(VENV)/.compiled
+	$(PYTEST)
 
 coverage: $(VENV)/.compiled
 	$(PYTEST) -m 'not proof' --cov --cov-report=
@@ -64,7 +68,7 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/mypy
 	$(BIN)/mypy --config-file benchmarks/mypy.ini
 
-check: lint test proofs
+check: lint suite
 
 clean:
 	rm -rf $(VENV) .venv-lowest .venv-docs out .coverage

@@ -52,7 +52,7 @@ PROCESSOR = "processor_s"
 SLOW = Path(__file__).with_name("slow_tests.txt")
 """No part of `quick`: tests of which one case took LONG seconds of processor time or more when they were recorded
 (``--record-slow``), and modules that took LONG_MODULE seconds in all, their fixtures included."""
-LONG, LONG_MODULE = 0.3, 10.0
+LONG, LONG_MODULE = 0.15, 10.0
 SECONDS = Path(__file__).with_name("module_durations.txt")
 """What each module took of the processor when it was recorded, the longest first, from NOTED seconds on: the order of a
 run."""

@@ -19,6 +19,7 @@ CELLS = {
     "kr500_rail": "beam_passes.csv",
     "kr240_turntable": "drum_holes.csv",
 }
+POSTS = ("krl", "rapid", "urscript", "val3", "jbi", "fanuc_joint", "ros", "csv")
 FEATURES = ("line", "arc", "reversal", "pivot", "corner", "holes", "dense", "repeat", "zigzag")
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -32,13 +32,13 @@ def plan(folder: Path, name: str, weight: float) -> dict[str, list[str]]:
 def test_the_price_of_instability_leaves_fewer_unstable_points(tmp_path: Path) -> None:
     lines = (ROOT / "toolpaths" / "contour_5axis.csv").read_text(encoding="utf-8").splitlines()
     head = next(n for n, line in enumerate(lines) if not line.startswith("#"))
-    (tmp_path / "part.csv").write_text("\n".join([lines[head], *lines[head + 1 :: 6]]) + "\n", encoding="utf-8")
+    (tmp_path / "part.csv").write_text("\n".join([lines[head], *lines[head + 1 :: 12]]) + "\n", encoding="utf-8")
     (tmp_path / "process.yaml").write_text(PROCESS, encoding="utf-8")
     plain, priced = plan(tmp_path, "plain", 0.0), plan(tmp_path, "priced", 30.0)
 
     def count(table: dict[str, list[str]]) -> int:
         cuts = [word for word in table["chatter"] if word]
-        assert len(cuts) > 300
+        assert len(cuts) > 150
         return sum(word != "stable" for word in cuts)
 
     assert count(priced) < 0.5 * count(plain)

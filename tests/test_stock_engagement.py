@@ -32,6 +32,8 @@ from machopt.process.milling.mean_force import compute_mean_load
 from machopt.process.milling.milling_cut import MillingCut
 from machopt.toolpath.toolpath_reader import read_toolpath
 
+COARSE = ("--set", "rotation_step_deg=20")  # the engagement does not depend on the rotation
+
 
 def write_job(folder: Path, points: np.ndarray, process: str = PROCESS) -> tuple[Path, Path]:
     write_stock_cell(folder / "cell", process)
@@ -117,7 +119,7 @@ def pocket(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     """A roughed pocket, planned: cell, toolpath and output."""
     folder = tmp_path_factory.mktemp("pocket")
     cell, file = write_job(folder, build_pocket_path())
-    assert main(["optimize", str(cell), str(file), "-o", str(folder / "out")]) == 0
+    assert main(["optimize", str(cell), str(file), "-o", str(folder / "out"), *COARSE]) == 0
     return cell, file, folder / "out"
 
 
@@ -174,7 +176,7 @@ def test_wrong_arcs_fail_the_verification(
 def test_a_deeper_finished_part_shows_material_left(tmp_path: Path) -> None:
     cell, file = write_job(tmp_path, build_pocket_path())
     build_pocketed_block(DEPTH + 0.5e-3).export(cell / "meshes" / "finished.stl")
-    assert main(["optimize", str(cell), str(file), "-o", str(tmp_path / "out")]) == 0
+    assert main(["optimize", str(cell), str(file), "-o", str(tmp_path / "out"), *COARSE]) == 0
     found = json.loads((tmp_path / "out" / "result.json").read_text())["process"]["stock"]["finished"]
     assert found["left_depth_mm"] == pytest.approx(0.5, abs=1e-3)
     assert found["gouge_depth_mm"] == 0

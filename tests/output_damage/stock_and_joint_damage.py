@@ -21,8 +21,11 @@ def plan_pocket(folder: Path) -> Job:
     """A roughed pocket whose contact comes from the stock."""
     write_stock_cell(folder / "cell", PROCESS)
     toolpath = folder / "pass.csv"
-    write_toolpath(toolpath, build_pocket_path())
-    assert run_optimize(OptimizeRequest(cell=folder / "cell", toolpath=toolpath, out=folder / "out")).exit_code == 0
+    write_toolpath(toolpath, build_pocket_path(layers=1))
+    request = OptimizeRequest(
+        cell=folder / "cell", toolpath=toolpath, out=folder / "out", overrides=("rotation_step_deg=20",)
+    )
+    assert run_optimize(request).exit_code == 0
     return Job(folder / "cell", toolpath, folder / "out")
 
 

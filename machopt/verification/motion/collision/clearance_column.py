@@ -69,9 +69,7 @@ def list_varying_pairs(arm: UrdfKinematics, wanted: list[tuple[CoalBody, CoalBod
         if len(between) != 1:
             return False
         T = np.linalg.inv(at(a)) @ at(b)
-        return is_distance_constant(a, b, T[[0, -1]]) and is_distance_constant(
-            a, b, T
-        )  # the ends tell most pairs at once
+        return is_distance_constant(a, b, np.roll(T, 1, axis=0))  # the two ends first: they tell most pairs
 
     return [(a, b) for a, b in wanted if not unchanging(a, b)]
 
@@ -84,8 +82,13 @@ def is_distance_constant(a: CoalBody, b: CoalBody, T: Array) -> bool:
         b: The second body.
         T: (S, 4, 4) poses of b's carrier in a's carrier.
     """
-    d = np.array([compute_distance(a, b, each) for each in T])
-    return bool(d.min() > 0.0 and d.max() < MAX_DISTANCE_M and np.ptp(d) < CONSTANT_DISTANCE_M)
+    least, most = np.inf, -np.inf
+    for each in T:  # the first poses tell most pairs at once
+        d = compute_distance(a, b, each)
+        least, most = min(least, d), max(most, d)
+        if not (least > 0.0 and most < MAX_DISTANCE_M and most - least < CONSTANT_DISTANCE_M):
+            return False
+    return True
 
 
 def check_clearances(
