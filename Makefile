@@ -1,7 +1,7 @@
 # make run     build .venv from python3 alone, install machopt, do the main job on the shipped cell
 # make quick   unit tests, a minute  make test    all tests     (JOBS=n processes; the cores of this machine)
 # make proofs  statistics over many records, torture by kills: some minutes more
-# make suite   tests and proofs in one run, as in .ci/run: modules are imported and shared plans made once
+# make suite   tests and proofs in one run: modules are imported and shared plans made once
 # make lint    format, lint, imports, types
 # make check   lint, suite   make clean   remove .venv, .venv-lowest, .venv-docs and out/
 # make coverage  all tests, counting branches: fails where a package of tests/branch_coverage.py falls below its floor
@@ -100,7 +100,7 @@ $(VENV)/.installed-dev: $(VENV)/.python $(TEST_LOCK) pyproject.toml
 
 # Kernels, once: two processes begin at either end and find what the other one stored. Left to the tests, each of their
 # processes would compile nearly all.
-COMPILE = $(BIN)/python -c 'from machopt.planning.compiled_kernels import KERNELS, MORE, compile_all; compile_all((KERNELS + MORE)[::$(1)])'
+COMPILE = $(BIN)/python -c 'from machopt.planning.kernel_precompilation import KERNELS, MORE, compile_all; compile_all((KERNELS + MORE)[::$(1)])'
 
 $(VENV)/.compiled: $(VENV)/.installed-dev $(SOURCES)
 	@$(call COMPILE,1) & one=$$!; $(call COMPILE,-1) && wait $$one

@@ -39,7 +39,7 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
             [self.root, *filter(None, [os.environ.get("PYTHONPATH")])]
         )  # pip's isolation is in it
         env = {**os.environ, "PYTHONPATH": found_by, MEMORY: str(self.made / "numba")}
-        words = [sys.executable, "-m", "machopt.planning.compiled_kernels", str(into)]
+        words = [sys.executable, "-m", "machopt.planning.kernel_precompilation", str(into)]
         runs = []
         try:
             for _ in range(count):

@@ -14,7 +14,7 @@ from machopt.program_export.program_moves import MotionProgram
 from machopt.programs.program_writer import format_program_name, write_program
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.verification.folder.programs.post_lookup import select_controller
-from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
+from machopt.verification.folder.programs.program_comparison_result import ListedProgram, ProgramComparison
 from machopt.verification.folder.programs.read_back import check_programs
 
 

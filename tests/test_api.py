@@ -19,8 +19,8 @@ from output_damage.damage_case import CELLS, HEADER, PASS
 
 import machopt
 import machopt.api
-from machopt.api.argument_names import RENAMED as RENAMED_OPTIONS
-from machopt.api.argument_names import replace_option_names
+from machopt.api.error_message_translation import RENAMED as RENAMED_OPTIONS
+from machopt.api.error_message_translation import replace_option_names
 from machopt.api.request_options import NON_OPTION_ARGUMENTS, build_request, list_option_names
 from machopt.cli import _build_parser
 from machopt.commands.plan_poses.run import run_plan_poses

@@ -245,7 +245,7 @@ from pathlib import Path
 from machopt.batch.warm_up_job import run_warm_up_job
 from machopt.commands.optimize.request import OptimizeRequest
 from machopt.commands.optimize.run import run_optimize
-from machopt.planning.compiled_kernels import compile_all
+from machopt.planning.kernel_precompilation import compile_all
 def compiled():
     found = [v for name, m in list(sys.modules.items()) if name.startswith("machopt")
              for v in vars(m).values() if isinstance(v, numba.core.registry.CPUDispatcher)]

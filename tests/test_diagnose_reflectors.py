@@ -20,7 +20,7 @@ from machopt.measurement.diagnosis.data_types import reflectors_and_tracker_fram
 from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.static import measured_pose_channel
-from machopt.measurement.diagnosis.static.nominal_pose_model import NominalPoseModel
+from machopt.measurement.diagnosis.static.measured_pose_model import NominalPoseModel
 from machopt.numerics.rigid_transforms import convert_vector_to_rotation
 
 Array = NDArray[np.float64]

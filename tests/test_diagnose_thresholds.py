@@ -27,7 +27,7 @@ from machopt.measurement.diagnosis.dynamic import motion_record_checks
 from machopt.measurement.diagnosis.dynamic.motion_record_checks import correct_torque_side
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
-from machopt.measurement.diagnosis.static.nominal_pose_model import NominalPoseModel
+from machopt.measurement.diagnosis.static.measured_pose_model import NominalPoseModel
 from machopt.measurement.diagnosis.statistics import holdout_residuals
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"

@@ -19,7 +19,7 @@ from machopt.kinematics.robot import RobotMasses
 from machopt.planning.compensation.added_points import compensate_plan
 from machopt.planning.compensation.shifted_path import compute_residual
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
-from machopt.planning.plan_output.plan_hints import describe_model_misfit
+from machopt.planning.plan_output.plan_remarks import describe_model_misfit
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, list_elastic_columns, list_gear_columns
 

@@ -17,7 +17,7 @@ from test_retiming import make
 from machopt.cli import main
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathEvent, ToolpathOperation
 from machopt.errors import InputError
-from machopt.planning.motion.segments import BEFORE_ALL, MotionSegment, count_rest_samples
+from machopt.planning.motion.motion_segment import BEFORE_ALL, MotionSegment, count_rest_samples
 from machopt.planning.retiming.run_retiming import RunTrajectory, retime_run
 from machopt.program_export.program_moves import _place_events
 from machopt.verification.motion.checks.dwells_and_stops import check_dwells_and_stops

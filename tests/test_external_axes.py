@@ -19,7 +19,7 @@ from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import load_robot
 from machopt.options.plan_option_reader import format_user_options, load_options
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.motion.rapid_moves import FreeSpace, RapidMove, RapidTiming, plan_rapid
 from machopt.planning.motion.trajectory_builder import build_timeline
 from machopt.planning.optimality_certificate import compute_certificate

@@ -16,7 +16,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import ExternalJointOptions, ProcessForce, StiffnessIndex
 from machopt.data_types.stiffness import ArmStiffness, ExternalJointSpring
 from machopt.planning.cost.stiffness_index import compute_configuration_cost, compute_load_directions
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, fix_external_axes, prepare_planning
 from machopt.planning.stations.planning_path import PlanningPath as Planned

@@ -13,7 +13,7 @@ from test_live_outcome import CELLS, HOLES, WALL, start
 from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.data_types.toolpath import MoveKind
 from machopt.planning.error_probability.draws import HOLE_DRAWS
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.tolerance.cutting_dynamics import compute_cutting_dynamics
 from machopt.planning.tolerance.feed_advice import WIDEST

@@ -36,8 +36,8 @@ from machopt.planning.pipeline.planning_setup import fix_external_axes, prepare_
 from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.stations.planning_path import build_planning_path
 from machopt.toolpath.toolpath_reader import read_toolpath
-from machopt.workspace_map.posture_layers import build_reaching_arm
 from machopt.workspace_map.postures import build_tool_poses, compute_candidates
+from machopt.workspace_map.sample_posture_computation import build_reaching_arm
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL = ("m20ia", "kr210l150", "kr500_r2800_2")

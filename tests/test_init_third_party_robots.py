@@ -21,7 +21,7 @@ from machopt.errors import InputError
 from machopt.kinematics.robot import load_robot
 from machopt.options.plan_option_reader import load_options
 from machopt.toolpath.toolpath_reader import read_toolpath
-from machopt.workspace_map.posture_layers import build_reaching_arm
+from machopt.workspace_map.sample_posture_computation import build_reaching_arm
 
 TOOLPATHS = Path(__file__).resolve().parents[1] / "toolpaths"
 

@@ -20,10 +20,10 @@ from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import load_robot
 from machopt.numerics.array_types import Array
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import prepare_planning
-from machopt.planning.posture_and_feed.local_limits import LimitSources
+from machopt.planning.posture_and_feed.linearized_constraints import LimitSources
 from machopt.planning.posture_and_feed.node_curves import interpolate_naturally
 from machopt.planning.posture_and_feed.node_loads import MilledTargets
 from machopt.planning.posture_and_feed.posture_feed_pipeline import find_free_axes

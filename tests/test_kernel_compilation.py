@@ -19,8 +19,8 @@ from machopt.cli import compilation_notice
 from machopt.cli.compilation_notice import NOT_STORED, STORED
 from machopt.cli.progress_display import ProgressDisplay
 from machopt.numerics import compiled_functions as module
-from machopt.planning import compiled_kernels
-from machopt.planning.compiled_kernels import KERNELS, MORE, compile_all
+from machopt.planning import kernel_precompilation
+from machopt.planning.kernel_precompilation import KERNELS, MORE, compile_all
 
 ROOT = Path(__file__).resolve().parents[1]
 FACTOR = 2.0
@@ -143,7 +143,7 @@ def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_no
 
     monkeypatch.setattr(module, "load_stored_kernel", take)
     monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: cores)
-    with compiled_kernels.preload_kernels_in_thread():
+    with kernel_precompilation.preload_kernels_in_thread():
         assert cores < 2 or third.wait(60.0)
     assert asked == [name for _, name, _ in KERNELS[:taken]]
 
@@ -158,9 +158,9 @@ def test_an_entry_that_names_nothing_is_no_matter_for_a_plan(
     asked: list[str] = []
     monkeypatch.setattr(module, "load_stored_kernel", lambda kernel, _: asked.append(kernel.py_func.__name__) or True)
     monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
-    monkeypatch.setattr(compiled_kernels, "KERNELS", (KERNELS[0], gone, *KERNELS[1:]))
+    monkeypatch.setattr(kernel_precompilation, "KERNELS", (KERNELS[0], gone, *KERNELS[1:]))
     before = threading.active_count()
-    with compiled_kernels.preload_kernels_in_thread():
+    with kernel_precompilation.preload_kernels_in_thread():
         while threading.active_count() > before:
             pass
     assert asked == [KERNELS[0][1]]
@@ -175,7 +175,7 @@ def test_every_kernel_compiled_ahead_is_one() -> None:
     for name, function, types in KERNELS + MORE:
         kernel = getattr(import_module(f"machopt.{name}"), function, None)
         assert kernel is not None, (
-            f"planning/compiled_kernels.py lists {name}.{function}, which is gone: rename or remove the entry"
+            f"planning/kernel_precompilation.py lists {name}.{function}, which is gone: rename or remove the entry"
         )
         arguments, _ = normalize_signature(f"({types})")
         assert len(arguments) == kernel.py_func.__code__.co_argcount, (name, function)
@@ -239,7 +239,7 @@ assert new <= {"machopt", "numpy", "numba", "llvmlite"}, new
 
 def test_a_compilation_is_told_once(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     started = []
-    monkeypatch.setattr("machopt.planning.compiled_kernels.start_compile_process", lambda: started.append(True))
+    monkeypatch.setattr("machopt.planning.kernel_precompilation.start_compile_process", lambda: started.append(True))
     with ProgressDisplay(show=True) as display, compilation_notice.announce_compilation(display):
         module._LISTENER.on_start(None)
         module._LISTENER.on_start(None)
@@ -249,7 +249,7 @@ def test_a_compilation_is_told_once(capsys: pytest.CaptureFixture[str], monkeypa
 
 def test_what_is_compiled_after_the_plan_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "machopt.planning.compiled_kernels.start_compile_process", lambda: pytest.fail("nobody would end it")
+        "machopt.planning.kernel_precompilation.start_compile_process", lambda: pytest.fail("nobody would end it")
     )
     with ProgressDisplay(show=False) as display, compilation_notice.announce_compilation(display):
         pass
@@ -266,14 +266,14 @@ def test_a_second_process_compiles_where_there_is_a_core_for_it(monkeypatch: pyt
     monkeypatch.setattr(subprocess, "Popen", start)
     for cores, answer in ((None, None), (1, None), (2, "process")):
         monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
-        assert compiled_kernels.start_compile_process() == answer
-    assert started == [[sys.executable, "-m", "machopt.planning.compiled_kernels"]]
+        assert kernel_precompilation.start_compile_process() == answer
+    assert started == [[sys.executable, "-m", "machopt.planning.kernel_precompilation"]]
 
     def none(*_: object, **__: object) -> None:
         raise OSError("no process to be had")
 
     monkeypatch.setattr(subprocess, "Popen", none)
-    assert compiled_kernels.start_compile_process() is None
+    assert kernel_precompilation.start_compile_process() is None
 
 
 def test_an_installation_compiles_what_no_other_process_has_taken(
@@ -282,15 +282,15 @@ def test_an_installation_compiles_what_no_other_process_has_taken(
     """Each module once, whoever comes first; all are stored in the folder."""
     made: list[str] = []
     stored: list[str] = []
-    monkeypatch.setattr(compiled_kernels, "compile_all", lambda some: made.extend(module for module, *_ in some))
+    monkeypatch.setattr(kernel_precompilation, "compile_all", lambda some: made.extend(module for module, *_ in some))
     monkeypatch.setattr(module, "enable_kernel_storage", lambda kernel, folder: stored.append(kernel.__name__))
     (tmp_path / "planning.external_axes.moving_axis_kernels.claimed").touch()
-    compiled_kernels.compile_into(tmp_path)
+    kernel_precompilation.compile_into(tmp_path)
     wanted = [name for name, *_ in KERNELS + MORE]
     assert sorted(made) == sorted(name for name in wanted if name != "planning.external_axes.moving_axis_kernels")
-    assert next(iter(dict.fromkeys(made))) == compiled_kernels.LONGEST[0]
+    assert next(iter(dict.fromkeys(made))) == kernel_precompilation.LONGEST[0]
     assert len(stored) == len(wanted)
-    compiled_kernels.compile_into(tmp_path)
+    kernel_precompilation.compile_into(tmp_path)
     assert len(made) == len([name for name in wanted if name != "planning.external_axes.moving_axis_kernels"])
 
 
@@ -303,7 +303,7 @@ def test_without_a_place_to_store_it_says_what_would_help(
     )  # numba finds no place, and says so itself
     module.jit_compile(lambda x: x)
     monkeypatch.setattr(
-        "machopt.planning.compiled_kernels.start_compile_process", lambda: pytest.fail("would store nothing")
+        "machopt.planning.kernel_precompilation.start_compile_process", lambda: pytest.fail("would store nothing")
     )
     with ProgressDisplay(show=True) as display, compilation_notice.announce_compilation(display):
         module._LISTENER.on_start(None)

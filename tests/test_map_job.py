@@ -18,9 +18,9 @@ from machopt.errors import InputError
 from machopt.job_map import job_quantities
 from machopt.kinematics.robot import load_chain
 from machopt.planning.error_probability.draws import build_draws
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
-from machopt.workspace_map.posture_layers import build_map_settings
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.workspace_map.request import MapRequest
+from machopt.workspace_map.sample_posture_computation import build_map_settings
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 DRILLING = """machopt_process: 1
@@ -75,7 +75,7 @@ def test_the_error_is_that_of_the_compliance_under_the_stated_force(tmp_path: Pa
     )
     setting = load.layers[0].values
     from machopt.kinematics.robot import load_chain
-    from machopt.workspace_map.posture_layers import build_map_settings
+    from machopt.workspace_map.sample_posture_computation import build_map_settings
 
     cell = load_cell(CELLS / "kr240_drilling")
     robot, _ = load_chain(cell)

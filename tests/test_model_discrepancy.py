@@ -24,7 +24,7 @@ from machopt.measurement.identification.assessment.model_discrepancy import (
     estimate_identification_discrepancy,
     select_significant_modes,
 )
-from machopt.measurement.identification.assessment.pose_variance import estimate_pose_variance
+from machopt.measurement.identification.assessment.unmodelled_pose_variance import estimate_pose_variance
 from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
 from machopt.planning.compensation.added_points import compensate_plan
 from machopt.planning.compensation.expected_removal import predict_removals
@@ -34,7 +34,7 @@ from machopt.planning.error_probability.model_discrepancy import (
     compute_half_width,
     compute_reported_std,
 )
-from machopt.planning.plan_output.plan_hints import list_hints
+from machopt.planning.plan_output.plan_remarks import list_hints
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.discrepancy_columns import (
     CURVE_SMOOTHING,

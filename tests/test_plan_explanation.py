@@ -19,7 +19,7 @@ from machopt.planning.pipeline.plan import PathCompensation, Plan
 from machopt.planning.plan_output.document_sections import build_worst_point_entry
 from machopt.planning.plan_output.infeasibility_reasons import _lost_by_shift, explain_points, list_breaks
 from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
-from machopt.planning.plan_output.plan_hints import describe_model_misfit, list_hints
+from machopt.planning.plan_output.plan_remarks import describe_model_misfit, list_hints
 from machopt.planning.plan_output.point_table import build_point_table, find_reason
 from machopt.planning.uncertainty.position_error import predict_position_error
 from machopt.stiffness.arm_stiffness import ArmElasticity

@@ -18,7 +18,12 @@ from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.errors import InputError
 from machopt.kinematics.robot import load_chain, load_masses
 from machopt.measurement.design.d_optimal_search import compute_design_criterion, find_d_optimal_design
-from machopt.measurement.design.job_like_loads import (
+from machopt.measurement.design.load_cases import LoadCriteria, build_load_cases
+from machopt.measurement.design.load_methods import build_load_method_combinations
+from machopt.measurement.design.measurement_plan import build_design_problem, build_unknowns
+from machopt.measurement.design.pose_candidates import PoseCriteria, PoseScreen, sample_poses
+from machopt.measurement.design.reading_noise import ReadingNoise
+from machopt.measurement.design.torque_reversal_loads import (
     MAX_EFFICIENCY_LOSS,
     ProcessLoads,
     TorqueReversalCases,
@@ -27,11 +32,6 @@ from machopt.measurement.design.job_like_loads import (
     describe_joint_loads,
     exchange_loads_for_reversal,
 )
-from machopt.measurement.design.load_cases import LoadCriteria, build_load_cases
-from machopt.measurement.design.load_methods import build_load_method_combinations
-from machopt.measurement.design.measurement_plan import build_design_problem, build_unknowns
-from machopt.measurement.design.pose_candidates import PoseCriteria, PoseScreen, sample_poses
-from machopt.measurement.design.reading_noise import ReadingNoise
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.discrepancy_columns import TYPICAL_PLAY_RAD
 

@@ -16,7 +16,7 @@ from test_planning_path import toolpath
 from machopt.data_types.plan_options import FixedRotation, PlanOptions
 from machopt.data_types.toolpath import Toolpath, ToolpathOperation
 from machopt.planning.cache import StepCache, compute_cached, use_step_cache
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.motion.trajectory_builder import build_timeline
 
 

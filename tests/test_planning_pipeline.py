@@ -25,7 +25,7 @@ from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings, prepare_planning
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, compute_reach_shortfall, explain_points
-from machopt.planning.plan_output.plan_hints import list_hints
+from machopt.planning.plan_output.plan_remarks import list_hints
 from machopt.planning.sampling.joint_path import JointAssignment
 from machopt.planning.stations.planning_path import compute_tcp_poses
 from machopt.stiffness.arm_stiffness import compute_deflection, compute_directional_compliance, compute_jiao_index

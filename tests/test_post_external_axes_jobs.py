@@ -17,12 +17,12 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import ExternalJointOptions
 from machopt.data_types.robot_program import ExternalAxisMap, RobotController
 from machopt.data_types.toolpath import Toolpath
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.motion.trajectory_builder import MotionTimeline, build_timeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.program_export.program_moves import build_robot_program, build_sampled_program
 from machopt.programs.writing.target_insertion import ProgramTolerance
-from machopt.verification.folder.programs.program_comparison import ProgramComparison
+from machopt.verification.folder.programs.program_comparison_result import ProgramComparison
 from machopt.verification.folder.programs.read_back import check_programs
 
 POSTS = ("krl", "rapid", "fanuc", "jbi", "csv", "ros_json")

@@ -14,7 +14,7 @@ from machopt.cli import main
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.program_entries import RobotProgramEntry
 from machopt.data_types.plan_options import PlanOptions
-from machopt.verification.folder.coverage import list_production_blockers, list_unchecked
+from machopt.verification.folder.verification_scope import list_production_blockers, list_unchecked
 
 CELLS = Path(__file__).parents[1] / "cells"
 

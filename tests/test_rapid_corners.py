@@ -15,10 +15,10 @@ from machopt.data_types.toolpath import MoveKind, ToolpathEvent
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.rapid_time import compute_rest_time
 from machopt.planning.motion.corner_timing import measure_fastest_time, time_legs
+from machopt.planning.motion.motion_segment import MotionSegment
 from machopt.planning.motion.rapid_corners import CornerSpace, list_rounded_corners, round_rapid_corners
 from machopt.planning.motion.rapid_moves import RapidTiming, retime_straight_segments
 from machopt.planning.motion.rapid_shortcuts import shorten_detour
-from machopt.planning.motion.segments import MotionSegment
 from machopt.programs.writing.rapid_zones import compute_rapid_zone_limits
 from machopt.verification.motion.checks.rapid_corners import CornerTriangle, list_corner_triangles
 

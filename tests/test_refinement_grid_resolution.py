@@ -22,7 +22,7 @@ from machopt.planning.continuous_refinement.starting_point import RefinementStar
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization import coarse_to_fine_search
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan import Plan
 
 ROUNDED = 1e-9  # of J

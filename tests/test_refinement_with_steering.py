@@ -21,7 +21,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.baseline_comparison import is_assignment_allowed
 from machopt.planning.pipeline.plan import Plan
 

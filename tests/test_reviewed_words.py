@@ -174,7 +174,7 @@ def test_every_planning_key_that_a_message_names_exists() -> None:
         in (
             "planning/plan_output/infeasibility_reasons.py",
             "planning/plan_output/infeasibility_remedies.py",
-            "planning/plan_output/plan_hints.py",
+            "planning/plan_output/plan_remarks.py",
             "planning/pipeline/sequence_breaks.py",
             "planning/pipeline/gaps.py",
         )

@@ -36,7 +36,7 @@ from machopt.errors import InputError
 from machopt.options.steering_schema import SteerKeys, format_steering, parse_steering
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.job.constraint_conflicts import (
     add_constraint_conflict,
     add_undrivable_conflict,
@@ -51,7 +51,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma
-from machopt.planning.plan_output.plan_hints import list_hints
+from machopt.planning.plan_output.plan_remarks import list_hints
 from machopt.planning.stations.planning_path import build_planning_path
 from machopt.verification.checks import VerificationCheck
 from machopt.verification.motion.checks.requested_choices import check_requested_choices

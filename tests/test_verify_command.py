@@ -21,7 +21,7 @@ from machopt.options.plan_option_reader import load_options
 from machopt.output import read_manifest
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.verification import Verification, VerificationCheck
-from machopt.verification.folder import coverage
+from machopt.verification.folder import verification_scope
 from machopt.verification.folder.folder_checks import verify_folder
 from machopt.verification.folder.result_json.result_checks import check_result_document
 from machopt.verification.motion.tool_changes import verify_tool_segments
@@ -74,16 +74,16 @@ def test_what_a_cell_leaves_out_stands_in_the_verdict(tmp_path: Path) -> None:
     shutil.copytree(KR500, tmp_path / "cell")
     text = (tmp_path / "cell" / "cell.yaml").read_text()
     cell = load_cell(tmp_path / "cell")
-    assert coverage.list_unchecked(cell, load_options(cell.plan)) == ()
+    assert verification_scope.list_unchecked(cell, load_options(cell.plan)) == ()
     half = replace(read_toolpath(PATHS / "plain.csv"), meta={"incomplete": "no FINI"})
-    assert "after the end of the CAM file" in coverage.list_unchecked(cell, load_options(cell.plan), half)[0]
+    assert "after the end of the CAM file" in verification_scope.list_unchecked(cell, load_options(cell.plan), half)[0]
     lines = [line for line in text.splitlines() if not line.strip().startswith(("geometry:", "cutter:"))]
     kept = "\n".join(lines)
     start = kept.index("obstacles:")
     end = kept.index("stiffness:")
     (tmp_path / "cell" / "cell.yaml").write_text(kept[:start] + kept[end:])
     cell = load_cell(tmp_path / "cell")
-    assert coverage.list_unchecked(cell, load_options(cell.plan)) == (
+    assert verification_scope.list_unchecked(cell, load_options(cell.plan)) == (
         "collisions with workpiece, tool, cutter and obstacles NOT checked (not in the cell)",
     )
 
@@ -93,7 +93,7 @@ def test_a_check_that_could_not_run_stands_in_the_verdict() -> None:
         VerificationCheck(name="path", passed=True, value=0.0, limit=1.0, unit="mm", where=""),
         VerificationCheck(name="program a.src", passed=None, value=0.0, limit=0.0, unit="", where="no reader"),
     ]
-    assert coverage.list_checks_not_run(checks) == ("program a.src NOT checked",)
+    assert verification_scope.list_checks_not_run(checks) == ("program a.src NOT checked",)
 
 
 def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

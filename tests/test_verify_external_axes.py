@@ -23,7 +23,7 @@ from machopt.programs.program_writer import write_program
 from machopt.programs.writing.target_insertion import ProgramTolerance, insert_targets
 from machopt.verification import Verification
 from machopt.verification.folder.programs.post_lookup import build_short_program
-from machopt.verification.folder.programs.program_comparison import ListedProgram
+from machopt.verification.folder.programs.program_comparison_result import ListedProgram
 from machopt.verification.folder.programs.read_back import check_programs
 from machopt.verification.motion.kinematics.posture import compute_posture
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics

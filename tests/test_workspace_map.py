@@ -28,7 +28,6 @@ from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics as PinocchioArm
 from machopt.workspace_map.branch_tracking import MAX_JOINT_STEP, track_branches
 from machopt.workspace_map.inverse_distance_weighting import interpolate_idw, is_inside_hull, predict_leave_one_out
-from machopt.workspace_map.posture_layers import build_map_settings
 from machopt.workspace_map.postures import (
     ReachingArm,
     add_whole_turns,
@@ -38,6 +37,7 @@ from machopt.workspace_map.postures import (
 )
 from machopt.workspace_map.quantities import QUANTITIES, MapLoad, MapSettings, evaluate_quantities, list_quantities
 from machopt.workspace_map.sample_grid import build_even_values, build_straight_line, compute_farthest_reach, trim_axis
+from machopt.workspace_map.sample_posture_computation import build_map_settings
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 KR240 = CELLS / "kr240_drilling"

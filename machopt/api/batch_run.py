@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Unpack
 
-from machopt.api.argument_names import use_argument_names
+from machopt.api.error_message_translation import use_argument_names
 from machopt.api.option_types import BatchOptions
 from machopt.api.request_options import build_request, convert_to_path, convert_to_paths
 from machopt.api.result_saving import Named

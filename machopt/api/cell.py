@@ -10,7 +10,7 @@ from typing import Unpack
 
 import numpy as np
 
-from machopt.api.argument_names import use_argument_names
+from machopt.api.error_message_translation import use_argument_names
 from machopt.api.option_types import NewCellOptions
 from machopt.api.request_options import build_request, convert_to_path, convert_to_paths
 from machopt.cell.cell_reader import load_cell

@@ -8,8 +8,8 @@ from typing import Unpack
 
 import numpy as np
 
-from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, copy_read_only, load_cell_argument
+from machopt.api.error_message_translation import use_argument_names
 from machopt.api.option_types import CuttingCoefficientsOptions
 from machopt.api.request_options import NOWHERE, build_request, convert_to_path
 from machopt.api.result_saving import Named, Progress, ignore_progress, save_result

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Unpack
 
-from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell
+from machopt.api.error_message_translation import use_argument_names
 from machopt.api.figure import Figure
 from machopt.api.option_types import DiagnoseOptions
 from machopt.api.request_options import NOWHERE, build_request, convert_to_path, convert_to_paths

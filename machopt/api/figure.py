@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.api.argument_names import use_argument_names
+from machopt.api.error_message_translation import use_argument_names
 from machopt.errors import InputError
 from machopt.output.single_file import write_text_file
 

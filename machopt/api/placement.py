@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from math import radians
 from typing import Any, Literal, Unpack
 
-from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.error_message_translation import use_argument_names
 from machopt.api.option_types import PlanOptionValues
 from machopt.api.request_options import NOWHERE, check_value_type, convert_to_path, convert_to_texts
 from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects

@@ -11,8 +11,8 @@ from typing import Literal, Unpack
 
 import numpy as np
 
-from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.error_message_translation import use_argument_names
 from machopt.api.figure import Figure
 from machopt.api.option_types import PlanOptionValues
 from machopt.api.request_options import NOWHERE, check_value_type, convert_to_path, convert_to_texts

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Unpack
 
-from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.error_message_translation import use_argument_names
 from machopt.api.option_types import PlanPosesOptions
 from machopt.api.request_options import NOWHERE, build_request
 from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects

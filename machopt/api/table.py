@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.api.argument_names import use_argument_names
+from machopt.api.error_message_translation import use_argument_names
 from machopt.errors import InputError, suggest_nearest_word
 from machopt.output.single_file import write_bytes_file
 

@@ -10,8 +10,8 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell
+from machopt.api.error_message_translation import use_argument_names
 from machopt.api.option_types import ReadingOptions
 from machopt.api.request_options import convert_to_path
 from machopt.cell.work_offsets import place_toolpath

@@ -10,8 +10,8 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.api.argument_names import use_argument_names
 from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.error_message_translation import use_argument_names
 from machopt.api.figure import Figure
 from machopt.api.option_types import MapOptions
 from machopt.api.request_options import NOWHERE, build_request

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.cell.cell_folder import ANY_SIZE, CellFolder
+from machopt.cell.cell_file_access import ANY_SIZE, CellFolder
 from machopt.cell.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys, ToolKeys
 from machopt.cell.collision_body_selection import find_missing_meshes, select_bodies
-from machopt.cell.controller_reader import build_controller
+from machopt.cell.controller_section import build_controller
 from machopt.cell.ignored_pairs import IgnoredPairReader
 from machopt.cell.joint_count_checks import check_correction_joints, check_stiffness_joints
 from machopt.cell.joint_reader import CellJoints, read_joints

@@ -28,7 +28,7 @@ def announce_compilation(display: ProgressDisplay) -> Iterator[None]:
         display: The progress display.
     """
     from machopt.numerics.compiled_functions import call_on_compilation
-    from machopt.planning.compiled_kernels import start_compile_process
+    from machopt.planning.kernel_precompilation import start_compile_process
 
     beside: list[subprocess.Popen[bytes]] = []
 

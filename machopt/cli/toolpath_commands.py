@@ -297,8 +297,8 @@ def _run_inspect_robot(args: argparse.Namespace) -> int:
 def _run_verify(args: argparse.Namespace) -> int:
     from machopt.cli.check_failures import format_failures, sort_causes_first
     from machopt.commands.verify import run_verify
-    from machopt.verification.folder.coverage import NOT_RECOMPUTED
     from machopt.verification.folder.options_in_force import VerifyRequest
+    from machopt.verification.folder.verification_scope import NOT_RECOMPUTED
 
     warn_of_effect_code(args)
     done = run_verify(

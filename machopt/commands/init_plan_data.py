@@ -29,7 +29,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_rpy_matrix
 from machopt.options.plan_option_reader import load_options
 from machopt.toolpath.unknown_words import read_for_plan
-from machopt.workspace_map.posture_layers import build_reaching_arm
+from machopt.workspace_map.sample_posture_computation import build_reaching_arm
 
 _NO_ROTATION = (0.0, 0.0, 0.0)
 _TRIED_ROTATIONS = (_NO_ROTATION, (0.0, 0.0, 90.0), (0.0, 0.0, 180.0), (0.0, 0.0, -90.0), (0.0, -90.0, 0.0))

@@ -21,7 +21,7 @@ from machopt.output.file_roles import ROLES
 from machopt.output.json_files import convert_to_json_types
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.toolpath.reading_options import format_reading_options
-from machopt.verification.folder import coverage
+from machopt.verification.folder import verification_scope
 from machopt.version import __version__
 
 _REQUEST_PATH_FIELDS = (
@@ -95,8 +95,11 @@ def list_option_fields(cell: Cell, options: PlanOptions, toolpath: Toolpath) -> 
         options: The planning options in force.
         toolpath: The toolpath, points in the workpiece frame, SI.
     """
-    said = {"checked": coverage.list_checked(options), "unchecked": coverage.list_unchecked(cell, options, toolpath)}
-    return {"options": format_user_options(options), "not_recomputed": coverage.NOT_RECOMPUTED, **said}
+    said = {
+        "checked": verification_scope.list_checked(options),
+        "unchecked": verification_scope.list_unchecked(cell, options, toolpath),
+    }
+    return {"options": format_user_options(options), "not_recomputed": verification_scope.NOT_RECOMPUTED, **said}
 
 
 def write_command_manifest(

@@ -22,9 +22,9 @@ from machopt.effects.user_effects import activate_user_effects, load_effect_file
 from machopt.errors import InputError
 from machopt.output.manifest_file import read_manifest
 from machopt.verification import Verification
-from machopt.verification.folder.coverage import NOT_RECOMPUTED, list_checks_not_run, list_unchecked
 from machopt.verification.folder.folder_checks import verify_folder
 from machopt.verification.folder.options_in_force import VerifyRequest, resolve_options_in_force
+from machopt.verification.folder.verification_scope import NOT_RECOMPUTED, list_checks_not_run, list_unchecked
 from machopt.verification.folder.version_mismatch import describe_version_mismatch
 
 

@@ -21,7 +21,7 @@ from machopt.placement.tolerance_estimate import ToleranceEstimator
 from machopt.planning.cost.stiffness_index import compute_load_directions
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
-from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.job.job_planner import drive_tool_segment
 from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_shares, join_plans
 from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools

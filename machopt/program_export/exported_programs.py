@@ -27,7 +27,7 @@ from machopt.report.page_types import optimize_report as page
 from machopt.verification import Verification
 from machopt.verification.checks import CheckName
 from machopt.verification.folder.programs.post_lookup import select_controller
-from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
+from machopt.verification.folder.programs.program_comparison_result import ListedProgram, ProgramComparison
 
 OWN_FILES = (
     "points.csv",

@@ -13,7 +13,7 @@ from machopt.data_types.trajectory import Trajectory
 from machopt.kinematics.controller_posture import compute_controller_posture
 from machopt.kinematics.machine import load_machine
 from machopt.numerics.array_types import Array
-from machopt.planning.motion.segments import MotionSegment
+from machopt.planning.motion.motion_segment import MotionSegment
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.programs.writing.rapid_zones import compute_rapid_zone_limits

@@ -1,10 +1,10 @@
-"""What the folder of a maker offers: ``machopt/programs/<maker>/maker.py`` holds a list ``LANGUAGES``.
+"""What the folder of a maker offers: ``machopt/programs/<maker>/language_registration.py`` holds a list ``LANGUAGES``.
 
 A folder holds everything about its maker::
 
-    maker.py        LANGUAGES: one ProgramLanguage each
-    post.py         fields of the maker for the templates (writing)
-    reader.py       reader of programs; imports neither post.py nor machopt.programs.writing
+    language_registration.py  LANGUAGES: one ProgramLanguage each
+    dialect_rules.py  fields of the maker for the templates (writing)
+    reader.py         reader of programs; imports neither dialect_rules.py nor machopt.programs.writing
     checks.py       words of a program that the verification recomputes (optional)
     templates/      shipped posts, NAME.toml
 
@@ -29,12 +29,12 @@ class ProgramLanguage:
     Reader, rules and checks are named as ``module:name`` below the maker's folder and imported when they are used.
     """
 
-    package: str  # of the folder: ``__package__`` in maker.py
+    package: str  # of the folder: ``__package__`` in language_registration.py
     name: str  # in messages, e.g. KUKA KRL
     dialect: str  # of programs that were read
     pattern: str  # regular expression; a program has a match in its first lines
     reader: str  # function (source, arc_tolerance, strict) → ParsedProgram
-    rules: str = "post:DIALECT"  # MakerRules of the posts
+    rules: str = "dialect_rules:DIALECT"  # MakerRules of the posts
     checks: str = ""  # ProgramChecks
     post_dialect: str = ""  # ``dialect`` of the posts, where it is another
     priority: int = 50  # lower first, where the patterns of two languages match

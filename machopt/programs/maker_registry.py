@@ -19,7 +19,7 @@ def list_languages() -> tuple[ProgramLanguage, ...]:
     """Return every language; where patterns of two match, the first one counts."""
     found: list[ProgramLanguage] = []
     for package in _list_maker_packages():
-        found += import_module(f"{package}.maker").LANGUAGES
+        found += import_module(f"{package}.language_registration").LANGUAGES
     return tuple(sorted(found, key=lambda language: language.priority))
 
 
@@ -60,4 +60,4 @@ def load_checks(dialect: str) -> ProgramChecks:
 
 def _list_maker_packages() -> list[str]:
     packages = [f"machopt.programs.{m.name}" for m in pkgutil.iter_modules(machopt.programs.__path__) if m.ispkg]
-    return [name for name in packages if (resources.files(name) / "maker.py").is_file()]
+    return [name for name in packages if (resources.files(name) / "language_registration.py").is_file()]

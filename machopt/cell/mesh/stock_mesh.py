@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from machopt.cell.mesh.closed_surface_check import read_surface, read_triangles
 from machopt.cell.mesh.file_integrity import read_whole_mesh
 from machopt.cell.mesh.mesh_errors import ErrorFactory
-from machopt.cell.mesh.mesh_surface import read_surface, read_triangles
 from machopt.data_types.stock import StockBody
 from machopt.numerics.mesh_construction import merge_equal_vertices
 

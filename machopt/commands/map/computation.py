@@ -23,7 +23,10 @@ from machopt.report.page_data.workspace_map import build_map_page_data
 from machopt.report.page_types.workspace_map_page import MapPageData
 from machopt.workspace_map.document import EvaluatedMap, MapLayerResult, build_map_document, compute_sample_positions
 from machopt.workspace_map.measured_stiffness import MeasuredComparison, compare_with_measured
-from machopt.workspace_map.posture_layers import (
+from machopt.workspace_map.quantities import evaluate_quantities
+from machopt.workspace_map.request import MapOptions, MapRequest, resolve_request
+from machopt.workspace_map.sample_grid import MapSamples
+from machopt.workspace_map.sample_posture_computation import (
     build_collision_check,
     build_goodness_function,
     build_map_settings,
@@ -31,9 +34,6 @@ from machopt.workspace_map.posture_layers import (
     compute_posture_layers,
     select_criterion,
 )
-from machopt.workspace_map.quantities import evaluate_quantities
-from machopt.workspace_map.request import MapOptions, MapRequest, resolve_request
-from machopt.workspace_map.sample_grid import MapSamples
 from machopt.workspace_map.sample_ranges import build_samples
 
 _UNCHECKED = {"none": ("collisions NOT checked",), "self": (), "cell": ()}  # "self" is what a map means, not less

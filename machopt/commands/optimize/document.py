@@ -31,12 +31,12 @@ from machopt.planning.plan_output.document_sections import (
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks
 from machopt.planning.plan_output.joint_section import build_joint_section
 from machopt.planning.plan_output.move_results import describe_low_feed
-from machopt.planning.plan_output.plan_hints import list_hints
+from machopt.planning.plan_output.plan_remarks import list_hints
 from machopt.planning.plan_output.point_table import PointResults
-from machopt.planning.plan_output.process_section import build_process_section
 from machopt.planning.plan_output.reentry_section import build_reentry_section
 from machopt.planning.plan_output.stability_section import list_unchecked_stability
 from machopt.planning.plan_output.tilt_section import build_tilt_section
+from machopt.planning.plan_output.tolerance_section import build_process_section
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
 from machopt.version import __version__
 

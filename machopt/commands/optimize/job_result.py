@@ -19,7 +19,11 @@ from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.program_export.exported_programs import ExportedProgram, add_read_back_results
 from machopt.verification import Verification
-from machopt.verification.folder.coverage import format_completeness, list_checks_not_run, list_production_blockers
+from machopt.verification.folder.verification_scope import (
+    format_completeness,
+    list_checks_not_run,
+    list_production_blockers,
+)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inp
 from machopt.effects.user_effects import activate_user_effects, load_effect_files
 from machopt.errors import VerificationError
 from machopt.output import write_output_folder
-from machopt.planning.compiled_kernels import preload_kernels_in_thread
+from machopt.planning.kernel_precompilation import preload_kernels_in_thread
 from machopt.planning.pipeline.planning_setup import StageTimings
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.errors import OptionError
-from machopt.measurement.design.job_like_loads import ProcessLoads
 from machopt.measurement.design.request import PosesRequest, build_prior_stiffness
+from machopt.measurement.design.torque_reversal_loads import ProcessLoads
 from machopt.numerics.array_types import Array
 from machopt.options.plan_option_reader import load_options
 from machopt.toolpath.unknown_words import read_for_plan

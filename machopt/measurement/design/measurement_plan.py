@@ -29,14 +29,6 @@ from machopt.measurement.design.expected_accuracy import (
     compute_expected_accuracy,
     find_smallest_number,
 )
-from machopt.measurement.design.job_like_loads import (
-    JointLoadComparison,
-    ProcessLoads,
-    TorqueReversalCases,
-    compare_joint_loads,
-    compute_load_steps,
-    exchange_loads_for_reversal,
-)
 from machopt.measurement.design.load_cases import LoadCases, LoadCriteria, build_load_cases
 from machopt.measurement.design.load_methods import LoadMethod
 from machopt.measurement.design.measurement_schedule import ScheduledLoadTest, build_schedule, order_poses_by_travel
@@ -50,6 +42,14 @@ from machopt.measurement.design.published_heuristics import (
     draw_heuristic_design,
 )
 from machopt.measurement.design.reading_noise import ReadingNoise
+from machopt.measurement.design.torque_reversal_loads import (
+    JointLoadComparison,
+    ProcessLoads,
+    TorqueReversalCases,
+    compare_joint_loads,
+    compute_load_steps,
+    exchange_loads_for_reversal,
+)
 from machopt.numerics.array_types import Array, Bools
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.terms import LinearTerm

@@ -22,13 +22,13 @@ from machopt.data_types.documents.poses_document import (
     UnknownParameterEntry,
     WorkStepEntry,
 )
-from machopt.measurement.design.job_like_loads import ProcessLoads
 from machopt.measurement.design.load_cases import LoadCases
 from machopt.measurement.design.load_methods import LoadMethod
 from machopt.measurement.design.measurement_plan import HeuristicComparison, MeasurementPlan
 from machopt.measurement.design.pose_candidates import PosePool
 from machopt.measurement.design.reading_noise import ReadingNoise
 from machopt.measurement.design.request import PosesRequest, list_request_options
+from machopt.measurement.design.torque_reversal_loads import ProcessLoads
 from machopt.version import __version__
 
 

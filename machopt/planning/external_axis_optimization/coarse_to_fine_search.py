@@ -116,7 +116,7 @@ def find_best_external_axis_plan(
 ) -> Plan:
     """Plan one toolpath in a cell with external joints.
 
-    See :func:`machopt.planning.external_axis_optimization.best_plan.find_best_plan`.
+    See :func:`machopt.planning.external_axis_optimization.single_toolpath_planning.find_best_plan`.
 
     Args:
         cell: robot cell with external joints.

@@ -18,7 +18,10 @@ from machopt.planning.compensation.driven_margins import (
     find_runs_with_lost_margins,
     restore_requested_margins,
 )
-from machopt.planning.external_axis_optimization.best_plan import compute_external_axis_bound, find_best_plan
+from machopt.planning.external_axis_optimization.single_toolpath_planning import (
+    compute_external_axis_bound,
+    find_best_plan,
+)
 from machopt.planning.job.compensation_retries import compensate_with_retries
 from machopt.planning.job.constraint_conflicts import add_constraint_conflict, add_undrivable_conflict
 from machopt.planning.job.constraint_conflicts import is_complete as is_whole

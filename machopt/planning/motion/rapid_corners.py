@@ -27,8 +27,8 @@ from machopt.data_types.rapid_corners import RapidCorners
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools
 from machopt.planning.motion.corner_timing import CornerTiming, time_legs
+from machopt.planning.motion.motion_segment import MotionSegment
 from machopt.planning.motion.rapid_moves import STILL, RapidTiming, retime_straight_segments
-from machopt.planning.motion.segments import MotionSegment
 
 HALF = 0.5  # of a leg, at most, is rounded at either end: no controller begins before
 LEAST_SHARE = 0.02  # of a leg; a corner rounded over less is a stop

@@ -15,6 +15,12 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.cache import compute_cached
 from machopt.planning.motion.clearance_over_cuts import BELOW, CutSurface
+from machopt.planning.motion.motion_segment import (
+    MotionSegment,
+    count_rest_samples,
+    label_cut_samples,
+    select_program_points,
+)
 from machopt.planning.motion.rapid_corners import CornerSpace
 from machopt.planning.motion.rapid_moves import (
     UNDER,
@@ -26,7 +32,6 @@ from machopt.planning.motion.rapid_moves import (
 )
 from machopt.planning.motion.retract_moves import RetractMoves
 from machopt.planning.motion.search_budget import EXTENSIONS, is_used_up
-from machopt.planning.motion.segments import MotionSegment, count_rest_samples, label_cut_samples, select_program_points
 from machopt.planning.motion.straight_rapid_collisions import Way, build_rapid_key
 from machopt.planning.motion.tilted_motion import compute_tip_speed_share, limit_tilted_rounding
 from machopt.planning.pipeline.plan import Plan

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.data_types.trajectory import Trajectory
 from machopt.numerics.array_types import Array
+from machopt.planning.motion.motion_segment import BEFORE_ALL, MotionSegment
 from machopt.planning.motion.rapid_corners import list_rounded_corners, round_rapid_corners
 from machopt.planning.motion.retract_moves import RetractMoves, compute_rest_poses
 from machopt.planning.motion.segment_planner import RestPose, SegmentPlanner
-from machopt.planning.motion.segments import BEFORE_ALL, MotionSegment
 from machopt.planning.motion.tilted_motion import SampleTilts, limit_cut_tilts, measure_sample_tilts
 from machopt.planning.pipeline.gaps import Stretch, find_driven_stretches, find_uncut_points, is_worth_driving
 from machopt.planning.pipeline.plan import Plan

@@ -13,7 +13,7 @@ neighbouring stations) is excluded only for a contact or a missing pose between 
 nothing else is excluded. The search therefore ends (each round excludes something). A station without vertices, or
 without a feasible edge, is infeasible on this grid.
 
-Only the stretch around a contact is chosen again (:mod:`machopt.planning.sequence_search.incremental_search`), until
+Only the stretch around a contact is chosen again (:mod:`machopt.planning.sequence_search.local_replanning`), until
 the sequence is free. This loses nothing: afterwards the whole path is chosen once more on the remaining grid. The
 sequence is kept only if it is within :data:`machopt.planning.sequence_search.worst_value_constraint.GAP` of the bound
 of that choice, the accuracy of a choice of the whole path. Otherwise the whole choice replaces it and is checked.
@@ -38,7 +38,7 @@ from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
-from machopt.planning.sequence_search.incremental_search import IncrementalSequenceSearch
+from machopt.planning.sequence_search.local_replanning import IncrementalSequenceSearch
 from machopt.planning.sequence_search.worst_value_constraint import GAP
 from machopt.planning.smoothing.rotation_smoothing import SmoothedRotation, follow_grid_rotation, smooth_rotation
 from machopt.planning.stations.planning_path import PlanningPath

@@ -10,8 +10,8 @@ from machopt.numerics.array_types import Array
 def interpolate_naturally(at: Array, values: Array, wanted: Array) -> Array:
     """Return the natural cubic spline through values; a constant or a line through one or two of them.
 
-    scipy's own splines would import scipy.spatial while a thread does (:mod:`machopt.planning.compiled_kernels`), which
-    was seen to hang once.
+    scipy's own splines would import scipy.spatial while a thread does
+    (:mod:`machopt.planning.kernel_precompilation`), which was seen to hang once.
 
     Args:
         at: (K,) rising.

@@ -9,7 +9,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Bools
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.posture_and_feed.local_limits import LimitSources
+from machopt.planning.posture_and_feed.linearized_constraints import LimitSources
 from machopt.planning.posture_and_feed.node_loads import MilledTargets
 from machopt.planning.posture_and_feed.symbolic_machine import SymbolicMachine, build_symbolic_machine
 from machopt.planning.posture_and_feed.window_builder import RunState, Window, build_window_data, list_windows

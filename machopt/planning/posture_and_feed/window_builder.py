@@ -12,7 +12,7 @@ from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import compute_tool_rotation, wrap_angle
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.posture_and_feed.advised_feeds import AdvisedFeeds
-from machopt.planning.posture_and_feed.local_limits import LimitSources, build_local_limits
+from machopt.planning.posture_and_feed.linearized_constraints import LimitSources, build_local_limits
 from machopt.planning.posture_and_feed.node_loads import MilledTargets, build_node_loads
 from machopt.planning.posture_and_feed.symbolic_machine import SymbolicMachine
 from machopt.planning.posture_and_feed.window_data import WindowData

@@ -19,7 +19,7 @@ from machopt.programs.abb.rapid_syntax import (
     parse_robtarget,
     read_rapid_module,
 )
-from machopt.programs.abb.record_components import replace_component
+from machopt.programs.abb.record_component_assignment import replace_component
 from machopt.programs.reading.called_files import find_sibling_files, try_read_source
 from machopt.programs.reading.program_builder import STANDING_TOOL, ProgramBuilder
 from machopt.programs.reading.rotation_conventions import build_pose_matrix, convert_quaternion

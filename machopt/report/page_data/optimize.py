@@ -26,7 +26,7 @@ from machopt.planning.plan_output.document_sections import build_worst_point_ent
 from machopt.planning.plan_output.infeasibility_reasons import compute_reach_shortfall, list_breaks
 from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
 from machopt.planning.plan_output.joint_section import build_joint_section
-from machopt.planning.plan_output.plan_hints import describe_model_misfit, list_hints
+from machopt.planning.plan_output.plan_remarks import describe_model_misfit, list_hints
 from machopt.planning.plan_output.point_table import PointResults, find_reason
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
 from machopt.report.page_data.optimize_feed_dips import count_feed_stops, list_feed_dips

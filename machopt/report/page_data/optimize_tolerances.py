@@ -15,8 +15,8 @@ from machopt.data_types.process_columns import (
 )
 from machopt.data_types.stock import StockSummary
 from machopt.planning.plan_output.point_table import PointResults
-from machopt.planning.plan_output.process_section import format_headline
 from machopt.planning.plan_output.stability_section import build_stability_section
+from machopt.planning.plan_output.tolerance_section import format_headline
 from machopt.report.page_types import optimize_report as page
 
 MAX_ROWS = 200

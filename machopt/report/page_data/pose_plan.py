@@ -10,10 +10,10 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.poses_table import PosesTable
 from machopt.kinematics.robot import Robot
-from machopt.measurement.design.job_like_loads import ProcessLoads
 from machopt.measurement.design.maximin_discrimination import compute_required_noncentrality
 from machopt.measurement.design.measurement_plan import MeasurementPlan
 from machopt.measurement.design.request import PosesRequest, list_request_options
+from machopt.measurement.design.torque_reversal_loads import ProcessLoads
 from machopt.measurement.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, format_pair
 from machopt.measurement.diagnosis.discrimination.next_measurement import NextMeasurement
 from machopt.numerics.array_types import Array

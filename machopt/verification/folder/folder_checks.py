@@ -24,7 +24,7 @@ from machopt.verification.checks import CheckName, VerificationRow, build_skippe
 from machopt.verification.folder.allowed_files import PARQUET_COPIES, find_unreadable_files, find_wrong_roles
 from machopt.verification.folder.options_in_force import build_failed_check
 from machopt.verification.folder.programs.post_lookup import build_tolerance, find_post
-from machopt.verification.folder.programs.program_comparison import ListedProgram
+from machopt.verification.folder.programs.program_comparison_result import ListedProgram
 from machopt.verification.folder.programs.read_back import check_programs
 from machopt.verification.folder.programs.rewritten_program import build_failed_program_check
 from machopt.verification.folder.programs.stray_programs import find_stray_programs

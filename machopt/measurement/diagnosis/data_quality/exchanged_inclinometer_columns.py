@@ -26,7 +26,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding, c
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
 from machopt.measurement.diagnosis.effect_columns.structural_compliance import compute_weight_wrench
 from machopt.measurement.diagnosis.static import inclinometer_equations
-from machopt.measurement.diagnosis.static.nominal_pose_model import NominalPoseModel
+from machopt.measurement.diagnosis.static.measured_pose_model import NominalPoseModel
 from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]

@@ -23,7 +23,7 @@ from machopt.measurement.diagnosis.data_quality.session_corrections import compu
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
 from machopt.measurement.diagnosis.data_types.reflectors_and_tracker_frames import fit_rigid_transform
-from machopt.measurement.diagnosis.static.nominal_pose_model import FirstPoseFit, NominalPoseModel
+from machopt.measurement.diagnosis.static.measured_pose_model import FirstPoseFit, NominalPoseModel
 from machopt.measurement.estimation.convention_score import compute_description_cost, compute_pose_errors
 from machopt.numerics.array_types import Array
 

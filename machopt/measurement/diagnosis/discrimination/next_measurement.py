@@ -10,7 +10,6 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.kinematics.robot import LinkShape, Robot, RobotMasses, load_chain, load_masses
 from machopt.measurement.design.external_axis_positions import update_base_frame
-from machopt.measurement.design.job_like_loads import ProcessLoads, describe_joint_loads
 from machopt.measurement.design.load_cases import LoadCases, build_load_cases
 from machopt.measurement.design.load_methods import LoadMethod
 from machopt.measurement.design.measurement_plan import MeasurementPlan, MeasurementTask, build_measurement_plan
@@ -29,6 +28,7 @@ from machopt.measurement.design.request import (
     remove_workpiece,
 )
 from machopt.measurement.design.static_pose_cases import build_static_pose_cases, select_weight_loads
+from machopt.measurement.design.torque_reversal_loads import ProcessLoads, describe_joint_loads
 from machopt.measurement.diagnosis.discrimination.discrimination_plan import (
     DiscriminationOptions,
     DiscriminationPlan,

@@ -41,7 +41,7 @@ from machopt.measurement.diagnosis.dynamic.friction import (
 )
 from machopt.measurement.diagnosis.dynamic.link_mass_uncertainty import compute_coordinate_rms, estimate_link_mass_sigma
 from machopt.measurement.diagnosis.dynamic.time_delays import LONGEST, build_channel_delay_hypotheses, find_best_delay
-from machopt.measurement.diagnosis.dynamic.torque_and_elasticity_hypotheses import (
+from machopt.measurement.diagnosis.dynamic.torque_ripple_and_elastic_joints import (
     build_elastic_joint_hypotheses,
     build_ripple_hypotheses,
 )

@@ -22,7 +22,7 @@ from machopt.kinematics.robot import load_robot
 from machopt.measurement.diagnosis.diagnosis_pipeline import read_load_test_masses, read_stated_masses
 from machopt.measurement.diagnosis.effect_columns import existing_terms, joint_torque
 from machopt.measurement.diagnosis.static import load_test_channel, loaded_equilibrium_terms
-from machopt.measurement.diagnosis.static.nominal_pose_model import BaseStep, FirstPoseFit, NominalPoseModel
+from machopt.measurement.diagnosis.static.measured_pose_model import BaseStep, FirstPoseFit, NominalPoseModel
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import convert_to_rotation_vector, convert_vector_to_rotation

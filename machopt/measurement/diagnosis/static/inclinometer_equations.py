@@ -22,7 +22,7 @@ from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown, Flags
 from machopt.measurement.diagnosis.data_types.diagnosis_result import compute_rms
 from machopt.measurement.diagnosis.data_types.static_readings import InclinometerSetup
-from machopt.measurement.diagnosis.static.nominal_pose_model import FirstPoseFit, NominalPoseModel
+from machopt.measurement.diagnosis.static.measured_pose_model import FirstPoseFit, NominalPoseModel
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import convert_to_rotation_vector
 

@@ -7,7 +7,7 @@ columns: joint compliances under weight and load; with ``registration: fit`` a s
 the centroid of the points; the position of each target in the flange. Coefficients of compliances and targets are
 totals. The frame twist is relative to a first robust fit.
 
-Nominal model: :mod:`machopt.measurement.diagnosis.static.nominal_pose_model`. Hypotheses:
+Nominal model: :mod:`machopt.measurement.diagnosis.static.measured_pose_model`. Hypotheses:
 :mod:`machopt.measurement.diagnosis.static.measured_pose_hypotheses`.
 """
 
@@ -41,7 +41,7 @@ from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND
 from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames, existing_terms
 from machopt.measurement.diagnosis.static import inclinometer_equations, link_mass_columns
 from machopt.measurement.diagnosis.static.measured_pose_hypotheses import build_measured_pose_catalogue
-from machopt.measurement.diagnosis.static.nominal_pose_model import CorrectedArm, NominalPoseModel
+from machopt.measurement.diagnosis.static.measured_pose_model import CorrectedArm, NominalPoseModel
 from machopt.numerics.array_types import Array
 
 Ints = NDArray[np.int64]

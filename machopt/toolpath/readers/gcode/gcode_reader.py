@@ -25,7 +25,7 @@ from machopt.toolpath.readers.gcode.plain_lines import PLAIN, SIEMENS, is_plain_
 from machopt.toolpath.readers.gcode.siemens_calls import OPERATION
 from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader, ProgramBlock, refuse_exponent
 from machopt.toolpath.readers.gcode.syntax.missing_decimal_points import apply_decimals_option
-from machopt.toolpath.readers.gcode.syntax.program_header import (
+from machopt.toolpath.readers.gcode.syntax.program_prescan import (
     ARCHIVE_HEAD,
     PROGRAM_NUMBER,
     check_ascii,
@@ -36,9 +36,9 @@ from machopt.toolpath.readers.gcode.syntax.program_header import (
 )
 from machopt.toolpath.readers.gcode.syntax.word_meanings import ADDRESSES, PROGRAM_END, REFUSED_CALLS
 from machopt.toolpath.readers.option_questions import MAX_LINES, find_fault_behind
+from machopt.toolpath.readers.program_flow.linuxcnc_o_words import FlowItem
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
-from machopt.toolpath.readers.program_flow.subroutines import FlowItem
 from machopt.toolpath.readers.siemens import siemens_flow
 from machopt.toolpath.readers.siemens.siemens_flow import SiemensFlow
 

@@ -11,15 +11,15 @@ from __future__ import annotations
 import re
 from collections.abc import Hashable, Iterator, Sequence
 
-from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
-from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError, StepGuard
-from machopt.toolpath.readers.program_flow.subroutines import (
+from machopt.toolpath.readers.program_flow.linuxcnc_o_words import (
     O_WITHIN,
     O_WORD,
     FlowItem,
     SubroutineFlow,
     normalise_label,
 )
+from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
+from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError, StepGuard
 
 NEEDS_FLOW = re.compile(
     r"[#\[]|M\s*9[78](?!\d)|G\s*6[56](?![\d.])|M\s*73(?!\d)|M\s*99\s*P|P\s*\d+\s*M\s*99(?!\d)|\bGOTO\b|\bWHILE\b|\bDO\s*\d|[XYZABCFIJKPQR]\s*[-+]*\s*[A-Z]{2,5}\s*\["

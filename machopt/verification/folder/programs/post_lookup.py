@@ -18,7 +18,7 @@ from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import Robot, load_robot
 from machopt.numerics.array_types import Array
 from machopt.output.file_hashes import compute_sha256
-from machopt.planning.motion.segments import BEND
+from machopt.planning.motion.motion_segment import BEND
 from machopt.planning.retiming.path_curve import SPIN_TOLERANCE
 from machopt.programs.program_writer import list_assumptions, list_unstarted_events, load_post
 from machopt.programs.writing.post_file import ALIASES, list_post_names

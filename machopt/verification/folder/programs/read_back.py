@@ -40,7 +40,7 @@ from machopt.verification.folder.programs.frames_and_axes import (
     find_wrong_frames,
 )
 from machopt.verification.folder.programs.post_lookup import select_listed_controller
-from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
+from machopt.verification.folder.programs.program_comparison_result import ListedProgram, ProgramComparison
 from machopt.verification.folder.programs.program_conversion import convert_to_cell_frames
 from machopt.verification.folder.programs.rapid_zone_table import RapidZoneTable
 from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check

@@ -8,7 +8,7 @@ from machopt.cell.tool_selection import split_into_tool_segments
 from machopt.data_types.documents.program_entries import RobotProgramEntry
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.verification.folder.programs.post_lookup import find_post, list_post_assumptions
-from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
+from machopt.verification.folder.programs.program_comparison_result import ListedProgram, ProgramComparison
 from machopt.verification.folder.result_json.comparison_inputs import (
     CHECK_VALUE_TOLERANCE,
     RELATIVE_TOLERANCE,

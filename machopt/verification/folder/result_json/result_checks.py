@@ -29,14 +29,6 @@ from machopt.output.json_files import convert_to_json_types, read_json
 from machopt.output.manifest_file import MANIFEST, list_folder_files
 from machopt.verification import Verification, VerificationCheck
 from machopt.verification.checks import CheckName, build_file_check
-from machopt.verification.folder.coverage import (
-    NOT_RECOMPUTED,
-    format_completeness,
-    list_checked,
-    list_checks_not_run,
-    list_production_blockers,
-    list_unchecked,
-)
 from machopt.verification.folder.options_in_force import get_error_file
 from machopt.verification.folder.result_json.comparison_inputs import (
     CHECK_VALUE_TOLERANCE,
@@ -65,6 +57,14 @@ from machopt.verification.folder.result_json.schema_errors import list_schema_er
 from machopt.verification.folder.result_json.tilt_section import check_tilt_section
 from machopt.verification.folder.result_json.times_and_feed import check_feed, check_times
 from machopt.verification.folder.result_json.worst_point import check_worst_point
+from machopt.verification.folder.verification_scope import (
+    NOT_RECOMPUTED,
+    format_completeness,
+    list_checked,
+    list_checks_not_run,
+    list_production_blockers,
+    list_unchecked,
+)
 
 CHOSEN_MEAN_TOLERANCE = 0.05  # of the mean index: what rescoring a choice as it is driven may move it by
 RESULT_FILE = "result.json"

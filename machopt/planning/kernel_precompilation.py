@@ -1,5 +1,5 @@
-"""Compiled functions of a plan with their argument types; ``python -m machopt.planning.compiled_kernels`` stores them
-all.
+"""Compiled functions of a plan with their argument types; ``python -m machopt.planning.kernel_precompilation`` stores
+them all.
 
 They are compiled while a wheel is built (``.hatch/kernels.py``). A function that the installation does not contain is
 compiled at its first call. On such a first run a second process starts with the kernel that is needed last
@@ -251,7 +251,7 @@ def start_compile_process() -> subprocess.Popen[bytes] | None:
         return None
     try:
         return subprocess.Popen(
-            [sys.executable, "-m", "machopt.planning.compiled_kernels"],
+            [sys.executable, "-m", "machopt.planning.kernel_precompilation"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
