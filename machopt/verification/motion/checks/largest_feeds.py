@@ -12,7 +12,7 @@ from machopt.verification.checks import VerificationCheck, build_worst_value_che
 from machopt.verification.motion.process.point_loads import RecomputedLoads
 from machopt.verification.tables.exported_tables import ExportedPoints
 
-COLUMN, PLACES = "feed_max_mm_min", 40  # points that are recomputed
+COLUMN, PLACES = "feed_max_mm_min", 16  # points that are recomputed
 
 
 def build_largest_feeds(
