@@ -117,6 +117,19 @@ def test_with_a_compensation_the_unmoved_state_is_the_plan(compensated: ViewSess
         assert found.p_in == pytest.approx(columns.p_in[point], abs=0.02)
 
 
+def test_a_way_out_that_is_called_a_cut_takes_nothing_from_the_shift(tmp_path: Path) -> None:
+    """It has no force: the shift of the hole holds until the drill has left."""
+    rows = HOLES.replace("retract,", "cut,600")
+    errors = {}
+    for name, overrides in (("bare", ()), ("shifted", ("compensate=true",))):
+        (tmp_path / name).mkdir()
+        session = start(tmp_path / name, "kr240_drilling", rows, DRILLING, *overrides)
+        columns = session.current.job_result.points.table.process
+        assert columns is not None
+        errors[name] = columns.errors["across"][[2, 6]]
+    assert (np.abs(errors["shifted"]) < 0.03 * np.abs(errors["bare"])).all()
+
+
 @pytest.mark.parametrize("turn", [-40.0, 25.0])
 def test_with_a_compensation_another_rotation_is_that_of_a_new_plan(tmp_path: Path, turn: float) -> None:
     session = start(tmp_path, "kr240_drilling", HOLES, DRILLING, "compensate=true")

@@ -108,6 +108,7 @@ def test_the_worst_direction_of_travel_counts(tmp_path: Path, monkeypatch: pytes
     np.testing.assert_array_equal(maps["both"]["p_in_2"][known], least[known])
 
 
+@pytest.mark.slow
 def test_the_probability_is_that_of_the_planner_in_its_postures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -61,7 +61,8 @@ def predict_removals(
     if plan.compensation is None:
         return ()
     path, ok = plan.path, plan.chosen.assignment.reason == InfeasibilityReason.OK
-    end = 1 + np.flatnonzero(path.counted[1:] & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
+    pushed = plan.directions.force[:-1].any(axis=1)  # on the way out of a hole there is nothing to correct
+    end = 1 + np.flatnonzero(path.counted[1:] & pushed & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
     if not len(end):
         return ()
     at = np.minimum(np.ceil(path.index[end] - 1e-9).astype(int), len(operation) - 1)

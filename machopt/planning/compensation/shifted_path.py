@@ -214,7 +214,8 @@ def compute_residual(plan: Plan) -> CompensationResidual | None:
         )
     path, arm = plan.path, plan.setup.arm
     q, ok = plan.chosen.assignment.q, plan.chosen.assignment.reason == InfeasibilityReason.OK
-    end = 1 + np.flatnonzero(path.counted[1:] & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
+    pushed = plan.directions.force[:-1].any(axis=1)  # on the way out of a hole there is nothing to correct
+    end = 1 + np.flatnonzero(path.counted[1:] & pushed & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
     if not len(end):
         return None
     length = np.linalg.norm(path.position[end] - path.position[end - 1], axis=1)

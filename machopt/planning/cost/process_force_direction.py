@@ -14,8 +14,10 @@ A shift of the path is computed with a force that has no jumps, over a given len
 
     F(s) = a(s) · 1/(2ℓ) ∫_{−ℓ}^{ℓ} f(s + σ) dσ,      |F(s₁) − F(s₂)| ≤ 2 |f| |s₁ − s₂| / ℓ
 
-s is the length of the path in its run. Outside the cuts, f is that of the nearest one. a fades: 1 while cutting, to 0
-over ℓ away from the cuts, and from 0 over ℓ at the ends of a run that the tool approaches or leaves without cutting.
+s is the length of the path in its run. Outside the cuts, and in those without a force (the way out of a hole, say), f
+is that of the nearest cut with a force: the tool leaves a hole along the line that it was drilled on. a fades: 1 while
+cutting, to 0 over ℓ away from the cuts, and from 0 over ℓ at the ends of a run that the tool approaches or leaves
+without cutting.
 Each of the two factors changes by no more than |f|/ℓ per length, which gives the bound. A sharp corner turns the force
 over 2ℓ.
 """
@@ -89,10 +91,10 @@ def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float
     places = length * ((2 * np.arange(PLACES) + 1) / PLACES - 1)
     for first, last in path.runs:
         run = _Run(path, first, last)
-        if not len(run.cuts):
+        if not len(run.loaded):
             continue
         s = run.s[:, None] + places
-        mean = run.force(run.into_cuts(s), force).mean(axis=1)
+        mean = run.force(_move_into(s, run.loaded), force).mean(axis=1)
         out[first : last + 1] = run.share(length)[:, None] * mean
     return out
 
@@ -109,8 +111,10 @@ class _Run:
         self.s = np.r_[0.0, np.cumsum(length)]  # (n,) m
         self.u = np.where(length[:, None] > NO_MOVE, step / np.maximum(length, 1e-300)[:, None], 0.0)  # (n − 1, 3)
         cut = path.move[first + 1 : last + 1] == MoveKind.CUT
-        edge = np.flatnonzero(np.diff(np.r_[False, cut & (length > NO_MOVE), False].astype(int)))
-        self.cuts = self.s[edge.reshape(-1, 2)]  # (k, 2) m, start and end of each cut
+        self.cuts = self._list_stretches(cut & (length > NO_MOVE))  # (k, 2) m, start and end of each cut
+        self.loaded = self.cuts  # (l, 2) m, of each stretch of cuts with a force
+        if self.own is not None:  # on the way out of a hole, and in the air, nothing is cut
+            self.loaded = self._list_stretches(cut & (length > NO_MOVE) & ~(self.own[1:] == 0.0).all(axis=1))
         long = cut[length > NO_MOVE]  # coincident points have no direction
         self.comes, self.goes = bool(len(long) and not long[0]), bool(len(long) and not long[-1])
         points = np.flatnonzero(
@@ -122,6 +126,11 @@ class _Run:
         across = self.u - np.sum(self.u * middle, axis=1, keepdims=True) * middle
         size = np.linalg.norm(across, axis=1)
         self.carried = self._carried(across / np.maximum(size, 1e-300)[:, None], size >= SIDEWAYS)
+
+    def _list_stretches(self, mine: NDArray[np.bool_]) -> Array:
+        """Return (k, 2) m start and end of each unbroken row of moves."""
+        edge = np.flatnonzero(np.diff(np.r_[False, mine, False].astype(int)))
+        return np.asarray(self.s[edge.reshape(-1, 2)])
 
     @staticmethod
     def _carried(across: Array, good: NDArray[np.bool_]) -> Array:
@@ -149,16 +158,6 @@ class _Run:
         w = x * x * (3.0 - 2.0 * x)
         return np.asarray(w * across / np.maximum(size, 1e-300) + (1.0 - w) * c)
 
-    def into_cuts(self, s: Array) -> Array:
-        """Return places moved to the nearest cut.
-
-        Args:
-            s: (...,) m, length along the run.
-        """
-        inside = np.clip(s[..., None], self.cuts[:, 0], self.cuts[:, 1])  # (..., k)
-        nearest = np.abs(inside - s[..., None]).argmin(axis=-1)
-        return np.asarray(np.take_along_axis(inside, nearest[..., None], axis=-1)[..., 0])
-
     def force(self, s: Array, force: ProcessForce) -> Array:
         """Return the (..., 3) force in N of the move at each place; at the end of a cut, of the move that ends there.
 
@@ -167,7 +166,7 @@ class _Run:
             force: force components, N.
         """
         move = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.u) - 1)
-        ends = np.isin(s, self.cuts[:, 1])
+        ends = np.isin(s, self.loaded[:, 1])
         move = np.where(ends, np.clip(np.searchsorted(self.s, s, side="left") - 1, 0, len(self.u) - 1), move)
         f = ((s - self.s[move]) / np.maximum(self.s[move + 1] - self.s[move], 1e-300))[..., None]
         axis = normalise_vectors((1 - f) * self.axis[move] + f * self.axis[move + 1])
@@ -180,13 +179,20 @@ class _Run:
         Args:
             length: m, ℓ.
         """
-        away = np.abs(self.into_cuts(self.s) - self.s)
+        away = np.abs(_move_into(self.s, self.cuts) - self.s)
         out = np.clip(1.0 - away / length, 0.0, 1.0)
         if self.comes:
             out = np.minimum(out, self.s / length)
         if self.goes:
             out = np.minimum(out, (self.s[-1] - self.s) / length)
         return np.asarray(out)
+
+
+def _move_into(s: Array, stretches: Array) -> Array:
+    """Return lengths (...,) along a run, moved to the nearest of its stretches (k, 2)."""
+    inside = np.clip(s[..., None], stretches[:, 0], stretches[:, 1])  # (..., k)
+    nearest = np.abs(inside - s[..., None]).argmin(axis=-1)
+    return np.asarray(np.take_along_axis(inside, nearest[..., None], axis=-1)[..., 0])
 
 
 def _unit(v: Array, axis: Array) -> Array:

@@ -23,7 +23,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
-from machopt.numerics.array_types import Array
+from machopt.numerics.array_types import Array, Bools
 from machopt.verification.checks import (
     VerificationCheck,
     build_count_check,
@@ -92,10 +92,12 @@ def check_process_columns(
     checks.append(_check_tolerances(cell, toolpath, points))
     if not find_unsupported_draws(cell):
 
-        def compute_probability(feed: Array) -> Array:
+        def compute_probability(feed: Array, picked: Bools) -> Array:
             assert toolpath.process_operation is not None
             own = recompute_loads(cell, toolpath, feed, toolpath.process_operation)
-            return predict_errors(cell, toolpath, own, true_motion, true_points, arm, law).p_in
+            kept = true_points.ok & picked[np.clip(true_points.point, 0, len(picked) - 1)]
+            some = replace(true_points, status=tuple("ok" if flag else "left out" for flag in kept))
+            return predict_errors(cell, toolpath, own, true_motion, some, arm, law).p_in
 
         checks += LargestFeeds(
             cell=cell,

@@ -37,6 +37,11 @@ class RunPieces:
     cut: NDArray[np.bool_]  # (M,)
     force: Array | None = None  # (M, 3) N along travel, normal, axis; NaN: that of the options; None: all
 
+    @property
+    def loaded(self) -> NDArray[np.bool_]:
+        """(M,) cuts with a force: on the way out of a hole there is none."""
+        return self.cut if self.force is None else self.cut & (self.force != 0.0).any(axis=1)
+
 
 def compute_process_force(toolpath: Toolpath, index: Array, force: ProcessForce, length: float) -> Array:
     """Return the (P, 3) process force in the workpiece frame, N.
@@ -51,12 +56,12 @@ def compute_process_force(toolpath: Toolpath, index: Array, force: ProcessForce,
     for first, last in list_runs(toolpath):
         rows = np.flatnonzero((index >= first - 1e-9) & (index <= last + 1e-9))
         pieces, at = list_run_pieces(toolpath, first, last)
-        if not pieces.cut.any():
+        if not pieces.loaded.any():
             continue
         table = _RunForce(pieces, force)
         places = np.interp(index[rows], np.arange(first, last + 1), at)
         for row, s in zip(rows.tolist(), places.tolist(), strict=True):
-            share = _compute_share(pieces, table, s, length)
+            share = _compute_share(pieces, s, length)
             if share > 0:
                 window = s + length * ((np.arange(WINDOW_PIECES) + 0.5) / WINDOW_PIECES * 2 - 1)
                 out[row] = share * table.compute_force(window).mean(axis=0)
@@ -131,8 +136,9 @@ def list_run_pieces(toolpath: Toolpath, first: int, last: int) -> tuple[RunPiece
     ), at
 
 
-def _compute_share(pieces: RunPieces, cuts: _RunForce, s: float, length: float) -> float:
-    away = float(np.maximum(np.maximum(cuts.starts - s, s - cuts.ends), 0.0).min())
+def _compute_share(pieces: RunPieces, s: float, length: float) -> float:
+    starts, ends = pieces.start[pieces.cut], pieces.end[pieces.cut]
+    away = float(np.maximum(np.maximum(starts - s, s - ends), 0.0).min())
     share = 1.0 - away / length
     if not pieces.cut[0]:
         share = min(share, s / length)
@@ -145,7 +151,7 @@ class _RunForce:
     """The force at places along a run."""
 
     def __init__(self, pieces: RunPieces, force: ProcessForce) -> None:
-        cut = pieces.cut
+        cut = pieces.loaded
         self.force = force
         self.starts, self.ends, self.direction = pieces.start[cut], pieces.end[cut], pieces.direction[cut]
         self.axes = pieces.axis_start[cut], pieces.axis_end[cut]
@@ -153,7 +159,7 @@ class _RunForce:
         self.own = None if pieces.force is None else pieces.force[cut]
 
     def compute_force(self, s: Array) -> Array:
-        """Return the (n, 3) force at places of the run, N; outside the cuts that of the nearest cut.
+        """Return the (n, 3) force at places of the run, N; outside the cuts with a force that of the nearest one.
 
         Args:
             s: (n,) places along the run, m.

@@ -346,7 +346,8 @@ class _Predictor:
         state = self.law.evaluate(stance, np.einsum("nij,nj->ni", R, position) + T[:, :3, 3])
         shift = np.zeros((len(index), 3))
         if self.points.shift is not None:
-            shift = (1 - f) * self.points.shift[low] + f * self.points.shift[high]
+            driven = self.arm.compute_tcp_in_workpiece(q, external)[:, :3, 3] - position  # inside of a move
+            shift = np.where(f > 0.0, driven, self.points.shift[low])
         compliance = 1.0 / state.k
         by_joints = np.einsum("nij,nj,nkj->nik", state.J, compliance, state.J)
         return PoseCompliance(
