@@ -29,9 +29,11 @@ def corner_job(number: int) -> list[Row]:
     return [*rows, Row(rows[-1].place + 40 * end, end, "rapid", None)]
 
 
-def run_corner(cell: str, number: int, folder: Path) -> int:
+def run_corner(cell: str, number: int, folder: Path, *overrides: str, posts: tuple[str, ...] = POSTS) -> int:
     file = write_job(folder / "corner.csv", corner_job(number), np.array([0.0, 0.0, 30.0]), UP)
-    request = OptimizeRequest(cell=ROOT / "cells" / cell, toolpath=file, out=folder / "out", posts=POSTS)
+    request = OptimizeRequest(
+        cell=ROOT / "cells" / cell, toolpath=file, out=folder / "out", posts=posts, overrides=overrides
+    )
     return run_optimize(request).exit_code
 
 
@@ -39,6 +41,12 @@ def run_corner(cell: str, number: int, folder: Path) -> int:
 @pytest.mark.parametrize("number", [3, 7, 10, 14])
 def test_a_cut_may_turn_the_tool_axis_on_the_spot(number: int, tmp_path: Path) -> None:
     assert run_corner("kr500_milling", number, tmp_path) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [6, 15])
+def test_points_of_a_turn_on_the_spot_are_found_between_streamed_samples(number: int, tmp_path: Path) -> None:
+    assert run_corner("cutting_cobot", number, tmp_path, "collision=false", posts=("ros", "csv")) == 0
 
 
 @pytest.mark.proof

@@ -137,12 +137,14 @@ def _find_streamed_cut_moves(
     best = np.full(len(wanted_points), np.inf)
     for k in range(int((last - first).max(initial=0))):
         a = np.minimum(first + k, len(place) - 2)
-        way = place[a + 1] - place[a]
-        length2 = np.einsum("ij,ij->i", way, way)
+        way, wanted = place[a + 1] - place[a], cuts.toolpath.axis[wanted_points]
+        turn = AXIS_LEVER_M * (shank[a + 1] - shank[a])  # where the tool turns on the spot, the place tells no share
+        length2 = np.einsum("ij,ij->i", way, way) + np.einsum("ij,ij->i", turn, turn)
         along = np.einsum("ij,ij->i", cuts.position[wanted_points] - place[a], way)
+        along += np.einsum("ij,ij->i", AXIS_LEVER_M * (wanted - shank[a]), turn)
         share = np.clip(np.where(length2 > 0.0, along / np.where(length2 > 0.0, length2, 1.0), 1.0), 0.0, 1.0)
         away = np.linalg.norm(place[a] + share[:, None] * way - cuts.position[wanted_points], axis=1)
-        axis, wanted = interpolate_axis(shank[a], shank[a + 1], share), cuts.toolpath.axis[wanted_points]
+        axis = interpolate_axis(shank[a], shank[a + 1], share)
         angle = np.arctan2(np.linalg.norm(np.cross(axis, wanted), axis=1), np.sum(axis * wanted, axis=1))
         better = (np.hypot(away, AXIS_LEVER_M * angle) < best) & (first + k < last)
         best[better] = np.hypot(away, AXIS_LEVER_M * angle)[better]
