@@ -193,7 +193,7 @@ def test_each_tool_of_a_job_has_its_own_lifts(tmp_path: Path) -> None:
         cell=tmp_path / "cell",
         toolpath=toolpath,
         out=tmp_path / "out",
-        overrides=("rotation_step_deg=15", "max_reentries=1", STIFFER),
+        overrides=("rotation_step_deg=30", "max_reentries=1", STIFFER),  # the lift has a way point
         posts=("krl",),
     )
     outcome = run_optimize(request)

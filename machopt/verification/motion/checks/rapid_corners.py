@@ -148,7 +148,7 @@ def check_rapid_corners(
         touched[rows] = True
     off[touched] = np.degrees(deviation[touched])
     point = motion.point[corners.sample]
-    whole = np.flatnonzero(np.isfinite(point) & (np.abs(point - np.round(point)) <= WHOLE))
+    whole = np.flatnonzero([_is_whole(motion, row) for row in corners.sample.tolist()])
     row_of = {int(k): n for n, k in enumerate(points.point.tolist())}
     stood = np.hstack([points.q, points.external])
     apart = np.full(len(whole), np.inf)
@@ -199,7 +199,9 @@ def _list_misplaced_corners(motion: ExportedMotion, toolpath: Toolpath, corners:
 
 
 def _is_whole(motion: ExportedMotion, row: int) -> bool:
-    return bool(abs(motion.point[row] - np.round(motion.point[row])) <= WHOLE)
+    """Whether a row is at a point of the toolpath; corners of a lift inside of a cut are away from it."""
+    away = motion.lifted is not None and bool(motion.lifted[row])
+    return not away and bool(abs(motion.point[row] - np.round(motion.point[row])) <= WHOLE)
 
 
 def measure_passing_distance(motion: ExportedMotion, corners: RapidCorners, tcp: Array, toolpath: Toolpath) -> Array:
