@@ -225,3 +225,21 @@ def test_a_rotation_is_taken_at_which_the_shift_can_be_driven(tmp_path: FilePath
     told = (tmp_path / "out" / "report.html").read_text()
     assert "with that one the path shifted against the deflection could not be driven" in told
     assert "steer" not in result(tmp_path / "out")["options"]  # type: ignore[operator]  # the user asked for none
+
+
+@pytest.mark.slow
+def test_pecked_holes_have_a_stated_residual(tmp_path: FilePath) -> None:
+    """Each peck is one move with force, between moves without."""
+    rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min"]
+    for x in (-150, -50):
+        rows += [f"{x},-200,{z},0,0,1,rapid," for z in (40, 25)]
+        for z in (16, 8):
+            rows += [f"{x},-200,{z},0,0,1,cut,420", f"{x},-200,25,0,0,1,retract,", f"{x},-200,{z + 1},0,0,1,rapid,"]
+        rows += [f"{x},-200,0,0,0,1,cut,420", f"{x},-200,40,0,0,1,retract,"]
+    (tmp_path / "pecks.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    out = tmp_path / "out"
+    arguments = ["optimize", str(ROOT / "cells" / "kr240_drilling"), str(tmp_path / "pecks.csv"), "-o", str(out)]
+    assert main([*arguments, "--quiet", "--set", "compensate=true", "--set", "rotation_step_deg=15"]) == 0
+    found = json.loads((out / "result.json").read_text(encoding="utf-8"))["compensation"]
+    assert found is not None
+    assert 0.0 < found["residual_mean_mm"] < 0.5 * found["uncompensated_mean_mm"]

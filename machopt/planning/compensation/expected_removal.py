@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
-from machopt.planning.compensation.shifted_path import SHARES
+from machopt.planning.compensation.shifted_path import SHARES, get_segment_force
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
 from machopt.planning.pipeline.plan import Plan
 
@@ -61,7 +61,7 @@ def predict_removals(
     if plan.compensation is None:
         return ()
     path, ok = plan.path, plan.chosen.assignment.reason == InfeasibilityReason.OK
-    pushed = plan.directions.force[:-1].any(axis=1)  # on the way out of a hole there is nothing to correct
+    pushed = plan.directions.force[1:].any(axis=1)  # on the way out of a hole there is nothing to correct
     end = 1 + np.flatnonzero(path.counted[1:] & pushed & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
     if not len(end):
         return ()
@@ -105,7 +105,7 @@ def _drawn(plan: Plan, end: NDArray[np.intp], share: float) -> tuple[Array, Arra
     between = q[end - 1] + share * (q[end] - q[end - 1])
     offset = plan.compensation.offset
     shift = arm.directions(path.external[end - 1], offset[end - 1] + share * (offset[end] - offset[end - 1]))
-    force = plan.directions.force[end - 1]
+    force = get_segment_force(plan, end)
     elastic = plan.directions.elastic(plan.setup.elasticity, between, end - 1)
     d = elastic.compute_deflection(force)[..., None]
     if doubt is None:

@@ -214,7 +214,7 @@ def compute_residual(plan: Plan) -> CompensationResidual | None:
         )
     path, arm = plan.path, plan.setup.arm
     q, ok = plan.chosen.assignment.q, plan.chosen.assignment.reason == InfeasibilityReason.OK
-    pushed = plan.directions.force[:-1].any(axis=1)  # on the way out of a hole there is nothing to correct
+    pushed = plan.directions.force[1:].any(axis=1)  # on the way out of a hole there is nothing to correct
     end = 1 + np.flatnonzero(path.counted[1:] & pushed & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
     if not len(end):
         return None
@@ -226,7 +226,7 @@ def compute_residual(plan: Plan) -> CompensationResidual | None:
             plan.compensation.offset[end] - plan.compensation.offset[end - 1]
         )
         elastic = plan.directions.elastic(plan.setup.elasticity, between, end - 1)
-        d = arm.back(path.external[end - 1], elastic.compute_deflection(plan.directions.force[end - 1]))
+        d = arm.back(path.external[end - 1], elastic.compute_deflection(get_segment_force(plan, end)))
         left[row], bent[row] = np.linalg.norm(offset + d, axis=1), np.linalg.norm(d, axis=1)
     rule = np.array([0.125, 0.25, 0.25, 0.25, 0.125])  # trapezoids
     weight = length / length.sum() if length.sum() > 0 else np.full(len(end), 1.0 / len(end))
@@ -238,6 +238,20 @@ def compute_residual(plan: Plan) -> CompensationResidual | None:
         float(rule @ left @ weight),
         float(rule @ bent @ weight),
     )
+
+
+def get_segment_force(plan: Plan, end: NDArray[np.intp]) -> Array:
+    """Return (S, 3) N, the force on the segments that end at given planning points, in base_link.
+
+    The direction is that of the point where a segment begins. On the way into a hole there is no force at that point,
+    and that of its end holds.
+
+    Args:
+        plan: compensated plan.
+        end: (S,) planning points.
+    """
+    begin = plan.directions.force[end - 1]
+    return np.where(begin.any(axis=1, keepdims=True), begin, plan.directions.force[end])
 
 
 def _of_all(parts: list[tuple[float, CompensationResidual]]) -> CompensationResidual | None:

@@ -122,7 +122,10 @@ class DelayLaw:
         return cls(zeta, modes.omega, modes.shape @ H @ modes.shape.T, 1.0 / (speed * cutter.teeth))
 
     def find_eigenvalues(self, depths: Array) -> NDArray[np.complex128]:
-        """Return (n,) the eigenvalue with the largest real part at each depth, 1/s.
+        """Return (n,) of the eigenvalues below 1/T, where the law holds, that with the largest real part, 1/s.
+
+        Larger ones are poles of the expansion of the delay, at depths where 1 + a T² G / 2 is singular; −inf if there
+        are no others.
 
         Args:
             depths: (n,) m, depths of cut.
@@ -134,7 +137,10 @@ class DelayLaw:
         A[:, 6:, :6] = -inverse * self.omega**2
         A[:, 6:, 6:] = -inverse @ (np.diag(2.0 * self.zeta * self.omega) - a * self.T * self.G)
         values = np.linalg.eigvals(A)
-        return np.asarray(values[np.arange(len(depths)), np.argmax(values.real, axis=1)], np.complex128)
+        real = np.where(np.abs(values) * self.T < 1.0, values.real, -np.inf)
+        worst = np.argmax(real, axis=1)
+        rows = np.arange(len(depths))
+        return np.asarray(np.where(np.isfinite(real[rows, worst]), values[rows, worst], -np.inf), np.complex128)
 
     def find_limit(self) -> float:
         """Return the largest stable depth, m; inf where the law does not hold there or has none."""
@@ -152,7 +158,7 @@ class DelayLaw:
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self._find_worst(middle).real < 0.0 else (low, middle)
-        return low if abs(self._find_worst(high).imag) * self.T < 1.0 else math.inf
+        return low
 
     def _find_worst(self, depth: float) -> complex:
         return complex(self.find_eigenvalues(np.array([depth]))[0])
@@ -166,7 +172,7 @@ class DelayLaw:
         if np.isnan(self.zeta).any():
             return False
         found = self.find_eigenvalues(depth * np.arange(1, DEPTHS + 1) / DEPTHS)
-        return not ((found.real >= 0.0) & (np.abs(found.imag) * self.T < 1.0)).any()
+        return not (found.real >= 0.0).any()
 
 
 def find_given_arc(cell: Cell, side: CutSide, ae: float) -> tuple[float, float, float]:
