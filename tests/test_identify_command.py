@@ -322,7 +322,7 @@ def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureF
     words = ["map", str(CELL), "-o", str(tmp_path / "map"), "--joints", "a2,a3", "--step", "30", "--collision", "none"]
     assert main([*words, "--load-N=0,0,-500"]) == 0
     assert "report:" in capsys.readouterr().out
-    assert main([*words, "--joints", "a9"]) == 2
+    assert main([word if word != "a2,a3" else "a9" for word in words]) == 2
     assert "a9" in capsys.readouterr().err
 
 
