@@ -34,7 +34,7 @@ from machopt.toolpath.readers.siemens.subprograms import (
 from machopt.toolpath.readers.siemens.variable_types import convert_to_type, parse_definitions
 
 NEEDS_FLOW = re.compile(
-    r"\bR\[?\d+\]?\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BFCS]?|CASE|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR|CALL|PCALL|EXTERN)\b|\bPROC\s|%_N_\w+_SPF",
+    r"\bR(?:\d+|\[[^]]*\])\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BFCS]?|CASE|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR|CALL|PCALL|EXTERN)\b|\bPROC\s|%_N_\w+_SPF",
     re.IGNORECASE,
 )
 SAVE_MODES, RESTORE_MODES = "%SAVE", "%RESTORE"  # around a call of PROC … SAVE, for the reader

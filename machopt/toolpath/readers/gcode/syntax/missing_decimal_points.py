@@ -85,11 +85,16 @@ def _clean_code(raw: str, blocks: BlockReader) -> str:
     return (blocks.comments(raw)[0] if "(" in raw or ";" in raw else raw).upper()
 
 
+def _has_vectors(text: str, before: bool) -> bool:
+    """Whether I, J and K of a block are the tool's direction."""
+    return (before and _VECTORS_END.search(text) is None) or _VECTORS.search(text) is not None
+
+
 def _iterate_length_words(source: SourceFile, blocks: BlockReader) -> Iterator[_LengthWord]:
     vectors = False
     for line, raw in enumerate(source.lines, 1):
         text = _clean_code(raw, blocks)
-        vectors = (vectors and _VECTORS_END.search(text) is None) or _VECTORS.search(text) is not None
+        vectors = _has_vectors(text, vectors)
         if _OTHER_MEANING.search(text):
             continue
         for found in _TOKEN.finditer(text):
@@ -193,7 +198,7 @@ def _build_decimals_question(source: SourceFile, what: str, line: int) -> Except
 def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader) -> tuple[SourceFile, str]:
     """Insert a decimal point in every length and angle that has none.
 
-    F, S, P and counters (K and L of cycles) stay.
+    F, S, P, counters (K and L of cycles) and the tool's direction (I, J, K under G43.5) stay.
 
     Args:
         source: Lines of the file, with its path and the builders of its errors.
@@ -212,11 +217,12 @@ def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader
             "--decimals cannot apply to expressions: it is not known which of their numbers have implied decimals", at
         )
     lines: list[str] = []
-    changed, cycle = 0, False
+    changed, cycle, vectors = 0, False, False
     examples: list[str] = []
     for raw in source.lines:
         text = _clean_code(raw, blocks)
         cycle = (cycle and _CYCLE_END.search(text) is None) or _CYCLE.search(text) is not None
+        vectors = _has_vectors(text, vectors)
         if _OTHER_MEANING.search(text) or not _TOKEN.search(text):
             lines.append(raw)
             continue
@@ -224,7 +230,7 @@ def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader
         for found in _TOKEN.finditer(text):
             letter, blank, sign, digits = found.groups()
             counts = (letter == "K" and cycle) or (letter == "Q" and not cycle)
-            if letter not in _POINTED or "." in digits or counts:
+            if letter not in _POINTED or "." in digits or counts or (vectors and letter in "IJK"):
                 continue
             filled = digits.zfill(decimals + 1)
             new = f"{letter}{blank}{sign}{filled[:-decimals]}.{filled[-decimals:]}"
