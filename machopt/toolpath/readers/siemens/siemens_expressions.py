@@ -182,6 +182,7 @@ class _SiemensParser(RecursiveDescentParser[Expression]):
                 raise MacroExpressionError("a bracket is not closed")
             return inner
         if token[0].isdigit() or token[0] == ".":
+            self.refuse_notation(token)
             number = float(token.replace("EX", "E"))
             return lambda _: number
         if token in _FUNCTIONS and self.peek_token() == "(":
