@@ -198,12 +198,13 @@ class _SiemensParser(RecursiveDescentParser[Expression]):
             self.at = _find_index_end(self.text, self.at)
             return lambda values: _get_value(values, base)
         index = self.parse_expression()
-        if (token := self.take_token()) != "]":
+        if (token := self.peek_token()) != "]":
             raise MacroExpressionError(
                 f"{base}[…]: arrays of two and more dimensions are not followed"
                 if token == ","
                 else f"the bracket behind {base} is not closed"
             )
+        self.take_token()
         return lambda values: _get_value(values, name_element(base, index(values)))
 
     def call(self, name: str) -> Expression:
