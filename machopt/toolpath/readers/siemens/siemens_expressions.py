@@ -55,7 +55,7 @@ _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (  # weakest f
     },
     {"^": lambda a, b: a**b},  # Heidenhain
 )
-VARIABLE = r"[A-Z_]\w*(?:\[(?:[^][\"=]|\[[^][\"=]*\])*\])?"  # that is assigned; an index may hold another one
+VARIABLE = r"[A-Z_]\w*(?:\s*\[(?:[^][\"=]|\[[^][\"=]*\])*\])?"  # that is assigned; an index may hold another one
 Values = dict[str, float]
 Expression = Callable[[Values], float]
 
@@ -247,6 +247,8 @@ def _get_value(values: Values, name: str) -> float:
     try:
         return values[name]
     except KeyError:
+        if name in ("SET", "REP"):
+            raise MacroExpressionError(f"{name}(…) is followed in DEF only; assign each element") from None
         base, bracket, _ = name.partition("[")
         if bracket and f"{base}[0]" in values:
             raise MacroExpressionError(f"{name} is no element of the array {base}") from None
