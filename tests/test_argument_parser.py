@@ -136,3 +136,34 @@ def test_planning_options_of_a_diagnosis_without_a_toolpath_are_said(
     typed = ["diagnose", str(CELLS / "kr500_milling"), str(tmp_path / "none"), "-o", str(tmp_path / "out")]
     assert main([*typed, "--set", "seed=3"]) == 2
     assert "--set seed=3 has no effect: nothing is planned without --toolpath\n" in capsys.readouterr().err
+
+
+REPEATED = {  # words of map, and whether they contradict each other
+    "bare steps": (["--step", "5000", "--step", "900"], True),
+    "bare steps of one value": (["--step", "5000", "--step", "5e3"], False),
+    "a bare step and one of an axis": (["--step", "5000", "--step", "x=900"], False),
+    "steps of two axes": (["--step", "x=5", "--step", "y=9"], False),
+    "steps of one axis": (["--step", "x=5", "--step", "x=9"], True),
+    "an empty name": (["--step", "=5", "--step", "9"], True),
+    "a number in two notations": (["--set", "rotation_step_deg=5", "--set", "rotation_step_deg=5.0"], False),
+    "two numbers": (["--set", "rotation_step_deg=5", "--set", "rotation_step_deg=5.01"], True),
+    "a list in two notations": (["--set", "band_deg=[0, 10]", "--set", "band_deg=[0.0,1e1]"], False),
+    "two lists": (["--set", "band_deg=[0, 10]", "--set", "band_deg=[0, 11]"], True),
+    "a list and its first number": (["--set", "a=1", "--set", "a=[1]"], True),
+    "two words": (["--set", "method=a", "--set", "method=b"], True),
+    "a range in two notations": (["--range", "x=0:10", "--range", "x=0.:10.0"], False),
+    "two ranges": (["--range", "x=0:10", "--range", "x=0:100"], True),
+}
+
+
+@pytest.mark.parametrize("name", REPEATED)
+def test_a_repetition_with_another_value_is_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words, contradicts = REPEATED[name]
+    command = ["map", "cell", "-o", "out", *words]
+    if not contradicts:
+        assert _build_parser().parse_args(command).command == "map"
+        return
+    with pytest.raises(SystemExit) as end:
+        _build_parser().parse_args(command)
+    assert end.value.code == 2
+    assert words[0] in capsys.readouterr().err

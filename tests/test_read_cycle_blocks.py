@@ -59,6 +59,9 @@ GRIDS = {
     "no further words": ("CYCLE801(1,2,0,5,7,2,1,,,,,,,)", [(1, 2), (6, 2)]),
     "zeros behind": ('CYCLE801(1,2,0,5,7,2,1,0,0,0,0,"",0,0)', [(1, 2), (6, 2)]),
     "row with zeros behind": ("HOLES1(1,2,0,3,5,2,0,0,,0)", [(4, 2), (9, 2)]),
+    "row in the plane in force": ("HOLES1(1,2,0,3,5,2,,,,,1)", [(4, 2), (9, 2)]),
+    "circle in the plane in force": ("HOLES2(0,0,10,0,90,2,,,,,1)", [(10, 0), (0, 10)]),
+    "grid in the plane in force": ("CYCLE801(1,2,0,5,7,2,1,,,,,,,1)", [(1, 2), (6, 2)]),
     "circle with blanks behind": ("HOLES2(0,0,10,0,90,2,,,,)", [(10, 0), (0, 10)]),
 }
 
@@ -81,6 +84,12 @@ REFUSED = {
     "text": ("CYCLE801(0,0,0,5,7,A,2)", "A"),
     "row with a mode": ("HOLES1(1,2,0,3,5,2,1000)", "argument 7"),
     "circle with a mode": ("HOLES2(0,0,10,0,90,2,1000)", "argument 7"),
+    "row in another plane": ("HOLES1(1,2,0,3,5,2,,,,,2)", "_DMODE"),
+    "circle in another plane": ("HOLES2(0,0,10,0,90,2,,,,,3)", "_DMODE"),
+    "grid in another plane": ("CYCLE801(0,0,0,5,7,3,2,,,,,,,3)", "_DMODE"),
+    "grid in no plane": ("CYCLE801(0,0,0,5,7,3,2,,,,,,,4)", "argument 14"),
+    "row in no plane": ("HOLES1(1,2,0,3,5,2,,,,,1.5)", "argument 11"),
+    "row with a hidden hole": ('HOLES1(1,2,0,3,5,2,,,"2",,1)', "argument 9"),
     "places": ("CYCLE802(111111111,111111111,0,0,10,10)", "MCALL"),
 }
 
@@ -99,6 +108,13 @@ DEPTH_MODES = {
     "diameter": ("CYCLE81(5,0,1,6,,0,10,1,12)", "GMODE"),
     "shank of deep holes": ("CYCLE83(5,0,1,-30,,-5,,0,0,0,1,0,0,0,0,0,0,10)", "GMODE"),
     "incremental with DP": ("CYCLE81(5,0,1,-3,,0,0,1,11)", "AMODE"),
+    "another plane": ("CYCLE81(5,0,1,-3,,0,0,2,12)", "_DMODE"),
+    "another plane of deep holes": ("CYCLE83(5,0,1,-30,,-5,,0,0,0,1,0,0,0,0,0,0,0,3)", "_DMODE"),
+    "DP and DPR differ": ("CYCLE81(5,0,1,-3,5)", "DPR"),
+    "DP and DPR differ on a raised plane": ("CYCLE82(15,10,1,-3,12)", "DPR"),
+    "DP and DPR of a thread differ": ("CYCLE840(5,0,1,-3,5,0,4,3,1)", "DPR"),
+    "DP and DPR of deep holes differ": ("CYCLE83(5,0,1,-30,20,-5,,0,0,0,1,0)", "DPR"),
+    "FDEP and FDPR differ": ("CYCLE83(5,0,1,-30,,-5,8,0,0,0,1,0)", "FDPR"),
     "absolute with DPR": ("CYCLE82(5,0,1,,3,0,0,1,12)", "AMODE"),
 }
 
@@ -112,7 +128,16 @@ def test_modes_that_change_the_depth_are_refused(tmp_path: Path, name: str) -> N
 
 
 @pytest.mark.parametrize(
-    "text", ["CYCLE81(5,0,1,-3,,0,0,1,12)", "CYCLE82(5,0,1,,3,0,0,1,11)", "CYCLE82(5,0,1,-3,,0,0,1,0)"]
+    "text",
+    [
+        "CYCLE81(5,0,1,-3,,0,0,1,12)",
+        "CYCLE82(5,0,1,,3,0,0,1,11)",
+        "CYCLE82(5,0,1,-3,,0,0,1,0)",
+        "CYCLE81(5,0,1,-3,0)",
+        "CYCLE81(5,0,1,-3,3)",
+        "CYCLE81(5,0,1,-3,-3,0,0,1,0)",
+        "CYCLE81(5,0,1,-3,7,0,0,1,12)",
+    ],
 )
 def test_modes_of_the_depth_that_is_given(tmp_path: Path, text: str) -> None:
     path = read_toolpath(write(tmp_path, f"MCALL {text}\nX10\nMCALL"))
@@ -125,3 +150,17 @@ def test_the_distance_behind_which_a_peck_feeds_again(tmp_path: Path, distance: 
     path = read_toolpath(write(tmp_path, f"MCALL {cycle}\nX10\nMCALL"))
     approach = path.position[path.move == MoveKind.APPROACH][:, 2] * 1e3
     np.testing.assert_allclose(approach[approach < 0.0], [height], atol=1e-9)
+
+
+@pytest.mark.parametrize(("word", "mode"), [("G17", 1), ("G18", 2), ("G19", 3)])
+def test_the_plane_of_a_cycle_may_stand_in_its_block(tmp_path: Path, word: str, mode: int) -> None:
+    path = read_toolpath(write(tmp_path, f"{word} CYCLE81(5,0,1,-3,,0,0,{mode},12)\nG17"))
+    assert np.sum(path.move == MoveKind.CUT) == 1
+
+
+@pytest.mark.parametrize("distance", ["10", "11", "12", "40"])
+def test_a_peck_that_feeds_again_from_the_clearance_height_has_no_point_twice(tmp_path: Path, distance: str) -> None:
+    cycle = f"CYCLE83(5,0,1,-20,,-10,,0,0,0,1,1,3,0,0,0,{distance},0,1,11211112)"
+    path = read_toolpath(write(tmp_path, f"MCALL {cycle}\nX10\nMCALL"))
+    assert (np.linalg.norm(np.diff(path.position, axis=0), axis=1) > 1e-9).all()
+    np.testing.assert_allclose(path.position[path.move == MoveKind.CUT][:, 2] * 1e3, [-10, -20], atol=1e-9)

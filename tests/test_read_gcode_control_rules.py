@@ -477,3 +477,33 @@ def test_words_with_and_without_a_point_are_read_as_whole_units_and_that_is_said
     assert any("--decimals" in text for text in t.warnings) == said
     if "X25" in body and "X12.5" in body:
         assert t.position[2, 0] * 1e3 == pytest.approx(15.0)
+
+
+DIRECTIONS = {  # blocks behind G43.5 and the last axis; directions have no decimals
+    "a point in one of three": ("X10000 Y5. Z1. I0.5 J0 K1", (0.5, 0.0, 1.0)),
+    "points in none": ("X10000 Y5000 Z1000 I1 J0 K2", (1.0, 0.0, 2.0)),
+    "a point in K": ("X10000 I1 J2 K2.", (1.0, 2.0, 2.0)),
+    "no K": ("X10000 I0 J1", (0.0, 1.0, 0.0)),
+    "in a later block": ("X5000 I0 J0 K1\nX10000\nY5000 I3 J0 K4.0", (3.0, 0.0, 4.0)),
+}
+
+
+@pytest.mark.parametrize("name", DIRECTIONS)
+def test_directions_have_no_implied_decimals(tmp_path: Path, name: str) -> None:
+    text, axis = DIRECTIONS[name]
+    t = read(tmp_path, f"G21 G90\nG43.5 H1\nG0 X0 Y0 Z5000 I0 J0 K1\nG1 F100\n{text}\nM30\n", decimals=3)
+    np.testing.assert_allclose(t.axis[-1], np.array(axis) / np.linalg.norm(axis), atol=1e-12)
+    assert end(t)[0] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("end_word", ["G49", "G43.4 H1"])
+def test_lengths_behind_directions_have_implied_decimals(tmp_path: Path, end_word: str) -> None:
+    text = f"G21 G90\nG43.5 H1\nG0 X0 Y0 Z5000 I0 J0 K1\n{end_word}\nG1 Z0 F100\nG2 X10000 I5000 J0\nM30\n"
+    t = read(tmp_path, text, decimals=3)
+    assert np.ptp(t.position[:, 1]) * 1e3 == pytest.approx(5.0, abs=0.02)
+
+
+@pytest.mark.parametrize("decimals", [3, 4])
+def test_factors_have_no_implied_decimals(tmp_path: Path, decimals: int) -> None:
+    text = "G21 G90\nG0 X0 Y0 Z5000\nG51 X0 Y0 Z0 I-1000 J1000 K1000\nG1 X20000 F100\nM30\n"
+    assert end(read(tmp_path, text, decimals=decimals))[0] == pytest.approx(-20.0 * 10.0 ** (3 - decimals))

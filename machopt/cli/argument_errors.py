@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from typing import Any, NoReturn, TypeVar
 
@@ -10,6 +11,8 @@ from machopt.errors import suggest_nearest_word
 from machopt.spelling_suggestions import find_typo
 
 N = TypeVar("N")
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+_SEPARATOR = re.compile(r"\s*([][,:{}]|\s)\s*")
 
 
 class SingleValueAction(argparse._StoreAction):
@@ -55,13 +58,14 @@ class NamedValuesAction(argparse._AppendAction):
         Raises:
             argparse.ArgumentError: the name was given before with another value.
         """
-        if "=" in str(self.metavar or ""):
-            name, value = _split_named_value(values)
+        metavar = str(self.metavar or "")
+        name, value = _split_named_value(values)
+        if "=" in metavar and (name or metavar.startswith("[")):  # [NAME=]VALUE: the name may be left out
             for other in getattr(namespace, self.dest, None) or []:
                 other_name, other_value = _split_named_value(other)
-                if other_name == name and other_value != value:
+                if other_name == name and not _is_same_value(other_value, value):
                     raise argparse.ArgumentError(
-                        self, f"{name} is given twice, {other_value} and {value}; expected one value"
+                        self, f"{name or 'it'} is given twice, {other_value} and {value}; expected one value"
                     )
         super().__call__(parser, namespace, values, option_string)
 
@@ -69,8 +73,18 @@ class NamedValuesAction(argparse._AppendAction):
 def _split_named_value(value: Any) -> tuple[str, str]:
     if isinstance(value, tuple):
         return str(value[0]), str(value[1])
-    name, _, text = str(value).partition("=")
-    return name.strip(), text.strip()
+    name, equals, text = str(value).partition("=")
+    return (name.strip(), text.strip()) if equals else ("", name.strip())
+
+
+def _is_same_value(one: str, other: str) -> bool:
+    """Whether two texts are alike, or differ in the notation of their numbers only (5 and 5.0, 0:10 and 0:1e1)."""
+    return one == other or _split_numbers(one) == _split_numbers(other)
+
+
+def _split_numbers(text: str) -> list[str | float]:
+    """Parts of a list or range; a plain decimal as number."""
+    return [float(part) if _NUMBER.fullmatch(part) else part for part in _SEPARATOR.split(text)]
 
 
 class OptionParser(argparse.ArgumentParser):

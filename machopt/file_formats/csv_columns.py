@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.errors import InputError
+from machopt.file_formats.plain_decimals import LARGEST, is_plain
 from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
 
-LARGEST = 1e15  # beyond it no length, angle or feed: squares of it would overflow
 _ROWS = 20_000  # split and converted at once
 
 
@@ -144,7 +144,7 @@ def _parse_numbers(
             [parse_number_cell(source, name, c, n, empty_allowed) for c, n in zip(cells, lines, strict=True)]
         )
         return values
-    if not (np.abs(values) < LARGEST).all() or any("_" in c for c in cells):
+    if not (np.abs(values) < LARGEST).all() or not is_plain("".join(cells)):
         for c, n in zip(cells, lines, strict=True):
             parse_number_cell(source, name, c, n, empty_allowed)
     return values
@@ -189,7 +189,7 @@ def is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return "_" not in text
+    return is_plain(text.strip())
 
 
 def _build_column_error(source: SourceFile, message: str, line: int, column: str) -> InputError:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
 V = TypeVar("V")
+_NOTATION = re.compile(r"_\w*|[Ee][-+]?\d+(?![\d.])")  # E0.5 is a word of its own
 Operator = Callable[[Any, Any], Any]
 
 
@@ -38,6 +39,15 @@ class RecursiveDescentParser(ABC, Generic[V]):
             raise self.problem(f"an expression breaks off at {self.text[self.at : self.at + 10]!r}")
         self.at = found.end()
         return found.group(1)
+
+    def refuse_notation(self, number: str) -> None:
+        """Refuse what follows a number where both together read as another notation: ``1_0``, ``1E5``.
+
+        Args:
+            number: Text of the number, which ends at ``at``.
+        """
+        if found := _NOTATION.match(self.text, self.at):
+            raise self.problem(f"found {number + found.group()!r}; expected a plain decimal")
 
     def parse_expression(self, level: int = 0) -> V:
         """Parse operators of one level and the stronger ones.

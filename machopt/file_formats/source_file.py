@@ -11,6 +11,7 @@ from pathlib import Path
 
 from machopt.errors import FileFormatError, InputError, OptionError
 from machopt.file_formats.file_reading import TOOLPATH, read_file
+from machopt.file_formats.plain_decimals import parse_plain_decimal
 
 MM_PER_INCH = 25.4
 _CHUNK = 20_000  # lines searched at once
@@ -38,7 +39,7 @@ def parse_offsets(texts: Sequence[str]) -> tuple[tuple[str, Offset], ...]:
     for text in texts:
         parts = _OFFSET.fullmatch(text)
         try:
-            values = [float(v) for v in parts.group(2).split(",")] if parts else []
+            values = [parse_plain_decimal(v) for v in parts.group(2).split(",")] if parts else []
         except ValueError:
             values = []
         if parts is None or len(values) != 3 or not all(map(math.isfinite, values)):

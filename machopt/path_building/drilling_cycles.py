@@ -12,6 +12,7 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.path_building.point_collector import MAX_POINTS, PathBuilder, Vector
 
 MAX_PECKS = 10_000
+SAME_HEIGHT = 1e-9  # mm
 MAX_DWELL_S = 60.0  # at the bottom of a hole: a few turns of the spindle are usual, some seconds the most
 
 
@@ -51,11 +52,19 @@ class DrillingCycle:
     synchronous: bool = False  # a thread: every way in the hole is at the feed
 
     def strokes(self) -> Iterator[tuple[float, MoveKind]]:
-        """Heights to go to, one after the other, beginning above the clearance height.
+        """Heights to go to, one after the other, beginning at the clearance height; none twice in succession.
 
         Raises:
             DrillingCycleError: an absurd dwell, the bottom is above the clearance height, or more than MAX_PECKS pecks.
         """
+        before = self.clear
+        for height, move in self._list_strokes():
+            if move == MoveKind.CUT or abs(height - before) > SAME_HEIGHT:
+                yield height, move
+                before = height
+
+    def _list_strokes(self) -> Iterator[tuple[float, MoveKind]]:
+        """The strokes; one that re-enters the hole may end where it begins, at the clearance height."""
         if self.dwell > MAX_DWELL_S:
             raise DrillingCycleError(
                 f"{self.name} waits {self.dwell:g} s at the bottom; expected at most {MAX_DWELL_S:g} s. Is the dwell "

@@ -273,7 +273,8 @@ def _parse_steps(words: tuple[str, ...], axes: tuple[str, ...], kind: MapKind, u
             raise OptionError(
                 f"a step of {value:g} {name_of_unit}; more than 0 would work, such as {example}", where="--step"
             )
-        out[name] = value * unit
+        if out.setdefault(name, value * unit) != value * unit:
+            raise OptionError(f"{name or 'the step'} is given twice; expected one value", where="--step")
     return out
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from machopt.data_types.toolpath import IgnoredWord, MoveKind, ToolpathEvent
 from machopt.errors import InputError
+from machopt.file_formats.plain_decimals import is_plain
 from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError
@@ -481,4 +482,4 @@ def parse_number(text: str) -> float | None:
         value = float(text)
     except ValueError:
         return None
-    return value if math.isfinite(value) and "_" not in text else None
+    return value if math.isfinite(value) and is_plain(text.strip()) else None

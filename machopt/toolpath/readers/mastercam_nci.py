@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.file_formats.plain_decimals import parse_plain_decimal
 from machopt.file_formats.source_file import UNIT_NAMES, ReadOptions, SourceFile
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError, compute_arc_chords
@@ -23,6 +24,7 @@ from machopt.toolpath.readers import harmless_words
 
 _COMMENTS = {1005, 1006, 1007, 1008, 1025, 1026}
 _DRILLING = range(81, 201)
+_MOTION = (0, 1, 2, 3, 11)  # records that consist of numbers only
 _ARC_LAYOUTS = {  # places of (plane, end, centre, feed)
     "cc plane end centre": (1, 2, 5, 8),
     "cc end centre plane": (7, 1, 4, 8),
@@ -34,7 +36,6 @@ _AXIS_LAYOUTS = {  # places of (tip, vector, feed), and whether the vector is a 
     "cc tip point": (1, 4, 7, True),
     "tip point": (0, 3, 6, True),
 }
-LARGEST = 1e15  # beyond it no length or feed: squares of it would overflow
 _COMPENSATION = (0.0, 40.0, 41.0, 42.0, 140.0)
 _UNIT_VECTOR = 2e-3
 _SAME_RADIUS = 2e-3  # of the radius, and of a unit
@@ -107,13 +108,19 @@ class _NciReader:
             if not head:
                 at += 1
                 continue
-            if not re.fullmatch(r"\d{1,5}", head):
+            if not re.fullmatch(r"[0-9]{1,5}", head):
                 raise self.source.build_error(f"found {head[:30]!r}; expected the number of an NCI record", at + 1)
             if at + 1 >= len(lines):
                 self.out.incomplete_reason = f"record {head} in the last line has no numbers"
                 break
             text = lines[at + 1].strip()
-            found.append(_NciRecord(int(head), at + 1, text, _parse_numbers(text) if int(head) < 1000 else []))
+            values = _parse_numbers(text) if int(head) < 1000 else []
+            if int(head) in _MOTION and len(values) < len(text.split()):
+                raise self.source.build_error(
+                    f"found {text.split()[len(values)][:30]!r} in record {head}; expected finite decimal numbers",
+                    at + 2,
+                )
+            found.append(_NciRecord(int(head), at + 1, text, values))
             at += 2
         return found
 
@@ -275,12 +282,9 @@ def _parse_numbers(text: str) -> list[float]:
     found: list[float] = []
     for part in text.split():
         try:
-            value = float(part)
+            found.append(parse_plain_decimal(part))
         except ValueError:
             break
-        if not abs(value) < LARGEST or "_" in part:
-            break
-        found.append(value)
     return found
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.data_types.toolpath import MoveKind
+from machopt.file_formats.plain_decimals import LARGEST, is_plain
 from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.numerics.array_types import Array
 from machopt.path_building.coordinate_systems import CoordinateSystem, SystemTransform
@@ -16,7 +17,7 @@ from machopt.path_building.point_collector import PathBuilder, Vector
 from machopt.toolpath.readers.apt.cam_dialect import CamDialect, detect_dialect, find_unit_scale
 from machopt.toolpath.readers.apt.curve_statements import CurveState
 from machopt.toolpath.readers.apt.cycle_statements import HsmDrillingCycle
-from machopt.toolpath.readers.apt.statement_parser import LARGEST, parse_leading_numbers, parse_numbers, split_fields
+from machopt.toolpath.readers.apt.statement_parser import parse_leading_numbers, parse_numbers, split_fields
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class AptMotionReader:
                 known.
         """
         try:
-            values = parse_numbers(rest) if "_" in rest else [float(v) for v in rest.split(",")]
+            values = [float(v) for v in rest.split(",")] if is_plain(rest) else parse_numbers(rest)
         except ValueError:
             values = parse_numbers(rest)
         count = len(values)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from machopt.data_types.toolpath import MoveKind
+from machopt.file_formats.plain_decimals import LARGEST, is_plain
 from machopt.toolpath.readers.apt.motion_statements import AptMotionReader
-from machopt.toolpath.readers.apt.statement_parser import LARGEST
 
 _AT_ONCE = 50_000  # points collected before they are added
 
@@ -53,7 +53,7 @@ def read_plain_gotos(r: AptMotionReader, at: int) -> int:
         if not text.startswith("GOTO"):
             break
         parts = text[5:].split(",") if text[4:5] == "/" else text.partition("/")[2].split(",")
-        if "_" in text or (text[4:5] != "/" and text[4 : text.find("/")].strip()):
+        if not is_plain(text) or (text[4:5] != "/" and text[4 : text.find("/")].strip()):
             break
         try:
             if len(parts) == 3:

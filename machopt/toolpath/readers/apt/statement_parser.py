@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 
+from machopt.file_formats.plain_decimals import LARGEST, is_plain
+
 COMMENT = "$$"
-LARGEST = 1e15  # beyond it no length, angle or feed: squares of it would overflow
 TEXT_WORDS = ("PARTNO", "PPRINT", "INSERT", "TPRINT", "REMARK", "LETTER", "MSG")
 _HEAD = re.compile(r"[A-Z][A-Z0-9_\-]*(?: [A-Z]+|,[A-Z]+)?")
 _SEPARATOR = re.compile(r"[,\s]+")
@@ -108,7 +109,7 @@ def parse_number(text: str) -> float | None:
         value = float(text)
     except ValueError:
         return None
-    return value if abs(value) < LARGEST and "_" not in text else None
+    return value if abs(value) < LARGEST and is_plain(text) else None
 
 
 def parse_leading_numbers(parts: list[str]) -> tuple[list[float], list[str]]:

@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from machopt.file_formats.plain_decimals import parse_plain_decimal
 from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleError
 from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
 from machopt.toolpath.readers.gcode.syntax.dwell_units import Control, convert_dwell
@@ -13,7 +14,8 @@ from machopt.toolpath.readers.gcode.syntax.dwell_units import Control, convert_d
 _FEED_OUT = {74, 84, 85, 89}
 _PECK = {73, 83}
 _DWELLING = tuple(f"CYCLE8{n}" for n in (2, 3, 4, 5, 6, 8, 9))
-_DEPTH_MODES = {"CYCLE81": (6, 8), "CYCLE82": (6, 8), "CYCLE83": (17, 19)}  # places of GMODE and AMODE
+_DEPTH_MODES = {"CYCLE81": (6, 8), "CYCLE82": (6, 8), "CYCLE83": (17, 19)}  # places of GMODE and AMODE; DMODE between
+_SAME_DEPTH = 1e-6  # of a unit
 SIEMENS = re.compile(r"CYCLE(?:8[1-9]|840)")
 
 
@@ -152,16 +154,50 @@ def _parse_cycle_arguments(name: str, text: str) -> list[float | None]:
     values: list[float | None] = []
     for part in map(str.strip, text.split(",")):
         try:
-            values.append(float(part) if part else None)
-            if not math.isfinite(values[-1] or 0.0):
-                raise ValueError
+            values.append(parse_plain_decimal(part) if part else None)
         except ValueError:
             raise DrillingCycleError(f"{name}: argument {part!r} is not a number") from None
     return values + [None] * (24 - len(values))
 
 
+def check_plane_mode(name: str, mode: float, plane: int) -> None:
+    """Refuse a _DMODE that names another plane than the one in force.
+
+    Args:
+        name: Name of the cycle.
+        mode: The argument _DMODE; its last digit: 0 the plane in force, 1 G17, 2 G18, 3 G19.
+        plane: The plane in force: 17, 18 or 19.
+
+    Raises:
+        DrillingCycleError: it names another plane, or is no whole number.
+    """
+    digit = mode % 10
+    if digit not in (0.0, plane - 16.0):
+        raise DrillingCycleError(
+            f"{name}: _DMODE {mode:g} names another plane than G{plane}, which is in force; expected 0 or {plane - 16}"
+        )
+
+
+def _check_stated_twice(name: str, values: list[float | None]) -> None:
+    """Refuse a depth that is stated as DP and as DPR where both differ; a relative depth of zero counts as none."""
+    surface = values[1]
+    places = [("DP", "DPR", 3)] + ([("FDEP", "FDPR", 5)] if name == "CYCLE83" else [])
+    for absolute, relative, at in places:
+        depth, below = values[at : at + 2]
+        if at == 3 and name in _DEPTH_MODES and (values[_DEPTH_MODES[name][1]] or 0.0) % 10:
+            continue  # AMODE says which of both counts
+        if surface is None or depth is None or not below:
+            continue
+        if abs(surface - abs(below) - depth) > _SAME_DEPTH:
+            raise DrillingCycleError(
+                f"{name}: {absolute}={depth:g} and {relative}={below:g} are different depths (reference plane "
+                f"{surface:g}). Write only the one that counts"
+            )
+
+
 def _check_depth_modes(name: str, values: list[float | None]) -> None:
     """Refuse modes under which DP and DPR mean something else: GMODE (shank or diameter) and AMODE (which of both)."""
+    _check_stated_twice(name, values)
     if name not in _DEPTH_MODES:
         return
     of_tip, of_depth = _DEPTH_MODES[name]
@@ -178,7 +214,7 @@ def _check_depth_modes(name: str, values: list[float | None]) -> None:
         )
 
 
-def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.nan) -> DrillingCycle:
+def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.nan, plane: int = 17) -> DrillingCycle:
     """Parse ``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)``; its feed is the feed that is active at each hole.
 
     Args:
@@ -186,6 +222,7 @@ def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.na
         text: Text of its arguments.
         scale: mm per unit of the program.
         rpm: Spindle speed in force, 1/min; NaN where none is.
+        plane: Working plane in force: 17, 18 or 19.
 
     Returns:
         The drilling cycle with heights over the plane z = 0, mm.
@@ -195,6 +232,8 @@ def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.na
     """
     values = _parse_cycle_arguments(name, text)
     _check_depth_modes(name, values)
+    if name in _DEPTH_MODES:
+        check_plane_mode(name, values[_DEPTH_MODES[name][1] - 1] or 0.0, plane)
     rtp, rfp, sdis, dp, dpr = values[:5]
     if rtp is None or rfp is None or (dp is None and dpr is None):
         raise DrillingCycleError(f"{name}: expected retract plane, reference plane, safety distance and depth")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from machopt.file_formats.plain_decimals import parse_plain_decimal
 from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.path_building.coordinate_systems import FrameError, SystemTransform
 from machopt.path_building.point_collector import Vector
@@ -235,7 +236,7 @@ class FrameWordReader(WorkOffsetReader):
         values: list[float | None] = []
         for part in text.split(","):
             try:
-                values.append(float(part) if part.strip() and '"' not in part else None)
+                values.append(parse_plain_decimal(part) if part.strip() and '"' not in part else None)
             except ValueError:
                 raise self.source.build_error(f"CYCLE800: argument {part.strip()!r} is not a number", line) from None
         plane = compute_cycle800_plane(values, self.scale)

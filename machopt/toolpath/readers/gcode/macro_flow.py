@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Hashable, Iterator, Sequence
 
+from machopt.toolpath.readers.gcode.syntax.blocks import refuse_exponent
 from machopt.toolpath.readers.program_flow.linuxcnc_o_words import (
     O_WITHIN,
     O_WORD,
@@ -238,7 +239,11 @@ class MacroFlow(SubroutineFlow):
         macro = _MACRO.search(text)
         assert macro is not None
         before = text[: macro.start()]
-        found = [(c, float(re.sub(r"\s", "", n))) for c, n in _WORD.findall(text[macro.end() :])]
+        behind = text[macro.end() :]
+        refuse_exponent(behind)
+        if rest := _WORD.sub(" ", behind).strip():
+            raise ProgramFlowError(f"found {rest[:20]!r} behind G65; expected P, L and arguments such as A10.5", line)
+        found = [(c, float(re.sub(r"\s", "", n))) for c, n in _WORD.findall(behind)]
         arguments = dict(found)
         if len(arguments) < len(found) or arguments.keys() & {"G", "O", "N"}:
             raise ProgramFlowError(

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import re
 
+from machopt.file_formats.plain_decimals import parse_plain_decimal
 from machopt.file_formats.source_file import normalise_word
 from machopt.toolpath.readers import harmless_words
 from machopt.toolpath.readers.gcode.block_motion import TANGENTIAL, THROUGH
-from machopt.toolpath.readers.gcode.canned_cycles import SIEMENS, parse_siemens_cycle
+from machopt.toolpath.readers.gcode.canned_cycles import SIEMENS, check_plane_mode, parse_siemens_cycle
 from machopt.toolpath.readers.gcode.frame_words import FrameWordReader
 from machopt.toolpath.readers.gcode.geometry.hole_patterns import (
     MOST_HOLES,
@@ -32,6 +33,7 @@ _PATTERNS = {  # arguments that are read; those behind them must be left out or 
     "HOLES2": ("centre", "centre", "radius", "first angle", "angle between", "number"),
     "CYCLE801": ("reference point", "reference point", "angle", "column distance", "row distance", "columns", "rows"),
 }
+_PLANE_MODES = {"HOLES1": 10, "HOLES2": 10, "CYCLE801": 13}  # place of _DMODE
 _ALONE = re.compile(rf"{SIEMENS.pattern}|{'|'.join(_PATTERNS)}|CYCLE80[02]|MCALL")  # in a block without motion
 _MOTION_LETTERS = frozenset("XYZABCUVWIJK")
 _NO_MOTION = frozenset(("FRC", "FRCM", "FB"))  # feeds, of the named addresses
@@ -40,6 +42,8 @@ _NO_MOTION = frozenset(("FRC", "FRCM", "FB"))  # feeds, of the named addresses
 class SiemensCallReader(FrameWordReader):
     """Carries out what is called by name."""
 
+    _plane_in_block: int | None = None  # 17, 18 or 19 where the block of the call has it
+
     def calls(self, b: ProgramBlock, words: dict[str, float]) -> None:
         """Carry out the calls of a block.
 
@@ -47,6 +51,7 @@ class SiemensCallReader(FrameWordReader):
             b: The block: its words, calls and line number.
             words: Words of the block: letter or name → number; may be changed in place.
         """
+        self._plane_in_block = next((round(v) for c, v in b.words if c == "G" and v in (17.0, 18.0, 19.0)), None)
         for name, args in b.calls:
             if _ALONE.fullmatch(name):
                 self._refuse_motion_beside(name, words, b)
@@ -126,7 +131,7 @@ class SiemensCallReader(FrameWordReader):
         elif name in ("TOROT", "TOFRAME"):
             self.torot(name, line)
         elif SIEMENS.fullmatch(name):
-            self.modal_call = parse_siemens_cycle(name, args, self.scale, self.rpm)
+            self.modal_call = parse_siemens_cycle(name, args, self.scale, self.rpm, self._find_plane_word())
             self.once = line
             if find_plane_axes(self.plane) != (0, 1):
                 self.out.warn_once(
@@ -211,14 +216,22 @@ class SiemensCallReader(FrameWordReader):
             hole[first], hole[second] = place[0] * self.scale, place[1] * self.scale
             self.holes(self.modal_call, {}, hole, ProgramBlock(line=line, words=[]))
 
+    def _find_plane_word(self) -> int:
+        """The G word of the working plane: 17, 18 or 19."""
+        return self._plane_in_block or {(0, 1): 17, (2, 0): 18, (1, 2): 19}[find_plane_axes(self.plane)]
+
     def _parse_pattern(self, name: str, text: str, line: int) -> list[float]:
         """Arguments of a pattern; further ones (frame instead of grid, shear, hidden holes …) must be left out or 0."""
         named = _PATTERNS[name]
         given = [part.strip().strip('"') for part in text.split(",")]
         try:
-            v = [float(part) if part else 0.0 for part in given]
+            v = [parse_plain_decimal(part) if part else 0.0 for part in given]
         except ValueError:
-            raise self.source.build_error(f"{name}({text}): expected numbers", line) from None
+            raise self.source.build_error(f"{name}({text}): expected finite decimal numbers", line) from None
+        at = _PLANE_MODES[name]
+        if len(v) > at and v[at] in (1.0, 2.0, 3.0):
+            check_plane_mode(name, v[at], self._find_plane_word())
+            v[at] = 0.0
         counts = v[5 : len(named)]
         if len(v) < len(named) or not all(n == round(n) and n >= 1 for n in counts) or math.prod(counts) > MOST_HOLES:
             raise self.source.build_error(f"{name}({text}): expected {', '.join(named)}; 1 to {MOST_HOLES} holes", line)

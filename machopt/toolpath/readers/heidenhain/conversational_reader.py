@@ -17,6 +17,7 @@ from machopt.toolpath.readers.gcode.plain_lines import HEIDENHAIN, read_plain_li
 from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
 from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, parse_value
 from machopt.toolpath.readers.heidenhain.definition_sentences import DefinitionReader
+from machopt.toolpath.readers.heidenhain.number_notation import refuse_strange_numbers
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 
 _M_WITH_WORDS = re.compile(r"\s*M(103|118|120)(?!\d)(?:\s*(?:F|LA|[XYZABC])\s*[+-]?[\d.]+)+")
@@ -107,6 +108,7 @@ class _ConversationalReader(DefinitionReader):
         found = super().clean(line, raw)
         if found is None:
             return None
+        refuse_strange_numbers(self.source, found[0], line)
         text = re.sub(r"^\s*\d+(?:\s+|$)", "", found[0]).rstrip("~ ").strip()
         return re.sub(r"\s+", " ", text), found[1]
 

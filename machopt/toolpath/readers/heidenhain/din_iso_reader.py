@@ -16,6 +16,7 @@ from machopt.toolpath.readers.dialect_detection import HEIDENHAIN_ISO
 from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
 from machopt.toolpath.readers.heidenhain.control_reader import HeidenhainControlReader
 from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, parse_value
+from machopt.toolpath.readers.heidenhain.number_notation import refuse_strange_numbers
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 
 _WORD = re.compile(r"\s*([A-Z])\s*" + NUMBER)
@@ -86,6 +87,7 @@ class _DinIsoReader(HeidenhainControlReader):
         found = super().clean(line, raw)
         if found is None:
             return None
+        refuse_strange_numbers(self.source, found[0], line)
         text = re.sub(r"^\s*N\s*\d+\s*", "", found[0])
         if re.match(r"%.*G7[01]", text):
             return "END", found[1]

@@ -328,6 +328,7 @@ class _MacroParser(RecursiveDescentParser[float]):
             return self.parameters.read(self.name())
         self.take_token()
         if token and (token[0].isdigit() or token[0] == "."):
+            self.refuse_notation(token)
             return float(token)
         if token == "EXISTS":
             if self.take_token() != "[" or self.peek_token() != "#":

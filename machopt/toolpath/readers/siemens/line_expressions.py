@@ -6,22 +6,26 @@ import re
 from collections.abc import Callable, Iterable
 
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
-from machopt.toolpath.readers.siemens.siemens_expressions import SiemensVariables
+from machopt.toolpath.readers.siemens.siemens_expressions import VARIABLE, SiemensVariables
 from machopt.toolpath.readers.siemens.subprograms import find_closing_bracket, split_arguments
 
-_ASSIGN = re.compile(r"\s*([A-Z_]\w*(?:\[\s*\d+\s*\])?)\s*=(?!=)\s*")
+_ASSIGN = re.compile(rf"\s*({VARIABLE})\s*=(?!=)\s*")
 _MODE = re.compile(r"(AC|IC|DC|ACP|ACN)\s*\(")
 _ADDRESS = re.compile(
     r"[A-Z]|CR|AR|RP|AP|TURN|[ABC][2-5]|[IJK]1|FA|SPOS|[XYZABC]\d|FR\w*|OMA\d|D[LT]?|RPL|RNDM?|CHF|CHR|ANG|FB|OVR|[MSHGT]\d?"
 )
 _MOVES_TOO = re.compile(r"\bG\d|\b[XYZ]\s*(?:=|[-+.\d])")
 _NOT_EVALUATED = re.compile(r"(?:MSG|SPOS|DISABLE|WRITE|EXTERN)\b")
-_ARRAY_R = re.compile(r"^R\[(\d+)\]$")
 _ONLY_PARAMETERS = re.compile(r"(?:R\d+=[-\d.]+\s*|N\d+\s*)*")
 _PARAMETER = re.compile(r"R\d+")
 _PLAIN_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
 _CALL = re.compile(r"[A-Z_]\w*\s*\(")
 _STEP = re.compile(r"\"[^\"]*\"?|[A-Z_]\w*|.", re.DOTALL)
+
+
+def _keep_index(found: re.Match[str]) -> str:
+    """What an assignment reads on its left side: the names in an index."""
+    return f" {found.group(1).partition('[')[2]} "
 
 
 class LineEvaluator:
@@ -31,7 +35,7 @@ class LineEvaluator:
         self.variables = variables
         self._parts: dict[str, list[str | Callable[[], str]]] = {}  # lines split once
         self.read = {  # names that some line reads: variables, not words of the control
-            name for code in codes for name in re.findall(r"[A-Z_]\w*", _ASSIGN.sub(" ", code))
+            name for code in codes for name in re.findall(r"[A-Z_]\w*", _ASSIGN.sub(_keep_index, code))
         }
 
     def replace_expressions(self, code: str) -> str:
@@ -79,9 +83,10 @@ class LineEvaluator:
 
     def _assignment(self, code: str, found: re.Match[str]) -> tuple[Callable[[], str], int]:
         """One ``name = expression`` and the place after it; what stays a word of the block comes back as text."""
-        name = _ARRAY_R.sub(r"R\1", found.group(1).replace(" ", ""))
-        parameter = _PARAMETER.fullmatch(name) is not None
-        address = _ADDRESS.fullmatch(name) is not None
+        written = found.group(1)
+        fixed = None if "[" in written else written  # the name of an element follows from its index
+        base = written.partition("[")[0].strip()
+        address = fixed is not None and _ADDRESS.fullmatch(fixed) is not None
         mode = _MODE.match(code, found.end())
         begin = found.end() if mode is None else mode.end()
         end = self.variables.end_of(code, begin)
@@ -90,9 +95,10 @@ class LineEvaluator:
 
         def carry_out() -> str:
             value = self.variables.part(code, begin)[0]
+            name = self.variables.name_of(written) if fixed is None else fixed
+            parameter = _PARAMETER.fullmatch(name) is not None
             if mode is not None:
                 return f" {name}={mode.group(1)}({value:.9f}) "
-            base = name.partition("[")[0]
             is_variable = parameter or address or name in self.variables.values or base in self.variables.types
             if not is_variable and (_MOVES_TOO.search(code) or base not in self.read):
                 return f" {name}={value:.9f} "  # no variable: those are assigned in blocks of their own

@@ -55,9 +55,9 @@ _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (  # weakest f
     },
     {"^": lambda a, b: a**b},  # Heidenhain
 )
+VARIABLE = r"[A-Z_]\w*(?:\s*\[(?:[^][\"=]|\[[^][\"=]*\])*\])?"  # that is assigned; an index may hold another one
 Values = dict[str, float]
 Expression = Callable[[Values], float]
-_ARRAY = re.compile(r"\s*\[\s*(\d+)\s*\]")
 
 
 class SiemensVariables:
@@ -83,6 +83,18 @@ class SiemensVariables:
         if kind is not None and index and name not in self.values:
             raise MacroExpressionError(f"{name} is no element of the array {base}")
         self.values[name] = value if kind is None else convert_to_type(value, kind, name)
+
+    def name_of(self, text: str) -> str:
+        """Return the name of a variable that is assigned; an index is evaluated, and ``R[5]`` is R5.
+
+        Args:
+            text: Name, with the expression of its index in brackets where it has one.
+
+        Raises:
+            MacroExpressionError: the index has no value, or is no whole number.
+        """
+        base, bracket, index = text.partition("[")
+        return name_element(base.strip(), self.value(index.rstrip()[:-1])) if bracket else base.strip()
 
     def value(self, text: str) -> float:
         """Evaluate one expression.
@@ -170,14 +182,30 @@ class _SiemensParser(RecursiveDescentParser[Expression]):
                 raise MacroExpressionError("a bracket is not closed")
             return inner
         if token[0].isdigit() or token[0] == ".":
+            self.refuse_notation(token)
             number = float(token.replace("EX", "E"))
             return lambda _: number
         if token in _FUNCTIONS and self.peek_token() == "(":
             return self.call(token)
-        name = token
-        if found := _ARRAY.match(self.text, self.at):
-            name, self.at = (f"R{found.group(1)}" if token == "R" else f"{token}[{found.group(1)}]"), found.end()
-        return lambda values: _get_value(values, name)
+        if self.peek_token() == "[":
+            return self._parse_element(token)
+        return lambda values: _get_value(values, token)
+
+    def _parse_element(self, base: str) -> Expression:
+        """Parse ``[index]`` behind a name; an index of a variable of the control is passed over."""
+        self.take_token()
+        if base.startswith("$"):
+            self.at = _find_index_end(self.text, self.at)
+            return lambda values: _get_value(values, base)
+        index = self.parse_expression()
+        if (token := self.peek_token()) != "]":
+            raise MacroExpressionError(
+                f"{base}[…]: arrays of two and more dimensions are not followed"
+                if token == ","
+                else f"the bracket behind {base} is not closed"
+            )
+        self.take_token()
+        return lambda values: _get_value(values, name_element(base, index(values)))
 
     def call(self, name: str) -> Expression:
         count, function = _FUNCTIONS[name]
@@ -191,10 +219,39 @@ class _SiemensParser(RecursiveDescentParser[Expression]):
         return lambda values: float(function(*[f(values) for f in inner]))
 
 
+def name_element(base: str, index: float) -> str:
+    """Return the name of an element of an array; ``R[5]`` is R5.
+
+    Args:
+        base: Name of the array.
+        index: Value of its index.
+
+    Raises:
+        MacroExpressionError: the index is negative or no whole number.
+    """
+    if not (index >= 0.0 and index == round(index)):
+        raise MacroExpressionError(f"{base}[{index:g}]: expected a whole number from zero as index")
+    return f"R{index:.0f}" if base == "R" else f"{base}[{index:.0f}]"
+
+
+def _find_index_end(text: str, at: int) -> int:
+    """Index behind the bracket that closes the one before ``at``; the end of the text where none does."""
+    depth = 1
+    while at < len(text) and depth:
+        depth += (text[at] == "[") - (text[at] == "]")
+        at += 1
+    return at
+
+
 def _get_value(values: Values, name: str) -> float:
     try:
         return values[name]
     except KeyError:
+        if name in ("SET", "REP"):
+            raise MacroExpressionError(f"{name}(…) is followed in DEF only; assign each element") from None
+        base, bracket, _ = name.partition("[")
+        if bracket and f"{base}[0]" in values:
+            raise MacroExpressionError(f"{name} is no element of the array {base}") from None
         if name.startswith("$"):
             raise MacroExpressionError(f"{name} is a variable of the control; its value is not in the file") from None
         raise MacroExpressionError(f"{name} is read before it is set") from None

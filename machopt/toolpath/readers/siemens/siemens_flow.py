@@ -16,7 +16,7 @@ from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpress
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError, StepGuard
 from machopt.toolpath.readers.siemens.line_expressions import LineEvaluator
 from machopt.toolpath.readers.siemens.repeated_parts import MAX_REPEATS, REPEAT, RepeatedPart, find_part
-from machopt.toolpath.readers.siemens.siemens_expressions import SiemensVariables
+from machopt.toolpath.readers.siemens.siemens_expressions import VARIABLE, SiemensVariables
 from machopt.toolpath.readers.siemens.subprograms import (
     HEAD,
     CallText,
@@ -34,7 +34,7 @@ from machopt.toolpath.readers.siemens.subprograms import (
 from machopt.toolpath.readers.siemens.variable_types import convert_to_type, parse_definitions
 
 NEEDS_FLOW = re.compile(
-    r"\bR\[?\d+\]?\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BFCS]?|CASE|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR|CALL|PCALL|EXTERN)\b|\bPROC\s|%_N_\w+_SPF",
+    r"\bR(?:\d+|\[[^]]*\])\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BFCS]?|CASE|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR|CALL|PCALL|EXTERN)\b|\bPROC\s|%_N_\w+_SPF",
     re.IGNORECASE,
 )
 SAVE_MODES, RESTORE_MODES = "%SAVE", "%RESTORE"  # around a call of PROC … SAVE, for the reader
@@ -48,7 +48,7 @@ _CASE_BRANCH = re.compile(r"\s*([-+]?\d+\.?\d*|DEFAULT)\s+(GOTO[BFC]?)\s+(\w+)")
 _END = re.compile(r"(?<![\w\"])(?:M0*2|M30)(?![\w\"(=])")  # of a program; in a subprogram a return
 _AXIS_WORD = re.compile(r"(?<![A-Z_])[XYZABC]\s*(?:=|[-+.\d])")
 _QUOTED = re.compile(r'"[^"]*"?')  # text, which moves nothing
-_FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.*)\bTO\b(.*)")
+_FOR = re.compile(rf"FOR\s+({VARIABLE})\s*=\s*(.*)\bTO\b(.*)")
 _BLOCKS = {  # word → (closing word, words between)
     "IF": ("ENDIF", ("ELSE",)),
     "FOR": ("ENDFOR", ()),
@@ -359,8 +359,8 @@ class SiemensFlow:
         found = _FOR.fullmatch(code)
         if not found:
             raise ProgramFlowError("expected FOR name = value TO value", self.items[at][0])
-        name, start, end = found.group(1), *map(self.variables.value, found.group(2, 3))
-        of_real = self.variables.types.get(name, "REAL") == "REAL"
+        name, start, end = self.variables.name_of(found.group(1)), *map(self.variables.value, found.group(2, 3))
+        of_real = self.variables.types.get(name.partition("[")[0], "REAL") == "REAL"
         if end != round(end) or (of_real and start != round(start)):
             raise MacroExpressionError(
                 f"FOR {name}={start:g} TO {end:g}: a loop counts whole numbers; expected them as its start and end"
@@ -373,7 +373,7 @@ class SiemensFlow:
         start = self.loop_of[at]
         found = _FOR.fullmatch(self.items[start][2])
         assert found is not None
-        name = found.group(1)
+        name = self.variables.name_of(found.group(1))
         self.variables.assign(name, self.variables.values.get(name, 0.0) + 1.0)
         return start + 1 if self.variables.values[name] <= self.limits.get(start, 0.0) else at + 1
 

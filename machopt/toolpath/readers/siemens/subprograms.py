@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from machopt.toolpath.readers.program_flow.linuxcnc_o_words import FlowItem
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
-from machopt.toolpath.readers.siemens.siemens_expressions import SiemensVariables
+from machopt.toolpath.readers.siemens.siemens_expressions import VARIABLE, SiemensVariables
 from machopt.toolpath.readers.siemens.variable_types import NUMBER_TYPES, convert_to_type
 
 HEAD = re.compile(r"%_N_(\w+?)_(?:SPF|MPF)\b.*|(?:N\d+\s*)?PROC\s+(\w+)\b\s*(.*)")
@@ -17,7 +17,7 @@ _PARAMETER = re.compile(
     r"(VAR\s+)?(REAL|INT|BOOL|CHAR|STRING|AXIS|FRAME)\b(?:\s*\[[^\]]*\])?\s*([A-Z_]\w*)?\s*(?:=(.*))?"
 )
 _REPEATS = re.compile(r"P\s*(?:=\s*(.+)|(\d+))")
-_NAME = re.compile(r"[A-Z_]\w*(?:\[\s*\d+\s*\])?")
+_NAME = re.compile(VARIABLE)
 MAX_REPEATS = 9999  # of the address P of a call
 
 
@@ -195,7 +195,7 @@ def bind_call(call: CallText, program: Subprogram, back: int, line: int, variabl
         if parameter.by_reference and text:
             if not _NAME.fullmatch(text):
                 raise ProgramFlowError(f"{call.name}: VAR {parameter.name} needs a variable; found {text!r}", line)
-            bound.returned[parameter.name] = re.sub(r"^R\[\s*(\d+)\s*\]$", r"R\1", text)
+            bound.returned[parameter.name] = variables.name_of(text)
         value = variables.value(text or parameter.default or "0")
         bound.values[parameter.name] = convert_to_type(value, parameter.type, parameter.name)
     return bound

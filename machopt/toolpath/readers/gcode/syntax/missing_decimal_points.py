@@ -24,7 +24,9 @@ _BARE = re.compile(r"[XYZUVWIJR]\s*[-+]?\s*0*[1-9]\d*(?![\d.])", re.IGNORECASE |
 _CYCLE = re.compile(r"G(?:7[346]|8[1-9])(?!\d)")
 _CYCLE_END = re.compile(r"G0*(?:80|[0123])(?![\d.])")
 _OTHER_MEANING = re.compile(r"G0*4(?![\d.])|M19(?!\d)")  # X, U and P of a dwell, R of a spindle position
-_VECTORS, _VECTORS_END = re.compile(r"G43\.5(?!\d)"), re.compile(r"G49(?![\d.])")  # I, J, K are the tool's direction
+_VECTORS = re.compile(r"G43\.5(?!\d)")  # I, J, K are the tool's direction
+_VECTORS_END = re.compile(r"G49(?![\d.])|G(?:43\.4|234)(?!\d)|M(?:[14]2[89]|430)(?!\d)")
+_FACTORS = re.compile(r"G51(?![\d.])")  # I, J, K of the block are factors
 _LARGE = 10_000  # without a point beside numbers that have one: ten metres, or ten inches in ten-thousandths
 _LARGE_WITHOUT = 1_000  # the same in a file without any point, or one that marks its whole numbers (X5.)
 _EXAMPLES = 2
@@ -85,15 +87,21 @@ def _clean_code(raw: str, blocks: BlockReader) -> str:
     return (blocks.comments(raw)[0] if "(" in raw or ";" in raw else raw).upper()
 
 
+def _has_vectors(text: str, before: bool) -> bool:
+    """Whether I, J and K of a block are the tool's direction."""
+    return (before and _VECTORS_END.search(text) is None) or _VECTORS.search(text) is not None
+
+
 def _iterate_length_words(source: SourceFile, blocks: BlockReader) -> Iterator[_LengthWord]:
     vectors = False
     for line, raw in enumerate(source.lines, 1):
         text = _clean_code(raw, blocks)
-        vectors = (vectors and _VECTORS_END.search(text) is None) or _VECTORS.search(text) is not None
+        vectors = _has_vectors(text, vectors)
         if _OTHER_MEANING.search(text):
             continue
+        no_lengths = vectors or _FACTORS.search(text) is not None
         for found in _TOKEN.finditer(text):
-            if found.group(1) in _DOUBTED and not (vectors and found.group(1) in "IJ"):
+            if found.group(1) in _DOUBTED and not (no_lengths and found.group(1) in "IJK"):
                 yield _LengthWord(found.group(1), found.group(4), line, found.group().strip())
 
 
@@ -193,7 +201,7 @@ def _build_decimals_question(source: SourceFile, what: str, line: int) -> Except
 def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader) -> tuple[SourceFile, str]:
     """Insert a decimal point in every length and angle that has none.
 
-    F, S, P and counters (K and L of cycles) stay.
+    F, S, P, counters (K and L of cycles), directions (I, J, K under G43.5) and factors (those of G51) stay.
 
     Args:
         source: Lines of the file, with its path and the builders of its errors.
@@ -212,19 +220,21 @@ def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader
             "--decimals cannot apply to expressions: it is not known which of their numbers have implied decimals", at
         )
     lines: list[str] = []
-    changed, cycle = 0, False
+    changed, cycle, vectors = 0, False, False
     examples: list[str] = []
     for raw in source.lines:
         text = _clean_code(raw, blocks)
         cycle = (cycle and _CYCLE_END.search(text) is None) or _CYCLE.search(text) is not None
+        vectors = _has_vectors(text, vectors)
         if _OTHER_MEANING.search(text) or not _TOKEN.search(text):
             lines.append(raw)
             continue
+        no_lengths = vectors or _FACTORS.search(text) is not None
         pieces, last = [], 0
         for found in _TOKEN.finditer(text):
             letter, blank, sign, digits = found.groups()
             counts = (letter == "K" and cycle) or (letter == "Q" and not cycle)
-            if letter not in _POINTED or "." in digits or counts:
+            if letter not in _POINTED or "." in digits or counts or (no_lengths and letter in "IJK"):
                 continue
             filled = digits.zfill(decimals + 1)
             new = f"{letter}{blank}{sign}{filled[:-decimals]}.{filled[-decimals:]}"
