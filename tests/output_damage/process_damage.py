@@ -113,7 +113,7 @@ COLUMNS = (  # column, factor, check that finds it
     ("error_normal_mm", 1.05, "points.csv error_normal_mm"),
     ("p_in", 0.8, "points.csv p_in"),
     ("tolerance_mm", 2.0, "points.csv tolerance_mm"),
-    ("feed_max_mm_min", 4.0, "points.csv feed_max_mm_min"),  # checked from above only
+    ("feed_max_mm_min", 4.0, "points.csv feed_max_mm_min"),
     ("f1_Hz", 1.05, "points.csv f1_Hz"),
     ("a_lim_mm", 3.0, "points.csv a_lim_mm"),  # checked from above only
 )

@@ -4,6 +4,7 @@
 check                     condition
 ========================  ==========================================================================================
 chatter                   the word follows from a_lim_mm and ap_mm; unknown only where it cannot be computed
+f1_Hz is stated           at every cut that is driven, where the modes can be computed
 f1_Hz                     is that of :mod:`machopt.verification.motion.process.stability`, at 40 points
 a_lim_mm                  is not above the limit of the second law below ωT = 1, at 40 points
 min_stability_ratio       a_lim_mm over ap_mm is not below it, at all milled points
@@ -19,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.process import CutSide, ProcessOperation
-from machopt.data_types.toolpath import Toolpath
+from machopt.data_types.process import ProcessOperation
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import (
     VerificationCheck,
@@ -28,6 +29,7 @@ from machopt.verification.checks import (
     build_skipped_check,
     build_worst_value_check,
 )
+from machopt.verification.motion.checks.contact_columns import SIDES
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
 from machopt.verification.motion.process.point_loads import RecomputedLoads
@@ -48,7 +50,6 @@ MODE_HZ, MODE_SHARE, LIMIT_SHARE = (
     5e-3,
 )  # three decimals; of the frequency; by which a limit may be above that of the second law
 RATIO_SHARE = 1e-3  # four decimals of a_lim_mm; joints are interpolated between planning points
-_SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 Rows = NDArray[np.intp]
 
 
@@ -122,7 +123,7 @@ class StabilityTables:
             own = engagement.take_range(row, row + 1)
             return find_contact_arcs(own, float(np.max(own.high, initial=0.0) - np.min(own.low, initial=np.inf)))
         ae = 1e-3 * float(self.points.numbers["ae_mm"][row])
-        return [find_given_arc(self.cell, _SIDES[int(self.loads.side[row])], ae)]
+        return [find_given_arc(self.cell, SIDES[int(self.loads.side[row])], ae)]
 
 
 def check_stability(tables: StabilityTables, least: float | None) -> list[VerificationCheck]:
@@ -134,11 +135,12 @@ def check_stability(tables: StabilityTables, least: float | None) -> list[Verifi
     """
     points, cell = tables.points, tables.cell
     model = ModeModel(cell, tables.arm)
-    checks = [_check_words(tables, is_computable=model.has_inertia and not cell.mimics)]
+    is_computable = model.has_inertia and not cell.mimics
+    checks = [_check_words(tables, is_computable=is_computable), _check_modes(tables, is_computable=is_computable)]
     if least is not None:
         checks += [*_check_stated_ratios(tables, least), *_list_unknown(points)]
     rows = np.flatnonzero(np.isfinite(points.numbers["f1_Hz"]) & points.ok)
-    if not len(rows) or not model.has_inertia or cell.mimics:
+    if not len(rows) or not is_computable:
         return checks
     checks += _check_limits(tables, model, _spread(rows, STABILITY_POINTS))
     if least is not None:
@@ -156,9 +158,21 @@ def _check_words(tables: StabilityTables, *, is_computable: bool) -> Verificatio
     wrong = [
         f"point {p}: {word}, limit {a:.4g} mm at {ap:.4g} mm"
         for p, word, a, ap, ok in zip(points.point, points.words["chatter"], *columns, points.ok, strict=True)
-        if (word and np.isfinite(a) and (word == "stable") != (ap < a)) or (word == "unknown" and ok and is_computable)
+        if (word and np.isfinite(a) and (word == "stable") != (ap < a))
+        or (word not in ("", "stable", "unknown") and np.isnan(a))
+        or (word == "unknown" and ok and is_computable)
     ]
     return build_count_check("points.csv chatter", wrong, "rows")
+
+
+def _check_modes(tables: StabilityTables, *, is_computable: bool) -> VerificationCheck:
+    """Find points that lack their lowest mode, or state one where nothing is cut or no posture is known."""
+    points, operation = tables.points, tables.loads.operation
+    cuts = (tables.toolpath.move == MoveKind.CUT) & (operation >= 0) & is_computable
+    stated = np.isfinite(points.numbers["f1_Hz"])
+    lacks, extra = cuts & points.ok & ~stated, stated & ~cuts
+    wrong = [f"point {points.point[n]}: {'lacks' if lacks[n] else 'has'} one" for n in np.flatnonzero(lacks | extra)]
+    return build_count_check("points.csv f1_Hz is stated", wrong, "points")
 
 
 def _check_stated_ratios(tables: StabilityTables, least: float) -> list[VerificationCheck]:
