@@ -62,6 +62,7 @@ OPTIONAL_COLUMNS = (
     *("tolerance_mm", "p_in", "p_in_deflection_only", "outcome", "cause", "f1_Hz", "a_lim_mm", "chatter"),
     "feed_max_mm_min",
 )
+MIN_STEP_S = 1e-6  # s from sample to sample
 MAX_POINT_NUMBER = 2**31  # a point number beyond is none
 MOVE_WORDS = tuple(move.word for move in MoveKind)
 
@@ -155,7 +156,7 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
         cell: The robot cell.
 
     Raises:
-        InputError: the file, a column or a number is missing, or a column is unknown.
+        InputError: the file, a column or a number is missing, a column is unknown, or the time does not rise.
     """
     table = read_table(file)
     tilted = any(name in table for name in TILT_COLUMNS)
@@ -167,6 +168,10 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
     time = table.read_numbers("time_s")
     if len(time) < 2:
         raise OutputFolderError(f"{len(time)} samples; a motion has two or more", file=file)
+    stands = np.flatnonzero(np.diff(time) < MIN_STEP_S)
+    if len(stands):
+        row = int(stands[0]) + 2
+        raise OutputFolderError("the time does not rise", file=file, where=f"data row {row}, time_s")
     point, move = table.read_numbers("point", empty=True), parse_moves(table)
     lifted = find_lifted_samples(point, move)
     return ExportedMotion(

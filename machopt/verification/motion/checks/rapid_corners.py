@@ -145,8 +145,7 @@ def check_rapid_corners(
     off = np.zeros(len(x))
     touched = np.zeros(len(x), bool)
     deviation = np.full(len(x), np.inf)
-    step = motion.sample_time
-    excess, unseen = np.zeros(len(triangles)), math.ceil(min(ONSET_S / step, len(x))) if step > 0.0 else len(x)
+    excess, unseen = np.zeros(len(triangles)), math.ceil(ONSET_S / motion.sample_time)
     for n, triangle in enumerate(triangles):
         turn = int(corners.sample[n])
         arriving, leaving = x[corners.before[n] : turn + 1], x[turn : corners.after[n] + 1][::-1]

@@ -70,13 +70,14 @@ class StabilityTables:
         return np.flatnonzero((words != "") & (words != "unknown") & self.points.ok)
 
     def compute_ratios(self, rows: Rows) -> Array:
-        """Return (n,) the stated limit over the stated depth; inf where no limit is stated.
+        """Return (n,) the stated limit over the stated depth; inf where no limit is stated, NaN where no depth is.
 
         Args:
             rows: Milled rows.
         """
         limit, depth = (self.points.numbers[name][rows] for name in ("a_lim_mm", "ap_mm"))
-        return np.where(np.isfinite(limit), limit / depth, np.inf)
+        ratio = np.divide(limit, depth, out=np.full(len(rows), np.nan), where=depth > 0.0)
+        return np.where(np.isfinite(limit), ratio, np.inf)
 
     def compute_modes(self, model: ModeModel, rows: Rows) -> list[PointModes]:
         """Return the modes at some rows.
@@ -122,8 +123,10 @@ class StabilityTables:
         if engagement is not None and engagement.is_computed[row]:
             own = engagement.take_range(row, row + 1)
             return find_contact_arcs(own, float(np.max(own.high, initial=0.0) - np.min(own.low, initial=np.inf)))
-        ae = 1e-3 * float(self.points.numbers["ae_mm"][row])
-        return [find_given_arc(self.cell, SIDES[int(self.loads.side[row])], ae)]
+        cutter, ae = self.cell.tool.cutter, self.find_operation(row).ae
+        assert cutter is not None
+        side = SIDES[int(self.loads.side[row])]
+        return [find_given_arc(self.cell, side, cutter.diameter if ae is None else ae)]
 
 
 def check_stability(tables: StabilityTables, least: float | None) -> list[VerificationCheck]:
@@ -218,7 +221,7 @@ def _check_second_law(tables: StabilityTables, model: ModeModel, least: float) -
     wrong = []
     for row, modes in zip(rows.tolist(), tables.compute_modes(model, rows), strict=True):
         depth = 1e-3 * float(tables.points.numbers["ap_mm"][row])
-        if not tables.build_law(row, modes).is_stable_to(least * depth * (1.0 - LIMIT_SHARE)):
+        if not (depth > 0.0 and tables.build_law(row, modes).is_stable_to(least * depth * (1.0 - LIMIT_SHARE))):
             wrong.append(f"point {tables.points.point[row]}: unstable below {least:g} times its depth")
     return build_count_check("points.csv stability at min_stability_ratio", wrong, "points")
 
