@@ -141,6 +141,11 @@ def empty_columns(names: Sequence[str], rows: Rows) -> None:
         row.update(dict.fromkeys(names, ""))
 
 
+def state_bare_probability(value: str, rows: Rows) -> None:
+    """One cell at a point whose outcome is known."""
+    next(row for row in rows if row["outcome"])["p_in_deflection_only"] = value
+
+
 def zero_depth(rows: Rows) -> None:
     next(row for row in rows if row["ap_mm"])["ap_mm"] = "0.0"
 
@@ -231,6 +236,16 @@ DAMAGES = [
         build_table_change("points.csv", forget_feed_of_first_hole),
         "points.csv feed_max_mm_min",
         "two holes",
+    ),
+    *(
+        Damage(
+            f"points.csv p_in_deflection_only {value}",
+            "1 cell",
+            build_table_change("points.csv", partial(state_bare_probability, value)),
+            "points.csv p_in_deflection_only",
+            "process",
+        )
+        for value in ("0.9", "-1")
     ),
     Damage(
         "points.csv f1_Hz lost",

@@ -170,7 +170,7 @@ def _check_probabilities(cell: Cell, points: ExportedPoints, found: PredictedErr
     quantile = cell.process.quantile
     wrong = [f"point {p}: {word} with p_in {v:.3f}" for p, word, v in zip(points.point, words, stated, strict=False)
              if not _fits(word, v, quantile)]  # fmt: skip
-    out = [build_count_check("points.csv outcome", wrong, "rows")]
+    out = [build_count_check("points.csv outcome", wrong, "rows"), _check_bare_probabilities(points)]
     if why:
         return [*out, build_skipped_check("points.csv p_in", why)]
     known = np.isfinite(stated)
@@ -181,6 +181,17 @@ def _check_probabilities(cell: Cell, points: ExportedPoints, found: PredictedErr
             "points.csv p_in", "1", np.where(known & np.isnan(found.p_in), 1.0, off), PROBABILITY, "point {}".format
         ),
     ]
+
+
+def _check_bare_probabilities(points: ExportedPoints) -> VerificationCheck:
+    """Find probabilities of the deflection alone that are none, or that stand where the outcome is known."""
+    stated = points.numbers.get("p_in_deflection_only", np.full(len(points.point), np.nan))
+    wrong = [
+        f"point {p}: {value:g}"
+        for p, word, value in zip(points.point, points.words.get("outcome", ()), stated, strict=False)
+        if np.isfinite(value) and (word != "unknown" or not 0.0 <= value <= 1.0)
+    ]
+    return build_count_check("points.csv p_in_deflection_only", wrong, "rows")
 
 
 def _check_tolerances(cell: Cell, toolpath: Toolpath, points: ExportedPoints) -> VerificationCheck:

@@ -49,6 +49,7 @@ MODE_HZ, MODE_SHARE, LIMIT_SHARE = (
     1e-5,
     5e-3,
 )  # three decimals; of the frequency; by which a limit may be above that of the second law
+WIDEST_DEPTH = 10.0  # times the planned depth: a larger limit is not stated
 RATIO_SHARE = 1e-3  # four decimals of a_lim_mm; joints are interpolated between planning points
 Rows = NDArray[np.intp]
 
@@ -78,6 +79,12 @@ class StabilityTables:
         limit, depth = (self.points.numbers[name][rows] for name in ("a_lim_mm", "ap_mm"))
         ratio = np.divide(limit, depth, out=np.full(len(rows), np.nan), where=depth > 0.0)
         return np.where(np.isfinite(limit), ratio, np.inf)
+
+    def list_least_limits(self) -> Array:
+        """Return (N,) mm the stated limits; of a stable point without one, the depth above which none is stated."""
+        limit, depth = (self.points.numbers[name] for name in ("a_lim_mm", "ap_mm"))
+        is_stable = np.array([word == "stable" for word in self.points.words["chatter"]], bool)
+        return np.where(np.isnan(limit) & is_stable, WIDEST_DEPTH * depth, limit)
 
     def compute_modes(self, model: ModeModel, rows: Rows) -> list[PointModes]:
         """Return the modes at some rows.
@@ -200,7 +207,7 @@ def _list_unknown(points: ExportedPoints) -> list[VerificationCheck]:
 
 def _check_limits(tables: StabilityTables, model: ModeModel, rows: Rows) -> list[VerificationCheck]:
     """Check f1_Hz and a_lim_mm at some rows."""
-    f1, limit = tables.points.numbers["f1_Hz"], tables.points.numbers["a_lim_mm"]
+    f1, limit = tables.points.numbers["f1_Hz"], tables.list_least_limits()
     off, above, at = np.zeros(len(rows)), np.zeros(len(rows)), tables.points.point[rows]
     for n, (row, modes) in enumerate(zip(rows.tolist(), tables.compute_modes(model, rows), strict=True)):
         off[n] = abs(f1[row] - modes.lowest_hz) / (MODE_HZ + MODE_SHARE * modes.lowest_hz)
